@@ -1,0 +1,56 @@
+"""Answer the sealed cases: diagnose every campaign of a withheld folder and ship campaigns, commitments and answers.
+
+    python analyses/answer_sealed.py ../shared/data/withheld data/withheld --workers 2
+
+Quick diagnoses, seed 0. The truths are not here; nothing in the code knows a case. Resumable (work in runs/sealed).
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import shutil
+from pathlib import Path
+
+from bayes_iwan.gap import withheld
+from bayes_iwan.gap.diagnosis import diagnose
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("source", type=Path, help="folder with the sealed campaigns and commitments.json")
+    parser.add_argument("target", type=Path, help="folder to ship them in")
+    parser.add_argument("--work", type=Path, default=Path("runs/sealed"), help="folder of the single diagnoses")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=1)
+    args = parser.parse_args()
+    answers = withheld.answer(args.source, diagnose, out=args.work, seed=args.seed, quick=True, workers=args.workers)
+    content = json.loads(answers.read_text())
+    if content["failed"]:
+        raise SystemExit(f"not answered: {content['failed']}")
+    args.target.mkdir(parents=True, exist_ok=True)
+    shutil.copy(args.source / "commitments.json", args.target / "commitments.json")
+    for case in sorted(content["answers"]):
+        ship(args.source / case, args.target / case)
+    short = {case: {k: answer[k] for k in ("verdict", "probabilities", "gap")}
+             for case, answer in sorted(content["answers"].items())}
+    (args.target / "answers.json").write_text(json.dumps(short, indent=1) + "\n")
+    for case, answer in short.items():
+        v = answer["verdict"]
+        print(f"{case}  {v['cause']:30s} {v['probability']:.2f}  second: {v['second_cause'] or '-':25s} "
+              f"gap {100 * answer['gap']['share']:.1f} %  with: {', '.join(v['cannot_tell_apart'])}")
+
+
+def ship(source: Path, target: Path) -> None:
+    """Copy a campaign with its records compressed; the same bytes each time."""
+    target.mkdir(exist_ok=True)
+    toml = (source / "campaign.toml").read_text()
+    for record in sorted(source.glob("*.csv")):
+        (target / f"{record.name}.gz").write_bytes(gzip.compress(record.read_bytes(), mtime=0))
+        toml = toml.replace(f'"{record.name}"', f'"{record.name}.gz"')
+    (target / "campaign.toml").write_text(toml)
+
+
+if __name__ == "__main__":
+    main()

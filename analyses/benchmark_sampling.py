@@ -1,0 +1,163 @@
+"""Effective samples per second: this package's sampler against emcee's default move on logs of the paper's numbers.
+
+Both sample one and the same posterior (the campaign's joint one, correlated likelihood) from the same dispersed
+starts; the baseline's density over the logs is exact (bayes_iwan.inference.paper_coordinates). Seconds are processor
+seconds, so that other work on the machine disturbs the comparison little. The package is charged all it uses from the
+starts on, warm-up and adaptation included. The baseline is charged its evaluations alone, at the price of one
+log-probability in the package's own batches: its coordinates, its moves and its burn-in are free. Effective sizes are
+of the numbers reported: kp, k(1) and the mean slip force, and the worst of all sampled and paper's numbers. Where a
+run is shorter than 50 autocorrelation times its tau is too low and its rate too high: that is said.
+
+    python analyses/benchmark_sampling.py [CAMPAIGN] [--baseline-s 120] [--limit-s 300] [--out FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import time
+from pathlib import Path
+
+import emcee
+import numpy as np
+
+from bayes_iwan.campaign import read_campaign
+from bayes_iwan.inference import config
+from bayes_iwan.inference.convergence import diagnose
+from bayes_iwan.inference.ensembles import sample
+from bayes_iwan.inference.paper_coordinates import PaperCoordinates
+from bayes_iwan.inference.point import find_point, starting_population
+from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.quantities import sampled_and_paper
+
+KEY = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
+
+
+def numbers(problem: Problem, z: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """Reported numbers (n, len(names)) at z (n, ndim)."""
+    named = sampled_and_paper(problem, z)
+    return np.stack([named[name].values for name in names], axis=1)
+
+
+def price(problem: Problem, population: np.ndarray) -> float:
+    """Processor seconds of one log-probability in batches of 128, the least of some repeats."""
+    z = np.resize(population, (128, problem.ndim))
+    taken = []
+    for _ in range(8):
+        began = time.process_time()
+        for _ in range(10):
+            problem.log_prob(z)
+        taken.append((time.process_time() - began) / 1280)
+    return min(taken)
+
+
+def baseline(problem: Problem, population: np.ndarray, names: tuple[str, ...], seconds: float, seed: int) -> dict:
+    """emcee's EnsembleSampler, its default move, four ensembles of 64 walkers in turn, `seconds` on the clock."""
+    paper = PaperCoordinates(problem)
+    y = paper.y_of(population)
+    y = y[np.isfinite(paper.log_prob(y))]
+    ensembles, walkers = 4, 64
+    if len(y) < ensembles * walkers:
+        rng = np.random.default_rng([seed, 1])
+        y = np.concatenate([y, y[rng.integers(len(y), size=ensembles * walkers - len(y))]])
+        y = y + 1e-6 * rng.standard_normal(y.shape)
+    chains, steps, calls = [], None, 0
+    began = time.perf_counter()
+    for e in range(ensembles):
+        np.random.seed([seed, e])  # noqa: NPY002 - emcee draws from numpy's global generator
+        sampler = emcee.EnsembleSampler(walkers, y.shape[1], paper.log_prob, vectorize=True)
+        until = began + seconds * (e + 1) / ensembles
+        start, kept = y[e * walkers : (e + 1) * walkers], []
+        # every ensemble takes as many steps as the first could
+        for state in sampler.sample(start, iterations=steps or 10**9, thin_by=10, store=False,
+                                    skip_initial_state_check=True):
+            kept.append(state.coords.copy())
+            if steps is None and time.perf_counter() > until:
+                break
+        steps = len(kept)
+        chains.append(kept)
+        calls += steps * 10 * walkers
+    draws = np.array(chains)[:, steps // 4 :]     # the first quarter is left out as burn-in
+    z = paper.z_of(draws.reshape(-1, y.shape[1]))
+    values = numbers(problem, z, names).reshape(*draws.shape[:3], -1)
+    kept_calls = int(calls * draws.shape[1] / steps)
+    return result(values, names, 10, kept_calls * price(problem, population), kept_calls)
+
+
+def ours(problem: Problem, population: np.ndarray, names: tuple[str, ...], settings: dict, limit_s: float,
+         seed: int) -> dict:
+    """The package's sampler until it has converged, or for limit_s; warm-up and adaptation are charged to it."""
+    extra = tuple(n for n in names if n not in problem.names)
+    s = settings["sampling"]
+    began, clock = time.process_time(), time.perf_counter()
+    chains = sample(problem.log_prob, population, names=problem.names, seed=seed, quantity_names=extra,
+                    quantities=lambda z: numbers(problem, z, extra), n_ensembles=s["ensembles"],
+                    n_walkers=s["walkers"], target_r_hat=s["r_hat"], target_ess=s["ess"], chain_taus=s["taus"],
+                    budget_s=limit_s)
+    taken = time.process_time() - began
+    clock = time.perf_counter() - clock
+    both = np.concatenate([chains.draws, chains.quantities], axis=3)
+    columns = [(problem.names + extra).index(n) for n in names]
+    out = result(both[..., columns], names, chains.thin, taken, chains.n_evaluations)
+    return out | {"clock_s": clock, "message": chains.message, "converged": chains.converged}
+
+
+def result(values: np.ndarray, names: tuple[str, ...], thin: int, seconds: float, evaluations: int) -> dict:
+    """Effective sizes and rates from draws (ensembles, steps, walkers, names)."""
+    d = diagnose(values, names, thin=thin)
+    key = [names.index(n) for n in KEY]
+    ess = np.minimum(d.ess_bulk, d.ess_tail)
+    taus = d.n_steps / d.tau_steps
+    return {
+        "seconds": seconds, "steps": d.n_steps, "evaluations": evaluations,
+        "tau_steps": dict(zip(names, np.round(d.tau_steps, 1).tolist())),
+        "r_hat_worst": float(np.max(d.r_hat)), "ess_bulk": dict(zip(names, np.round(d.ess_bulk, 1).tolist())),
+        "ess_per_s_worst": float(ess.min() / seconds), "ess_per_s_key": float(ess[key].min() / seconds),
+        "run_in_taus": float(taus.min()),
+        "note": "" if taus.min() >= 50 else "shorter than 50 tau: its tau is too low, its rate too high",
+    }
+
+
+def say(name: str, x: dict) -> None:
+    tau = max(x["tau_steps"].values())
+    print(f"{name}: {x['seconds']:.1f} processor seconds, {x['evaluations']} evaluations, {x['steps']} steps, "
+          f"worst tau {tau:.0f} steps, R-hat {x['r_hat_worst']:.3f}, effective samples a second: worst number "
+          f"{x['ess_per_s_worst']:.3f}, kp, k(1), mean slip force {x['ess_per_s_key']:.3f}. {x['note']}", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("campaign", nargs="?", default="../shared/data/rope_spring")
+    parser.add_argument("--baseline-s", type=float, default=120.0)
+    parser.add_argument("--limit-s", type=float, default=300.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", default="runs/benchmark_sampling.json")
+    args = parser.parse_args()
+    settings = config.complete()
+    began = time.perf_counter()
+    problem = make_problem(read_campaign(args.campaign).loops(**settings["loops"]), settings)
+    problem.log_prob(np.zeros((512, problem.ndim)))       # compiled and cached before the clock starts
+    read = time.perf_counter() - began
+    point = find_point(problem, args.seed, settings["search"])
+    population = starting_population(problem, point, args.seed, 512)
+    found = time.perf_counter() - began - read
+    names = tuple(n for n, q in sampled_and_paper(problem, population).items() if np.ptp(q.values) > 0)
+    mine = ours(problem, population, names, settings, args.limit_s, args.seed)
+    say("package", mine)
+    theirs = baseline(problem, population, names, args.baseline_s, args.seed)
+    out = {"machine": {"cores": os.cpu_count(), "load": os.getloadavg(), "processor": platform.machine()},
+           "point_s": found, "package": mine, "emcee default on the paper's logs": theirs,
+           "ratio_worst": mine["ess_per_s_worst"] / theirs["ess_per_s_worst"],
+           "ratio_key": mine["ess_per_s_key"] / theirs["ess_per_s_key"]}
+    Path(args.out).parent.mkdir(parents=True, exist_ok=True)
+    Path(args.out).write_text(json.dumps(out, indent=1) + "\n")
+    say("baseline", theirs)
+    print(f"point estimate {found:.1f} s and sampling {mine['clock_s']:.1f} s on the clock; {mine['message']}; "
+          f"load average {os.getloadavg()[0]:.1f}")
+    print(f"ratio: {out['ratio_worst']:.0f} (worst number), {out['ratio_key']:.0f} (kp, k(1), mean slip force)")
+
+
+if __name__ == "__main__":
+    main()

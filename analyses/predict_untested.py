@@ -1,0 +1,96 @@
+"""Predict tests that were not fitted, and see whether the intervals hold what was then measured.
+
+    python analyses/predict_untested.py CAMPAIGN --out predict.png
+
+Each frequency, and each amplitude, is held out in turn (where others remain); the rest is identified by a short run
+and predicts it. Shown: the residual of every held-out loop within its 50 and 90 % bands, and the coverage.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+
+import bayes_iwan as bi
+from bayes_iwan.inference.compare import SHORT
+from bayes_iwan.report.loops import test_name
+from bayes_iwan.report.predictive import loop_numbers, predict
+from bayes_iwan.report.style import BLACK, band, save, styled, subplots
+
+
+def folds(loops, what=("frequency_hz", "amplitude_mm")):
+    """Names of the held-out groups and the tests in them: every nominal frequency, every nominal amplitude."""
+    out = {}
+    for name in what:
+        values = sorted({getattr(x.record, name) for x in loops})
+        for v in values if len(values) > 1 else ():
+            unit = "Hz" if name == "frequency_hz" else "mm"
+            out[f"{v:g} {unit}"] = [x.file for x in loops if getattr(x.record, name) == v]
+    return out
+
+
+def held_out(loops, files, seed=0, settings=SHORT):
+    """The posterior of the other tests, and its prediction of those in `files`."""
+    marked = [replace(x, role="held-out" if x.file in files else "fit") for x in loops]
+    posterior = bi.identify_problem(bi.make_problem(marked, settings), seed, config=settings, loops=marked,
+                                    progress=False)
+    return predict(posterior, [x for x in marked if x.role == "held-out"])
+
+
+def coverage(p, level):
+    """Share of held-out loops' points within the central `level` interval, and of their energies and stiffnesses."""
+    low, high = np.quantile(p.loop_N, [0.5 - level / 2, 0.5 + level / 2], axis=0)
+    points = np.mean((p.measured_N >= low) & (p.measured_N <= high))
+    measured, again = loop_numbers(p.displacement_mm, p.measured_N), loop_numbers(p.displacement_mm, p.loop_N)
+    inside = []
+    for name in ("energy_mJ", "stiffness_N_mm"):
+        low, high = np.quantile(getattr(again, name), [0.5 - level / 2, 0.5 + level / 2], axis=0)
+        inside.append(np.mean((getattr(measured, name) >= low) & (getattr(measured, name) <= high)))
+    return SimpleNamespace(points=float(points), numbers=float(np.mean(inside)))
+
+
+@styled
+def figure(predicted):
+    """One row of panels a held-out group, one panel a test; the group's coverage in the row's title."""
+    columns = max(len(p.loops) for p in predicted.values())
+    made, axes = subplots(len(predicted), columns, 2.7 * columns + 0.6, 1.55 * len(predicted) + 0.7, sharex=True)
+    for row, (name, p) in zip(axes, predicted.items()):
+        median = np.median(p.force_N, axis=0)
+        for t, ax in enumerate(row):
+            if t >= len(p.loops):
+                ax.remove()
+                continue
+            band(ax, p.loops[t].phase, p.loop_N[:, t] - median[t], median=False)
+            ax.plot(p.loops[t].phase, p.measured_N[t] - median[t], color=BLACK, linewidth=1.0)
+            ax.set_title(test_name(p.loops[t], role=False), fontsize=8)
+            ax.set_xlim(0, 1)
+            ax.set_xticks([0, 0.5, 1])
+            ax.locator_params(axis="y", nbins=4)
+        row[0].set_ylabel(f"without {name}\nresidual (N)")
+        row[0].set_title(f"{100 * coverage(p, 0.9).points:.0f} % in 90 %", loc="left", fontsize=8, weight="bold")
+        row[0].set_title(test_name(p.loops[0], role=False), loc="right", fontsize=8)
+        row[0].set_title("", loc="center")
+    made.supxlabel("phase (cycles); line: measured − predicted, bands: 50 and 90 % of what was to be expected",
+                   fontsize=9)
+    return made
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("campaign", metavar="CAMPAIGN")
+    parser.add_argument("--by", choices=("frequency", "amplitude", "both"), default="both")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", default="predict.png")
+    args = parser.parse_args()
+    every = bi.read_campaign(args.campaign).loops()
+    what = {"frequency": ("frequency_hz",), "amplitude": ("amplitude_mm",), "both": ("frequency_hz", "amplitude_mm")}
+    predicted = {name: held_out(every, files, args.seed) for name, files in folds(every, what[args.by]).items()}
+    print(f"{'held out':>10s}  {'points in 50 %':>14s}  {'in 90 %':>8s}  {'energies, stiffnesses in 90 %':>30s}")
+    for name, p in predicted.items():
+        half, most = coverage(p, 0.5), coverage(p, 0.9)
+        print(f"{name:>10s}  {100 * half.points:13.0f}%  {100 * most.points:7.0f}%  {100 * most.numbers:29.0f}%")
+    save(figure(predicted), args.out)
+    print(args.out)

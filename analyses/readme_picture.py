@@ -1,0 +1,31 @@
+"""The README's picture: a diagnosis of a virtual rig whose force channel is 0.3 ms late.
+
+    python analyses/readme_picture.py
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from bayes_iwan.gap.rig import PlannedTest
+from bayes_iwan.gap.rig_planning import simulate_campaign
+from bayes_iwan.report.diagnosis import diagnose_campaign
+
+PICTURE = Path(__file__).parent / "pictures" / "headline.png"
+
+
+def main() -> None:
+    tests = [PlannedTest(f, a) for f in (8.0, 13.0, 21.0) for a in (0.35, 0.8)]
+    with tempfile.TemporaryDirectory() as folder:
+        simulate_campaign(tests, effect="channel_delay", size=0.08, seed=5).write(Path(folder) / "late")
+        answer = diagnose_campaign(Path(folder) / "late", Path(folder) / "out", seed=5, quick=True)
+        PICTURE.parent.mkdir(exist_ok=True)
+        shutil.copy(Path(folder) / "out" / "figures" / "headline.png", PICTURE)
+    print("\n".join(answer["sentences"]))
+    print({p: v for e in answer["effects"][:1] for p, v in e["parameters"].items()})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""Identify the generalized Iwan model of a friction vibration isolator from measured loops, with what is known of it.
+
+    import bayes_iwan as bi
+    run = bi.identify("data/rope_spring", out="results", seed=1)
+    for row in run.summary():
+        print(row.name, row.unit, row.q05, row.q50, row.q95)
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .campaign import Campaign
+    from .inference.posterior import Posterior
+
+__version__ = "0.1.0"
+
+#: public names and the modules they live in; each is imported when it is first asked for
+_WHERE = {
+    "CampaignError": "campaign", "Campaign": "campaign", "Loop": "campaign", "Record": "campaign",
+    "read_campaign": "campaign", "write_campaign": "campaign",
+    "Model": "physics", "Motion": "physics", "sine_motion": "physics",
+    "Posterior": "inference.posterior", "Problem": "inference.problem", "make_problem": "inference.problem",
+    "identify_problem": "inference.identify", "load": "inference.results",
+    "read_config": "inference.config", "ConfigError": "inference.config",
+}
+__all__ = sorted([*_WHERE, "__version__", "identify"])
+
+
+def identify(campaign: Campaign | str | os.PathLike[str], out: str | os.PathLike[str] | None = None, *,
+             config: Mapping[str, Any] | str | os.PathLike[str] | None = None, seed: int = 0, per_test: bool = False,
+             resume: bool = False, progress: bool = True) -> Posterior:
+    """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
+
+    See :func:`bayes_iwan.inference.identify.identify` for what is taken, written and raised.
+    """
+    from .inference.identify import identify as run
+
+    posterior = run(campaign, out, config=config, seed=seed, per_test=per_test, resume=resume, progress=progress)
+    if out is not None and not posterior.interrupted:
+        from .report import identification_report
+        identification_report(posterior, out)
+    return posterior
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_WHERE[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

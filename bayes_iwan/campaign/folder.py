@@ -1,0 +1,347 @@
+"""The campaign folder: reading, checking and writing `campaign.toml` and its records."""
+
+from __future__ import annotations
+
+import difflib
+import gzip
+import io
+import json
+import math
+import os
+import re
+import tomllib
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .averaging import Loop, average
+from .checks import check_record, check_time, check_units, on_grid_of_rate, step_warnings
+from .motion import displacement_from_acceleration
+from .records import ROLES, Array, CampaignError, Record
+
+FORMAT = 1
+TIME_UNITS = {"s": 1.0, "ms": 1e-3}
+DISPLACEMENT_UNITS = {"mm": 1.0, "m": 1e3, "um": 1e-3}
+ACCELERATION_UNITS = {"m_s2": 1.0, "mm_s2": 1e-3, "g": 9.80665}
+FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
+CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz"}
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """All tests of one specimen, as `campaign.toml` lists them."""
+
+    name: str
+    description: str
+    source: str
+    licence: str
+    path: Path
+    tests: tuple[Record, ...]
+
+    def loops(self, n_phase: int = 128, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
+        """Each test's phase-averaged loop, in the order of `tests`; see `Loop`."""
+        return tuple(average(test, n_phase, n_harmonics, n_blocks) for test in self.tests)
+
+
+def read_campaign(path: str | os.PathLike[str]) -> Campaign:
+    """Read and check a campaign folder (or its campaign.toml).
+
+    Raises CampaignError with the file, the line where there is one, and the mend.
+    """
+    folder = Path(path)
+    if folder.name == "campaign.toml":
+        folder = folder.parent
+    stated = _read_toml(folder / "campaign.toml")
+    _only(stated, {"format", "specimen", "channels", "test"}, "campaign.toml")
+    if stated.get("format") != FORMAT or isinstance(stated["format"], bool):
+        raise CampaignError(f"campaign.toml: format is {stated.get('format')!r}; this version reads format = {FORMAT}")
+    specimen = _table(stated, "specimen")
+    _only(specimen, {"name", "description", "source", "licence"}, "campaign.toml [specimen]")
+    for key, value in specimen.items():
+        if not isinstance(value, str):
+            raise CampaignError(f"campaign.toml [specimen]: {key} must be text in quotes, not {value!r}")
+    if not specimen.get("name"):
+        raise CampaignError('campaign.toml [specimen]: name is missing; write name = "..."')
+    channels = _channels(_table(stated, "channels"))
+    entries = stated.get("test")
+    if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
+        raise CampaignError("campaign.toml: no tests; add a [[test]] table for each record")
+    tests = [_test(entry, k) for k, entry in enumerate(entries, 1)]
+    seen: set[str] = set()
+    for test in tests:
+        if test["file"] in seen:
+            raise CampaignError(f"campaign.toml: {test['file']} is listed twice; each record is one [[test]]")
+        seen.add(test["file"])
+    checked = [check_record(_record(folder, test, channels)) for test in tests]
+    records = tuple(record for record, _ in checked)
+    check_units(records, [loop for _, loop in checked])
+    return Campaign(
+        name=specimen["name"],
+        description=specimen.get("description", ""),
+        source=specimen.get("source", ""),
+        licence=specimen.get("licence", ""),
+        path=folder,
+        tests=records,
+    )
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except FileNotFoundError:
+        raise CampaignError(f"{path}: not found; a campaign is a folder with a campaign.toml in it") from None
+    except OSError as error:
+        raise CampaignError(f"{path}: cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CampaignError(f"{path}: not valid TOML: {error}") from None
+
+
+def _table(stated: Mapping[str, Any], name: str) -> dict[str, Any]:
+    if not isinstance(stated.get(name), dict):
+        raise CampaignError(f"campaign.toml: the table [{name}] is missing")
+    return dict(stated[name])
+
+
+def _only(table: Mapping[str, Any], known: set[str], where: str) -> None:
+    for key in table:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, 1)
+            hint = f"; did you mean {near[0]}?" if near else f"; known are {', '.join(sorted(known))}"
+            raise CampaignError(f"{where}: unknown key {key!r}{hint}")
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise CampaignError(f"{where} must be a finite number, not {value!r}")
+    return float(value)
+
+
+def _channels(stated: dict[str, Any]) -> dict[str, Any]:
+    where = "campaign.toml [channels]"
+    _only(stated, CHANNELS, where)
+    for key in CHANNELS - {"sample_rate_hz"}:
+        if key in stated and (not isinstance(stated[key], str) or not stated[key]):
+            raise CampaignError(f"{where}: {key} must name a column, not {stated[key]!r}")
+    if ("displacement" in stated) == ("acceleration" in stated):
+        raise CampaignError(f"{where}: name one column as displacement or one as acceleration, not both or none")
+    if "force" not in stated:
+        raise CampaignError(f'{where}: force is missing; write force = "force_N"')
+    if "sample_rate_hz" in stated:
+        rate = _number(stated["sample_rate_hz"], f"{where}: sample_rate_hz")
+        if rate <= 0:
+            raise CampaignError(f"{where}: sample_rate_hz must be positive, not {rate:g}")
+    return stated
+
+
+def _test(entry: dict[str, Any], number: int) -> dict[str, Any]:
+    file = entry.get("file")
+    if not isinstance(file, str) or not file:
+        raise CampaignError(f'campaign.toml: [[test]] number {number} has no file; write file = "..."')
+    where = f"campaign.toml: test {file}"
+    if Path(file).is_absolute() or ".." in Path(file).parts:
+        raise CampaignError(f"{where}: the record must lie inside the campaign folder")
+    for key in ("frequency_hz", "amplitude_mm"):
+        if key not in entry:
+            near = difflib.get_close_matches(key, set(entry) - {"frequency_hz", "amplitude_mm"}, 1)
+            raise CampaignError(
+                f"{where}: {key} is missing" + (f"; did you mean {near[0]} to be {key}?" if near else "")
+            )
+        if _number(entry[key], f"{where}: {key}") <= 0:
+            raise CampaignError(f"{where}: {key} must be positive, not {entry[key]!r}")
+    if entry.get("role", "fit") not in ROLES:
+        raise CampaignError(f"{where}: role must be one of {', '.join(ROLES)}, not {entry['role']!r}")
+    extras = {}
+    for key, value in entry.items():
+        if key not in ("file", "frequency_hz", "amplitude_mm", "role"):
+            extras[key] = _number(value, f"{where}: {key}")
+    return {
+        "file": file,
+        "frequency_hz": float(entry["frequency_hz"]),
+        "amplitude_mm": float(entry["amplitude_mm"]),
+        "role": entry.get("role", "fit"),
+        "extras": extras,
+    }
+
+
+def _record(folder: Path, test: dict[str, Any], channels: dict[str, Any]) -> Record:
+    file = test["file"]
+    names, table, warnings = read_table(folder / file, file)
+    rate = channels.get("sample_rate_hz")
+    time_name = channels.get("time", "time_s")
+    if time_name in names:
+        time = _column(names, table, time_name, TIME_UNITS, file)
+    elif "time" not in channels and rate is not None:
+        time = np.arange(len(table)) / rate
+    else:
+        raise CampaignError(
+            f"{file}: no column {time_name!r}; the header has {', '.join(names)}. Add it, or state "
+            "sample_rate_hz in [channels]"
+        )
+    if rate is not None:
+        time = on_grid_of_rate(time, rate)
+    force = _column(names, table, channels["force"], FORCE_UNITS, file)
+    check_time(file, time, rate, test["frequency_hz"])
+    if "displacement" in channels:
+        displacement = _column(names, table, channels["displacement"], DISPLACEMENT_UNITS, file)
+    else:
+        acceleration = _column(names, table, channels["acceleration"], ACCELERATION_UNITS, file)
+        displacement, notes = displacement_from_acceleration(file, time, acceleration)
+        warnings += notes
+    warnings += step_warnings(time)
+    return Record(**test, time_s=time, displacement_mm=displacement, force_N=force, warnings=warnings)
+
+
+def _column(names: list[str], table: Array, name: str, units: Mapping[str, float], file: str) -> Array:
+    if name not in names:
+        near = difflib.get_close_matches(name, names, 1)
+        raise CampaignError(
+            f"{file}: no column {name!r}; the header has {', '.join(names)}"
+            + (f". Did you mean {near[0]!r} in [channels]?" if near else ". Mend [channels] or the header")
+        )
+    for unit in sorted(units, key=len, reverse=True):
+        if name.endswith("_" + unit):
+            column = table[:, names.index(name)] * units[unit]
+            return np.ascontiguousarray(column)
+    raise CampaignError(
+        f"{file}: column {name!r} does not say its unit; end its name in one of " + ", ".join("_" + u for u in units)
+    )
+
+
+def read_table(path: Path, file: str) -> tuple[list[str], Array, tuple[str, ...]]:
+    """Column names, (n, columns) numbers and warnings of a .csv or .csv.gz file.
+
+    Raises CampaignError naming the line of the first cell that is no finite number.
+    """
+    if not file.endswith((".csv", ".csv.gz")):
+        raise CampaignError(f"{file}: records are read from .csv or .csv.gz files")
+    try:
+        raw = path.read_bytes()
+        text = (gzip.decompress(raw) if file.endswith(".gz") else raw).decode("utf-8-sig")
+    except FileNotFoundError:
+        raise CampaignError(f"{file}: not found in {path.parent}; mend its name in campaign.toml") from None
+    except (OSError, EOFError, zlib.error) as error:
+        raise CampaignError(f"{file}: cannot be read ({error}); copy or export it again") from None
+    except UnicodeDecodeError:
+        raise CampaignError(f"{file}: not a text file; export it as comma-separated text") from None
+    header, _, body = text.partition("\n")
+    names = [name.strip().strip('"') for name in header.split(",")]
+    if len(names) < 2:
+        hint = "; columns must be separated by commas" if re.search(r"[;\t]", header) else ""
+        raise CampaignError(f"{file} line 1: no header with column names{hint}")
+    if len(set(names)) < len(names):
+        raise CampaignError(f"{file} line 1: two columns have one name")
+    warnings: tuple[str, ...] = ()
+    if body and not body.endswith("\n"):
+        # a row cut off inside its last number still reads as numbers, so it cannot be trusted
+        body, _, last = body.rpartition("\n")
+        if last.strip() and last.count(",") != len(names) - 1:
+            line = 2 + body.count("\n") + bool(body)
+            raise CampaignError(
+                f"{file} line {line}: the last line is cut off ({last.count(',') + 1} of {len(names)} "
+                "columns); delete it or export the record again"
+            )
+        warnings = ("the last line has no end and may be cut off: it was left out",)
+    if not body.strip():
+        raise CampaignError(f"{file}: no samples below the header")
+    try:
+        table = np.loadtxt(io.StringIO(body), delimiter=",", comments=None, ndmin=2)
+    except ValueError:
+        raise _bad_cell(file, names, body) from None
+    if table.shape[1] != len(names) or not np.isfinite(table).all():
+        raise _bad_cell(file, names, body)
+    return names, table, warnings
+
+
+def _bad_cell(file: str, names: list[str], body: str) -> CampaignError:
+    lines = body.splitlines()
+    for number, line in enumerate(lines, 2):
+        if not line.strip():
+            continue
+        cells = line.split(",")
+        if len(cells) != len(names):
+            last = " (the last line: cut off?)" if number == len(lines) + 1 else ""
+            return CampaignError(
+                f"{file} line {number}{last}: {len(cells)} columns where the header has {len(names)}; delete the "
+                "line or export the record again"
+            )
+        for name, cell in zip(names, cells):
+            try:
+                value = float(cell)
+            except ValueError:
+                return CampaignError(f"{file} line {number}: {cell.strip()!r} in {name} is not a number")
+            if not math.isfinite(value):
+                return CampaignError(
+                    f"{file} line {number}: {name} is {cell.strip()}; delete the line (a short gap is bridged) or "
+                    "mend the export"
+                )
+    return CampaignError(f"{file}: cannot be read as numbers")
+
+
+def write_campaign(
+    path: str | os.PathLike[str],
+    *,
+    name: str,
+    description: str,
+    tests: Sequence[Record],
+    sample_rate_hz: float | None = None,
+    source: str = "",
+    licence: str = "",
+    compress: bool = True,
+) -> None:
+    """Write a campaign folder that `read_campaign` reads back; equal input gives equal bytes.
+
+    Each record becomes `.csv.gz`, or `.csv` without `compress`. Files are replaced one by one, campaign.toml
+    last, so an interrupted write never leaves a folder that reads as whole but is not.
+    """
+    folder = Path(path)
+    if not tests:
+        raise CampaignError(f"{folder}: a campaign needs at least one test")
+    files = [_file_name(test.file, compress) for test in tests]
+    if len(set(files)) < len(files):
+        raise CampaignError(f"{folder}: two tests have one file name: {', '.join(sorted(files))}")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "campaign.toml").unlink(missing_ok=True)
+    for file, test in zip(files, tests):
+        table = np.column_stack([test.time_s, test.displacement_mm, test.force_N])
+        buffer = io.StringIO()
+        np.savetxt(buffer, table, fmt=("%.12g", "%.8g", "%.8g"), delimiter=",")
+        raw = ("time_s,displacement_mm,force_N\n" + buffer.getvalue()).encode()
+        _replace(folder / file, gzip.compress(raw, mtime=0) if compress else raw)
+    text = ["format = 1", "", "[specimen]", f"name = {_text(name)}", f"description = {_text(description)}"]
+    text += [f"{key} = {_text(value)}" for key, value in (("source", source), ("licence", licence)) if value]
+    text += ["", "[channels]", 'displacement = "displacement_mm"', 'force = "force_N"']
+    if sample_rate_hz is not None:
+        text.append(f"sample_rate_hz = {float(sample_rate_hz)!r}")
+    for file, test in zip(files, tests):
+        text += ["", "[[test]]", f"file = {_text(file)}"]
+        text += [f"frequency_hz = {float(test.frequency_hz)!r}", f"amplitude_mm = {float(test.amplitude_mm)!r}"]
+        if test.role != "fit":
+            text.append(f"role = {_text(test.role)}")
+        for key, value in sorted(test.extras.items()):
+            bare = key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _text(key)
+            text.append(f"{bare} = {float(value)!r}")
+    _replace(folder / "campaign.toml", ("\n".join(text) + "\n").encode())
+
+
+def _file_name(file: str, compress: bool) -> str:
+    stem = file.removesuffix(".gz").removesuffix(".csv")
+    if not stem or Path(stem).name != stem:
+        raise CampaignError(f"{file!r}: a record's file must be a plain name")
+    return stem + (".csv.gz" if compress else ".csv")
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _replace(path: Path, content: bytes) -> None:
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        beside.write_bytes(content)
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)

@@ -1,0 +1,50 @@
+"""What one test recorded, and the error that every bad input raises."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ROLES = ("fit", "held-out")
+
+
+class CampaignError(ValueError):
+    """The campaign cannot be used as it stands; the message names the file and the mend."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One test as it was recorded, in s, mm and N.
+
+    file : name inside the campaign folder.
+    frequency_hz, amplitude_mm : nominal values, as campaign.toml states them.
+    role : "fit" or "held-out".
+    extras : any other number stated for the test (``normal_force_N``, ``pressure_bar`` ...).
+    time_s, displacement_mm, force_N : (n,) float64, time strictly increasing, everything finite.
+    warnings : what was bridged, left out or looks wrong but usable.
+    """
+
+    file: str
+    frequency_hz: float
+    amplitude_mm: float
+    role: str
+    extras: Mapping[str, float]
+    time_s: Array
+    displacement_mm: Array
+    force_N: Array
+    warnings: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        n = np.shape(self.time_s)
+        if len(n) != 1 or np.shape(self.displacement_mm) != n or np.shape(self.force_N) != n:
+            raise CampaignError(
+                f"{self.file}: time, displacement and force must be one-dimensional and of one length, not "
+                f"{n}, {np.shape(self.displacement_mm)}, {np.shape(self.force_N)}"
+            )
+        if self.role not in ROLES:
+            raise CampaignError(f"{self.file}: role must be one of {', '.join(ROLES)}, not {self.role!r}")

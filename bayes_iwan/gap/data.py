@@ -1,0 +1,190 @@
+"""What a diagnosis looks at: averaged loops, their change along the record, and the lines of the mains.
+
+Three kinds of data come from each test, all linear in the recorded force and with measured standard errors:
+the harmonics of the averaged loop; contrasts between blocks of cycles, which a steady model predicts to be zero;
+and the amplitude at 50 and 60 Hz of what averaging leaves of the record, where these are no harmonics of the test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign import Loop
+from ..inference import defaults
+from ..inference.likelihood import Correlated, friction_level_N, harmonics_of
+from ..inference.problem import Problem
+from ..physics import Motion
+from .effects import Effect
+
+Array = NDArray[np.float64]
+
+MAINS_HZ = (50.0, 60.0)
+#: harmonics above this share of the sampling rate are left out (but for the first few): anti-alias filters and
+#: sensors' own resonances turn and weaken them, which is nobody's finding
+TRUSTED_BAND, LEAST_HARMONICS = 0.13, 5
+#: harmonics whose change along the record is looked at
+TREND_HARMONICS = 7
+#: change along the record that needs no cause, as a share of the friction level, per contrast and harmonic
+TREND_FLOOR = 0.002
+#: the mains' frequency is sought within this of 50 and 60 Hz; a line stands out at this power over white noise's
+MAINS_WANDER, LINE_STANDS = 0.4, 25.0
+#: share of a mains line that averaging must leave before it says anything
+LEAST_LEFT = 0.05
+
+
+@dataclass(frozen=True)
+class GapData:
+    """Data of the fitted tests (T of them).
+
+    harmonics_N : (T, H + 1) complex, of the averaged loops; their noise is in `likelihood`.
+    trend_N, trend_noise_N : (T, K, TREND_HARMONICS + 1), contrasts between blocks; noise inf where there is none.
+    contrast : (T, K, B) the weights of the contrasts over the blocks (rows orthonormal, summing to zero).
+    mains_hz : the mains' frequencies, nominal unless a line near one of them says better.
+    mains_N, mains_noise_N : (T, 2) complex c + i s of c·cos + s·sin at 50 and 60 Hz; noise inf where it says nothing.
+    """
+
+    loops: tuple[Loop, ...]
+    likelihood: Correlated
+    level_N: Array
+    harmonics_N: np.ndarray
+    trend_N: np.ndarray
+    trend_noise_N: Array
+    contrast: Array
+    mains_N: np.ndarray
+    mains_noise_N: Array
+    mains_hz: tuple[float, ...]
+    steady_motion: Motion
+    block_motion: Motion
+
+    @property
+    def tests(self) -> int:
+        return len(self.loops)
+
+
+def gap_data(loops: Sequence[Loop]) -> GapData:
+    """Data from the loops to be fitted (the caller leaves held-out ones away)."""
+    loops = tuple(_in_band(x) for x in loops)
+    blocks = max(len(x.block_cycle) for x in loops)
+    level = friction_level_N(loops)
+    contrast = np.zeros((len(loops), max(blocks - 1, 0), blocks))
+    trend = np.zeros((len(loops), max(blocks - 1, 0), TREND_HARMONICS + 1), dtype=complex)
+    noise = np.full(trend.shape, np.inf)
+    for t, loop in enumerate(loops):
+        b = len(loop.block_cycle)
+        if b < 2:
+            continue
+        c = _contrasts(loop.block_cycle)
+        contrast[t, : b - 1, :b] = c
+        n = min(TREND_HARMONICS, loop.block_harmonics_N.shape[1] - 1) + 1
+        trend[t, : b - 1, :n] = c @ loop.block_harmonics_N[:, :n]
+        sd = np.sqrt((c * c) @ np.where(np.isfinite(loop.block_noise_N[:, :n]), loop.block_noise_N[:, :n], 1e300) ** 2)
+        noise[t, : b - 1, :n] = np.hypot(sd, TREND_FLOOR * level[t])
+    mains_hz = tuple(_mains_frequency(loops, hz) for hz in MAINS_HZ)
+    mains, mains_noise = np.zeros((len(loops), 2), dtype=complex), np.full((len(loops), 2), np.inf)
+    for t, loop in enumerate(loops):
+        for m, hz in enumerate(mains_hz):
+            mains[t, m], mains_noise[t, m] = _line(loop, hz)
+    return GapData(loops, Correlated(loops), level, np.stack([x.harmonics_N for x in loops]), trend, noise, contrast,
+                   mains, mains_noise, mains_hz, defaults.motion_of(loops), defaults.motion_of(loops, blocks=True))
+
+
+def _in_band(loop: Loop) -> Loop:
+    """The loop with harmonics above TRUSTED_BAND of the sampling rate left out (their noise set to infinity)."""
+    rate = 1.0 / float(np.median(np.diff(loop.record.time_s)))
+    beyond = np.arange(len(loop.noise_N)) * loop.frequency_hz > TRUSTED_BAND * rate
+    beyond[: LEAST_HARMONICS + 1] = False
+    return replace(loop, noise_N=np.where(beyond, np.inf, loop.noise_N))
+
+
+def _contrasts(cycle: Array) -> Array:
+    """(B − 1, B) orthonormal polynomials in the block's cycle number, without the constant: trend first."""
+    x = (cycle - cycle.mean()) / np.ptp(cycle)
+    q, r = np.linalg.qr(np.vander(x, len(x), increasing=True))
+    return (q * np.sign(np.diagonal(r)))[:, 1:].T
+
+
+def _mains_frequency(loops: Sequence[Loop], nominal: float) -> float:
+    """Where a line stands within MAINS_WANDER of the nominal frequency, summed over tests; nominal if none does."""
+    trial = nominal + np.linspace(-MAINS_WANDER, MAINS_WANDER, 101)
+    power = np.zeros(len(trial))
+    for loop in loops:
+        time = loop.record.time_s[loop.averager.index]
+        if nominal > 0.45 / np.median(np.diff(time)) or abs(nominal / loop.frequency_hz
+                                                            - round(nominal / loop.frequency_hz)) < 0.1:
+            continue                                     # unseen, or averaged into the loop
+        rest = loop.left_over(loop.record.force_N)
+        spectrum = np.abs(np.exp(-2j * np.pi * trial[:, None] * time) @ rest) ** 2 / len(time)
+        power += spectrum / (np.var(rest) + 1e-300)
+    return float(trial[np.argmax(power)]) if power.max(initial=0.0) > LINE_STANDS else nominal
+
+
+def _line(loop: Loop, hz: float) -> tuple[complex, float]:
+    """Amplitude c + i s at a frequency in what averaging leaves of the record, and its standard error from the
+    neighbouring frequencies (median, so that a line beside does not count)."""
+    time = loop.record.time_s
+    rate = 1.0 / np.median(np.diff(time))
+    if hz > 0.45 * rate:
+        return 0.0, np.inf
+    rest = loop.left_over(loop.record.force_N)
+
+    def fitted(f: float) -> tuple[complex, float]:
+        g = np.stack([loop.left_over(np.cos(2.0 * np.pi * f * time)), loop.left_over(np.sin(2.0 * np.pi * f * time))])
+        gram = g @ g.T
+        kept = float(np.linalg.eigvalsh(gram)[0]) / (0.5 * len(rest))
+        if kept < LEAST_LEFT:
+            return 0.0, kept
+        c, s = np.linalg.solve(gram, g @ rest)
+        return complex(c, s), kept
+
+    value, kept = fitted(hz)
+    if kept < LEAST_LEFT:
+        return 0.0, np.inf
+    span = time[loop.averager.index[-1]] - time[loop.averager.index[0]]
+    beside = [fitted(hz + k / span) for k in (-9.3, -7.7, -6.2, -4.6, 4.6, 6.2, 7.7, 9.3)]
+    power = np.median([abs(v) ** 2 for v, share in beside if share >= LEAST_LEFT] or [np.inf])
+    return value, float(np.sqrt(0.5 * power / np.log(2.0) / max(kept, LEAST_LEFT)))
+
+
+def predicted(data: GapData, problem: Problem, z: Array) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """Harmonics (draws, T, H + 1), trends (draws, T, K, TREND_HARMONICS + 1) and mains lines (draws, T, 2) of a model;
+    trends and lines None where no effect of the model makes any."""
+    numbers = problem.numbers(z)
+    evolving = [e for e in cast(tuple[Effect, ...], problem.model.effects) if e.evolving]
+    count = data.harmonics_N.shape[1]
+    if not evolving:
+        return harmonics_of(problem.model.force(numbers, data.steady_motion), count), None, None
+    draws, blocks = len(z), data.contrast.shape[2]
+    cycling = any(_changes_loops(e) for e in evolving)
+    by_block = np.zeros((draws, data.tests, blocks, count), dtype=complex)
+    mean = np.zeros((draws, data.tests, count), dtype=complex)
+    if cycling:
+        flat = harmonics_of(problem.model.force(numbers, data.block_motion), count)
+        for t in range(data.tests):
+            mine = data.block_motion.test == t
+            by_block[:, t, : mine.sum()] = flat[:, mine]
+            mean[:, t] = flat[:, mine].mean(axis=1)
+    else:
+        mean = harmonics_of(problem.model.force(numbers, data.steady_motion), count)
+        by_block += mean[:, :, None]
+    lines = None
+    for effect in evolving:
+        added = effect.recorded(data, numbers)
+        if added is not None:
+            by_block += added
+            for t, loop in enumerate(data.loops):
+                mean[:, t] += added[:, t, : len(loop.block_cycle)].mean(axis=1)
+        line = effect.lines(data, numbers)
+        lines = line if lines is None else (lines if line is None else lines + line)
+    trend = np.einsum("tkb,dtbh->dtkh", data.contrast, by_block[..., : TREND_HARMONICS + 1])
+    return mean, trend, lines
+
+
+def _changes_loops(effect: Effect) -> bool:
+    """Does the effect act at a station of the model, loop by loop?"""
+    stations = ("motion", "grip", "stiffness", "slip", "asymmetry", "force", "around")
+    return any(getattr(type(effect), s) is not getattr(Effect, s) for s in stations)

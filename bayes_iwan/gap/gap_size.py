@@ -1,0 +1,183 @@
+"""How large the gap is: measured minus predicted force with the records' own repeatability taken off.
+
+The gap of a test is the RMS, over its record, of what the model misses: of the averaged loop, of its change along the
+record, and of lines of the mains. Its square is estimated without bias: noise, as the records' repeatability gives it,
+adds its expected power to the residual's, less what the fit has absorbed, and that is taken off. So a perfect model
+reads zero within its interval, which counts the parameters' uncertainty too. A test's mean force is no part of it: it
+hangs on where the specimen rests, which a dynamic displacement channel does not tell; its gap is given apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .data import TREND_HARMONICS
+from .residuals import ALONG, COUNTED, HUM, LOOP, MEAN, Residual
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.9
+DRAWS = 400
+
+
+@dataclass(frozen=True)
+class Gap:
+    """RMS of what the model misses in N and as a share of the RMS friction force, with 90 % intervals.
+
+    noise_N : RMS of the noise that was taken off; residual_N : RMS of measured − predicted before that.
+    """
+
+    rms_N: float
+    low_N: float
+    high_N: float
+    share: float
+    share_low: float
+    share_high: float
+    noise_N: float
+    residual_N: float
+
+
+@dataclass(frozen=True)
+class GapSize:
+    """Gap of each test and of all together (RMS over tests).
+
+    tests : by test; all : everything; loop, along, hum : its parts over all tests, in the averaged loop, its change
+    along the record, and lines of the mains; mean : that of the mean forces, which `all` leaves out
+    friction_N : (T,) RMS friction force.
+    cycle, along_N : by test, (B,) mean cycle number of each block of cycles and RMS of what is missed there;
+    along_low_N, along_high_N : its 90 % interval.
+    plausible : (draws, T) squares of the gap that the data leave possible, N² (:func:`shrink` compares two).
+    """
+
+    files: tuple[str, ...]
+    tests: tuple[Gap, ...]
+    all: Gap
+    loop: Gap
+    along: Gap
+    hum: Gap
+    mean: Gap
+    friction_N: Array
+    cycle: tuple[Array, ...]
+    along_N: tuple[Array, ...]
+    along_low_N: tuple[Array, ...]
+    along_high_N: tuple[Array, ...]
+    plausible: Array
+
+
+def friction_rms_by_test_N(residual: Residual) -> Array:
+    """(T,) RMS friction force of the fitted model, N."""
+    problem = residual.fit.problem
+    numbers = problem.numbers(residual.fit.z[None])
+    force = problem.model.friction_force(numbers, residual.data.steady_motion)[0]
+    return np.sqrt(np.mean(force**2, axis=1))
+
+
+def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: Array | None = None) -> GapSize:
+    """The gap of a fitted model on any tests; friction_N (T,) stands in for the model's own friction in the shares.
+
+    Intervals: the residual's error is drawn from the noise, run through the refit (for the fitted tests) or joined by
+    the parameters' posterior (for others), and the estimate's distribution around itself is reflected.
+    """
+    rng = np.random.default_rng([seed, 71])
+    friction = friction_rms_by_test_N(residual) if friction_N is None else np.asarray(friction_N)
+    error = residual.after_refit(residual.draw_noise(draws, rng))
+    kinds = (*COUNTED, MEAN)
+    removed = {kind: residual.power(error, kind).mean(axis=0) for kind in kinds}
+    if not residual.refitted:
+        removed = {kind: residual.noise_power(kind) for kind in kinds}
+        error = error + residual.draw_parameters(draws, rng)
+    raw = {kind: residual.power(residual.value, kind) for kind in kinds}
+    found, spread = {}, {}
+    for kind in kinds:
+        found[kind] = raw[kind] - removed[kind]
+        # the gap's best guess: the residual, made as small as its own power without the noise
+        scale = np.sqrt(np.maximum(found[kind], 0.0) / np.maximum(raw[kind], 1e-300))
+        spread[kind] = residual.power(scale[:, None] * residual.value + error, kind) - removed[kind]
+    total, again, off, left = (np.sum([x[k] for k in COUNTED], axis=0) for x in (found, spread, removed, raw))
+    tests = tuple(_gap(total[t], again[:, t], off[t], left[t], friction[t]) for t in range(len(total)))
+    level = float(np.sqrt(np.mean(friction**2)))
+    everything = _gap(total.mean(), again.mean(axis=1), off.mean(), left.mean(), level)
+    part = {k: _gap(found[k].mean(), spread[k].mean(axis=1), removed[k].mean(), raw[k].mean(), level) for k in kinds}
+    cycle, rms, low, high = _along(residual, error)
+    plausible = np.maximum(2.0 * total - again, 0.0)
+    return GapSize(tuple(x.file for x in residual.data.loops), tests, everything, part[LOOP], part[ALONG],
+                   part[HUM], part[MEAN], friction, cycle, rms, low, high, plausible)
+
+
+def _gap(power: float, spread: Array, noise: float, left: float, friction: float) -> Gap:
+    """A gap from its squared estimate and that estimate's distribution around it, reflected (basic bootstrap)."""
+    rms, low, high = _roots(np.array(power), spread)
+    f = max(friction, 1e-300)
+    return Gap(float(rms), float(low), float(high), float(rms / f), float(low / f), float(high / f),
+               float(np.sqrt(noise)), float(np.sqrt(left)))
+
+
+def _roots(power: Array, spread: Array) -> tuple[Array, Array, Array]:
+    """√ of a squared estimate and of its interval; spread (draws, …) is its distribution around max(power, 0)."""
+    few, many = np.quantile(spread, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2], axis=0)
+    at = np.maximum(power, 0.0)
+    low, high = np.maximum(power + at - many, 0.0), np.maximum(power + at - few, 0.0)
+    return np.sqrt(at), np.sqrt(low), np.sqrt(np.maximum(high, at))
+
+
+def _along(residual: Residual, error: np.ndarray) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...],
+                                                           tuple[Array, ...]]:
+    """What is missed in each block of cycles: the averaged loop's residual plus the contrasts' share of the block."""
+    data = residual.data
+    few = np.flatnonzero((residual.kind <= MEAN) & (residual.order <= TREND_HARMONICS))
+    rest = (residual.kind == LOOP) & (residual.order > TREND_HARMONICS)
+    changing = residual.kind == ALONG
+    weight = np.where(np.arange(len(few)) == 0, 1.0, 0.5)
+
+    def by_block(value: np.ndarray, t: int) -> Array:      # (…, M) of one test -> (…, B)
+        contrasts = value[..., changing].reshape(*value.shape[:-1], -1, TREND_HARMONICS + 1)
+        mix = np.einsum("kb,...kh->...bh", data.contrast[t], contrasts[..., : len(few)])
+        steady_part = np.where(residual.order[few] == 0, 0.0, value[..., few])
+        c = steady_part[..., None, :] + mix
+        steady = np.sum(residual.weight[t, rest] * np.abs(value[..., rest]) ** 2, axis=-1)
+        return np.sum(weight * np.abs(c) ** 2, axis=-1) + steady[..., None]
+
+    out: list[tuple[Array, Array, Array, Array]] = []
+    for t, loop in enumerate(data.loops):
+        blocks = len(loop.block_cycle)
+        raw = by_block(residual.value[t], t)[:blocks]
+        noise = by_block(error[:, t], t)[:, :blocks]
+        power = raw - noise.mean(axis=0)
+        scale = np.sqrt(np.maximum(power.mean(), 0.0) / max(float(raw.mean()), 1e-300))
+        again = by_block(scale * residual.value[t] + error[:, t], t)[:, :blocks] - noise.mean(axis=0)
+        again += np.maximum(power, 0.0) - again.mean(axis=0)
+        out.append((np.asarray(loop.block_cycle), *_roots(power, again)))
+    return tuple(zip(*out))  # type: ignore[return-value]
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """1 − gap after / gap before, with its 90 % interval; nan where there was no gap to shrink."""
+
+    value: float
+    low: float
+    high: float
+
+
+def shrink(before: GapSize, after: GapSize, tests: Sequence[int] | None = None) -> Shrink:
+    """How much smaller one model leaves the gap than another on the same tests (all of them unless chosen).
+
+    Both sizes must come from the same seed and number of draws: then their noise is common and cancels in part.
+    Raises ValueError where the tests differ.
+    """
+    if before.files != after.files:
+        raise ValueError("the two gaps belong to different tests")
+    at = list(range(len(before.files))) if tests is None else list(tests)
+    first = float(np.mean([before.tests[t].rms_N ** 2 for t in at]))
+    second = float(np.mean([after.tests[t].rms_N ** 2 for t in at]))
+    if first <= 0.0:
+        return Shrink(float("nan"), float("nan"), float("nan"))
+    b, a = before.plausible[:, at].mean(axis=1), after.plausible[:, at].mean(axis=1)
+    draws = 1.0 - np.sqrt(a / np.maximum(b, 1e-3 * first))
+    low, high = np.quantile(draws, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
+    value = 1.0 - np.sqrt(second / first)
+    return Shrink(float(value), float(min(low, value)), float(max(high, value)))

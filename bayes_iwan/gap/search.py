@@ -1,0 +1,191 @@
+"""Refits of every candidate together with the base model, from several starts, then of pairs, stepwise.
+
+A missed optimum of the base is the commonest false gap, so the base starts from many points and again from the
+optima of the best extended models. An effect starts from the base's optima at several strengths and shapes: those
+that promise most once the base's own parameters may move (one Gauss–Newton step).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..inference.defaults import Scales
+from ..inference.problem import Problem
+from .catalogue import calibrated, ordered
+from .data import GapData
+from .effects import Effect
+from .evidence import FIRST, Fit, Linear, Rows, base_problem, extended, fit_model
+
+Array = NDArray[np.float64]
+
+BASE_POINTS, BASE_STARTS = 600, 16
+#: z of the strength and of shapes at which an effect is tried
+STRENGTHS = {False: (-2.4, -1.6, -0.8, -0.3, 0.2, 0.7, 1.2, 1.8, 2.4), True: (-1.2, -0.4, 0.4, 1.2)}
+SHAPES = (-1.6, -0.8, 0.0, 0.8, 1.6)
+EFFECT_STARTS = 3
+#: single effects are refitted if they are among so many most promising ones, or promise as much as a second one must
+SINGLE_MOST = 7
+#: a second effect is refitted if one Gauss–Newton step promises this many nats, and at most so many are
+PAIR_PROMISE, PAIR_MOST = 3.0, 5
+
+
+@dataclass(frozen=True)
+class Search:
+    """All fits of one campaign: the base, every variant of every effect by name, and the pairs that promised much."""
+
+    data: GapData
+    scales: Scales
+    config: dict
+    base: Fit
+    singles: dict[str, tuple[Fit, ...]]
+    pairs: dict[tuple[str, str], Fit]
+    effects: dict[str, tuple[Effect, ...]]
+
+
+def fit_base(data: GapData, config: dict, scales: Scales, rng: np.random.Generator) -> Fit:
+    """The base model from the best of many prior draws, chosen apart from each other."""
+    problem = base_problem(data, config, scales)
+    z = problem.prior.draw(rng, BASE_POINTS)
+    rows = Rows(data, problem)
+    sd = np.sqrt(Linear(np.zeros(0), np.zeros((0, 0)), rows.eigen, rows.order, np.zeros(0)).variance(0.05, FIRST[1]))
+    cost = np.sum((rows.residual(z) / sd) ** 2, axis=1) + np.sum(z * z, axis=1)
+    order = np.argsort(np.where(np.isfinite(cost), cost, np.inf))
+    return fit_model(data, problem, z[order[:BASE_STARTS]])
+
+
+def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Sequence[str]) -> Array:
+    """Trial points (n, ndim) of an extended problem: each optimum of the smaller model with the effect switched on."""
+    own = [problem.names.index(p.name) for p in effect.parameters if p.free and p.name in problem.names]
+    at = [problem.names.index(n) for n in base_names]
+    single = effect.strength_name in problem.names
+    grid = list(product(STRENGTHS[effect.signed], *([SHAPES] * (len(own) - 1)))) if single else [(0.0,) * len(own)]
+    out = []
+    for optimum, values in product(optima, grid):
+        z = np.zeros(problem.ndim)
+        z[at] = optimum
+        z[own] = values
+        out.append(z)
+    return np.array(out)
+
+
+def promising(rows: Rows, points: Array, smaller: Fit, share: float, length: float, most: int) -> tuple[Array, float]:
+    """The `most` points whose cost is least after one step of the smaller model's parameters, and the promised gain
+    in nats of the best over the smaller model."""
+    names = rows.problem.names
+    at = [names.index(n) for n in smaller.problem.names]
+    variance = smaller.linear.variance(share, length)
+    j = smaller.linear.jacobian / np.sqrt(variance)[:, None]
+    n_shared = len(variance)
+    sd = np.sqrt(Linear(np.zeros(0), np.zeros((0, 0)), rows.eigen, rows.order, np.zeros(0)).variance(share, length))
+    r = rows.residual(points) / sd
+    good = np.all(np.isfinite(r), axis=1)
+    r = np.where(good[:, None], r, 0.0)
+    shared, rest = r[:, :n_shared], r[:, n_shared:]
+    precision = j.T @ j + np.eye(len(at))
+    z0 = points[:, at]
+    b = shared @ j - z0                              # minimise |r − J d|² + |z0 + d|²
+    gain = np.einsum("ni,ni->n", b, np.linalg.solve(precision, b.T).T)
+    cost = np.sum(shared**2, axis=1) + np.sum(rest**2, axis=1) + np.sum(points**2, axis=1) - gain
+    cost = np.where(good, cost, np.inf)
+    order = np.argsort(cost)
+    mine = smaller.linear.residual / np.sqrt(variance)
+    constant = -2.0 * (Rows(rows.data, smaller.problem).constant - rows.constant)
+    before = mine @ mine + smaller.z @ smaller.z + constant
+    return points[order[:most]], 0.5 * float(before - cost[order[0]])
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect on top of a smaller model, before it is refitted: where to start and what one step promises."""
+
+    name: str
+    problem: Problem
+    starts: Array
+    gain: float
+
+
+def candidates(data: GapData, smaller: Fit, effects: dict[str, tuple[Effect, ...]]) -> list[Candidate]:
+    """All effects (each variant) on top of a smaller fit, the most promising first."""
+    out = []
+    optima = np.concatenate([smaller.z[None], smaller.optima[1:3]])
+    for name, some in effects.items():
+        for effect in some:
+            problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
+            points = start_points(effect, problem, optima, smaller.problem.names)
+            starts, gain = promising(Rows(data, problem), points, smaller, max(smaller.share, 1e-3), smaller.length,
+                                     EFFECT_STARTS)
+            out.append(Candidate(name, problem, starts, gain))
+    return sorted(out, key=lambda c: -c.gain)
+
+
+def search(data: GapData, scales: Scales, config: dict, kinds: dict[str, tuple[type[Effect], ...]],
+           rng: np.random.Generator, progress: Callable[[str], None] = lambda what: None,
+           base: Fit | None = None) -> Search:
+    """Fit the base (unless it is given), every single effect, then pairs around the best single one."""
+    if base is None:
+        progress("base model")
+        base = fit_base(data, config, scales, rng)
+    effects = {name: tuple(calibrated(k, scales, data, base.problem, base.z) for k in classes)
+               for name, classes in kinds.items()}
+
+    def all_singles(base: Fit) -> dict[str, tuple[Fit, ...]]:
+        out: dict[str, tuple[Fit, ...]] = {name: () for name in effects}
+        for i, one in enumerate(candidates(data, base, effects)):
+            if i < SINGLE_MOST or one.gain > PAIR_PROMISE:
+                progress(one.name)
+                out[one.name] += (fit_model(data, one.problem, one.starts, iterations=20),)
+        return out
+
+    singles = all_singles(base)
+    better = _base_again(data, base, singles)
+    if better.log_z.max() > base.log_z.max() + 1.0:         # the base had missed its optimum: once more from there
+        base, singles = better, all_singles(better)
+    return Search(data, scales, config, base, singles, _pairs(data, base, singles, effects, progress), effects)
+
+
+def _base_again(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]]) -> Fit:
+    """The base from its part of the best extended optima."""
+    leaders = sorted((f for fits in singles.values() for f in fits), key=lambda f: -f.log_z.max())[:4]
+    starts = [f.z[[f.problem.names.index(n) for n in base.problem.names]] for f in leaders]
+    return fit_model(data, base.problem, np.array([base.z, *starts]), iterations=40)
+
+
+def _pairs(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]], effects: dict[str, tuple[Effect, ...]],
+           progress: Callable[[str], None]) -> dict[tuple[str, str], Fit]:
+    """The best single effect with each other one; then the best partner with each other one (swap)."""
+    best = {name: max(fits, key=lambda f: f.log_z.max()) for name, fits in singles.items() if fits}
+    if not best:
+        return {}
+    out: dict[tuple[str, str], Fit] = {}
+
+    def with_each(first: str) -> None:
+        others = {n: e for n, e in effects.items() if n != first and _key(first, n) not in out}
+        for one in candidates(data, best[first], others)[:PAIR_MOST]:
+            if one.gain < PAIR_PROMISE:
+                break
+            progress(f"{first} + {one.name}")
+            key, fit = _key(first, one.name), fit_model(data, one.problem, one.starts, iterations=20)
+            if key not in out or fit.log_z.max() > out[key].log_z.max():
+                out[key] = fit
+
+    first = max(best, key=lambda n: best[n].log_z.max())
+    if best[first].log_z.max() < base.log_z.max() + PAIR_PROMISE:
+        return {}
+    with_each(first)
+    if out:
+        leading = max(out, key=lambda k: out[k].log_z.max())
+        partner = leading[0] if leading[1] == first else leading[1]
+        if partner not in best:                             # it promised nothing on its own
+            alone = candidates(data, base, {partner: effects[partner]})[0]
+            best[partner] = fit_model(data, alone.problem, alone.starts, iterations=20)
+        with_each(partner)
+    return out
+
+
+def _key(a: str, b: str) -> tuple[str, str]:
+    return (a, b) if a < b else (b, a)

@@ -1,0 +1,151 @@
+"""From a campaign to a posterior: read, average, find the point, sample, write."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import importlib.metadata
+import os
+import platform
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign import Campaign, Loop, read_campaign
+from . import config as configuration
+from . import results
+from .defaults import scales_of
+from .ensembles import Chains, sample
+from .point import Point, find_point, starting_population
+from .posterior import ConvergenceRow, Posterior
+from .problem import Problem, make_problem
+from .quantities import sampled_and_paper
+
+Array = NDArray[np.float64]
+
+#: tests whose frequencies differ by less than this are of one frequency
+SAME_FREQUENCY = 0.02
+_VERSIONED = ("bayes-iwan", "numpy", "scipy", "numba", "emcee", "arviz")
+
+
+def identify(campaign: Campaign | str | os.PathLike[str], out: str | os.PathLike[str] | None = None, *,
+             config: Mapping[str, Any] | str | os.PathLike[str] | None = None, seed: int = 0, per_test: bool = False,
+             resume: bool = False, progress: bool = True) -> Posterior:
+    """The joint posterior of all the campaign's tests that are not held out.
+
+    campaign : a campaign, or its folder. config : a TOML file, or its tables as a mapping (:mod:`.config`).
+    out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.h5; None writes nothing.
+    per_test : identify each frequency alone as well, into out/per_test. resume : go on from out/chains.h5.
+
+    Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
+    """
+    settings = configuration.read_config(config) if isinstance(config, str | os.PathLike) else \
+        configuration.complete(config)
+    campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    if per_test and out is None:
+        raise configuration.ConfigError("per_test writes files: name a folder for them (out)")
+    loops = campaign.loops(**settings["loops"])
+    posterior = identify_problem(make_problem(loops, settings), seed, config=settings, campaign=campaign, loops=loops,
+                                 out=out, resume=resume, progress=progress)
+    if out is not None:
+        results.write(posterior, Path(out))
+    if per_test and not posterior.interrupted:
+        for name, group in by_frequency(loops).items():
+            folder = Path(str(out)) / "per_test" / name
+            alone = make_problem(group, settings, scales=scales_of([x for x in loops if x.role != "held-out"]))
+            part = identify_problem(alone, seed, config=settings, campaign=campaign, loops=group, out=folder,
+                                    resume=resume, progress=progress)
+            results.write(part, folder)
+    return posterior
+
+
+def by_frequency(loops: Sequence[Loop]) -> dict[str, tuple[Loop, ...]]:
+    """Fitted loops grouped by frequency, by names such as f10Hz, lowest first."""
+    groups: list[list[Loop]] = []
+    for loop in sorted((x for x in loops if x.role != "held-out"), key=lambda x: x.frequency_hz):
+        if groups and abs(loop.frequency_hz / groups[-1][0].frequency_hz - 1.0) < SAME_FREQUENCY:
+            groups[-1].append(loop)
+        else:
+            groups.append([loop])
+    return {f"f{group[0].frequency_hz:.4g}Hz": tuple(group) for group in groups}
+
+
+def identify_problem(problem: Problem, seed: int, *, config: Mapping[str, Any] | None = None,
+                     campaign: Campaign | None = None, loops: Sequence[Loop] | None = None,
+                     out: str | os.PathLike[str] | None = None, resume: bool = False,
+                     progress: bool = True) -> Posterior:
+    """The posterior of a problem, from loops of any origin; nothing but the checkpoint is written.
+
+    config : as for :func:`identify`; its [search] and [sampling] tables are read. loops : all tests, if some were
+    held out. out : folder of the checkpoint.
+    """
+    settings = configuration.complete(config)
+    began = time.monotonic()
+    point = find_point(problem, seed, settings["search"], progress)
+    s = settings["sampling"]
+    population = starting_population(problem, point, seed, 2 * s["ensembles"] * s["walkers"])
+    # what is fixed, or follows from the model alone as g₁ = 1 of a single gamma does, has no convergence
+    unsampled = tuple(name for name, q in sampled_and_paper(problem, population).items()
+                      if name not in problem.names and np.ptp(q.values) > 0.0)
+
+    def numbers(z: Array) -> Array:
+        named = sampled_and_paper(problem, z)
+        return np.stack([named[name].values for name in unsampled], axis=1)
+
+    located = time.monotonic()
+    with _one_blas_thread():
+        chains = sample(
+            problem.log_prob, population, names=problem.names, seed=seed, quantities=numbers if unsampled else None,
+            quantity_names=unsampled, checkpoint=None if out is None else Path(out) / "chains.h5",
+            fingerprint=problem.fingerprint() | {"seed": str(seed)}, n_ensembles=s["ensembles"],
+            n_walkers=s["walkers"], budget_s=s["budget_s"], max_steps=s["max_steps"], target_r_hat=s["r_hat"],
+            target_ess=s["ess"], chain_taus=s["taus"], progress=progress, resume=resume)
+    if chains.draws.shape[1] == 0:                # Ctrl-C in warm-up: the checkpoint is all there is
+        raise KeyboardInterrupt
+    timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}
+    return _posterior(problem, chains, point, settings, seed, campaign, loops, timings)
+
+
+def _posterior(problem: Problem, chains: Chains, point: Point, settings: Mapping[str, Any], seed: int,
+               campaign: Campaign | None, loops: Sequence[Loop] | None, timings: Mapping[str, float]) -> Posterior:
+    """The draws thinned to about as many as were asked for, and the diagnostics of the whole run beside them."""
+    ensembles, stored, walkers, ndim = chains.draws.shape
+    every = max(1, -(-stored * ensembles * walkers // settings["sampling"]["draws"]))
+    kept = slice(stored - 1 - every * ((stored - 1) // every), None, every)
+    z = np.moveaxis(chains.draws[:, kept], 2, 1).reshape(ensembles, -1, ndim)
+    log_prob = np.moveaxis(chains.log_prob[:, kept], 2, 1).reshape(ensembles, -1)
+    c = chains.convergence
+    rows = () if c is None else tuple(
+        ConvergenceRow(name, float(c.ess_bulk[i]), float(c.ess_tail[i]), float(c.r_hat[i]), float(c.tau_steps[i]))
+        for i, name in enumerate(c.names))
+    return Posterior(
+        problem=problem, campaign=campaign, loops=problem.loops if loops is None else tuple(loops), z=z,
+        log_prob=log_prob, walkers=walkers, thin=chains.thin * every, point=point, seed=seed,
+        converged=chains.converged, message=chains.message, config=settings, versions=versions(),
+        timings=dict(timings) | {"steps": float(chains.n_steps), "evaluations": float(chains.n_evaluations)},
+        convergence=rows)
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python, this package and the libraries that results depend on."""
+    out = {"python": platform.python_version()}
+    for name in _VERSIONED:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            out[name] = importlib.metadata.version(name)
+    return out
+
+
+@contextlib.contextmanager
+def _one_blas_thread():
+    """Threads do nothing for the small matrices of a sampler's step but wait for each other."""
+    try:
+        limits = importlib.import_module("threadpoolctl").threadpool_limits
+    except ImportError:
+        yield
+        return
+    with limits(limits=1, user_api="blas"):
+        yield

@@ -1,0 +1,210 @@
+"""Named parameters, their priors, and the coordinates in which they are sampled.
+
+A parameter's coordinate z is the standard normal score of its prior: x = F⁻¹(Φ(z)), F the prior's distribution
+function cut to the parameter's bounds. So whatever the prior, z is unbounded, of order one, and the prior's density
+over z is the standard normal: the Jacobian of the map is part of it exactly. For a log-normal prior z is the scaled
+logarithm. Least squares sees the prior as rows of residuals, z itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special, stats
+
+Array = NDArray[np.float64]
+
+#: z is cut here: Φ(−z) keeps full relative precision far beyond, but no prior is meant that far out
+Z_LIMIT = 8.0
+
+
+class ParameterError(ValueError):
+    """A parameter, prior or tie that makes no sense; the message names the parameter and the mend."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One sampled number.
+
+    prior : frozen scipy.stats distribution of the value; lower, upper cut it (default: its own support).
+    fixed : the value is not sampled. tied : the value is that of another parameter.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    description: str
+    prior: Any
+    lower: float = -np.inf
+    upper: float = np.inf
+    fixed: float | None = None
+    tied: str | None = None
+
+    @property
+    def free(self) -> bool:
+        return self.fixed is None and self.tied is None
+
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        """Probability below the lower and above the upper bound."""
+        return float(self.prior.cdf(self.lower)), float(self.prior.sf(self.upper))
+
+    @cached_property
+    def _support(self) -> tuple[float, float]:
+        return self.prior.support()
+
+    def value(self, z: Array) -> Array:
+        """x(z), elementwise."""
+        z = np.clip(z, -Z_LIMIT, Z_LIMIT)
+        below, above = self._ends
+        name, (args, kwargs) = self.prior.dist.name, (self.prior.args, self.prior.kwds)
+        if below == 0.0 and above == 0.0:        # closed forms of the commonest priors
+            if name == "norm":
+                return _norm_parts(args, kwargs)[0] + _norm_parts(args, kwargs)[1] * z
+            if name == "lognorm":
+                s, loc, scale = _lognorm_parts(args, kwargs)
+                return loc + scale * np.exp(s * z)
+        low = below + special.ndtr(z) * (1.0 - below - above)
+        high = above + special.ndtr(-z) * (1.0 - below - above)
+        if name == "lognorm":                     # scipy's own ppf costs some ten times as much
+            s, loc, scale = _lognorm_parts(args, kwargs)
+            return loc + scale * np.exp(s * np.where(low < 0.5, special.ndtri(low), -special.ndtri(high)))
+        if name == "uniform":
+            start, end = self._support
+            return start + (end - start) * low
+        return np.where(low < 0.5, self.prior.ppf(np.minimum(low, 0.5)), self.prior.isf(np.minimum(high, 0.5)))
+
+    def score(self, value: Array) -> Array:
+        """z(x), the inverse of :meth:`value`, cut at ±Z_LIMIT."""
+        below, above = self._ends
+        inside = 1.0 - below - above
+        low = (self.prior.cdf(value) - below) / inside
+        high = (self.prior.sf(value) - above) / inside
+        z = np.where(low < 0.5, special.ndtri(np.clip(low, 0.0, 1.0)), -special.ndtri(np.clip(high, 0.0, 1.0)))
+        return np.clip(z, -Z_LIMIT, Z_LIMIT)
+
+    def log_density(self, value: Array) -> Array:
+        """ln p(x) of the prior cut to the bounds."""
+        below, above = self._ends
+        inside = (value >= self.lower) & (value <= self.upper)
+        return np.where(inside, self.prior.logpdf(value) - np.log(1.0 - below - above), -np.inf)
+
+    def prior_text(self) -> str:
+        """The prior in words for tables, e.g. 'lognorm(s=0.7, scale=5.2)'."""
+        if self.fixed is not None:
+            return f"fixed at {self.fixed:g}"
+        if self.tied is not None:
+            return f"tied to {self.tied}"
+        parts = [f"{a:.4g}" for a in self.prior.args] + [f"{k}={v:.4g}" for k, v in self.prior.kwds.items()]
+        cut = "" if self._ends == (0.0, 0.0) else f" within [{self.lower:g}, {self.upper:g}]"
+        return f"{self.prior.dist.name}({', '.join(parts)}){cut}"
+
+
+def _norm_parts(args: tuple, kwargs: Mapping[str, float]) -> tuple[float, float]:
+    given = dict(zip(("loc", "scale"), args)) | dict(kwargs)
+    return given.get("loc", 0.0), given.get("scale", 1.0)
+
+
+def _lognorm_parts(args: tuple, kwargs: Mapping[str, float]) -> tuple[float, float, float]:
+    given = dict(zip(("s", "loc", "scale"), args)) | dict(kwargs)
+    return given["s"], given.get("loc", 0.0), given.get("scale", 1.0)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """The joint prior: independent over the parameters, standard normal over the free coordinates z (draws, free)."""
+
+    parameters: tuple[Parameter, ...]
+
+    def __post_init__(self) -> None:
+        names = [p.name for p in self.parameters]
+        if len(set(names)) != len(names):
+            raise ParameterError(f"parameter names repeat: {sorted(n for n in names if names.count(n) > 1)}")
+        for p in self.parameters:
+            if p.tied is not None and (p.tied not in names or not self[p.tied].free):
+                raise ParameterError(f"{p.name} is tied to {p.tied!r}, which is not a free parameter; "
+                                     f"choose one of {', '.join(self.names)}")
+
+    def __getitem__(self, name: str) -> Parameter:
+        return next(p for p in self.parameters if p.name == name)
+
+    @cached_property
+    def free(self) -> tuple[Parameter, ...]:
+        return tuple(p for p in self.parameters if p.free)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters, in the order of z's columns."""
+        return tuple(p.name for p in self.free)
+
+    def values(self, z: Array) -> dict[str, Array]:
+        """Every parameter's value (draws,) by name, fixed and tied ones included; z (draws, free)."""
+        z = np.atleast_2d(z)
+        out = {p.name: p.value(z[:, i]) for i, p in enumerate(self.free)}
+        for p in self.parameters:
+            if p.fixed is not None:
+                out[p.name] = np.full(len(z), p.fixed)
+        for p in self.parameters:
+            if p.tied is not None:
+                out[p.name] = out[p.tied]
+        return out
+
+    def scores(self, values: Mapping[str, Array]) -> Array:
+        """z (draws, free) from values by name."""
+        return np.stack([p.score(np.atleast_1d(np.asarray(values[p.name], float))) for p in self.free], axis=1)
+
+    def log_density(self, z: Array) -> Array:
+        """ln p(z), (draws,): −∞ beyond ±Z_LIMIT."""
+        z = np.atleast_2d(z)
+        out = -0.5 * np.sum(z * z, axis=1) - 0.5 * z.shape[1] * np.log(2.0 * np.pi)
+        return np.where(np.all(np.abs(z) <= Z_LIMIT, axis=1), out, -np.inf)
+
+    def draw(self, rng: np.random.Generator, draws: int) -> Array:
+        """z (draws, free) from the prior."""
+        return np.clip(rng.standard_normal((draws, len(self.free))), -Z_LIMIT, Z_LIMIT)
+
+
+def configured(parameters: Sequence[Parameter], tables: Mapping[str, Mapping[str, Any]]) -> tuple[Parameter, ...]:
+    """Parameters with a user's changes, `tables` being the `[parameters.<name>]` tables of a TOML file.
+
+    Keys: `prior = {dist = "<scipy.stats name>", <its arguments>}`, `lower`, `upper`, `fixed`, `tied`.
+    Raises ParameterError naming the parameter and what is wrong.
+    """
+    by_name = {p.name: p for p in parameters}
+    for name, table in tables.items():
+        if name not in by_name:
+            raise ParameterError(f"[parameters.{name}]: no such parameter; there are {', '.join(by_name)}")
+        unknown = set(table) - {"prior", "lower", "upper", "fixed", "tied"}
+        if unknown:
+            raise ParameterError(f"[parameters.{name}]: unknown key {sorted(unknown)[0]!r}; "
+                                 "use prior, lower, upper, fixed or tied")
+        changes: dict[str, Any] = {k: table[k] for k in ("lower", "upper", "fixed", "tied") if k in table}
+        if "prior" in table:
+            changes["prior"] = _frozen(name, table["prior"])
+            changes.setdefault("lower", -np.inf)
+            changes.setdefault("upper", np.inf)
+        new = replace(by_name[name], **changes)
+        if new.free and not new.prior.cdf(new.upper) - new.prior.cdf(new.lower) > 1e-12:
+            raise ParameterError(f"[parameters.{name}]: the prior has no weight within [{new.lower:g}, {new.upper:g}]")
+        by_name[name] = new
+    return tuple(by_name.values())
+
+
+def _frozen(name: str, spec: Mapping[str, Any]) -> Any:
+    arguments = dict(spec)
+    dist = getattr(stats, str(arguments.pop("dist", "")), None)
+    if not isinstance(dist, stats.rv_continuous):
+        raise ParameterError(f"[parameters.{name}] prior: `dist` must name a continuous scipy.stats distribution, "
+                             f'e.g. prior = {{dist = "lognorm", s = 0.5, scale = 5.0}}')
+    try:
+        frozen = dist(**arguments)
+        if not np.isfinite(frozen.ppf(0.5)):
+            raise ValueError("its median is not finite")
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"[parameters.{name}] prior {spec.get('dist')}: {error}") from None
+    return frozen

@@ -1,0 +1,251 @@
+"""The point estimate: the paper's own way (a genetic algorithm on Eq. 8), and the most probable point.
+
+Both start from populations, not from a guess. The genetic algorithm and, as a second opinion, differential
+evolution minimise the goal over the model's numbers; least squares polishes. The most probable point is then sought
+by least squares from many of their members and from the prior, first with the noise held, then all numbers together.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .genetic import BatchObjective, GlobalOptimum, differential_evolution_search, genetic_search
+from .least_squares import BatchResiduals, least_squares_batch
+from .likelihood import friction_level_N, goal_function, paper_weights
+from .parameters import Z_LIMIT
+from .problem import Problem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Point:
+    """What was found. z arrays are coordinates of the problem; where the goal ignores a number, its z is 0.
+
+    goal_z, goal : best point of the search's objective and its value; goal_share : Eq. (8) there, over Eq. (8) of
+    the friction level itself: how far the loops are missed, as a share of the friction force.
+    z, log_prob : the most probable point; goal_at_z : Eq. (8) there.
+    optima, optima_log_prob : the different maxima that least squares ended in, best first (k, ndim).
+    search, second : histories of the genetic algorithm and of differential evolution (None if it was not asked for).
+    """
+
+    objective: str
+    goal_z: Array
+    goal: float
+    goal_share: float
+    z: Array
+    log_prob: float
+    goal_at_z: float
+    optima: Array
+    optima_log_prob: Array
+    search: GlobalOptimum
+    second: GlobalOptimum | None
+    n_evaluations: int
+    seconds: float
+
+
+def goal_share(problem: Problem, z: Array) -> Array:
+    """Eq. (8) at z over Eq. (8) of residuals as large as each loop's friction level, (draws,)."""
+    motion = problem.motion
+    level = np.broadcast_to(friction_level_N(problem.loops)[:, None], problem.measured_N.shape)
+    return problem.goal(z) / goal_function(level[None], motion.displacement_mm[0], motion.amplitude_mm)[0]
+
+
+def find_point(problem: Problem, seed: int, settings: Mapping[str, Any], progress: bool = True) -> Point:
+    """The point estimate; `settings` is the [search] table of a complete configuration."""
+    began = time.monotonic()
+    objective, ladder, columns = _objective(problem, settings["objective"])
+    box = np.tile([-settings["reach"], settings["reach"]], (len(columns), 1))
+    common = {"seed": seed, "max_evaluations": settings["evaluations"], "progress": progress}
+    found = genetic_search(objective, box, members=settings["members"], **common)
+    second = None
+    if settings["second_opinion"]:
+        second = differential_evolution_search(objective, box, members=settings["members"], **common)
+    searches = [s for s in (found, second) if s is not None]
+
+    members = np.concatenate([_some(s, 6) for s in searches])
+    polished, polishing = _polished(objective, ladder, members, box)
+    reached = np.concatenate([polished, members])
+    values = objective(reached)
+    best = int(np.argmin(values))
+    goal_z = _embedded(problem, columns, reached[best : best + 1])[0]
+
+    distinct = _different(polished, -objective(polished), tolerance=0.1, depth=np.inf)
+    starts = np.concatenate([_embedded(problem, columns, polished[distinct]),
+                             _prior_starts(problem, settings["starts"], seed)])
+    optima, log_prob, used = most_probable(problem, starts)
+    return Point(
+        objective=settings["objective"],
+        goal_z=goal_z,
+        goal=float(values[best]),
+        goal_share=float(goal_share(problem, goal_z[None])[0]),
+        z=optima[0],
+        log_prob=float(log_prob[0]),
+        goal_at_z=float(problem.goal(optima[:1])[0]),
+        optima=optima,
+        optima_log_prob=log_prob,
+        search=found,
+        second=second,
+        n_evaluations=sum(s.n_evaluations for s in searches) + polishing + used,
+        seconds=time.monotonic() - began,
+    )
+
+
+def _noise_names(problem: Problem) -> set[str]:
+    return {p.name for p in problem.likelihood.parameters}
+
+
+def _embedded(problem: Problem, columns: NDArray[np.int64], x: Array) -> Array:
+    """x (n, len(columns)) as coordinates of the problem, the others at their prior medians."""
+    z = np.zeros((len(x), problem.ndim))
+    z[:, columns] = x
+    return z
+
+
+def _objective(problem: Problem, kind: str) -> tuple[BatchObjective, Sequence[BatchResiduals], NDArray[np.int64]]:
+    """The batch objective, the least-squares rows that lead to its minimum one after the other, and the coordinates
+    it depends on."""
+    if kind == "likelihood":
+        return (lambda z: -problem.log_prob(z)), (lambda z: joint_rows(problem, z),), np.arange(problem.ndim)
+    noise = _noise_names(problem)
+    columns = np.array([i for i, name in enumerate(problem.names) if name not in noise])
+    motion = problem.motion
+    w = paper_weights(motion.displacement_mm[0], motion.amplitude_mm) / motion.amplitude_mm[:, None] / motion.samples
+    bend = 1e-3 * friction_level_N(problem.loops)[:, None]
+
+    def goal(x: Array) -> Array:
+        return problem.goal(_embedded(problem, columns, x), squared=kind == "squared")
+
+    def squared(x: Array) -> Array:
+        return (np.sqrt(w) * problem.residual(_embedded(problem, columns, x))).reshape(len(x), -1)
+
+    def absolute(x: Array) -> Array:              # |r|, rounded off below `bend`, as a square
+        r = problem.residual(_embedded(problem, columns, x))
+        r = np.sign(r) * np.sqrt(bend * (np.hypot(bend, r) - bend))
+        return (np.sqrt(w) * r).reshape(len(x), -1)
+
+    return goal, ((squared,) if kind == "squared" else (squared, absolute)), columns
+
+
+def _some(search: GlobalOptimum, count: int) -> Array:
+    """The best member of a search and others spread over its last population, (count + 1, columns)."""
+    even = np.linspace(0, len(search.population) - 1, count).astype(int)
+    return np.concatenate([search.x[None], search.population[even]])
+
+
+def _polished(objective: BatchObjective, ladder: Sequence[BatchResiduals], x: Array, box: Array) -> tuple[Array, int]:
+    """Where least squares leads from x, and the evaluations used; of each rung the best three climb the next."""
+    reached, used = [], 0
+    for rows in ladder:
+        fit = least_squares_batch(rows, x, box, max_iterations=60, ftol=1e-6)
+        used += fit.n_evaluations
+        reached.append(fit.x)
+        x = fit.x[np.argsort(objective(fit.x))[:3]]
+    return np.concatenate(reached[::-1]), used
+
+
+def joint_rows(problem: Problem, z: Array) -> Array:
+    """Rows for least squares over all numbers, noise included, (draws, m): ½Σ rows² = −log posterior + constant.
+
+    The log-determinant is no square; it enters as √(2(K + its half)), K large: exact as a value, and nearly linear.
+    """
+    numbers = problem.numbers(z)
+    residual = problem.measured_N - problem.model.force(numbers, problem.motion)
+    whitened = problem.likelihood.rows(residual, numbers)
+    rest = -problem.likelihood.log_likelihood(residual, numbers) - 0.5 * np.einsum("dm,dm->d", whitened, whitened)
+    last = np.sqrt(2.0 * np.maximum(50.0 * whitened.shape[1] + rest, 0.0))
+    return np.concatenate([whitened, z, last[:, None]], axis=1)
+
+
+def _prior_starts(problem: Problem, count: int, seed: int) -> Array:
+    """The best by Eq. (8) of 32 times as many draws from the prior, noise at its median, (count, ndim)."""
+    z = problem.prior.draw(np.random.default_rng([seed, 11]), 32 * count)
+    z[:, [name in _noise_names(problem) for name in problem.names]] = 0.0
+    return z[np.argsort(problem.goal(z))[:count]]
+
+
+def most_probable(problem: Problem, starts: Array) -> tuple[Array, Array, int]:
+    """Different maxima (k, ndim) of the posterior over z, best first, their log_prob (k,), and evaluations used.
+
+    Least squares from each start with the noise held at what the start says, then with all numbers free.
+    """
+    noise = np.array([name in _noise_names(problem) for name in problem.names])
+    free = np.flatnonzero(~noise)
+    held = starts.copy()
+    used = 0
+    for value in np.unique(starts[:, noise], axis=0):
+        rows = np.flatnonzero(np.all(starts[:, noise] == value, axis=1))
+
+        def residuals(x: Array, value: Array = value) -> Array:
+            z = np.empty((len(x), problem.ndim))
+            z[:, free], z[:, noise] = x, value
+            return problem.rows(z)
+
+        fit = least_squares_batch(residuals, starts[rows][:, free], np.tile([-Z_LIMIT, Z_LIMIT], (len(free), 1)),
+                                  max_iterations=60, ftol=1e-5)
+        held[np.ix_(rows, free)] = fit.x
+        used += fit.n_evaluations
+    log_prob = problem.log_prob(held)
+    order = np.argsort(-log_prob)
+    keep = _different(held[order], log_prob[order], tolerance=1.0)
+    fit = least_squares_batch(lambda z: joint_rows(problem, z), held[order][keep],
+                              np.tile([-Z_LIMIT, Z_LIMIT], (problem.ndim, 1)), max_iterations=60, ftol=1e-7)
+    log_prob = problem.log_prob(fit.x)
+    order = np.argsort(-log_prob)
+    order = order[_different(fit.x[order], log_prob[order], tolerance=0.3)]
+    return fit.x[order], log_prob[order], used + fit.n_evaluations
+
+
+def _different(z: Array, log_prob: Array, tolerance: float, depth: float = 200.0) -> list[int]:
+    """Indices of rows that lie apart by `tolerance` (z is in prior standard deviations), not `depth` below the first;
+    the first of those that lie together is kept."""
+    kept: list[int] = []
+    for i in range(len(z)):
+        if not np.isfinite(log_prob[i]) or log_prob[i] < log_prob[0] - depth:
+            continue
+        if all(np.max(np.abs(z[i] - z[j])) > tolerance for j in kept):
+            kept.append(i)
+    if not kept:
+        raise ValueError("no start of the search reached a finite posterior density; check the data's scale and priors")
+    return kept
+
+
+def laplace_scale(problem: Problem, z: Array) -> Array:
+    """Lower triangular L (ndim, ndim), L Lᵀ the Gauss–Newton covariance of the posterior at an optimum z (ndim,)."""
+    step = 1e-4
+    eye = step * np.eye(problem.ndim)
+    both = joint_rows(problem, np.concatenate([z + eye, z - eye]))
+    jacobian = (both[: problem.ndim] - both[problem.ndim:]).T / (2.0 * step)
+    information = jacobian.T @ jacobian
+    values, vectors = np.linalg.eigh(information)
+    # the prior alone contributes 1 to each direction, so nothing less is meant
+    root = vectors / np.sqrt(np.maximum(values, 1.0))
+    return np.linalg.cholesky(root @ root.T + 1e-12 * np.eye(problem.ndim))
+
+
+def starting_population(problem: Problem, point: Point, seed: int, count: int) -> Array:
+    """Dispersed starts (≤ count, ndim) for the sampler: wide Laplace draws about each of the maxima found.
+
+    Draws are t-distributed (4 degrees of freedom) with 1.5 times the Laplace scale, so they lie further out than the
+    posterior does; lesser maxima get the same share as the best, so a sampler that ends in one agreement was not led.
+    """
+    rng = np.random.default_rng([seed, 12])
+    reach = point.optima_log_prob > point.optima_log_prob[0] - 30.0
+    centres = point.optima[reach][:16]
+    draws = []
+    for k, centre in enumerate(centres):
+        n = count // len(centres) + (k < count % len(centres))
+        scale = laplace_scale(problem, centre)
+        spread = 1.5 / np.sqrt(rng.chisquare(4.0, n) / 4.0)
+        draws.append(centre + (rng.standard_normal((n, problem.ndim)) * spread[:, None]) @ scale.T)
+    z = np.clip(np.concatenate(draws), -0.95 * Z_LIMIT, 0.95 * Z_LIMIT)
+    log_prob = problem.log_prob(z)
+    # far-out draws cost warm-up steps: within 25 + ndim of the best is dispersed enough
+    good = log_prob > point.log_prob - 25.0 - 2.0 * problem.ndim
+    return z[good] if np.count_nonzero(good) >= 2 * problem.ndim + 2 else z[np.argsort(-log_prob)[: max(count // 4, 2)]]

@@ -1,0 +1,162 @@
+"""The posterior of one identification: draws, what they were drawn from, and how far they can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign import Campaign, Loop
+from .convergence import Convergence, diagnose
+from .defaults import motion_of, paper_numbers
+from .point import Point
+from .problem import Problem
+from .quantities import Quantity, quantities
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ConvergenceRow:
+    """Diagnostics of one number; tau in steps of the sampler."""
+
+    name: str
+    ess_bulk: float
+    ess_tail: float
+    r_hat: float
+    tau: float
+
+
+@dataclass(frozen=True)
+class SummaryRow:
+    """One line of summary.csv."""
+
+    name: str
+    unit: str
+    mean: float
+    sd: float
+    q05: float
+    q50: float
+    q95: float
+    ess_bulk: float
+    ess_tail: float
+    r_hat: float
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Draws of a problem's coordinates from independent ensembles.
+
+    loops : all tests' loops, held-out ones included; problem.loops are those fitted.
+    z : (chains, draws, ndim), log_prob : (chains, draws); a chain is an ensemble, its draws lie walker after walker
+    in the order of the steps, `walkers` of them, so that neighbours are steps of one walker.
+    thin : sampler's steps between two draws of a walker. convergence : rows for the sampled numbers over the whole
+    run; message : why the run ended, and what fell short if it has not converged.
+    campaign : None for loops that came from no folder.
+    """
+
+    problem: Problem
+    campaign: Campaign | None
+    loops: tuple[Loop, ...]
+    z: Array
+    log_prob: Array
+    walkers: int
+    thin: int
+    point: Point
+    seed: int
+    converged: bool
+    message: str
+    config: Mapping[str, Any]
+    versions: Mapping[str, str]
+    timings: Mapping[str, float]
+    convergence: tuple[ConvergenceRow, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.problem.names
+
+    @property
+    def ndim(self) -> int:
+        return self.problem.ndim
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether sampling was ended by Ctrl-C."""
+        return "interrupted" in self.message
+
+    def flat_z(self, most: int | None = None) -> Array:
+        """Draws of all chains, (n, ndim), evenly thinned to at most `most`."""
+        z = self.z.reshape(-1, self.ndim)
+        if most is None or most >= len(z):
+            return z
+        return z[np.linspace(0, len(z) - 1, most).round().astype(int)]
+
+    def values(self) -> dict[str, Array]:
+        """Every parameter's value by name, (n,), fixed and tied ones included."""
+        return self.problem.prior.values(self.flat_z())
+
+    def numbers(self) -> dict[str, Array]:
+        """The numbers that the physics reads, (n,)."""
+        return self.problem.numbers(self.flat_z())
+
+    def paper(self) -> dict[str, Array]:
+        """The paper's numbers (Table 1), (n,)."""
+        return paper_numbers(self.problem.model, self.numbers())
+
+    def quantities(self) -> dict[str, Quantity]:
+        """Every reported quantity with its unit and values (n,), in the order of flat_z()."""
+        return self._quantities
+
+    @cached_property
+    def _quantities(self) -> dict[str, Quantity]:
+        return quantities(self.problem, self.flat_z(), self.loops)
+
+    def by_steps(self, values: Array) -> Array:
+        """Values (n,) in the order of flat_z() as (chains, steps, walkers), as the diagnostics take them."""
+        chains = self.z.shape[0]
+        return np.moveaxis(values.reshape(chains, self.walkers, -1), 1, 2)
+
+    @cached_property
+    def diagnostics(self) -> Convergence:
+        """R-hat and effective sizes of every reported quantity, from the draws kept."""
+        named = self.quantities()
+        draws = np.stack([self.by_steps(q.values) for q in named.values()], axis=3)
+        return diagnose(draws, tuple(named), thin=self.thin)
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Mean, spread, quantiles and diagnostics of every reported quantity (numbers that are fixed have none)."""
+        rows = []
+        d = self.diagnostics
+        for i, (name, quantity) in enumerate(self.quantities().items()):
+            x = quantity.values
+            low, middle, high = np.quantile(x, [0.05, 0.5, 0.95])
+            rows.append(SummaryRow(name, quantity.unit, float(np.mean(x)), float(np.std(x, ddof=1)), float(low),
+                                   float(middle), float(high), float(d.ess_bulk[i]), float(d.ess_tail[i]),
+                                   float(d.r_hat[i])))
+        return tuple(rows)
+
+    def predict(self, n: int = 200, loops: Sequence[Loop] | None = None, friction: bool = False,
+                replicate: bool = False, rng: np.random.Generator | None = None) -> Array:
+        """Predicted force of n draws, (n, tests, samples), N.
+
+        loops : other tests than those fitted. friction : less the parallel spring and the force zero. replicate :
+        with errors drawn from the noise model added, as a new measurement would show them (fitted tests only).
+        Raises ValueError for replicates of loops that were not fitted.
+        """
+        z = self.flat_z(n)
+        motion = self.problem.motion if loops is None else motion_of(loops)
+        numbers = self.problem.numbers(z)
+        force = self.problem.predict(z, motion)
+        if replicate:
+            if loops is not None and tuple(x.file for x in loops) != tuple(x.file for x in self.problem.loops):
+                raise ValueError("replicates are drawn for the fitted tests only: the noise model knows no others")
+            force = self.problem.likelihood.replicate(force, numbers, np.random.default_rng(self.seed)
+                                                      if rng is None else rng)
+        if friction:
+            force = (force - numbers["kp_N_mm"][:, None, None] * motion.displacement_mm
+                     - numbers["force_zero_N"][:, None, None])
+        return force

@@ -1,0 +1,140 @@
+"""One identification problem: loops, model, prior and likelihood, as batch functions of the coordinates z."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign import Loop
+from ..physics import Model, Motion
+from . import defaults
+from .defaults import Scales
+from .likelihood import Likelihood, goal_function, harmonics_of, make_likelihood
+from .parameters import Prior, configured
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything that a posterior depends on. z arrays are (draws, ndim), ndim = len(names)."""
+
+    loops: tuple[Loop, ...]
+    scales: Scales
+    model: Model
+    prior: Prior
+    likelihood: Likelihood
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters, in z's order."""
+        return self.prior.names
+
+    @property
+    def ndim(self) -> int:
+        return len(self.names)
+
+    @cached_property
+    def motion(self) -> Motion:
+        return defaults.motion_of(self.loops)
+
+    @cached_property
+    def measured_N(self) -> Array:
+        """(tests, samples)"""
+        return np.stack([x.force_N for x in self.loops])
+
+    def numbers(self, z: Array) -> dict[str, Array]:
+        """The numbers that physics and likelihood read, by name, (draws,) each."""
+        return defaults.model_numbers(self.model, self.prior.values(z))
+
+    def predict(self, z: Array, motion: Motion | None = None) -> Array:
+        """Predicted force (draws, loops, samples), N, for the campaign's motion or another."""
+        return self.model.force(self.numbers(z), self.motion if motion is None else motion)
+
+    def residual(self, z: Array) -> Array:
+        """Measured − predicted, (draws, tests, samples), N."""
+        return self.measured_N - self.predict(z)
+
+    def log_likelihood(self, z: Array) -> Array:
+        """(draws,); −∞ where the prediction is not finite."""
+        numbers = self.numbers(z)
+        with np.errstate(all="ignore"):
+            value = self.likelihood.log_likelihood(self.measured_N - self.model.force(numbers, self.motion), numbers)
+        return np.where(np.isfinite(value), value, -np.inf)
+
+    def log_prob(self, z: Array) -> Array:
+        """Log posterior density over z, up to the evidence, (draws,)."""
+        prior = self.prior.log_density(z)
+        out = np.full(len(prior), -np.inf)
+        inside = np.isfinite(prior)
+        if inside.any():
+            out[inside] = prior[inside] + self.log_likelihood(np.atleast_2d(z)[inside])
+        return out
+
+    def pointwise(self, z: Array) -> Array:
+        """Log-likelihood by datum, (draws, points)."""
+        numbers = self.numbers(z)
+        return self.likelihood.pointwise(self.measured_N - self.model.force(numbers, self.motion), numbers)
+
+    def rows(self, z: Array) -> Array:
+        """Whitened residuals and the prior's rows, (draws, m + ndim): half their squares is −log posterior + const
+        while the noise parameters stay put."""
+        numbers = self.numbers(z)
+        whitened = self.likelihood.rows(self.measured_N - self.model.force(numbers, self.motion), numbers)
+        return np.concatenate([whitened, np.atleast_2d(z)], axis=1)
+
+    def goal(self, z: Array, squared: bool = False) -> Array:
+        """The paper's objective, Eq. (8), (draws,); +∞ where the prediction is not finite."""
+        value = goal_function(self.residual(z), self.motion.displacement_mm[0], self.motion.amplitude_mm, squared)
+        return np.where(np.isfinite(value), value, np.inf)
+
+    def with_force(self, force_N: Array) -> Problem:
+        """The same problem with other measured forces (tests, samples) in N: drawn loops, to be identified in turn.
+
+        Priors, scales and what the likelihood takes from the measured loops (noise, friction level, weights) stay.
+        """
+        c = harmonics_of(np.asarray(force_N, float), self.loops[0].harmonics_N.size)
+        loops = tuple(replace(x, force_N=f, harmonics_N=h) for x, f, h in zip(self.loops, force_N, c))
+        return replace(self, loops=loops, likelihood=self.likelihood.of_loops(loops))
+
+    def fingerprint(self) -> dict[str, str]:
+        """Hashes of what a stored posterior depends on, part by part."""
+        data = hashlib.sha256()
+        for loop in self.loops:
+            for array in (loop.displacement_mm, loop.velocity_m_s, loop.force_N, loop.noise_N):
+                data.update(np.ascontiguousarray(array).tobytes())
+        effects = "+".join(e.name for e in self.model.effects)
+        return {
+            "data": data.hexdigest(),
+            "model": f"{self.model.slip}/{self.model.grip}/{self.model.stiffness}/{effects}",
+            "likelihood": self.likelihood.name,
+            "prior": "; ".join(f"{p.name} ~ {p.prior_text()}" for p in self.prior.parameters),
+            "names": ",".join(self.names),
+        }
+
+
+def make_problem(loops: Sequence[Loop], config: Mapping[str, Any] | None = None, effects: Sequence[Any] = (),
+                 scales: Scales | None = None) -> Problem:
+    """A problem from the loops whose role is not "held-out" and a configuration (see :mod:`.config` for its keys).
+
+    effects : objects of the gap room, each with `parameters`; scales : taken from the loops unless given.
+    """
+    config = config or {}
+    fitted = tuple(x for x in loops if x.role != "held-out")
+    if not fitted:
+        raise ValueError("no test is left to fit: every test has role = \"held-out\"")
+    scales = defaults.scales_of(fitted) if scales is None else scales
+    chosen = config.get("model", {})
+    model = Model(scales.reference, effects=tuple(effects), **chosen)
+    likelihood = make_likelihood(config.get("likelihood", {}).get("kind", "correlated"), fitted, scales)
+    parameters = list(defaults.default_parameters(model, scales))
+    for effect in effects:
+        parameters += effect.parameters
+    parameters += likelihood.parameters
+    return Problem(fitted, scales, model, Prior(configured(parameters, config.get("parameters", {}))), likelihood)

@@ -1,0 +1,99 @@
+"""Every number that a posterior is asked for: sampled ones, the paper's, and what the loops and laws say.
+
+Single gamma components are hardly determined even by clean data; quantiles of the slip force, k(α), α(u), stiffness
+and dissipated energy are. So these stand in the summary beside the sampled numbers and the paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign import Loop
+from ..physics import Motion
+from ..physics.slip_force import SlipForce
+from .defaults import PAPER_UNITS, loop_energy_mJ, motion_of, paper_numbers
+from .problem import Problem
+
+Array = NDArray[np.float64]
+
+CHUNK = 1024                                      # draws predicted at a time, to stay in memory
+SLIP_SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
+_NODES = 240                                      # of the table that slip-force quantiles are read from
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A reported number: its unit and its value in each draw (draws,)."""
+
+    unit: str
+    values: Array
+
+
+def quantities(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -> dict[str, Quantity]:
+    """All reported numbers at the draws z (draws, ndim), by name; quantities of a test are named `name[file]`.
+
+    loops : the tests to report on, held-out ones included (default: those fitted).
+    """
+    loops = problem.loops if loops is None else tuple(loops)
+    motion = motion_of(loops)
+    parts = [_some(problem, z[i : i + CHUNK], loops, motion) for i in range(0, len(z), CHUNK)]
+    return {name: Quantity(q.unit, np.concatenate([p[name].values for p in parts])) for name, q in parts[0].items()}
+
+
+def sampled_and_paper(problem: Problem, z: Array) -> dict[str, Quantity]:
+    """The sampled numbers and the paper's alone, which cost no prediction."""
+    values, numbers = problem.prior.values(z), problem.numbers(z)
+    out = {p.name: Quantity(p.unit, values[p.name]) for p in problem.prior.parameters}
+    units = dict(zip(problem.model.slip_family.names, problem.model.slip_family.units)) | PAPER_UNITS
+    for name, x in paper_numbers(problem.model, numbers).items():
+        out.setdefault(name, Quantity(units.get(name, "-"), x))
+    return out
+
+
+def _some(problem: Problem, z: Array, loops: Sequence[Loop], motion: Motion) -> dict[str, Quantity]:
+    out = sampled_and_paper(problem, z)
+    numbers = problem.numbers(z)
+    family = problem.model.slip_family
+    out.setdefault("mean_slip_force_N", Quantity("N", family.mean(numbers)))
+    quantiles = slip_quantiles(family, numbers, SLIP_SHARES, 12.0 * problem.scales.slip_N)
+    for share, x in zip(SLIP_SHARES, quantiles.T):
+        out[f"slip_force_q{round(100 * share):02d}_N"] = Quantity("N", x)
+
+    force = problem.predict(z, motion)
+    alpha = problem.model.alpha(numbers, motion)
+    energy, stiffness, loss = loop_quantities(motion, force)
+    for j, loop in enumerate(loops):
+        u = loop.displacement_mm
+        falling = np.flatnonzero((u > 0) & (np.roll(u, -1) <= 0))
+        out[f"dissipated_energy_mJ[{loop.file}]"] = Quantity("mJ", energy[:, j])
+        out[f"equivalent_stiffness_N_mm[{loop.file}]"] = Quantity("N/mm", stiffness[:, j])
+        out[f"loss_factor[{loop.file}]"] = Quantity("-", loss[:, j])
+        places = (("minus_A", np.argmin(u)), ("0_up", 0), ("plus_A", np.argmax(u)), ("0_down", falling[0]))
+        for place, i in places:
+            out[f"alpha_{place}[{loop.file}]"] = Quantity("-", alpha[:, j, i])
+    return out
+
+
+def loop_quantities(motion: Motion, force_N: Array) -> tuple[Array, Array, Array]:
+    """Dissipated energy ∮F du (mJ), equivalent stiffness (N/mm) and loss factor of loops, (draws, loops) each.
+
+    The stiffness is the real part of the first harmonic of force over that of displacement; the loss factor is
+    energy / (π · stiffness · |first harmonic of displacement|²), the tangent of the loss angle.
+    """
+    u = np.broadcast_to(motion.displacement_mm, force_N.shape)
+    energy = loop_energy_mJ(u, force_N)
+    turn = np.exp(-2j * np.pi * np.arange(motion.samples) / motion.samples)
+    u1 = motion.displacement_mm @ turn * (2.0 / motion.samples)
+    ratio = (force_N @ turn * (2.0 / motion.samples)) / u1
+    return energy, ratio.real, energy / (np.pi * ratio.real * np.abs(u1) ** 2)
+
+
+def slip_quantiles(family: SlipForce, numbers: dict[str, Array], shares: Sequence[float], top_N: float) -> Array:
+    """Slip force (N) below which each share of the elements slips at rest, (draws, shares); at most top_N."""
+    phi = top_N * np.linspace(0.0, 1.0, _NODES) ** 2
+    below = 1.0 - family.survival(phi, numbers)
+    return np.stack([np.interp(shares, row, phi) for row in np.maximum.accumulate(below, axis=1)])

@@ -1,0 +1,258 @@
+"""Files of an identification, summary.csv, point.json and posterior.nc, each put in place whole; and their reader."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign import read_campaign
+from . import config as configuration
+from .genetic import GlobalOptimum
+from .point import Point
+from .posterior import ConvergenceRow, Posterior, SummaryRow
+from .problem import Problem, make_problem
+from .quantities import sampled_and_paper
+
+Array = NDArray[np.float64]
+
+PREDICTIVE_DRAWS = 200
+POINTWISE_DRAWS = 1000
+
+
+class ResultsError(ValueError):
+    """A folder of results that cannot be read back; the message says why."""
+
+
+def write(posterior: Posterior, folder: Path) -> None:
+    """summary.csv, point.json and posterior.nc into `folder`, which is made if need be."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _replace(folder / "summary.csv", summary_csv(posterior.summary()).encode())
+    _replace(folder / "point.json", (json.dumps(point_record(posterior), indent=1) + "\n").encode())
+    write_netcdf(posterior, folder / "posterior.nc")
+
+
+def summary_csv(rows: tuple[SummaryRow, ...]) -> str:
+    """The summary as comma-separated text."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    columns = [f.name for f in fields(SummaryRow)]
+    writer.writerow(columns)
+    for row in rows:
+        writer.writerow([_cell(getattr(row, name)) for name in columns])
+    return out.getvalue()
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    return "" if not np.isfinite(value) else f"{value:.8g}"
+
+
+def point_record(posterior: Posterior) -> dict[str, Any]:
+    """The point estimate as plain numbers for point.json."""
+    problem, point = posterior.problem, posterior.point
+
+    def named(z: Array) -> dict[str, float]:
+        return {name: float(q.values[0]) for name, q in sampled_and_paper(problem, z[None]).items()}
+
+    def history(search: GlobalOptimum | None) -> dict[str, Any] | None:
+        if search is None:
+            return None
+        return {"method": search.method, "objective": search.objective, "evaluations": search.n_evaluations,
+                "stopped": search.stopped, "best": search.best.tolist(), "median": search.median.tolist()}
+
+    return {
+        "seed": posterior.seed,
+        "objective": {"kind": point.objective, "value": point.goal, "share_of_friction_force": point.goal_share,
+                      "numbers": named(point.goal_z)},
+        "most_probable": {"log_prob": point.log_prob, "eq8": point.goal_at_z, "numbers": named(point.z),
+                          "maxima_log_prob": point.optima_log_prob.tolist()},
+        "search": history(point.search),
+        "second_opinion": history(point.second),
+        "evaluations": point.n_evaluations,
+        "seconds": round(point.seconds, 3),
+        "versions": dict(posterior.versions),
+    }
+
+
+def write_netcdf(posterior: Posterior, path: Path) -> None:
+    """posterior.nc, readable by `arviz.from_netcdf`.
+
+    Groups: posterior (every reported quantity), unconstrained_posterior (z), prior, prior_predictive,
+    posterior_predictive, log_likelihood, sample_stats, observed_data, constant_data; the root's attributes hold the
+    seed, configuration, versions and convergence.
+    """
+    import xarray as xr  # some 0.5 s to import: only where files are written
+
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        xr.Dataset(attrs=_attributes(posterior)).to_netcdf(part, mode="w", engine="h5netcdf")
+        for group, dataset in _groups(posterior, xr).items():
+            packed = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars}
+            dataset.to_netcdf(part, mode="a", group=group, engine="h5netcdf", encoding=packed)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
+    problem, loops = posterior.problem, posterior.problem.loops
+    chains, draws, _ = posterior.z.shape
+    files = [x.file for x in loops]
+
+    def over_draws(variables: Mapping[str, tuple[str, Array]], n_chains: int = chains) -> Any:
+        return xr.Dataset({name: (["chain", "draw"], x.reshape(n_chains, -1), {"unit": unit})
+                           for name, (unit, x) in variables.items()})
+
+    at = {"test": files, "phase": loops[0].phase}
+    dims = ("chain", "draw", "test", "phase")
+    some = np.linspace(0, draws - 1, min(draws, PREDICTIVE_DRAWS // chains + 1)).round().astype(int)
+    rng = np.random.default_rng([posterior.seed, 13])
+
+    def predicted(z: Array) -> tuple[Array, Array]:
+        force = problem.predict(z)
+        return force, problem.likelihood.replicate(force, problem.numbers(z), rng)
+
+    force, replicated = (x.reshape(chains, len(some), *x.shape[1:])
+                         for x in predicted(posterior.z[:, some].reshape(-1, problem.ndim)))
+    prior_z = problem.prior.draw(rng, 1000)
+    prior_force, prior_replicated = (x[None] for x in predicted(prior_z[:PREDICTIVE_DRAWS]))
+    each = np.linspace(0, draws - 1, min(draws, POINTWISE_DRAWS // chains)).round().astype(int)
+    point_log = problem.pointwise(posterior.z[:, each].reshape(-1, problem.ndim))
+    stacked = {name: np.stack([getattr(x, name) for x in loops]) for name in
+               ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_N", "force_scatter_N", "noise_N")}
+    harmonics = np.stack([x.harmonics_N for x in loops])
+    constant: dict[str, Any] = {name: (("test", "phase"), stacked[name]) for name in
+                ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_scatter_N")}
+    constant["noise_N"] = (("test", "harmonic"), stacked["noise_N"])
+    constant |= {name: (("test",), np.array([getattr(x, name) for x in loops], float))
+                 for name in ("frequency_hz", "amplitude_mm", "offset_mm", "n_cycles")}
+    return {
+        "posterior": over_draws({n: (q.unit, q.values) for n, q in posterior.quantities().items()}),
+        "unconstrained_posterior": over_draws({n: ("-", posterior.z[..., i]) for i, n in enumerate(problem.names)}),
+        "sample_stats": over_draws({"lp": ("-", posterior.log_prob)}),
+        "prior": over_draws({n: (q.unit, q.values) for n, q in sampled_and_paper(problem, prior_z).items()}, 1),
+        "prior_predictive": xr.Dataset({"force_N": (dims, prior_replicated), "model_N": (dims, prior_force)}, at),
+        "posterior_predictive": xr.Dataset({"force_N": (dims, replicated), "model_N": (dims, force)},
+                                           {**at, "draw": some}),
+        "log_likelihood": xr.Dataset({"data": (("chain", "draw", "datum"), point_log.reshape(chains, len(each), -1))},
+                                     {"draw": each}),
+        "observed_data": xr.Dataset({"force_N": (("test", "phase"), stacked["force_N"]),
+                                     "harmonics_real_N": (("test", "harmonic"), harmonics.real),
+                                     "harmonics_imag_N": (("test", "harmonic"), harmonics.imag)}, at),
+        "constant_data": xr.Dataset(constant, at),
+    }
+
+
+def _attributes(posterior: Posterior) -> dict[str, Any]:
+    campaign = posterior.campaign
+    return {
+        "format": 1,
+        "seed": posterior.seed,
+        "walkers": posterior.walkers,
+        "thin": posterior.thin,
+        "converged": int(posterior.converged),
+        "message": posterior.message,
+        "campaign_name": "" if campaign is None else campaign.name,
+        "campaign_path": "" if campaign is None else str(campaign.path.resolve()),
+        "loops": json.dumps([x.file for x in posterior.loops]),
+        "scales": json.dumps(asdict(posterior.problem.scales)),
+        "config": json.dumps(posterior.config),
+        "versions": json.dumps(dict(posterior.versions)),
+        "timings": json.dumps(dict(posterior.timings)),
+        "convergence": json.dumps([asdict(row) for row in posterior.convergence]),
+        "fingerprint": json.dumps(posterior.problem.fingerprint()),
+        "point": json.dumps(_plain_point(posterior.point)),
+    }
+
+
+def _plain_point(point: Point) -> dict[str, Any]:
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.tolist()
+        if isinstance(value, GlobalOptimum):      # without its populations and Jacobians
+            return {k: plain(getattr(value, k)) for k in (f.name for f in fields(value))
+                    if k not in ("polish", "population", "population_objective")}
+        return value
+
+    return {f.name: plain(getattr(point, f.name)) for f in fields(point)}
+
+
+def _point_of(plain: Mapping[str, Any]) -> Point:
+    def search(stored: Mapping[str, Any] | None) -> GlobalOptimum | None:
+        if stored is None:
+            return None
+        arrays = {k: np.array(stored[k]) for k in ("x", "best", "median")}
+        none = np.empty((0, len(stored["x"])))
+        return GlobalOptimum(**{**stored, **arrays}, population=none, population_objective=np.empty(0))
+
+    arrays = {k: np.array(plain[k]) for k in ("goal_z", "z", "optima", "optima_log_prob")}
+    return Point(**{**plain, **arrays, "search": search(plain["search"]), "second": search(plain["second"])})
+
+
+def load(folder: str | os.PathLike[str], campaign: str | os.PathLike[str] | None = None) -> Posterior:
+    """The posterior that :func:`bayes_iwan.identify` wrote into `folder`.
+
+    The campaign is read again from where it was, or from `campaign` if it has moved.
+    Raises ResultsError where there is no result, or the campaign or this version gives another problem.
+    """
+    import xarray as xr
+
+    path = Path(folder) / "posterior.nc"
+    if not path.is_file():
+        raise ResultsError(f"{path}: not found; {folder} is not a folder that `bayes-iwan identify` has finished")
+    with xr.open_dataset(path, engine="h5netcdf") as root:
+        stored = dict(root.attrs)
+    if stored.get("format") != 1:
+        raise ResultsError(f"{path}: not a result of this version of bayes-iwan")
+    settings = configuration.complete(json.loads(stored["config"]), str(path))
+    where = campaign or stored["campaign_path"]
+    if not where:
+        raise ResultsError(f"{path}: its loops came from no campaign folder, so it cannot be loaded without them")
+    source = read_campaign(where)
+    every = {x.file: x for x in source.loops(**settings["loops"])}
+    wanted = json.loads(stored["loops"])
+    if missing := [file for file in wanted if file not in every]:
+        raise ResultsError(f"{path}: the campaign {where} no longer has {missing[0]}; name the right campaign")
+    loops = tuple(every[file] for file in wanted)
+    problem = _same_problem(path, loops, settings, stored)
+    with xr.open_dataset(path, engine="h5netcdf", group="unconstrained_posterior") as group:
+        z = np.stack([group[name].values for name in problem.names], axis=2)
+    with xr.open_dataset(path, engine="h5netcdf", group="sample_stats") as group:
+        log_prob = group["lp"].values
+    return Posterior(
+        problem=problem, campaign=source, loops=loops, z=z, log_prob=log_prob, walkers=int(stored["walkers"]),
+        thin=int(stored["thin"]), point=_point_of(json.loads(stored["point"])), seed=int(stored["seed"]),
+        converged=bool(stored["converged"]), message=str(stored["message"]), config=settings,
+        versions=json.loads(stored["versions"]), timings=json.loads(stored["timings"]),
+        convergence=tuple(ConvergenceRow(**row) for row in json.loads(stored["convergence"])))
+
+
+def _same_problem(path: Path, loops: tuple, settings: Mapping[str, Any], stored: Mapping[str, Any]) -> Problem:
+    from .defaults import Scales
+
+    problem = make_problem(loops, settings, scales=Scales(**json.loads(stored["scales"])))
+    then, now = json.loads(stored["fingerprint"]), problem.fingerprint()
+    for part in now:
+        if then.get(part) != now[part]:
+            raise ResultsError(f"{path}: its {part} is not what the campaign and this version give now; "
+                               "identify again, or give the campaign it was made from")
+    return problem
+
+
+def _replace(path: Path, content: bytes) -> None:
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        beside.write_bytes(content)
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)

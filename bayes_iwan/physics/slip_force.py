@@ -1,0 +1,311 @@
+"""The distribution of the elements' slip forces φ at rest (α = 1), by family.
+
+A family turns its numbers into what the sliders stage needs: for each draw a table of the limited mean
+L(φ) = E[min(Φ, φ)] = ∫₀^φ S, with S the survival function, as cubics over cells that are equal within each octave of φ
+(so a gamma component a thousand times smaller than another is still resolved). Gamma mixtures (Eq. 10) take L from one
+table of the unit gamma over (η^¼, x^¼), blended along η^¼, so no incomplete gamma function is evaluated per draw.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Protocol
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from .sliders import OCTAVES
+
+_jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+
+Array = NDArray[np.float64]
+Numbers = Mapping[str, Array]
+
+#: cells an octave: gamma mixtures, and families with a kink in S or a width of their own
+CELLS, FINE_CELLS = 16, 64
+#: shapes η that the unit-gamma table covers; beyond them the table, and so the force, is NaN
+ETA_MIN, ETA_MAX = 0.1, 80.0
+_ROWS, _COLUMNS = 160, 128
+_ROW_AT = np.linspace(ETA_MIN**0.25, ETA_MAX**0.25, _ROWS)
+_REACH = 3.4                                      # the unit gamma's survival at (√η + 3.4)² is below 1e-7
+_COLUMN_STEP = math.sqrt(math.sqrt(ETA_MAX) + _REACH) / (_COLUMNS - 1)
+
+
+def _nodes(cells: int) -> Array:
+    """Ends of the table's cells in shares of its top, (OCTAVES * cells + 1,)."""
+    octave, place = np.divmod(np.arange(OCTAVES * cells + 1), cells)
+    return np.ldexp(1.0 + place / cells, octave - OCTAVES)
+
+
+class SlipForce(Protocol):
+    """A family of slip-force distributions; `names` are the numbers it reads, in order, `units` their units."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def units(self) -> tuple[str, ...]: ...
+
+    def table(self, numbers: Numbers) -> tuple[Array, Array]:
+        """Coefficients (draws, cells, 4) of L's cubics in N, and the φ (draws,) in N where S has died out."""
+
+    def survival(self, phi: Array, numbers: Numbers) -> Array:
+        """S(φ) = P(Φ > φ), shape (draws, len(phi)); phi in N."""
+
+    def density(self, phi: Array, numbers: Numbers) -> Array:
+        """Density φ̃(φ) in 1/N, shape (draws, len(phi))."""
+
+    def mean(self, numbers: Numbers) -> Array:
+        """Mean slip force in N, shape (draws,)."""
+
+
+@cache
+def _unit_gamma() -> Array:
+    """(η^¼ rows, 2, x^¼ columns): L(x) of the unit gamma, and its derivative per column step."""
+    eta = (_ROW_AT**4)[:, None]
+    s = np.arange(_COLUMNS) * _COLUMN_STEP
+    x = s**4
+    upper = special.gammaincc(eta, x)             # Q on its own: 1 − P would lose the tail
+    return np.stack([x * upper + eta * special.gammainc(eta + 1.0, x), 4.0 * s**3 * upper * _COLUMN_STEP], axis=1)
+
+
+@_jit
+def _cubics(limited, survival, width, top, out):
+    """Hermite cubics from L and S at the nodes, (draws, cells + 1); width : (cells,) in shares of top."""
+    for d in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            h = width[j] * top[d]
+            rise = limited[d, j + 1] - limited[d, j]
+            slope, slope_1 = h * survival[d, j], h * survival[d, j + 1]
+            out[d, j, 0], out[d, j, 1] = limited[d, j], slope
+            out[d, j, 2], out[d, j, 3] = 3.0 * rise - 2.0 * slope - slope_1, slope + slope_1 - 2.0 * rise
+
+
+def _closed_form(limited, survival, top: Array) -> tuple[Array, Array]:
+    """A table from closed forms limited(φ), survival(φ), with φ (draws, nodes)."""
+    nodes = _nodes(FINE_CELLS)
+    out = np.empty((len(top), len(nodes) - 1, 4))
+    with np.errstate(all="ignore"):               # a draw with numbers that make no sense gets NaN, not a warning
+        phi = nodes * top[:, None]
+        _cubics(limited(phi), survival(phi), np.diff(nodes), top, out)
+    return out, top
+
+
+@_jit
+def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inverse, top, limited, survival):
+    """L and S of mixtures at the nodes: blend the unit table along η^¼ (cubic), read it along (φ/t)^¼ (Hermite)."""
+    draws, components = t.shape
+    nodes, columns = root.size, unit.shape[2]
+    for d in range(draws):
+        row = np.empty((2, columns))
+        top[d] = 0.0
+        for i in range(components):
+            end = t[d, i] * (math.sqrt(eta[d, i]) + reach) ** 2
+            if not end <= top[d]:                 # so that NaN is passed on
+                top[d] = end
+        for j in range(nodes):
+            limited[d, j] = survival[d, j] = 0.0
+        for i in range(components):
+            at = (math.sqrt(math.sqrt(eta[d, i])) - row_0) / row_step
+            if not (0.0 < t[d, i] < math.inf and -1e-9 <= at <= unit.shape[0] - 1 + 1e-9):
+                limited[d, :] = math.nan
+                break
+            first = min(max(int(at) - 1, 0), unit.shape[0] - 4)
+            w = at - first
+            a = -(w - 1.0) * (w - 2.0) * (w - 3.0) / 6.0
+            b = w * (w - 2.0) * (w - 3.0) / 2.0
+            c = -w * (w - 1.0) * (w - 3.0) / 2.0
+            e = w * (w - 1.0) * (w - 2.0) / 6.0
+            last = min(int(math.sqrt(math.sqrt(eta[d, i]) + reach) / column_step) + 1, columns - 1)
+            for m in range(2):
+                for j in range(last + 1):
+                    row[m, j] = (a * unit[first, m, j] + b * unit[first + 1, m, j]
+                                 + c * unit[first + 2, m, j] + e * unit[first + 3, m, j])
+            stride = math.sqrt(math.sqrt(top[d] / t[d, i])) / column_step
+            value_scale = g[d, i] * t[d, i]
+            slope_scale = g[d, i] / (4.0 * column_step**4 * stride**3)
+            for j in range(nodes):
+                s = root[j] * stride
+                if s >= last:
+                    limited[d, j] += value_scale * row[0, last]
+                    continue
+                p = int(s)
+                w = s - p
+                rise = row[0, p + 1] - row[0, p]
+                c2 = 3.0 * rise - 2.0 * row[1, p] - row[1, p + 1]
+                c3 = row[1, p] + row[1, p + 1] - 2.0 * rise
+                limited[d, j] += value_scale * (row[0, p] + w * (row[1, p] + w * (c2 + w * c3)))
+                survival[d, j] += slope_scale * inverse[j] * (row[1, p] + w * (2.0 * c2 + w * 3.0 * c3))
+
+
+@dataclass(frozen=True)
+class Gammas:
+    """Mixture of gamma densities, Eq. (10): scales t (N), shapes η, weights g with Σg = 1."""
+
+    components: int = 3
+
+    @property
+    def name(self) -> str:
+        return f"gamma{self.components}"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        each = range(1, self.components + 1)
+        return (*(f"t{i}_N" for i in each), *(f"eta{i}" for i in each), *(f"g{i}" for i in each))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return ("N",) * self.components + ("-",) * (2 * self.components)
+
+    def _arrays(self, numbers: Numbers) -> tuple[Array, Array, Array]:
+        each = range(1, self.components + 1)
+        t, eta, g = (np.stack([numbers[f"{p}{i}{u}"] for i in each], axis=1)
+                     for p, u in (("t", "_N"), ("eta", ""), ("g", "")))
+        return t, eta, g
+
+    def table(self, numbers: Numbers) -> tuple[Array, Array]:
+        t, eta, g = self._arrays(numbers)
+        nodes = _nodes(CELLS)
+        limited, survival, top = np.empty((len(t), len(nodes))), np.empty((len(t), len(nodes))), np.empty(len(t))
+        _gamma_nodes(t, eta, g, _unit_gamma(), _ROW_AT[0], _ROW_AT[1] - _ROW_AT[0], _COLUMN_STEP, _REACH,
+                     nodes**0.25, nodes**-0.75, top, limited, survival)
+        out = np.empty((len(t), len(nodes) - 1, 4))
+        _cubics(limited, survival, np.diff(nodes), top, out)
+        return out, top
+
+    def survival(self, phi: Array, numbers: Numbers) -> Array:
+        t, eta, g = (a[:, :, None] for a in self._arrays(numbers))
+        return np.sum(g * special.gammaincc(eta, np.asarray(phi) / t), axis=1)
+
+    def density(self, phi: Array, numbers: Numbers) -> Array:
+        t, eta, g = (a[:, :, None] for a in self._arrays(numbers))
+        x = np.asarray(phi) / t
+        return np.sum(g * np.exp(special.xlogy(eta - 1.0, x) - x - special.gammaln(eta)) / t, axis=1)
+
+    def mean(self, numbers: Numbers) -> Array:
+        t, eta, g = self._arrays(numbers)
+        return np.sum(g * t * eta, axis=1)
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Uniform between mean·(1 − width) and mean·(1 + width), 0 < width ≤ 1 (Iwan 1966; width = 1 starts at zero)."""
+
+    name = "uniform"
+    names = ("slip_mean_N", "slip_width")
+    units = ("N", "-")
+
+    @staticmethod
+    def _ends(numbers: Numbers) -> tuple[Array, Array]:
+        mean, width = numbers["slip_mean_N"][:, None], numbers["slip_width"][:, None]
+        return mean * (1.0 - width), mean * (1.0 + width)
+
+    def survival(self, phi: Array, numbers: Numbers) -> Array:
+        low, high = self._ends(numbers)
+        return np.clip((high - phi) / (high - low), 0.0, 1.0)
+
+    def density(self, phi: Array, numbers: Numbers) -> Array:
+        low, high = self._ends(numbers)
+        return np.where((phi >= low) & (phi <= high), 1.0 / (high - low), 0.0)
+
+    def mean(self, numbers: Numbers) -> Array:
+        return numbers["slip_mean_N"]
+
+    def table(self, numbers: Numbers) -> tuple[Array, Array]:
+        low, high = self._ends(numbers)
+
+        def limited(phi: Array) -> Array:
+            inside = np.clip(phi, low, high)
+            return np.minimum(phi, low) + ((high - low) ** 2 - (high - inside) ** 2) / (2.0 * (high - low))
+
+        return _closed_form(limited, lambda phi: self.survival(phi, numbers), high[:, 0].copy())
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """Normal density cut off below zero and renormalised; numbers are those of the uncut normal."""
+
+    name = "gaussian"
+    names = ("slip_centre_N", "slip_sd_N")
+    units = ("N", "N")
+
+    @staticmethod
+    def _scaled(phi: Array, numbers: Numbers) -> tuple[Array, Array, Array]:
+        centre, sd = numbers["slip_centre_N"][:, None], numbers["slip_sd_N"][:, None]
+        return (phi - centre) / sd, sd, special.ndtr(centre / sd)
+
+    def survival(self, phi: Array, numbers: Numbers) -> Array:
+        z, _, kept = self._scaled(phi, numbers)
+        return special.ndtr(-z) / kept
+
+    def density(self, phi: Array, numbers: Numbers) -> Array:
+        z, sd, kept = self._scaled(phi, numbers)
+        return np.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * sd * kept)
+
+    def mean(self, numbers: Numbers) -> Array:
+        far = (numbers["slip_centre_N"] + 40.0 * numbers["slip_sd_N"])[:, None]
+        return self._limited(far, numbers)[:, 0]
+
+    def _limited(self, phi: Array, numbers: Numbers) -> Array:
+        def partial(z: Array) -> Array:           # ∫ survival of the unit normal up to z, less a constant
+            return z * special.ndtr(-z) - np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+
+        z, sd, kept = self._scaled(phi, numbers)
+        zero = self._scaled(np.zeros((1, 1)), numbers)[0]
+        return sd * (partial(z) - partial(zero)) / kept
+
+    def table(self, numbers: Numbers) -> tuple[Array, Array]:
+        top = np.maximum(numbers["slip_centre_N"], 0.0) + 6.5 * numbers["slip_sd_N"]
+        return _closed_form(lambda phi: self._limited(phi, numbers), lambda phi: self.survival(phi, numbers), top)
+
+
+@dataclass(frozen=True)
+class PowerLaw:
+    """Segalman's density (J. Appl. Mech. 72, 2005): ∝ φ^χ up to φ_max, χ > −1 (singular at the origin for χ < 0),
+    and a share `slip_end_share` of elements that all slip at φ_max."""
+
+    name = "power_law"
+    names = ("slip_max_N", "slip_chi", "slip_end_share")
+    units = ("N", "-", "-")
+
+    @staticmethod
+    def _columns(numbers: Numbers) -> tuple[Array, Array, Array]:
+        top, chi, share = (numbers[n][:, None] for n in PowerLaw.names)
+        return top, chi + 1.0, share
+
+    def survival(self, phi: Array, numbers: Numbers) -> Array:
+        top, power, share = self._columns(numbers)
+        return np.where(phi < top, 1.0 - (1.0 - share) * np.minimum(np.asarray(phi) / top, 1.0) ** power, 0.0)
+
+    def density(self, phi: Array, numbers: Numbers) -> Array:
+        """The continuous part only; the share at φ_max has no density."""
+        top, power, share = self._columns(numbers)
+        x = np.maximum(np.asarray(phi) / top, 1e-12)
+        return np.where(x < 1.0, (1.0 - share) * power * x ** (power - 1.0) / top, 0.0)
+
+    def mean(self, numbers: Numbers) -> Array:
+        top, power, share = (a[:, 0] for a in self._columns(numbers))
+        return top * (1.0 - (1.0 - share) / (power + 1.0))
+
+    def table(self, numbers: Numbers) -> tuple[Array, Array]:
+        top, power, share = self._columns(numbers)
+
+        def limited(phi: Array) -> Array:
+            return phi - (1.0 - share) * top * np.minimum(phi / top, 1.0) ** (power + 1.0) / (power + 1.0)
+
+        def survival(phi: Array) -> Array:        # one-sided at φ_max: the last node belongs to the table's inside
+            return 1.0 - (1.0 - share) * np.minimum(phi / top, 1.0) ** power
+
+        return _closed_form(limited, survival, top[:, 0].copy())
+
+
+_ALL: tuple[SlipForce, ...] = (Gammas(1), Gammas(2), Gammas(3), Uniform(), Gaussian(), PowerLaw())
+FAMILIES: dict[str, SlipForce] = {family.name: family for family in _ALL}

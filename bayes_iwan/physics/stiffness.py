@@ -1,0 +1,87 @@
+"""The elements' stiffness as a function of the normal force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import pointwise
+
+Array = NDArray[np.float64]
+Numbers = Mapping[str, Array]
+
+
+class Stiffness(Protocol):
+    """A law for k(α); `names` are the numbers it reads."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    def k(self, numbers: Numbers, alpha: Array) -> Array:
+        """Stiffness in N/mm, shaped as alpha (draws, loops, samples)."""
+
+
+@dataclass(frozen=True)
+class ConstantStiffness:
+    """k = k1 whatever the normal force."""
+
+    name = "constant"
+    names = ("k1_N_mm",)
+
+    def k(self, numbers: Numbers, alpha: Array) -> Array:
+        return np.broadcast_to(numbers["k1_N_mm"][:, None, None], alpha.shape).copy()
+
+
+@dataclass(frozen=True)
+class Saturating:
+    """Eq. (12), k = k_u(1 − exp(−k_i α/k_u)), by k1 = k(1) and stiffness_bend z = k_i/k_u > 0."""
+
+    name = "saturating"
+    names = ("k1_N_mm", "stiffness_bend")
+
+    def k(self, numbers: Numbers, alpha: Array) -> Array:
+        out = np.empty_like(alpha)
+        bend = numbers["stiffness_bend"]
+        pointwise.saturating(alpha, numbers["k1_N_mm"] / -np.expm1(-bend), bend, out)
+        return out
+
+
+def paper_stiffness(numbers: Numbers) -> dict[str, Array]:
+    """The paper's k_i and k_u (N/mm) from k1 and z."""
+    final = numbers["k1_N_mm"] / -np.expm1(-numbers["stiffness_bend"])
+    return {"ki_N_mm": final * numbers["stiffness_bend"], "ku_N_mm": final}
+
+
+def from_paper_stiffness(ki, ku) -> dict[str, Array]:
+    """k1 and z from the paper's k_i and k_u (N/mm)."""
+    ki, ku = (np.atleast_1d(np.asarray(x, float)) for x in (ki, ku))
+    return {"k1_N_mm": -ku * np.expm1(-ki / ku), "stiffness_bend": ki / ku}
+
+
+def elasticity(bend: Array) -> Array:
+    """d ln k / d ln α at α = 1, in (0, 1): z/(e^z − 1). Unlike z it is what loops determine."""
+    return bend / np.expm1(bend)
+
+
+def bend_of_elasticity(value: Array) -> Array:
+    """The inverse of :func:`elasticity` by Newton's method on ln; value in (0, 1)."""
+    target = np.log(value)
+    # close starts at both ends: z ≈ 2(1 − ε) for ε → 1, z ≈ −ln ε + ln z for ε → 0
+    z = np.where(value > 0.5, 2.0 * (1.0 - value), -target + np.log(np.maximum(1.5 - target, 1.0)))
+    z = np.maximum(z, 1e-9)
+    for _ in range(30):
+        slope = 1.0 / z - 1.0 / -np.expm1(-z)
+        step = (np.log(z / np.expm1(z)) - target) / np.where(np.abs(slope) > 0, slope, -0.5)
+        z = np.maximum(z - step, 0.1 * z)
+    return z
+
+
+_ALL: tuple[Stiffness, ...] = (ConstantStiffness(), Saturating())
+LAWS: dict[str, Stiffness] = {law.name: law for law in _ALL}

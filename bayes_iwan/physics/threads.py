@@ -1,0 +1,39 @@
+"""Draws shared out over threads, a few at a time."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numba as nb
+
+#: samples of all draws and loops that go through together: what lies between stages stays in the processor's cache
+CHUNK = 1 << 16
+#: fewer samples than this are not worth a second thread
+ALONE = 1 << 14
+
+
+@cache
+def _pool(threads: int, process: int) -> ThreadPoolExecutor:
+    """Threads of this process: a forked child would find its parent's dead, so the process is part of the key."""
+    return ThreadPoolExecutor(threads, thread_name_prefix="physics")
+
+
+def over_draws(work: Callable[[slice], None], draws: int, samples: int) -> None:
+    """Call work(part) for parts of range(draws) that make it up, `samples` being those of one draw.
+
+    Uses as many threads as numba is set to (`numba.set_num_threads`, NUMBA_NUM_THREADS). numba's own prange is not
+    used: it is slow to compile, breaks forked workers, and one of its layers aborts when two threads enter it.
+    Raises what `work` raises.
+    """
+    threads = nb.get_num_threads() if draws * samples > ALONE else 1
+    together = max(1, min(CHUNK // samples, -(-draws // threads)))
+    parts = [slice(first, first + together) for first in range(0, draws, together)]
+    if threads == 1 or len(parts) == 1:
+        for part in parts:
+            work(part)
+    else:
+        deque(_pool(threads, os.getpid()).map(work, parts), maxlen=0)

@@ -1,0 +1,167 @@
+"""Checks of the predictive distribution: p-values per loop region, leave-one-out probability integral transform."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy import special
+from scipy.special import logsumexp
+
+from ..campaign import Loop
+from ..inference.likelihood import paper_weights
+from ..inference.pareto import smooth_log_weights
+from .loops import test_name
+from .predictive import Predictive, predict
+from .style import BLUE, ORANGE, RED, styled, subplots
+
+Array = NDArray[np.float64]
+
+REGIONS = ("after lower\nreversal", "stretching,\nmid-stroke", "before upper\nreversal", "after upper\nreversal",
+           "shortening,\nmid-stroke", "before lower\nreversal")
+
+
+def region_of(displacement_mm: Array) -> NDArray[np.int64]:
+    """The region of each sample of a loop (samples,), an index of REGIONS: by direction and third of the stroke."""
+    u = np.asarray(displacement_mm, dtype=float)
+    n = len(u)
+    low, high = int(np.argmin(u)), int(np.argmax(u))
+    rising = (np.arange(n) - low) % n < (high - low) % n
+    third = np.clip(((u - u.min()) / max(float(np.ptp(u)), 1e-300) * 3.0).astype(int), 0, 2)
+    return np.where(rising, third, 5 - third)
+
+
+@dataclass(frozen=True)
+class RegionChecks:
+    """Posterior predictive p-values: the chance that a loop of the model's own would miss by more than the measured
+    one does, mean square in the region, (tests, regions). Near 0: the model misses there more than it admits."""
+
+    loops: tuple[Loop, ...]
+    p_value: Array
+
+
+def region_checks(posterior: Any, predictive: Predictive | None = None) -> RegionChecks:
+    """p-values per test and loop region, residuals of each draw against replicates of the same draw.
+
+    Residuals are taken about their mean over the loop: the force channel's zero drifts, and would drown the regions.
+    """
+    p = predict(posterior, n=800) if predictive is None else predictive
+    observed, again = p.measured_N - p.force_N, p.loop_N - p.force_N
+    observed = (observed - observed.mean(axis=-1, keepdims=True)) ** 2
+    again = (again - again.mean(axis=-1, keepdims=True)) ** 2
+    out = np.empty((len(p.loops), len(REGIONS)))
+    for t in range(len(p.loops)):
+        region = region_of(p.displacement_mm[t])
+        for r in range(len(REGIONS)):
+            here = region == r
+            out[t, r] = np.mean(again[:, t, here].mean(axis=1) >= observed[:, t, here].mean(axis=1))
+    return RegionChecks(p.loops, out)
+
+
+@styled
+def regions_figure(posterior: Any, checks: RegionChecks | None = None) -> Figure:
+    """Predictive p-values by test and loop region, the number in each cell; low ones (misfit) orange and bold."""
+    checks = region_checks(posterior) if checks is None else checks
+    n = len(checks.loops)
+    figure, axes = subplots(1, 1, 7.2, 0.3 * n + 1.2)
+    ax = axes[0, 0]
+    colours = LinearSegmentedColormap.from_list("p", [(0.0, RED), (0.05, ORANGE), (0.12, "#FFFFFF"), (0.88, "#FFFFFF"),
+                                                      (1.0, BLUE)])
+    ax.pcolormesh(np.arange(len(REGIONS) + 1), np.arange(n + 1), checks.p_value, cmap=colours, vmin=0, vmax=1,
+                  edgecolors="white", linewidth=1.0, alpha=0.55)
+    for t in range(n):
+        for r in range(len(REGIONS)):
+            value = checks.p_value[t, r]
+            ax.text(r + 0.5, t + 0.5, f"{value:.2f}" if value >= 0.01 else "< 0.01", ha="center", va="center",
+                    fontsize=7.5, weight="bold" if value < 0.05 or value > 0.95 else "normal")
+    ax.set_xticks(np.arange(len(REGIONS)) + 0.5, REGIONS)
+    ax.set_yticks(np.arange(n) + 0.5, [test_name(x) for x in checks.loops])
+    ax.set_ylim(n, 0)
+    ax.grid(visible=False)
+    ax.tick_params(length=0)
+    for side in ax.spines.values():
+        side.set_visible(False)
+    ax.set_title("chance that the model's own loops miss by more than the measured one", loc="left")
+    return figure
+
+
+@dataclass(frozen=True)
+class LooPit:
+    """pit : (data,) probability integral transform of each datum given all others, uniform if the predictive
+    distribution is right. pareto_k : (points,) of the leave-one-out weights; above 0.7 a point's value is doubtful."""
+
+    pit: Array
+    pareto_k: Array
+
+
+def loo_pit(posterior: Any, n: int = 600) -> LooPit:
+    """LOO-PIT by Pareto-smoothed importance sampling, on the likelihood's own independent data.
+
+    These are the rotated, whitened harmonics for the correlated likelihood (real and imaginary part of one left out
+    together) and the loop's samples for the independent ones.
+    """
+    problem = posterior.problem
+    z = posterior.flat_z(n)
+    numbers = problem.numbers(z)
+    residual = problem.residual(z)
+    log_p = problem.likelihood.pointwise(residual, numbers)
+    if problem.likelihood.name == "correlated":
+        rows = problem.likelihood.rows(residual, numbers)
+        parts = rows.reshape(len(z), 2, -1)       # real parts, imaginary parts; padding is zero in every draw
+        used = np.any(parts[:, 0] != 0.0, axis=0)
+        probability = special.ndtr(parts[:, :, used])
+        there = np.any(parts[:, 1][:, used] != 0.0, axis=0)
+    else:
+        weight = paper_weights(problem.motion.displacement_mm[0], problem.motion.amplitude_mm)
+        weight = weight / weight.mean(axis=1, keepdims=True)
+        scaled = residual / numbers["noise_N"][:, None, None]
+        if problem.likelihood.name == "laplace":
+            scaled = scaled * weight
+            tail = 0.5 * np.exp(-np.abs(scaled))
+            cdf = np.where(scaled < 0, tail, 1.0 - tail)
+        else:
+            cdf = special.ndtr(scaled * np.sqrt(weight))
+        probability = cdf.reshape(len(z), 1, -1)
+        there = np.zeros(probability.shape[2], dtype=bool)
+    if probability.shape[2] != log_p.shape[1]:
+        raise ValueError(f"LOO-PIT: {probability.shape[2]} data but {log_p.shape[1]} log-likelihoods")
+    pit = [np.empty(log_p.shape[1]) for _ in range(probability.shape[1])]
+    k = np.empty(log_p.shape[1])
+    for i in range(log_p.shape[1]):
+        log_w, k[i] = smooth_log_weights(-log_p[:, i])
+        w = np.exp(log_w - logsumexp(log_w))
+        for part in range(probability.shape[1]):
+            pit[part][i] = w @ probability[:, part, i]
+    values = pit[0] if len(pit) == 1 else np.r_[pit[0], pit[1][there]]
+    return LooPit(values, k)
+
+
+@styled
+def loo_pit_figure(posterior: Any, result: LooPit | None = None) -> Figure:
+    """The distribution of the LOO-PIT against the uniform one: histogram, and the distribution function less uniform
+    with the band that 95 % of right models stay within."""
+    result = loo_pit(posterior) if result is None else result
+    pit = np.sort(result.pit)
+    n = len(pit)
+    figure, axes = subplots(1, 2, 7.2, 2.7)
+    left, right = axes[0]
+    bins = 20
+    left.hist(pit, bins=bins, range=(0, 1), color=BLUE, alpha=0.6, density=True)
+    half = 1.96 * np.sqrt((bins - 1) / n)
+    left.axhspan(1 - half, 1 + half, color="#777777", alpha=0.2, linewidth=0)
+    left.axhline(1.0, color="#777777", linewidth=0.7)
+    left.set_title("a. histogram (grey: 95 % of each bar)", loc="left")
+    left.set_xlabel("LOO-PIT")
+    left.set_ylabel("density")
+    bound = 1.358 / np.sqrt(n)                    # Kolmogorov's 95 % point
+    right.fill_between([0, 1], [-bound, -bound], [bound, bound], color="#777777", alpha=0.2, linewidth=0)
+    right.step(np.r_[0, pit, 1], np.r_[0, np.arange(1, n + 1) / n, 1] - np.r_[0, pit, 1], where="post", color=BLUE)
+    right.axhline(0.0, color="#777777", linewidth=0.7)
+    right.set_title("b. distribution function − uniform (grey: 95 %)", loc="left")
+    right.set_xlabel("LOO-PIT")
+    right.set_ylabel("difference")
+    return figure

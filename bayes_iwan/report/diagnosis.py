@@ -1,0 +1,67 @@
+"""A diagnosis as files: `diagnosis.json`, `fits.json`, the page and the figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..gap.diagnosis import BASES, Diagnosis, diagnose_folder, write_json
+from ..gap.findings import pictures
+from ..gap.residuals import residual_of
+from ..gap.where import where
+from ..inference.config import read_config
+from . import gap_figures
+from .diagnosis_page import write_diagnosis_page, write_figures
+
+
+def diagnosis_figures(found: Diagnosis, answer: dict[str, Any]) -> dict[str, Figure]:
+    """Every figure of a diagnosis by name; answer : its `as_dict()`."""
+    drawn = pictures(found.residual, found.where, found.before)
+    out = gap_figures.figures_of_gap(drawn)
+    verdict = answer["verdict"]
+    out["probabilities"] = gap_figures.probabilities_figure(answer["probabilities"], verdict["cannot_tell_apart"])
+    worst = int(np.argmax(drawn["gap_N"]))
+    after = None
+    if found.explanations and verdict["cause"] not in ("none", "unknown"):
+        lead = found.explanations[0]
+        cause = " + ".join(lead.names)
+        after = where(residual_of(found.data, lead.fit), found.seed, simulations=200).phase_N
+        out["before_after"] = gap_figures.before_after_figure(drawn["names"], drawn["residual_N"], after,
+                                                              drawn["expected_N"], cause)
+        out["moved"] = gap_figures.moved_figure(lead.moved)
+    out["headline"] = gap_figures.headline_figure(answer["probabilities"], drawn["names"][worst],
+                                                  drawn["residual_N"][worst], drawn["expected_N"][worst],
+                                                  None if after is None else after[worst],
+                                                  "" if after is None else verdict["cause"].replace("_", " "))
+    if found.explanations:
+        out["shrink"] = gap_figures.shrink_figure([(" + ".join(x.names), *x.shrink,
+                                                    None if x.unseen is None else x.unseen.shrink)
+                                                   for x in found.explanations])
+    return out
+
+
+def diagnose_campaign(campaign: str | Path, out: str | Path, *, seed: int = 0, quick: bool = False,
+                      base: str = "generalized", config: str | Path | None = None,
+                      effects_file: str | Path | None = None) -> dict[str, Any]:
+    """Diagnose a campaign folder and write everything into `out`; returns what `diagnosis.json` holds.
+
+    base : a name of :data:`bayes_iwan.gap.diagnosis.BASES`; config : TOML file as for `identify`; effects_file : a
+    user's own effects. Raises ValueError (and its kinds) with one line that names what is wrong and the mend.
+    """
+    if base not in BASES:
+        raise ValueError(f"--base {base}: not known; choose one of {', '.join(BASES)}")
+    if config is not None and base != "generalized":
+        raise ValueError(f"--base {base} and --config both choose a model; leave one of them out")
+    chosen = read_config(config) if config is not None else {"model": BASES[base]}
+    found, fits = diagnose_folder(campaign, seed=seed, quick=quick, config=chosen, effects_file=effects_file)
+    answer = found.as_dict()
+    folder = Path(out)
+    write_json(folder / "fits.json", fits)
+    write_json(folder / "diagnosis.json", answer)
+    figures = diagnosis_figures(found, answer)
+    write_diagnosis_page(answer, figures, folder / "diagnosis.html", found.about())
+    write_figures(figures, folder / "figures")
+    return answer

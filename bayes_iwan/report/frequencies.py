@@ -1,0 +1,116 @@
+"""Figures and tables of each frequency alone beside all together."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ..inference.per_frequency import Frequencies
+from ..inference.posterior import Posterior
+from .loops import test_name
+from .marginals import interval, number, symbol_of
+from .predictive import loop_numbers
+from .style import BLACK, GREEN, MODEL, RED, styled, subplots
+from .tables import Table, spread
+
+Array = NDArray[np.float64]
+
+
+def _draws(posterior: Posterior, name: str) -> Array:
+    return np.asarray(posterior.quantities()[name].values, dtype=float)
+
+
+@styled
+def wander_figure(frequencies: Frequencies) -> Figure:
+    """Each determined quantity from each frequency alone (points with 50 and 90 % intervals) over the joint posterior
+    (band); the posterior check's p-value in the title, in red and marked where the frequencies do not agree."""
+    checks = frequencies.checks
+    hz = frequencies.hz
+    many = len(hz) > 4
+    columns = min(3 if many else 4, len(checks))
+    rows = math.ceil(len(checks) / columns)
+    wide, tall = (2.7, 1.95) if many else (2.0, 1.75)
+    figure, axes = subplots(rows, columns, wide * columns + 0.3, tall * rows + 0.3)
+    places = np.arange(len(hz))
+    for ax, check in zip(axes.ravel(), checks):
+        joint = np.quantile(_draws(frequencies.joint, check.name), [0.05, 0.25, 0.5, 0.75, 0.95])
+        ax.axhspan(joint[0], joint[4], color=MODEL, alpha=0.2, linewidth=0)
+        ax.axhspan(joint[1], joint[3], color=MODEL, alpha=0.3, linewidth=0)
+        for x, name in zip(places, frequencies.groups):
+            if name not in frequencies.alone:
+                ax.errorbar(x, check.estimate[x], yerr=1.645 * check.error[x], color="#555555", marker="s",
+                            markerfacecolor="white", markersize=4.5, elinewidth=1.0)
+                continue
+            posterior = frequencies.alone[name]
+            low, first, middle, third, high = np.quantile(_draws(posterior, check.name), [0.05, 0.25, 0.5, 0.75, 0.95])
+            ax.plot([x, x], [low, high], color=BLACK, linewidth=1.0)
+            ax.plot([x, x], [first, third], color=BLACK, linewidth=3.2, solid_capstyle="butt")
+            ax.plot(x, middle, "o", color="white", markeredgecolor=BLACK, markersize=4.5)
+        bad = check.p_value < 0.05
+        p = f"{check.p_value:.2f}" if check.p_value >= 0.01 else "< 0.01"
+        unit = f" ({check.unit})" if check.unit not in ("", "-") else ""
+        ax.set_title(f"{symbol_of(frequencies.joint, check.name)}{unit}", loc="left")
+        ax.set_title(("✗ " if bad else "") + f"p {'=' if p[0] != '<' else ''} {p}".replace("  ", " "), loc="right",
+                     fontsize=7.5, color=RED if bad else GREEN)
+        ax.set_xticks(places, [f"{f:.3g}" for f in hz], rotation=45 if many else 0)
+        ax.set_xlim(-0.5, len(hz) - 0.5)
+        ax.grid(axis="x", visible=False)
+        ax.locator_params(axis="y", nbins=4)
+    for ax in axes.ravel()[len(checks):]:
+        ax.remove()
+    figure.supxlabel("frequency (Hz)", fontsize=9)
+    return figure
+
+
+def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
+    """Columns and rows of a page's table: quantity, all tests, each frequency, p. Estimates are marked ~."""
+    columns = ["quantity", "all tests", *(f"{f:.3g} Hz alone" for f in frequencies.hz), "agreement p"]
+    rows = []
+    for check in frequencies.checks:
+        unit = f" ({check.unit})" if check.unit not in ("", "-") else ""
+        cells = [symbol_of(frequencies.joint, check.name) + unit,
+                 "{} [{}, {}]".format(*interval(_draws(frequencies.joint, check.name)))]
+        for i, name in enumerate(frequencies.groups):
+            if name in frequencies.alone:
+                cells.append("{} [{}, {}]".format(*interval(_draws(frequencies.alone[name], check.name))))
+            else:
+                middle, half = float(check.estimate[i]), 1.645 * float(check.error[i])
+                cells.append(f"~ {number(middle, half)} [{number(middle - half, half)}, {number(middle + half, half)}]")
+        rows.append([*cells, f"{check.p_value:.2f}" if check.p_value >= 0.01 else "< 0.01"])
+    return columns, rows
+
+
+def loop_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
+    """Columns and rows: energy, stiffness, loss factor of each test: measured, from all tests, from its frequency."""
+    columns = ["test"]
+    for title in ("energy (mJ)", "stiffness (N/mm)", "loss factor"):
+        columns += [f"{title}, measured", "all tests", "its frequency alone"]
+    rows = []
+    for group, posterior in frequencies.alone.items():
+        for loop in frequencies.groups[group]:
+            measured = loop_numbers(loop.displacement_mm, loop.force_N)
+            cells = [test_name(loop)]
+            for name, value in (("dissipated_energy_mJ", measured.energy_mJ),
+                                ("equivalent_stiffness_N_mm", measured.stiffness_N_mm),
+                                ("loss_factor", measured.loss_factor)):
+                draws = [_draws(p, f"{name}[{loop.file}]") for p in (frequencies.joint, posterior)]
+                width = float(np.ptp(np.quantile(draws[0], [0.05, 0.95])))
+                cells += [number(float(value), width), *("{} [{}, {}]".format(*interval(d)) for d in draws)]
+            rows.append(cells)
+    return columns, rows
+
+
+def frequencies_table(frequencies: Frequencies) -> Table:
+    """Every quantity of every frequency alone and of all tests, for per_frequency.csv."""
+    rows = []
+    p = {c.name: c.p_value for c in frequencies.checks}
+    for label, posterior in (("all", frequencies.joint), *frequencies.alone.items()):
+        for name, quantity in posterior.quantities().items():
+            rows.append((label, name, quantity.unit, *spread(np.asarray(quantity.values, dtype=float)),
+                         float(p.get(name, float("nan")))))
+    return Table("per_frequency", "Each frequency alone and all together",
+                 ("frequency", "name", "unit", "mean", "sd", "q05", "q25", "median", "q75", "q95", "agreement_p"),
+                 tuple(rows))

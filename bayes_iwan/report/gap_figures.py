@@ -1,0 +1,369 @@
+"""Figures of a diagnosis: where the gap is, which cause is likely, how far it shrinks. All take plain arrays.
+
+Arguments named as in `bayes_iwan.gap.findings.pictures`: T tests, n samples a cycle, phase 0 the upward crossing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from .style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, points, series, styled, subplots
+
+Array = NDArray[np.float64]
+
+#: measured above the model is red, below it blue; equal is a grey that still shows on paper
+_DIVERGING = "RdBu_r"
+_TEST_MARKERS = "osD^v<>PX*"
+
+
+def _panels(count: int, width: float = 2.5, height: float = 2.2) -> tuple[Figure, list[Axes]]:
+    columns = min(4 if count % 3 else 3, count)
+    rows = math.ceil(count / columns)
+    figure, axes = subplots(rows, columns, max(width * columns + 0.9, 4.5), height * rows + 0.6)
+    flat = list(axes.ravel())
+    for ax in flat[count:]:
+        ax.remove()
+    return figure, flat[:count]
+
+
+def _strength(residual: Array) -> float:
+    return max(float(np.quantile(np.abs(residual), 0.995)), 1e-12)
+
+
+@styled
+def gap_loops_figure(names: Sequence[str], displacement_mm: Array, force_N: Array, residual_N: Array,
+                     shares: Sequence[float] | None = None) -> Figure:
+    """Every test's measured loop, its colour and thickness telling what the model misses there; (T, n) arrays."""
+    figure, axes = _panels(len(names))
+    limit = _strength(residual_N)
+    norm = TwoSlopeNorm(0.0, -limit, limit)
+    colours = colormaps[_DIVERGING]
+    for t, ax in enumerate(axes):
+        closed = np.r_[np.arange(displacement_mm.shape[1]), 0]
+        u, f, r = displacement_mm[t, closed], force_N[t, closed], residual_N[t, closed]
+        ax.plot(u, f, color="#BBBBBB", linewidth=0.8, zorder=1)
+        pieces = np.stack([np.stack([u[:-1], f[:-1]], axis=1), np.stack([u[1:], f[1:]], axis=1)], axis=1)
+        between = 0.5 * (r[:-1] + r[1:])
+        lines = LineCollection(list(pieces), colors=colours(norm(between)), zorder=2,
+                               linewidths=0.8 + 4.0 * np.minimum(np.abs(between) / limit, 1.0))
+        ax.add_collection(lines)
+        share = "" if shares is None else f": {_percent(shares[t])}"
+        ax.set_title(f"{names[t]}{share}", loc="left")
+        ax.locator_params(nbins=4)
+    figure.supxlabel("displacement (mm)", fontsize=9)
+    figure.supylabel("measured force (N)", fontsize=9)
+    bar = figure.colorbar(_mappable(norm), ax=axes, shrink=0.8, pad=0.02)
+    bar.set_label("measured − model (N)")
+    return figure
+
+
+def _mappable(norm: TwoSlopeNorm) -> Any:
+    from matplotlib.cm import ScalarMappable
+
+    return ScalarMappable(norm, colormaps[_DIVERGING])
+
+
+@styled
+def gap_map_figure(names: Sequence[str], residual_N: Array, expected_N: Array, displacement_mm: Array,
+                   sticking: Array | None = None) -> Figure:
+    """What is missed along the cycle (across) in each test (down), in units of what a right model would leave.
+
+    Above: the displacement. sticking (T, n) marks where half of the elements have begun to slip.
+    """
+    tests, n = residual_N.shape
+    ratio = residual_N / np.maximum(expected_N, 1e-12)
+    limit = max(4.0, float(np.quantile(np.abs(ratio), 0.98)))
+    figure, axes = subplots(2, 1, 7.0, 1.9 + 0.27 * tests, sharex=True, height_ratios=[1.0, max(0.35 * tests, 1.5)])
+    top, ax = axes[:, 0]
+    phase = (np.arange(n) + 0.5) / n
+    u = displacement_mm / np.abs(displacement_mm).max(axis=1, keepdims=True)
+    top.plot(phase, u.mean(axis=0), color=BLACK)
+    top.set_ylabel("u / A")
+    top.set_yticks([-1, 0, 1])
+    mesh = ax.pcolormesh(np.arange(n + 1) / n, np.arange(tests + 1), ratio, cmap=_DIVERGING,
+                         norm=TwoSlopeNorm(0.0, -limit, limit), rasterized=True)
+    if sticking is not None:
+        for t in range(tests):
+            slipping = np.flatnonzero((sticking[t] < 0.5) & (np.roll(sticking[t], 1) >= 0.5))
+            ax.plot(slipping / n, np.full(len(slipping), t + 0.5), "k|", markersize=8, markeredgewidth=1.2)
+    ax.set_yticks(np.arange(tests) + 0.5, list(names))
+    ax.invert_yaxis()
+    ax.grid(False)
+    ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0\nmiddle, up", "¼\nupper end", "½\nmiddle, down", "¾\nlower end", "1"])
+    ax.set_xlabel("phase of the cycle" + ("" if sticking is None else "   ( | : from here on most elements slip)"))
+    bar = figure.colorbar(mesh, ax=list(axes[:, 0]), pad=0.02)
+    bar.set_label("missed force over\nwhat a right model leaves")
+    return figure
+
+
+@styled
+def gap_harmonics_figure(names: Sequence[str], in_phase_N: Array, quadrature_N: Array, expected_N: Array) -> Figure:
+    """Residual harmonics of every test in step with displacement and velocity, (T, orders + 1), order 0 left out.
+
+    Grey: what a right model would leave, twice its standard deviation.
+    """
+    orders = np.arange(1, in_phase_N.shape[1])
+    figure, axes = subplots(1, 2, 7.4, 3.3, sharey=True)
+    offsets = np.linspace(-0.34, 0.34, len(names))
+    reach = 2.0 * expected_N[:, 1:].max(axis=0)
+    shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
+    for ax, values, title in ((axes[0, 0], in_phase_N, "with the displacement (stiffness)"),
+                              (axes[0, 1], quadrature_N, "with the velocity (damping)")):
+        ax.bar(orders, 2.0 * reach, 0.86, bottom=-reach, color="#D9D9D9", label="a right model leaves (2 sd)", zorder=0)
+        for t, name in enumerate(names):
+            ax.vlines(orders + offsets[t], 0.0, values[t, 1:], color=shades[t], linewidth=1.0)
+            ax.plot(orders + offsets[t], values[t, 1:], linestyle="none", color=shades[t],
+                    **{"marker": _TEST_MARKERS[t % 10], "markersize": 3.2}, label=name)
+        ax.axhline(0.0, color=BLACK, linewidth=0.6)
+        ax.set_title(title, loc="left")
+        ax.set_xticks(orders)
+        ax.set_xlabel("harmonic")
+        ax.grid(axis="x", visible=False)
+    axes[0, 0].set_ylabel("measured − model (N)")
+    if len(names) <= 24:
+        handles, labels = axes[0, 1].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside right upper", fontsize=7)
+    return figure
+
+
+@styled
+def gap_growth_figure(frequency_hz: Array, amplitude_mm: Array, gap_N: Array, low_N: Array, high_N: Array,
+                      significant: Array | None = None) -> Figure:
+    """The gap of each test against frequency and against amplitude, with 90 % intervals (T,); open: no finding."""
+    figure, axes = subplots(1, 2, 7.0, 3.0, sharey=True)
+    found = np.ones(len(gap_N), dtype=bool) if significant is None else np.asarray(significant)
+    floor = max(float(np.min(np.where(gap_N > 0, gap_N, np.inf))), 1e-9) if np.any(gap_N > 0) else 1e-6
+    pairs = ((axes[0, 0], frequency_hz, amplitude_mm, "frequency (Hz)", "mm"),
+             (axes[0, 1], amplitude_mm, frequency_hz, "amplitude (mm)", "Hz"))
+    for ax, x, other, label, unit in pairs:
+        groups = _groups(other)
+        for i, (value, members) in enumerate(groups):
+            at = members[np.argsort(x[members])]
+            y = np.maximum(gap_N[at], 0.5 * floor)
+            style = points(i)
+            ax.plot(x[at], y, color=style["color"], linewidth=0.8, linestyle=series(i)["linestyle"])
+            ax.errorbar(x[at], y, np.maximum([y - np.maximum(low_N[at], 0.3 * floor), high_N[at] - y], 0.0),
+                        linestyle="none", color=style["color"], elinewidth=0.8)
+            for k, t in enumerate(at):
+                ax.plot(x[t], y[k], linestyle="none", markerfacecolor=style["color"] if found[t] else "white", **style)
+            ax.plot([], [], label=f"{value:.3g} {unit}", linestyle=series(i)["linestyle"], **style)
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+        ticks = sorted({float(f"{v:.2g}") for v in x})
+        ax.set_xticks(ticks, [f"{v:g}" for v in ticks])
+        ax.minorticks_off()
+        ax.set_xlabel(label)
+        ax.legend(fontsize=7)
+    axes[0, 0].set_ylabel("gap (N RMS)")
+    return figure
+
+
+def _groups(values: Array) -> list[tuple[float, NDArray[np.int64]]]:
+    """Values that are the same to a few percent, with the indices of each group."""
+    order = np.argsort(values)
+    starts = np.flatnonzero(np.diff(np.log(values[order])) > 0.06) + 1
+    return [(float(np.median(values[part])), part) for part in np.split(order, starts)]
+
+
+@styled
+def gap_cycles_figure(names: Sequence[str], cycle: Sequence[Array], along_N: Sequence[Array], low_N: Sequence[Array],
+                      high_N: Sequence[Array]) -> Figure:
+    """The gap block by block along each record, with 90 % intervals; a missing cause that evolves shows as a slope."""
+    figure, axes = subplots(1, 1, 6.4, 3.3)
+    ax = axes[0, 0]
+    shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
+    for t, name in enumerate(names):
+        ax.plot(cycle[t], along_N[t], label=name, marker=_TEST_MARKERS[t % 10], markersize=3.5, color=shades[t])
+        ax.fill_between(cycle[t], low_N[t], high_N[t], color=shades[t], alpha=0.15, linewidth=0)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("cycle number (mean of each block of cycles)")
+    ax.set_ylabel("gap (N RMS)")
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
+    return figure
+
+
+@styled
+def gap_regions_figure(regions: Sequence[tuple[str, float, float, float, float, float, bool]]) -> Figure:
+    """Gap in each part of the loop with its 90 % interval; dashed: were it spread evenly. Rows (name, gap, low, high,
+    share of the gap, share of the time, significant)."""
+    figure, axes = subplots(1, 1, 6.6, 0.27 * len(regions) + 0.9)
+    ax = axes[0, 0]
+    y = np.arange(len(regions))[::-1]
+    whole = float(np.sqrt(np.mean([g * g * t / max(s, 1e-12) for _, g, _, _, s, t, _ in regions if s > 0.05] or [0.0])))
+    for k, (_name, gap, low, high, share, _time, found) in zip(y, regions):
+        ax.plot([low, high], [k, k], color=BLUE if found else PRIOR, linewidth=2.2)
+        ax.plot(gap, k, "o", color=BLUE if found else PRIOR, markerfacecolor=BLUE if found else "white")
+        ax.annotate(f"{100 * share:.0f} %", (1.01, k), xycoords=("axes fraction", "data"), va="center", fontsize=7.5)
+    ax.axvline(whole, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
+    ax.set_yticks(y, [x[0] for x in regions])
+    ax.set_xlim(left=0.0)
+    ax.set_xlabel("gap there (N RMS); at the right its share of the whole; dashed: the whole loop")
+    return figure
+
+
+@styled
+def probabilities_figure(probabilities: Mapping[str, float], cannot_tell_apart: Sequence[str] = (),
+                         not_testable: Sequence[str] = (), most: int = 10) -> Figure:
+    """Probability of each cause, "none" and "unknown" among them; hatched: cannot be told apart from the leader."""
+    ranked = sorted(probabilities.items(), key=lambda x: -x[1])
+    keep = [x for x in ranked if x[0] in ("none", "unknown") or x[1] >= 0.005][:most]
+    keep += [x for x in ranked if x[0] in ("none", "unknown") and x not in keep]
+    figure, axes = subplots(1, 1, 6.2, 0.3 * len(keep) + 0.8)
+    ax = axes[0, 0]
+    y = np.arange(len(keep))[::-1]
+    for i, (k, (name, p)) in enumerate(zip(y, keep)):
+        colour = {"none": GREEN, "unknown": ORANGE}.get(name, BLUE)
+        ax.barh(k, p, 0.68, color=colour, alpha=0.85, hatch="///" if i and name in cannot_tell_apart else None,
+                edgecolor="white")
+        ax.annotate(f"{p:.2f}" if p >= 0.005 else "< 0.01", (p, k), xytext=(3, 0), textcoords="offset points",
+                    va="center", fontsize=7.5)
+    ax.set_yticks(y, [_words(name) for name, _ in keep])
+    ax.set_xlim(0.0, 1.08)
+    ax.set_xticks(np.linspace(0, 1, 6))
+    ax.set_xlabel("probability")
+    ax.grid(axis="y", visible=False)
+    rest = 1.0 - sum(p for _, p in keep)
+    note = [f"all others together: {rest:.2f}"] if rest > 0.005 else []
+    if any(name in cannot_tell_apart for name, _ in keep[1:]):
+        note.append("hatched: these tests cannot tell it from the first")
+    if note:
+        ax.set_title("; ".join(note), loc="right", fontsize=7.5, color="#555555")
+    return figure
+
+
+@styled
+def before_after_figure(names: Sequence[str], before_N: Array, after_N: Array, expected_N: Array, cause: str) -> Figure:
+    """Residual along the cycle with the base model and with the cause in it, (T, n); grey: what a right model leaves.
+    """
+    figure, axes = _panels(len(names), height=1.7)
+    phase = np.arange(before_N.shape[1]) / before_N.shape[1]
+    for t, ax in enumerate(axes):
+        ax.fill_between(phase, -2 * expected_N[t], 2 * expected_N[t], color="#D9D9D9", linewidth=0,
+                        label="a right model leaves (2 sd)")
+        ax.plot(phase, before_N[t], color=RED, linestyle=(0, (5, 1.5)), label="without the cause")
+        ax.plot(phase, after_N[t], color=BLUE, label=f"with {_words(cause)}")
+        ax.set_title(names[t], loc="left")
+        ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
+        ax.locator_params(axis="y", nbins=4)
+    figure.supxlabel("phase of the cycle (0: upward through the middle)", fontsize=9)
+    figure.supylabel("measured − model (N)", fontsize=9)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure
+
+
+@styled
+def headline_figure(probabilities: Mapping[str, float], name: str, before_N: Array, expected_N: Array,
+                    after_N: Array | None = None, cause: str = "") -> Figure:
+    """The answer in one picture: the likeliest causes, and the worst test's residual (n,) with and without one."""
+    figure, axes = subplots(1, 2, 7.6, 2.7, width_ratios=[1.0, 1.25])
+    ax, right = axes[0]
+    keep = sorted(probabilities.items(), key=lambda x: -x[1])[:5]
+    y = np.arange(len(keep))[::-1]
+    ax.barh(y, [p for _, p in keep], 0.66, color=[{"none": GREEN, "unknown": ORANGE}.get(n, BLUE) for n, _ in keep])
+    for k, (_, p) in zip(y, keep):
+        ax.annotate(f"{p:.2f}" if p >= 0.005 else "< 0.01", (p, k), xytext=(3, 0), textcoords="offset points",
+                    va="center", fontsize=7.5)
+    ax.set_yticks(y, [n.replace("_", " ") for n, _ in keep])
+    ax.set_xlim(0.0, 1.15)
+    ax.set_xticks([0.0, 0.5, 1.0])
+    ax.set_title("probability of each cause", loc="left")
+    ax.grid(axis="y", visible=False)
+    phase = np.arange(len(before_N)) / len(before_N)
+    right.fill_between(phase, -2 * expected_N, 2 * expected_N, color="#D9D9D9", linewidth=0,
+                       label="a right model leaves (2 sd)")
+    right.plot(phase, before_N, color=RED, linestyle=(0, (5, 1.5)), label="model alone")
+    if after_N is not None:
+        right.plot(phase, after_N, color=BLUE, label=f"with {_words(cause) if cause else 'the likeliest cause'}")
+    right.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
+    right.set_xlabel("phase of the cycle")
+    right.set_ylabel("measured − model (N)")
+    right.set_title(f"where it shows most: {name}", loc="left")
+    low, high = right.get_ylim()
+    right.set_ylim(low, high + 0.38 * (high - low))
+    right.legend(loc="upper center", ncols=2, fontsize=7)
+    return figure
+
+
+@styled
+def shrink_figure(rows: Sequence[tuple[str, float, float, float, float | None]],
+                  ceiling: float | None = None) -> Figure:
+    """Shrink of the gap by cause: (name, value, low, high, on tests left out or None), shares of one."""
+    rows = [r for r in rows if all(math.isfinite(x) for x in r[1:4])]
+    figure, axes = subplots(1, 1, 6.2, 0.36 * max(len(rows), 1) + 1.0)
+    ax = axes[0, 0]
+    y = np.arange(len(rows))[::-1]
+    least = 0.0
+    for i, (k, (_name, value, low, high, unseen)) in enumerate(zip(y, rows)):
+        ax.plot([low, high], [k, k], color=BLUE, linewidth=2.2)
+        ax.plot(value, k, "o", color=BLUE, label=None if i else "on the fitted tests, 90 % interval")
+        least = min(least, low)
+        if unseen is not None and math.isfinite(unseen):
+            ax.plot(max(unseen, -1.0), k - 0.22, "D", color=RED, markerfacecolor="white", markersize=5)
+            least = min(least, max(unseen, -1.0))
+    if any(r[4] is not None and math.isfinite(r[4]) for r in rows):
+        ax.plot([], [], "D", color=RED, markerfacecolor="white", label="on tests left out of the fit")
+    if ceiling is not None:
+        ax.axvline(ceiling, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="the most any cause could")
+    ax.axvline(0.0, color=BLACK, linewidth=0.6)
+    ax.set_yticks(y, [_words(r[0]) for r in rows])
+    ax.set_ylim(-0.7, max(len(rows), 1) - 0.4)
+    ax.set_xlim(min(-0.05, 1.05 * least), 1.03)
+    ax.set_xlabel("shrink of the gap: 1 − gap after / gap before")
+    figure.legend(loc="outside upper center", ncols=3, fontsize=7.5)
+    return figure
+
+
+@styled
+def moved_figure(moved: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """Change of each of the specimen's numbers once the cause is in, in standard deviations."""
+    names = list(moved)
+    change = [(moved[n]["after"] - moved[n]["before"]) / max(moved[n]["sd"], 1e-300) for n in names]
+    figure, axes = subplots(1, 1, 6.2, 0.25 * len(names) + 0.8)
+    ax = axes[0, 0]
+    y = np.arange(len(names))[::-1]
+    ax.axvspan(-1, 1, color="#E8E8E8", linewidth=0)
+    ax.axvline(0.0, color=BLACK, linewidth=0.6)
+    ax.hlines(y, 0.0, change, color=BLUE, linewidth=1.2)
+    ax.plot(change, y, "o", color=BLUE)
+    ax.set_yticks(y, names)
+    ax.set_ylim(-0.6, len(names) - 0.4)
+    ax.set_xlabel("change in standard deviations (grey: within one)")
+    return figure
+
+
+def figures_of_gap(pictures: Mapping[str, Any]) -> dict[str, Figure]:
+    """All figures of the gap itself, by name, from `bayes_iwan.gap.findings.pictures`."""
+    p = pictures
+    out = {
+        "gap_loops": gap_loops_figure(p["names"], p["displacement_mm"], p["force_N"], p["residual_N"],
+                                      list(p["gap_N"] / p["friction_N"])),
+        "gap_map": gap_map_figure(p["names"], p["residual_N"], p["expected_N"], p["displacement_mm"], p["sticking"]),
+        "gap_regions": gap_regions_figure(p["regions"]),
+        "gap_harmonics": gap_harmonics_figure(p["names"], p["in_phase_N"], p["quadrature_N"], p["expected_harmonic_N"]),
+        "gap_growth": gap_growth_figure(p["frequency_hz"], p["amplitude_mm"], p["gap_N"], p["gap_low_N"],
+                                        p["gap_high_N"], p["significant"]),
+    }
+    if any(len(x) > 1 for x in p["cycle"]):
+        out["gap_cycles"] = gap_cycles_figure(p["names"], p["cycle"], p["along_N"], p["along_low_N"],
+                                              p["along_high_N"])
+    return out
+
+
+def _words(name: str) -> str:
+    return {"none": "none: the model suffices", "unknown": "unknown: not in the catalogue"}.get(
+        name, name.replace("_", " "))
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if share < 0.1 else f"{100 * share:.0f} %"

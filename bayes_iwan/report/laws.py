@@ -1,0 +1,130 @@
+"""Figures of the identified laws with their uncertainty: the paper's Figs. 8 (slip forces), 9 (k(α)), 10 (α(u))."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ..physics import sine_motion
+from .style import PRIOR, band, series, styled, subplots
+
+Array = NDArray[np.float64]
+
+
+def _numbers(posterior: Any, n: int = 400) -> dict[str, Array]:
+    numbers: dict[str, Array] = posterior.problem.numbers(posterior.flat_z(n))
+    return numbers
+
+
+def _prior_numbers(posterior: Any, n: int = 400, seed: int = 0) -> dict[str, Array]:
+    z = posterior.problem.prior.draw(np.random.default_rng([seed, 41]), n)
+    numbers: dict[str, Array] = posterior.problem.numbers(z)
+    return numbers
+
+
+def _reach(posterior: Any, numbers: dict[str, Array]) -> float:
+    """Slip force that nearly all elements stay below, N."""
+    family = posterior.problem.model.slip_family
+    phi = np.linspace(0.0, 12.0 * posterior.problem.scales.slip_N, 500)
+    survival = np.median(family.survival(phi, numbers), axis=0)
+    return float(phi[min(int(np.searchsorted(-survival, -0.01)), len(phi) - 1)])
+
+
+@styled
+def slip_density_figure(posterior: Any, prior: bool = True) -> Figure:
+    """Fig. 8: the density of slip forces, and beside it the cumulative share of elements, which loops determine."""
+    numbers = _numbers(posterior)
+    family = posterior.problem.model.slip_family
+    phi = np.linspace(0.0, _reach(posterior, numbers), 241)[1:]
+    figure, axes = subplots(1, 2, 7.2, 3.1)
+    left, right = axes[0]
+    density = family.density(phi, numbers)
+    below = 1.0 - family.survival(phi, numbers)
+    band(left, phi, density, label="posterior")
+    band(right, phi, below, label="posterior")
+    if prior:
+        from_prior = _prior_numbers(posterior)
+        for ax, draws in ((left, family.density(phi, from_prior)), (right, 1.0 - family.survival(phi, from_prior))):
+            low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95], axis=0)
+            ax.plot(phi, middle, color=PRIOR, linestyle=(0, (4, 2)), linewidth=0.9, label="prior, median and 90 %")
+            ax.plot(phi, low, color=PRIOR, linestyle=(0, (1, 1.5)), linewidth=0.8)
+            ax.plot(phi, high, color=PRIOR, linestyle=(0, (1, 1.5)), linewidth=0.8)
+    # the density may be singular at the origin: show what carries weight
+    left.set_ylim(0.0, 1.35 * float(np.quantile(density[:, len(phi) // 12 :], 0.98)))
+    right.set_ylim(0.0, 1.02)
+    left.set_title("a. density", loc="left")
+    left.set_ylabel("density of slip forces (1/N)")
+    right.set_title("b. cumulative", loc="left")
+    right.set_ylabel("share of elements below")
+    for ax in (left, right):
+        ax.set_xlabel("slip force at rest φ (N)")
+        ax.set_xlim(0.0, float(phi[-1]))
+    right.legend(loc="lower right")
+    return figure
+
+
+def _alpha_range(posterior: Any, numbers: dict[str, Array]) -> tuple[float, float]:
+    """The α that the measured loops visit, by the median draw."""
+    alpha = np.median(posterior.problem.model.alpha(numbers, posterior.problem.motion), axis=0)
+    return float(alpha.min()), float(alpha.max())
+
+
+@styled
+def stiffness_figure(posterior: Any, prior: bool = True) -> Figure:
+    """Fig. 9: the elements' stiffness against the relative normal force; shaded where the tests went."""
+    numbers = _numbers(posterior)
+    law = posterior.problem.model.stiffness_law
+    low, high = _alpha_range(posterior, numbers)
+    alpha = np.linspace(0.0, max(1.2, 1.25 * high), 121)
+    figure, axes = subplots(1, 1, 4.6, 3.1)
+    ax = axes[0, 0]
+    ax.axvspan(low, high, color="#F3EFDD", linewidth=0, label="α in the tests")
+
+    def k(of: dict[str, Array]) -> Array:
+        return law.k(of, np.broadcast_to(alpha, (len(of["kp_N_mm"]), 1, len(alpha))))[:, 0]
+
+    drawn = k(numbers)
+    band(ax, alpha, drawn, label="posterior")
+    ax.set_ylim(0.0, 1.15 * float(np.quantile(drawn, 0.99)))
+    if prior:
+        spread = np.quantile(k(_prior_numbers(posterior)), [0.05, 0.5, 0.95], axis=0)
+        dots: tuple = (0, (1, 1.5))
+        for line, dash, label in zip(spread, (dots, (0, (4, 2)), dots), (None, "prior, median and 90 %", None)):
+            ax.plot(alpha, line, color=PRIOR, linestyle=dash, linewidth=0.9, label=label)
+    ax.set_xlim(0.0, float(alpha[-1]))
+    ax.set_xlabel("relative normal force α (-)")
+    ax.set_ylabel("element stiffness k(α) (N/mm)")
+    ax.legend(loc="lower right")
+    return figure
+
+
+@styled
+def grip_figure(posterior: Any) -> Figure:
+    """Fig. 10: relative normal force along the largest stroke, on the way out and back, at each frequency tested."""
+    problem = posterior.problem
+    numbers = _numbers(posterior)
+    amplitude = problem.scales.length_mm
+    frequencies = sorted({round(float(f), 3) for f in problem.motion.frequency_hz})
+    if len(frequencies) > 4:                      # lines beyond that cannot be told apart
+        frequencies = [frequencies[i] for i in np.linspace(0, len(frequencies) - 1, 4).astype(int)]
+    samples = 128
+    motion = sine_motion(np.full(len(frequencies), amplitude), np.array(frequencies), samples)
+    alpha = problem.model.alpha(numbers, motion)
+    u = motion.displacement_mm[0, 0]
+    figure, axes = subplots(1, 2, 7.2, 3.1, sharey=True)
+    up = np.r_[np.arange(3 * samples // 4, samples), np.arange(samples // 4 + 1)]
+    down = np.arange(samples // 4, 3 * samples // 4 + 1)
+    for ax, branch, title in zip(axes[0], (up, down), ("a. stretching (u rising)", "b. shortening (u falling)")):
+        for i, f in enumerate(frequencies):
+            style = series(i)
+            band(ax, u[branch], alpha[:, i, branch], style["color"], levels=(0.9,), line=style["linestyle"],
+                 label=f"{f:.3g} Hz")
+        ax.axhline(1.0, color="#777777", linewidth=0.6)
+        ax.set_title(title, loc="left")
+        ax.set_xlabel("displacement u (mm)")
+    axes[0, 0].set_ylabel("relative normal force α (-)")
+    axes[0, 1].legend(loc="best")
+    return figure

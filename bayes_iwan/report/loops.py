@@ -1,0 +1,182 @@
+"""Figures of loops: measured cycles, predictive bands, residuals; one panel a test."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from ..campaign import Loop
+from .predictive import Predictive, measured_cycles, predict
+from .style import BLACK, MODEL, band, series, styled, subplots
+
+Array = NDArray[np.float64]
+
+
+def test_name(loop: Loop, role: bool = True) -> str:
+    """'10 Hz, 0.3 mm', with '(held out)' where it was; nominal values, and other stated numbers if there are any."""
+    name = f"{loop.record.frequency_hz:g} Hz, {loop.record.amplitude_mm:g} mm"
+    extras = ", ".join(f"{key} {value:g}" for key, value in list(loop.extras.items())[:1])
+    name += f", {extras}" if extras else ""
+    return name + (" (held out)" if role and loop.role == "held-out" else "")
+
+
+def _grid(loops: Sequence[Loop]) -> tuple[int, int, list[int]]:
+    """Rows, columns and each test's place: frequency by amplitude where that fills a grid, else in order."""
+    f = sorted({x.record.frequency_hz for x in loops})
+    a = sorted({x.record.amplitude_mm for x in loops})
+    cells = [f.index(x.record.frequency_hz) * len(a) + a.index(x.record.amplitude_mm) for x in loops]
+    if len(f) * len(a) == len(loops) == len(set(cells)) and len(a) in (2, 3, 4):
+        return len(f), len(a), cells
+    columns = min(3, len(loops))
+    return math.ceil(len(loops) / columns), columns, list(range(len(loops)))
+
+
+def _panels(loops: Sequence[Loop], height: float, share_x: bool = False) -> tuple[Figure, list[Axes]]:
+    rows, columns, cells = _grid(loops)
+    tall = height * rows + 0.7 if rows > 1 else max(height + 0.7, 3.2)
+    figure, axes = subplots(rows, columns, 3.1 * columns + 0.4 if columns > 1 else 5.0, tall, sharex=share_x)
+    flat = list(axes.ravel())
+    for i, ax in enumerate(flat):
+        if i not in cells:
+            ax.remove()
+    return figure, [flat[c] for c in cells]
+
+
+def _branches(displacement_mm: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sample indices upward from the lowest point and downward from the highest, both ends included."""
+    n = len(displacement_mm)
+    low, high = int(np.argmin(displacement_mm)), int(np.argmax(displacement_mm))
+    up = (low + np.arange((high - low) % n + 1)) % n
+    down = (high + np.arange((low - high) % n + 1)) % n
+    return up, down
+
+
+def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = True, color: str = MODEL) -> None:
+    """One test's loop on `ax`: measured cycles in grey, bands of one more cycle, median, measured average."""
+    loop = p.loops[t]
+    line = np.polyfit(p.displacement_mm[t], p.spring_N[t], 1) if friction else np.zeros(2)
+    if cycles:
+        for u, force in measured_cycles(loop, 12):
+            ax.plot(u, force - p.zero_N[t] - np.polyval(line, u), color="#9A9A9A", linewidth=0.5, rasterized=True,
+                    zorder=1)
+    off = np.polyval(line, p.displacement_mm[t])
+    for branch in _branches(p.displacement_mm[t]):
+        u = p.displacement_mm[t, branch]
+        band(ax, u, p.cycle_N[:, t, branch] - off[branch], color, median=False)
+    closed = np.r_[np.arange(len(off)), 0]
+    ax.plot(p.displacement_mm[t, closed], (np.median(p.force_N[:, t], axis=0) - off)[closed], color=color)
+    ax.plot(p.displacement_mm[t, closed], (p.measured_N[t] - off)[closed], color=BLACK, linestyle=(0, (1.2, 1.6)),
+            linewidth=1.1)
+
+
+def _key(figure: Figure, entries: Sequence[tuple[str, dict[str, Any]]]) -> None:
+    handles: list[Any] = [Patch(label=label, **style) if "alpha" in style else Line2D([], [], label=label, **style)
+                          for label, style in entries]
+    most = 5 if figure.get_figwidth() > 6.5 else 3
+    figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), most))
+
+
+@styled
+def loops_figure(posterior: Any, friction: bool = False, loops: Sequence[Loop] | None = None, cycles: bool = True,
+                 predictive: Predictive | None = None) -> Figure:
+    """Every test's measured cycles with the 50 and 90 % posterior predictive bands of one more cycle.
+
+    friction : the total force less the median parallel spring, for measured and predicted alike.
+    """
+    p = predict(posterior, loops) if predictive is None else predictive
+    figure, axes = _panels(p.loops, 2.25)
+    for t, ax in enumerate(axes):
+        draw_loop(ax, p, t, friction, cycles)
+        ax.set_title(test_name(p.loops[t]))
+    figure.supxlabel("displacement u (mm)", fontsize=9)
+    figure.supylabel("friction force (N)" if friction else "force (N)", fontsize=9)
+    entries = [("measured cycles", {"color": "#9A9A9A", "linewidth": 0.8})] if cycles else []
+    entries += [("measured, average", {"color": BLACK, "linestyle": (0, (1.2, 1.6))}),
+                ("model, median", {"color": MODEL}),
+                ("50 % of cycles", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
+                ("90 %", {"color": MODEL, "alpha": 0.22, "linewidth": 0})]
+    _key(figure, entries)
+    return figure
+
+
+@styled
+def residuals_figure(posterior: Any, loops: Sequence[Loop] | None = None,
+                     predictive: Predictive | None = None) -> Figure:
+    """Measured − median prediction along the cycle, with the bands in which an averaged loop was to be expected."""
+    p = predict(posterior, loops) if predictive is None else predictive
+    figure, axes = _panels(p.loops, 1.65, share_x=True)
+    median = np.median(p.force_N, axis=0)
+    for t, ax in enumerate(axes):
+        x = p.loops[t].phase
+        band(ax, x, p.loop_N[:, t] - median[t], median=False)
+        ax.plot(x, p.measured_N[t] - median[t], color=BLACK, linewidth=1.0)
+        ax.axhline(0.0, color="#777777", linewidth=0.6)
+        ax.set_title(test_name(p.loops[t]))
+        ax.set_xlim(0, 1)
+        ax.set_xticks([0, 0.25, 0.5, 0.75, 1.0], ["0", "0.25", "0.5", "0.75", "1"])
+        ax.locator_params(axis="y", nbins=5)
+    figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)", fontsize=9)
+    figure.supylabel("residual: measured − predicted force (N)", fontsize=9)
+    _key(figure, [("residual", {"color": BLACK}), ("50 % expected", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
+                  ("90 % expected", {"color": MODEL, "alpha": 0.22, "linewidth": 0})])
+    return figure
+
+
+def _largest(loops: Sequence[Loop]) -> list[int]:
+    """Tests of the amplitude that most frequencies share (the largest such), by frequency: the paper's choice."""
+    count: dict[float, int] = {}
+    for x in loops:
+        count[x.record.amplitude_mm] = count.get(x.record.amplitude_mm, 0) + 1
+    best = max(count, key=lambda a: (count[a], a))
+    chosen = [t for t, x in enumerate(loops) if x.record.amplitude_mm == best]
+    return sorted(chosen, key=lambda t: loops[t].record.frequency_hz)
+
+
+@styled
+def paper_fig3(posterior: Any, test: int | None = None, predictive: Predictive | None = None) -> Figure:
+    """The paper's Figs. 3 and 7: one test's total force and friction force, with bands (default: mid frequency)."""
+    p = predict(posterior) if predictive is None else predictive
+    chosen = _largest(p.loops)
+    t = chosen[len(chosen) // 2] if test is None else test
+    figure, axes = subplots(1, 2, 7.2, 3.2)
+    for ax, friction, letter in zip(axes[0], (False, True), "ab"):
+        draw_loop(ax, p, t, friction)
+        ax.set_title(f"{letter}. " + ("force without its linear portion" if friction else "total force"), loc="left")
+        ax.set_xlabel("displacement u (mm)")
+        ax.set_ylabel("friction force (N)" if friction else "force (N)")
+    figure.suptitle(test_name(p.loops[t]), fontsize=9.5)
+    return figure
+
+
+@styled
+def frequencies_figure(posterior: Any, predictive: Predictive | None = None, model: bool = True) -> Figure:
+    """The paper's Figs. 4 (`model=False`) and 12: friction loops at one amplitude, every frequency, test and model."""
+    p = predict(posterior) if predictive is None else predictive
+    figure, axes = subplots(1, 1, 5.6, 4.0)
+    ax = axes[0, 0]
+    chosen = _largest(p.loops)
+    for i, t in enumerate(chosen):
+        style = series(i)
+        u, off = p.displacement_mm[t], p.spring_N[t]
+        closed = np.r_[np.arange(len(u)), 0]
+        name = f"{p.loops[t].record.frequency_hz:g} Hz"
+        ax.plot(u[closed], (p.measured_N[t] - off)[closed], color=style["color"], linewidth=1.3, label=f"{name}, test",
+                linestyle="-" if model else style["linestyle"])
+        if model:
+            for branch in _branches(u):
+                band(ax, u[branch], p.force_N[:, t, branch] - off[branch], style["color"], levels=(0.9,), median=False)
+            ax.plot(u[closed], (np.median(p.force_N[:, t], axis=0) - off)[closed], color=style["color"],
+                    linestyle=(0, (4, 2)), label=f"{name}, model")
+    ax.set_xlabel("displacement u (mm)")
+    ax.set_ylabel("friction force (N)")
+    ax.set_title(f"amplitude {p.loops[chosen[0]].record.amplitude_mm:g} mm", loc="left")
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure

@@ -1,0 +1,188 @@
+"""Figures of numbers: prior against posterior with contraction, corner plots."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import corner
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from ..inference.defaults import PAPER_UNITS, paper_numbers
+from ..inference.per_frequency import determined_names
+from .style import MODEL, PRIOR, RC, RED, styled, subplots
+
+Array = NDArray[np.float64]
+
+#: below this contraction the data have hardly said anything of a number
+OPEN = 0.5
+
+
+def contraction(z: Array) -> Array:
+    """1 − posterior variance / prior variance of each coordinate; over z the prior's variance is one. z (…, ndim)."""
+    return 1.0 - np.var(z.reshape(-1, z.shape[-1]), axis=0)
+
+
+def number(x: float, spread: float | None = None) -> str:
+    """A number as a person would write it: digits down to a tenth of its spread (else four digits)."""
+    if not np.isfinite(x):
+        return "–"
+    if spread is None or not np.isfinite(spread) or spread <= 0:
+        return f"{x:.4g}".replace("-", "−")
+    places = int(1 - np.floor(np.log10(spread)))
+    text = f"{x:.{min(max(places, 0), 8)}f}" if 1e-4 < max(abs(x), spread) < 1e6 else f"{x:.3g}"
+    return text.replace("-", "−")
+
+
+def interval(draws: Array, level: float = 0.9) -> tuple[str, str, str]:
+    """Median and central interval of draws as text with the digits that the spread deserves."""
+    draws = draws[np.isfinite(draws)]
+    if not len(draws):
+        return "–", "–", "–"
+    low, middle, high = np.quantile(draws, [0.5 - level / 2, 0.5, 0.5 + level / 2])
+    return number(middle, high - low), number(low, high - low), number(high, high - low)
+
+
+@styled
+def prior_posterior_figure(posterior: Any) -> Figure:
+    """Each sampled number's prior (grey) and posterior (blue) on the prior's own scale, with the contraction.
+
+    What the data left open stands in red with an open circle: its interval is as wide as the prior's.
+    """
+    prior = posterior.problem.prior
+    z = posterior.flat_z(4000)
+    shrunk = contraction(z)
+    values = prior.values(z)
+    n = len(prior.free)
+    figure, axes = subplots(1, 2, 7.6, 0.245 * n + 1.0, width_ratios=(1.35, 1), sharey=True)
+    ax, side = axes[0]
+    ax.axvspan(-1.645, 1.645, color=PRIOR, alpha=0.18, linewidth=0)
+    ax.axvspan(-0.674, 0.674, color=PRIOR, alpha=0.25, linewidth=0)
+    for i, p in enumerate(prior.free):
+        low, first, middle, third, high = np.quantile(z[:, i], [0.05, 0.25, 0.5, 0.75, 0.95])
+        open_ = shrunk[i] < OPEN
+        color = RED if open_ else MODEL
+        ax.plot([low, high], [i, i], color=color, linewidth=1.4, solid_capstyle="butt")
+        ax.plot([first, third], [i, i], color=color, linewidth=4.5, solid_capstyle="butt")
+        ax.plot(middle, i, "o", color=color, markersize=5, markerfacecolor="white" if open_ else color)
+        text = "{} [{}, {}] {}".format(*interval(values[p.name]), p.unit if p.unit != "-" else "")
+        side.text(0.0, i, text, va="center", fontsize=7.5)
+        side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", fontsize=7.5, color=color)
+    side.text(0.0, -1.0, "median [90 % interval]", va="center", fontsize=7.5, weight="bold")
+    side.text(1.0, -1.0, "contraction", va="center", ha="right", fontsize=7.5, weight="bold")
+    side.set_xlim(0, 1)
+    side.axis("off")
+    ax.set_yticks(range(n), [p.symbol for p in prior.free])
+    ax.set_ylim(n - 0.4, -1.5)
+    reach = max(3.0, float(np.quantile(np.abs(z), 0.999)) + 0.3)
+    ax.set_xlim(-reach, reach)
+    ax.grid(axis="y", visible=False)
+    ax.set_xlabel("prior's standard scores (grey: its 50 and 90 % intervals)")
+    return figure
+
+
+def contraction_text(value: float) -> str:
+    """0.42, or 0.9996 for what is all but settled; a posterior wider than its prior shows as 0."""
+    return f"{max(value, 0.0):.2f}" if value < 0.995 else (f"{value:.4f}" if value < 0.9999 else "> 0.9999")
+
+
+def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None = None) -> Figure:
+    """A corner plot of draws by name, (n,) each: 50 and 90 % contours, marginals on the diagonal."""
+    names = [n for n, x in draws.items() if np.all(np.isfinite(x)) and np.ptp(x) > 0]
+    if not names:
+        raise ValueError("corner plot: no number varies among the draws")
+    n = len(names)
+    table = np.stack([draws[k] for k in names])
+    shown = [labels.get(k, k) if labels else k for k in names]
+    ranges = [_range(x) for x in table]
+    size = min(0.95 * n + 1.0, 14.0)
+    with mpl.rc_context({**RC, "axes.grid": False, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5}), \
+            warnings.catch_warnings():
+        warnings.simplefilter("ignore")           # corner's own notes on sparse contours
+        figure = Figure(figsize=(size, size))
+        grid = figure.add_gridspec(n, n, left=0.9 / size, right=1 - 0.15 / size, bottom=0.8 / size,
+                                   top=1 - 0.25 / size, wspace=0.06, hspace=0.06)
+        for i in range(n):                        # the lower triangle alone: empty axes cost as much as full ones
+            for j in range(i + 1):
+                ax = figure.add_subplot(grid[i, j])
+                if i == j:
+                    ax.hist(table[i], bins=30, range=ranges[i], color=MODEL, alpha=0.75, density=True)
+                    ax.set_yticks([])
+                    ax.spines["left"].set_visible(False)
+                    ax.set_title(shown[i], fontsize=8, pad=3)
+                else:
+                    corner.hist2d(table[j], table[i], ax=ax, bins=24, range=[ranges[j], ranges[i]], smooth=1.0,
+                                  levels=(0.5, 0.9), plot_datapoints=False, fill_contours=True, color=MODEL)
+                    ax.set_ylim(ranges[i])
+                ax.set_xlim(ranges[j])
+                ax.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
+                ax.tick_params(axis="x", rotation=50, pad=1, labelbottom=i == n - 1)
+                if i != j:
+                    ax.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
+                    ax.tick_params(axis="y", pad=1, labelleft=j == 0)
+                if i == n - 1:
+                    ax.set_xlabel(shown[j])
+                if j == 0 and i > 0:
+                    ax.set_ylabel(shown[i])
+        figure.align_labels()
+    return figure
+
+
+def _range(x: Array) -> tuple[float, float]:
+    low, high = np.quantile(x, [0.002, 0.998])
+    pad = 0.08 * (high - low) or abs(low) * 1e-3 + 1e-9
+    return float(low - pad), float(high + pad)
+
+
+def symbol_of(posterior: Any, name: str) -> str:
+    """A short sign for a quantity: the parameter's own, or 'φ 25 %' for a quantile of the slip forces."""
+    for p in posterior.problem.prior.parameters:
+        if p.name == name:
+            return str(p.symbol)
+    if name.startswith("slip_force_q"):
+        return f"φ {int(name[12:14])} %"
+    return paper_symbol(name)
+
+
+def identifiable(posterior: Any) -> tuple[dict[str, Array], dict[str, str]]:
+    """Draws and labels of the scalars that loops determine: noise parameters and open shapes are left out, quantiles
+    of the slip force stand for the shapes, which trade off against each other."""
+    found = posterior.quantities()
+    draws, labels = {}, {}
+    for name in determined_names(posterior):
+        draws[name] = np.asarray(found[name].values, dtype=float)
+        unit = found[name].unit
+        labels[name] = symbol_of(posterior, name) + (f" ({unit})" if unit not in ("", "-") else "")
+    return draws, labels
+
+
+def identifiable_corner(posterior: Any) -> Figure:
+    """Corner plot of the identifiable quantities."""
+    return corner_figure(*identifiable(posterior))
+
+
+def paper_corner(posterior: Any, names: Sequence[str] | None = None) -> Figure:
+    """Corner plot of the paper's numbers (Table 1); expect ridges: most of them loops do not determine one by one."""
+    model = posterior.problem.model
+    draws = paper_numbers(model, posterior.problem.numbers(posterior.flat_z(4000)))
+    chosen = {n: draws[n] for n in (draws if names is None else names)}
+    for n in ("kn_1_mm", "lambda_s_m"):           # heavy tails as β → 0: show what 98 % of draws do
+        if n in chosen:
+            chosen[n] = np.clip(chosen[n], *np.quantile(chosen[n], [0.01, 0.99]))
+    labels = {n: paper_symbol(n) + (f" ({PAPER_UNITS[n]})" if n in PAPER_UNITS else "") for n in chosen}
+    return corner_figure(chosen, labels)
+
+
+_SYMBOLS = {"kp_N_mm": "Kp", "ki_N_mm": "ki", "ku_N_mm": "ku", "kn_1_mm": "kₙ", "lambda_s_m": "λ", "beta": "β"}
+
+
+def paper_symbol(name: str) -> str:
+    """The paper's sign for one of its numbers, e.g. 'η2' for 'eta2'."""
+    if name in _SYMBOLS:
+        return _SYMBOLS[name]
+    return name.removesuffix("_N").replace("eta", "η")

@@ -1,0 +1,164 @@
+"""A page that stands alone: sections of text, figures and tables in one HTML file that asks nothing of a network."""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import re
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup, escape
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+
+from .style import RC, replacing, write_text
+
+_ENVIRONMENT = Environment(loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True,
+                           lstrip_blocks=True)
+
+
+def template(name: str, **values: Any) -> Markup:
+    """One of the room's templates, filled in; values are escaped unless they are Markup."""
+    return Markup(_ENVIRONMENT.get_template(name).render(**values))
+
+
+def asset(name: str) -> Markup:
+    """A template file as it stands (style sheets, scripts)."""
+    assert _ENVIRONMENT.loader is not None
+    return Markup(_ENVIRONMENT.loader.get_source(_ENVIRONMENT, name)[0])
+
+
+@dataclass
+class Section:
+    """A heading and what stands below it, in order. Text is escaped; pass Markup for HTML."""
+
+    heading: str
+    anchor: str
+    body: list[Markup] = field(default_factory=list)
+    figures: list[tuple[Figure, str]] = field(default_factory=list)
+
+    def text(self, *paragraphs: str | Markup) -> Section:
+        self.body += [Markup(f"<p>{escape(p)}</p>") for p in paragraphs]
+        return self
+
+    def note(self, text: str | Markup, kind: str = "note") -> Section:
+        """A paragraph that stands out; kind is "note", "good" or "warning"."""
+        self.body.append(Markup(f'<p class="{escape(kind)}">{escape(text)}</p>'))
+        return self
+
+    def heading_below(self, text: str) -> Section:
+        self.body.append(Markup(f"<h3>{escape(text)}</h3>"))
+        return self
+
+    def html(self, markup: Markup) -> Section:
+        self.body.append(markup)
+        return self
+
+    def figure(self, figure: Figure, caption: str, alt: str, png: bool = False, dpi: int = 110) -> Section:
+        """A matplotlib figure, as inline SVG or (png) an embedded picture; alt says what a reader would see in it."""
+        self.figures.append((figure, caption))
+        name = f"{self.anchor}-f{len(self.figures)}"
+        width = figure.get_size_inches()[0]
+        picture = _png(figure, alt, dpi) if png else _svg(figure, name, alt)
+        self.body.append(template("figure.html", picture=picture, caption=caption, width=round(96 * width),
+                                  wide=width > 5.5))
+        return self
+
+    def table(self, columns: Sequence[str], rows: Sequence[Sequence[Any]], caption: str,
+              row_heads: bool = True, fold: bool = False) -> Section:
+        """A table; the first column heads its row. fold : closed until the reader opens it."""
+        numeric = [bool(rows) and all(_numeric(row[i]) for row in rows) for i in range(len(columns))]
+        self.body.append(template("table.html", columns=list(zip(columns, numeric)), rows=rows, caption=caption,
+                                  row_heads=row_heads, fold=fold, numeric=numeric))
+        return self
+
+
+def _numeric(cell: Any) -> bool:
+    return bool(re.fullmatch(r"[−+-]?[\d.,  ]+(?:e[−-]?\d+)?(?: ?[%–±].*)?|–|∞|nan|", str(cell)))
+
+
+class Page:
+    """An HTML page in the making. `write` replaces the file whole or not at all."""
+
+    def __init__(self, title: str, subtitle: str = "", footer: str = "") -> None:
+        self.title, self.subtitle, self.footer = title, subtitle, footer
+        self.sections: list[Section] = []
+        self.scripts: list[Markup] = []
+        self.data: list[tuple[str, Markup]] = []
+
+    def section(self, heading: str) -> Section:
+        """A new section at the end of the page."""
+        anchor = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-") or "section"
+        taken = {s.anchor for s in self.sections}
+        unique = anchor if anchor not in taken else f"{anchor}-{len(taken)}"
+        self.sections.append(Section(heading, unique))
+        return self.sections[-1]
+
+    def script(self, source: Markup, data_id: str | None = None, data_json: str | None = None) -> None:
+        """A script at the end of the page, with JSON in an element of its own (never evaluated)."""
+        self.scripts.append(source)
+        if data_id is not None and data_json is not None:
+            self.data.append((data_id, Markup(data_json.replace("<", "\\u003c"))))
+
+    def html(self) -> str:
+        return str(template("page.html", page=self, css=asset("page.css")))
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        return write_text(path, self.html())
+
+    def write_pdf(self, path: str | os.PathLike[str]) -> Path:
+        """The page's figures with their captions, one a page; tables are in the HTML page and the CSV files."""
+        path = Path(path)
+        with mpl.rc_context(RC), replacing(path) as temporary, \
+                PdfPages(temporary, metadata={"Title": self.title, "CreationDate": None}) as pdf:
+            for section in self.sections:
+                for figure, caption in section.figures:
+                    width = figure.get_size_inches()[0]
+                    text = textwrap.fill(f"{section.heading}. {caption}", int(17 * width))
+                    note = figure.text(0.0, -0.02, text, va="top", ha="left", fontsize=8)
+                    note.set_in_layout(True)
+                    pdf.savefig(figure, bbox_inches="tight", pad_inches=0.4)
+                    note.remove()
+        return path
+
+
+def _svg(figure: Figure, name: str, alt: str) -> Markup:
+    """The figure as an <svg> element whose ids cannot clash with another figure's, coordinates to 0.01 pt."""
+    buffer = io.StringIO()
+    with mpl.rc_context({**RC, "svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.S)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'href="#', f'href="#{name}-', text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    text = re.sub(r'(?<= d=")[^"]+', lambda m: _short(m.group(0)), text)
+    text = re.sub(r"(?<=<use )[^>]+", lambda m: _short(m.group(0)), text)
+    head = re.match(r"<svg[^>]*>", text)
+    assert head is not None
+    box = re.search(r'viewBox="[^"]+"', head.group(0))
+    assert box is not None
+    start = (f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box.group(0)} '
+             f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(alt)}</title>')
+    return Markup(start + re.sub(r"\n\s*", "\n", text[head.end() :]))
+
+
+def _short(text: str) -> str:
+    return re.sub(r"-?\d+\.\d{3,}", lambda m: f"{float(m.group(0)):.2f}", re.sub(r"\s*\n\s*", " ", text))
+
+
+def _png(figure: Figure, alt: str, dpi: int) -> Markup:
+    buffer = io.BytesIO()
+    with mpl.rc_context(RC):
+        figure.savefig(buffer, format="png", dpi=dpi)
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return Markup(f'<img alt="{escape(alt)}" src="data:image/png;base64,{data}">')

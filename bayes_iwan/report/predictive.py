@@ -1,0 +1,109 @@
+"""What a posterior predicts for measured tests: the arrays behind every loop figure, the viewer and the checks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign import Loop
+from ..inference.defaults import loop_energy_mJ, motion_of
+from ..inference.likelihood import make_likelihood
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Predictive:
+    """Predictions for some tests, from `draws` posterior draws; arrays (…, tests, samples), N and mm.
+
+    measured_N : (tests, samples) measured averages less zero_N, (tests,), which makes the mean residual of each test
+        zero: the force channel's zero drifts from test to test, the likelihood gives it no weight, nor do figures.
+    force_N : what the model says, (draws, tests, samples), every draw's mean over a loop moved to their median's.
+    loop_N : the same with the likelihood's noise, as an averaged loop would be measured again.
+    cycle_N : with the cycle-to-cycle scatter on top, as one more cycle would be measured.
+    spring_N : (tests, samples) median parallel spring and force zero. Force less this is the friction force; taking
+        the same line off measured and predicted leaves the residual what it is.
+    """
+
+    loops: tuple[Loop, ...]
+    displacement_mm: Array
+    measured_N: Array
+    force_N: Array
+    loop_N: Array
+    cycle_N: Array
+    spring_N: Array
+    zero_N: Array
+
+    def residual_N(self) -> Array:
+        """Measured − median prediction, (tests, samples)."""
+        return self.measured_N - np.median(self.force_N, axis=0)
+
+
+def predict(posterior: Any, loops: Sequence[Loop] | None = None, n: int = 300, seed: int = 0) -> Predictive:
+    """Predictions from n draws of a posterior for `loops` (default: all of its campaign, held-out tests too)."""
+    problem = posterior.problem
+    chosen = tuple(posterior.loops if loops is None else loops)
+    z = posterior.flat_z(n)
+    numbers = problem.numbers(z)
+    force = problem.model.force(numbers, motion_of(chosen))
+    mean = force.mean(axis=-1, keepdims=True)
+    force += np.median(mean, axis=0) - mean
+    rng = np.random.default_rng([seed, 31])
+    likelihood = make_likelihood(problem.likelihood.name, chosen, problem.scales)
+    loop = force + _resolved(likelihood.replicate(force, numbers, rng) - force, chosen)
+    scatter = np.stack([x.force_scatter_N for x in chosen])
+    u = np.stack([x.displacement_mm for x in chosen])
+    spring = float(np.median(numbers["kp_N_mm"])) * u + float(np.median(numbers["force_zero_N"]))
+    measured = np.stack([x.force_N for x in chosen])
+    zero = np.mean(measured - np.median(force, axis=0), axis=1)
+    return Predictive(chosen, u, measured - zero[:, None], force, loop,
+                      loop + rng.standard_normal(loop.shape) * scatter, spring, zero)
+
+
+def _resolved(noise_N: Array, loops: Sequence[Loop]) -> Array:
+    """Noise without its mean and without harmonics that the sampling cannot resolve: the loop shown has neither."""
+    c = np.fft.rfft(noise_N, axis=-1)
+    for t, loop in enumerate(loops):
+        kept = np.zeros(c.shape[-1])
+        count = min(len(kept), len(loop.noise_N))
+        kept[:count] = np.isfinite(loop.noise_N[:count])
+        kept[0] = 0.0
+        c[:, t] *= kept
+    return np.fft.irfft(c, n=noise_N.shape[-1], axis=-1)
+
+
+@dataclass(frozen=True)
+class LoopNumbers:
+    """What an isolator's designer reads off a loop; arrays shaped as the forces without their last axis.
+
+    energy_mJ : dissipated a cycle, ∮F du. stiffness_N_mm, loss_factor : of the complex stiffness F₁/u₁ at the
+    fundamental, its real part and imaginary over real part.
+    """
+
+    energy_mJ: Array
+    stiffness_N_mm: Array
+    loss_factor: Array
+
+
+def loop_numbers(displacement_mm: Array, force_N: Array) -> LoopNumbers:
+    """Numbers of periodic loops; force (…, tests, samples), displacement (tests, samples) on a uniform phase grid."""
+    first = np.fft.rfft(force_N, axis=-1)[..., 1] / np.fft.rfft(displacement_mm, axis=-1)[..., 1]
+    return LoopNumbers(loop_energy_mJ(displacement_mm, force_N), first.real, first.imag / first.real)
+
+
+def measured_cycles(loop: Loop, most: int = 40) -> list[tuple[Array, Array]]:
+    """Displacement from the loop's middle (mm) and force (N) of single cycles of the record, evenly chosen."""
+    index, phase = loop.averager.index, loop.averager.phase - loop.averager.shift
+    whole = np.floor(phase).astype(int)
+    cycles = [np.flatnonzero(whole == c) for c in np.unique(whole)]
+    cycles = [c for c in cycles if len(c) > 0.8 * len(index) / max(loop.n_cycles, 1)]
+    chosen = np.unique(np.linspace(0, len(cycles) - 1, min(most, len(cycles))).astype(int))
+    out = []
+    for c in chosen:
+        at = index[cycles[c]]
+        out.append((loop.record.displacement_mm[at] - loop.offset_mm, loop.record.force_N[at]))
+    return out

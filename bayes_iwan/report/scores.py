@@ -1,0 +1,26 @@
+"""A scored withheld set as files: table, JSON and figures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from ..gap.scoring import score
+from ..gap.scoring_figures import figures
+from ..gap.stored import find_shrink
+from .diagnosis_page import write_figures
+from .style import write_text
+
+
+def write_score(directory: str | Path, truth: str | Path, *, answers: str | Path | None = None,
+                out: str | Path | None = None) -> str:
+    """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table."""
+    result = score(directory, truth, answers=answers, find_shrink=find_shrink)
+    table = result.table()
+    if out is not None:
+        folder = Path(out)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / "score.txt", table + "\n")
+        write_text(folder / "score.json", json.dumps(result.as_dict(), indent=1) + "\n")
+        write_figures(figures(result), folder)
+    return table

@@ -1,0 +1,124 @@
+"""How every figure looks: colours that colour-blind readers can tell apart, sizes that survive print, files."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import wraps
+from pathlib import Path
+from typing import Any, TypeVar
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Okabe & Ito's palette; never the only sign: lines differ in dash and markers in shape too
+BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
+    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7")
+MEASURED, MODEL, PRIOR = BLACK, BLUE, "#8A8A8A"
+_SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)
+_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+_MARKERS = "osD^vPX"
+
+RC: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8.5,
+    "legend.fontsize": 8,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+    "legend.frameon": False,
+    "svg.fonttype": "none",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "axes.unicode_minus": True,
+    "path.simplify_threshold": 0.3,
+}
+
+F = TypeVar("F", bound=Callable[..., Figure])
+
+
+def styled(make: F) -> F:
+    """A figure function that draws with this module's settings, whatever the caller's are."""
+
+    @wraps(make)
+    def inner(*args: Any, **kwargs: Any) -> Figure:
+        with mpl.rc_context(RC):
+            return make(*args, **kwargs)
+
+    return inner  # type: ignore[return-value]
+
+
+def series(index: int) -> dict[str, Any]:
+    """Colour and dash of the index-th of several lines."""
+    return {"color": _SERIES[index % len(_SERIES)], "linestyle": _DASHES[index % len(_DASHES)]}
+
+
+def points(index: int) -> dict[str, Any]:
+    """Colour and marker of the index-th of several sets of points."""
+    return {"color": _SERIES[index % len(_SERIES)], "marker": _MARKERS[index % len(_MARKERS)]}
+
+
+def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any) -> tuple[Figure, NDArray[Any]]:
+    """A figure that no global state keeps, and its axes (rows, columns); width and height in inches."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
+
+
+def band(axes: Axes, x: Array, draws: Array, color: str = MODEL, levels: Sequence[float] = (0.9, 0.5),
+         line: Any = "-", label: str | None = None, median: bool = True) -> None:
+    """Central intervals of draws (draws, len(x)) at each x, wide ones pale, and the median."""
+    for level, shade in zip(levels, (0.22, 0.42)):
+        low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)
+        axes.fill_between(x, low, high, color=color, alpha=shade, linewidth=0)
+    if median:
+        axes.plot(x, np.median(draws, axis=0), color=color, linestyle=line, label=label)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary file beside `path` that takes its place when the block ends well, and is removed when not."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
+    os.close(handle)
+    try:
+        yield Path(name)
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> Path:
+    """Write a text file whole or not at all."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Path:
+    """Write a figure as .svg, .pdf or .png, by the path's ending; whole or not at all."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
+    with mpl.rc_context(RC), replacing(path) as temporary:
+        figure.savefig(temporary, dpi=dpi, metadata=metadata)
+    return path

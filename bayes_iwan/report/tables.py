@@ -1,0 +1,157 @@
+"""Tables: parameters, quantities, loops and convergence, as rows for a page, CSV files and a LaTeX table."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..inference.defaults import PAPER_UNITS, paper_numbers
+from .loops import test_name
+from .marginals import contraction, interval, paper_symbol
+from .predictive import Predictive, loop_numbers
+from .style import write_text
+
+Array = NDArray[np.float64]
+
+LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of a table as text or numbers; `name` is the CSV file's, numbers keep full precision there."""
+
+    name: str
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+    def csv(self) -> str:
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows([f"{x:.9g}" if isinstance(x, float) else x for x in row] for row in self.rows)
+        return out.getvalue()
+
+    def write_csv(self, folder: str | os.PathLike[str]) -> Path:
+        return write_text(Path(folder) / f"{self.name}.csv", self.csv())
+
+
+def spread(draws: Array) -> tuple[float, ...]:
+    """Mean, sd and the quantiles LEVELS of the finite draws."""
+    draws = draws[np.isfinite(draws)]
+    if not len(draws):
+        return (float("nan"),) * (2 + len(LEVELS))
+    return (float(draws.mean()), float(draws.std()), *(float(q) for q in np.quantile(draws, LEVELS)))
+
+
+_STATISTICS = ("mean", "sd", "q05", "q25", "median", "q75", "q95")
+
+
+def parameters_table(posterior: Any) -> Table:
+    """Every sampled number: statistics, prior, contraction."""
+    prior = posterior.problem.prior
+    z = posterior.flat_z()
+    values, shrunk = prior.values(z), contraction(z)
+    rows = tuple((p.name, p.symbol, p.unit, p.description, *spread(values[p.name]), p.prior_text(), float(c))
+                 for p, c in zip(prior.free, shrunk))
+    return Table("parameters", "Sampled parameters", ("name", "symbol", "unit", "description", *_STATISTICS, "prior",
+                                                      "contraction"), rows)
+
+
+def paper_table(posterior: Any) -> Table:
+    """The paper's numbers (Table 1 for the full model)."""
+    draws = paper_numbers(posterior.problem.model, posterior.problem.numbers(posterior.flat_z()))
+    rows = tuple((n, paper_symbol(n), PAPER_UNITS.get(n, "-"), *spread(x)) for n, x in draws.items())
+    return Table("paper_numbers", "The paper's numbers", ("name", "symbol", "unit", *_STATISTICS), rows)
+
+
+def quantities_table(posterior: Any) -> Table:
+    """Everything the posterior reports, the paper's numbers included."""
+    rows = tuple((name, q.unit, *spread(np.asarray(q.values, dtype=float)))
+                 for name, q in posterior.quantities().items())
+    return Table("quantities", "Reported quantities", ("name", "unit", *_STATISTICS), rows)
+
+
+def loops_table(p: Predictive) -> Table:
+    """Per test: energy, stiffness and loss factor measured and predicted (for a repeated measurement), RMS residual."""
+    measured, model = loop_numbers(p.displacement_mm, p.measured_N), loop_numbers(p.displacement_mm, p.force_N)
+    again = loop_numbers(p.displacement_mm, p.loop_N)
+    friction = p.measured_N - p.spring_N
+    rms = np.sqrt(np.mean(p.residual_N() ** 2, axis=1))
+    share = rms / np.sqrt(np.mean(friction**2, axis=1))
+    columns = ["file", "test", "role", "rms_residual_N", "residual_share_of_friction"]
+    rows: list[list[Any]] = [[x.file, test_name(x, role=False), x.role, float(rms[t]), float(share[t])]
+                             for t, x in enumerate(p.loops)]
+    for name in ("energy_mJ", "stiffness_N_mm", "loss_factor"):
+        columns += [f"{name}_measured", f"{name}_median", f"{name}_q05", f"{name}_q95", f"{name}_repeat_q05",
+                    f"{name}_repeat_q95"]
+        for t, row in enumerate(rows):
+            row.append(float(getattr(measured, name)[t]))
+            row += [float(q) for q in np.quantile(getattr(model, name)[:, t], [0.5, 0.05, 0.95])]
+            row += [float(q) for q in np.quantile(getattr(again, name)[:, t], [0.05, 0.95])]
+    return Table("loops", "Loops, measured and predicted", tuple(columns), tuple(tuple(r) for r in rows))
+
+
+def convergence_table(posterior: Any) -> Table:
+    """ESS, R-hat and autocorrelation time of every sampled and derived number."""
+    rows = tuple((r.name, float(r.r_hat), float(r.ess_bulk), float(r.ess_tail), float(r.tau))
+                 for r in posterior.convergence)
+    return Table("convergence", "Convergence", ("name", "r_hat", "ess_bulk", "ess_tail", "tau_steps"), rows)
+
+
+def shown_interval(draws: Array, unit: str = "") -> str:
+    """'1.118 [1.116, 1.120] N'."""
+    text = "{} [{}, {}]".format(*interval(draws))
+    return text if unit in ("", "-") else f"{text} {unit}"
+
+
+_TEX_SYMBOL: Mapping[str, str] = {
+    "kp": "k_p", "F₀": "F_0", "k(1)": "k(1)", "ε": r"\varepsilon", "E[φ]": r"\mathrm{E}[\phi]", "β": r"\beta",
+    "k̃ₙβℓ^β": r"\tilde k_n\beta\ell^\beta", "λk̃ₙℓ^βv": r"\lambda\tilde k_n\ell^\beta v", "σ": r"\sigma",
+    "ℓ": r"\ell", "μ": r"\mu", "φmax": r"\phi_{\max}", "χ": r"\chi"}
+
+
+def _tex_symbol(symbol: str) -> str:
+    if symbol in _TEX_SYMBOL:
+        return f"${_TEX_SYMBOL[symbol]}$"
+    text = symbol.replace("η", r"\eta_").replace("_", r"\_") if "\\" not in symbol and "η" not in symbol else (
+        symbol.replace("η", r"\eta_"))
+    return f"${text}$"
+
+
+def _tex_text(text: str) -> str:
+    for mark, command in (("\\", r"\textbackslash{}"), ("&", r"\&"), ("%", r"\%"), ("#", r"\#"), ("_", r"\_"),
+                          ("^", r"\^{}"), ("−", "$-$"), ("α", r"$\alpha$"), ("β", r"$\beta$"), ("φ", r"$\phi$"),
+                          ("η", r"$\eta$"), ("∝", r"$\propto$"), ("–", "--"), ("ℓ", r"$\ell$"), ("χ", r"$\chi$"),
+                          ("σ", r"$\sigma$"), ("λ", r"$\lambda$"), ("μ", r"$\mu$"), ("≥", r"$\geq$")):
+        text = text.replace(mark, command)
+    return text
+
+
+def latex_table(posterior: Any) -> str:
+    """A table of the sampled parameters for the booktabs package: symbol, meaning, median, 90 % interval, unit."""
+    prior = posterior.problem.prior
+    values = prior.values(posterior.flat_z())
+    lines = [r"\begin{tabular}{llrll}", r"\toprule", r"Parameter & Meaning & Median & 90\,\% interval & Unit \\",
+             r"\midrule"]
+    for p in prior.free:
+        middle, low, high = (x.replace("−", "-") for x in interval(values[p.name]))
+        unit = "--" if p.unit == "-" else _tex_text(p.unit)
+        cells = (_tex_symbol(p.symbol), _tex_text(p.description), f"${middle}$", f"$[{low},\\ {high}]$", unit)
+        lines.append(" & ".join(cells) + r" \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def write_tables(tables: Sequence[Table], posterior: Any, folder: str | os.PathLike[str]) -> list[Path]:
+    """The CSV files and parameters.tex in `folder`."""
+    out = [table.write_csv(folder) for table in tables]
+    out.append(write_text(Path(folder) / "parameters.tex", latex_table(posterior)))
+    return out

@@ -1,0 +1,74 @@
+"""Figures of what a designer reads off loops, against frequency and amplitude: energy, stiffness, loss factor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ..physics import sine_motion
+from .predictive import LoopNumbers, Predictive, loop_numbers, predict
+from .style import band, points, series, styled, subplots
+
+Array = NDArray[np.float64]
+
+_WHAT = (("energy_mJ", "dissipated energy (mJ/cycle)"), ("stiffness_N_mm", "equivalent stiffness (N/mm)"),
+         ("loss_factor", "loss factor (-)"))
+
+
+def _model_numbers(posterior: Any, amplitude_mm: Array, frequency_hz: Array, n: int) -> LoopNumbers:
+    problem = posterior.problem
+    motion = sine_motion(amplitude_mm, frequency_hz)
+    force = problem.model.force(problem.numbers(posterior.flat_z(n)), motion)
+    return loop_numbers(motion.displacement_mm[0], force)
+
+
+def _distinct(values: Array, most: int = 4) -> Array:
+    """Values that differ by more than 2 %, at most `most` of them, spread out."""
+    ordered = np.sort(values)
+    kept = [ordered[0]]
+    for v in ordered[1:]:
+        if v > 1.02 * kept[-1]:
+            kept.append(v)
+    chosen = np.array(kept)
+    return chosen if len(chosen) <= most else chosen[np.linspace(0, len(chosen) - 1, most).astype(int)]
+
+
+@styled
+def trends_figure(posterior: Any, predictive: Predictive | None = None, n: int = 120) -> Figure:
+    """Energy, stiffness and loss factor: lines with 90 % bands predicted, points measured, whiskers what the
+    likelihood allows a measurement to differ by."""
+    p = predict(posterior) if predictive is None else predictive
+    f = np.array([x.frequency_hz for x in p.loops])
+    a = np.array([x.amplitude_mm for x in p.loops])
+    measured = loop_numbers(p.displacement_mm, p.measured_N)
+    again = loop_numbers(p.displacement_mm, p.loop_N)
+    stated_f = np.array([x.record.frequency_hz for x in p.loops])
+    stated_a = np.array([x.record.amplitude_mm for x in p.loops])
+    sides = [("amplitude (mm)", a, f, "Hz", stated_f), ("frequency (Hz)", f, a, "mm", stated_a)]
+    sides = [s for s in sides if len(_distinct(s[1])) > 1] or sides[:1]
+    figure, axes = subplots(3, len(sides), 3.6 * len(sides) + 0.6, 6.9, sharex="col", sharey="row")
+    for column, (label, x, other, unit, nominal) in enumerate(sides):
+        grid = np.linspace(max(0.6 * x.min(), 1e-6), 1.12 * x.max(), 25)
+        for i, level in enumerate(_distinct(other)):
+            held = np.full_like(grid, level)
+            pair = (grid, held) if unit == "Hz" else (held, grid)
+            lines = _model_numbers(posterior, *pair, n)
+            near = np.abs(other / level - 1.0) < 0.02
+            for row, (name, title) in enumerate(_WHAT):
+                ax = axes[row, column]
+                band(ax, grid, getattr(lines, name), series(i)["color"], levels=(0.9,), line=series(i)["linestyle"])
+                low, high = np.quantile(getattr(again, name)[:, near], [0.05, 0.95], axis=0)
+                middle = getattr(measured, name)[near]
+                half = 0.5 * (high - low)
+                ax.errorbar(x[near], middle, yerr=half, linestyle="none", markersize=4.5, elinewidth=0.9,
+                            label=f"{float(np.median(nominal[near])):g} {unit}" if row == 0 else None, **points(i))
+                ax.set_ylabel(title if column == 0 else "")
+        axes[-1, column].set_xlabel(label)
+        axes[0, column].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=1.2,
+                               handletextpad=0.2)
+    for ax in axes[:, 0]:
+        ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
+    return figure

@@ -1,0 +1,136 @@
+"""Records that parse but cannot be right."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
+
+
+def campaign(path, tests):
+    write_campaign(path, name="n", description="", tests=tests, compress=False)
+    return read_campaign(path)
+
+
+def nine(record, change=lambda r: r, which=None):
+    """Nine tests whose force grows with the square root of amplitude, one of them changed."""
+    tests = []
+    for f in (10.0, 15.0, 20.0):
+        for a in (0.3, 0.6, 1.0):
+            r = record(frequency_hz=f, amplitude_mm=a, noise_N=0.01, file=f"f{f:g}_a{a:g}.csv")
+            r = replace(r, force_N=r.force_N * a**0.5)
+            tests.append(change(r) if r.file == which else r)
+    return tests
+
+
+def test_reversed_channel(tmp_path, record):
+    r = record()
+    with pytest.raises(CampaignError, match=r"test\.csv: .*reversed.*-1"):
+        campaign(tmp_path, [replace(r, force_N=-r.force_N)])
+    with pytest.raises(CampaignError, match="reversed"):
+        campaign(tmp_path, [replace(r, displacement_mm=-r.displacement_mm)])
+
+
+def test_a_loop_that_dissipates_next_to_nothing_is_not_called_reversed(tmp_path, record):
+    # a force 5 mrad late on a spring: negative dissipation, but by a delay and not by a sign
+    r = record(force=np.array([0, -4j * np.exp(-0.005j)]))
+    (test,) = campaign(tmp_path, [r]).tests
+    assert any("delayed" in w for w in test.warnings)
+
+
+@pytest.mark.parametrize("which", ["f10_a0.3.csv", "f15_a0.6.csv", "f20_a1.csv"])
+@pytest.mark.parametrize("factor", [1e3, 1e-3, 10.0, 0.1, 9.80665])
+def test_one_force_in_the_wrong_unit(tmp_path, record, which, factor):
+    tests = nine(record, lambda r: replace(r, force_N=r.force_N * factor), which)
+    with pytest.raises(CampaignError, match=rf"{which}: the force is about .* times .*force_kN"):
+        campaign(tmp_path, tests)
+
+
+def test_forces_that_amplitude_explains_are_let_through(tmp_path, record):
+    tests = [
+        replace(r, force_N=r.force_N * r.amplitude_mm**power) for power, r in zip((-0.5, 0.5, 1.0) * 3, nine(record))
+    ]
+    assert len(campaign(tmp_path, tests).tests) == 9
+
+
+def test_load_explains_force(tmp_path, record):
+    tests = [
+        replace(record(file=f"{n:g}.csv", noise_N=0.01), extras={"normal_force_N": n}, force_N=record().force_N * n)
+        for n in (1.0, 2.0, 3.0, 4.0, 200.0)
+    ]
+    assert len(campaign(tmp_path, tests).tests) == 5
+
+
+def test_wrong_unit_of_one_in_two(tmp_path, record):
+    tests = [record(file="a.csv"), replace(record(file="b.csv"), force_N=1e3 * record().force_N)]
+    with pytest.raises(CampaignError, match=r"a\.csv or b\.csv: the force"):
+        campaign(tmp_path, tests)
+
+
+@pytest.mark.parametrize("channel", ["displacement", "force"])
+def test_clipping_is_said(tmp_path, record, channel):
+    r = record(noise_N=0.002, noise_mm=0.0005)
+    assert campaign(tmp_path, [r]).tests[0].warnings == ()
+    name = {"displacement": "displacement_mm", "force": "force_N"}[channel]
+    values = getattr(r, name)
+    clipped = replace(r, **{name: np.minimum(values, 0.93 * values.max())})
+    (test,) = campaign(tmp_path, [clipped]).tests
+    assert any(channel in w and "clipped" in w and "highest" in w for w in test.warnings)
+    assert not any("lowest" in w for w in test.warnings)
+
+
+def test_coarse_rounding_is_not_clipping(tmp_path, record):
+    r = record()
+    rounded = replace(r, displacement_mm=np.round(r.displacement_mm / 0.02) * 0.02)
+    assert campaign(tmp_path, [rounded]).tests[0].warnings == ()
+
+
+def test_aliased(tmp_path, record):
+    with pytest.raises(CampaignError, match=r"test\.csv: 7\.0 samples a cycle.*Sample faster"):
+        campaign(tmp_path, [record(rate_hz=70.0)])
+    assert campaign(tmp_path, [record(rate_hz=83.0)]).loops()[0].n_cycles == 11
+
+
+def test_frequency_is_measured_and_compared(tmp_path, record):
+    (test,) = campaign(tmp_path, [replace(record(), frequency_hz=10.9)]).tests
+    assert test.frequency_hz == 10.9  # within a tenth: the stated value is kept as stated
+    with pytest.raises(CampaignError, match=r"shows 10 Hz, campaign\.toml states frequency_hz = 11\.2"):
+        campaign(tmp_path, [replace(record(), frequency_hz=11.2)])
+
+
+def test_a_frequency_counted_in_samples_of_an_irregular_clock_is_said(tmp_path, record):
+    # every step between 10 and 25 ms; counted as if all were 10 ms the frequency would be 1.7 times as high
+    rng = np.random.default_rng(3)
+    time = np.cumsum(np.where(rng.random(4000) < 0.1, 0.010, rng.uniform(0.015, 0.020, 4000)))
+    r = record(frequency_hz=0.2, time_s=time)
+    counted = 0.2 * np.diff(time).mean() / 0.010
+    (test,) = campaign(tmp_path, [replace(r, frequency_hz=counted)]).tests
+    assert any("even" in w and "0.2 Hz" in w for w in test.warnings)
+    with pytest.raises(CampaignError, match=r"shows 0\.2 Hz"):
+        campaign(tmp_path, [replace(r, frequency_hz=2 * counted)])
+
+
+def test_spikes_are_said(tmp_path, record):
+    r = record(noise_N=0.01)
+    force = r.force_N.copy()
+    force[700] = 60.0
+    (test,) = campaign(tmp_path, [replace(r, force_N=force)]).tests
+    assert any("1 spike(s) in the force" in w and f"{r.time_s[700]:.6g} s" in w for w in test.warnings)
+
+
+def test_a_coarsely_rounded_time_column_is_mended_by_the_sample_rate(folder, toml, record, csv):
+    r = record()
+    rounded = replace(r, time_s=np.round(r.time_s, 3))  # steps of 0.78 ms written as 0 or 1 ms
+    text = csv(rounded)
+    with pytest.raises(CampaignError, match="time does not increase"):
+        read_campaign(folder(toml, {"test.csv": text}))
+    stated = toml.replace("[[test]]", "sample_rate_hz = 1280\n\n[[test]]")
+    (test,) = read_campaign(folder(stated, {"test.csv": text})).tests
+    np.testing.assert_allclose(test.time_s, r.time_s, atol=1e-12)
+    # but not where samples are missing: then the column is what tells
+    keep = np.r_[0:700, 760 : r.time_s.size]
+    gappy = replace(r, time_s=r.time_s[keep], displacement_mm=r.displacement_mm[keep], force_N=r.force_N[keep])
+    (test,) = read_campaign(folder(stated, {"test.csv": csv(gappy)})).tests
+    np.testing.assert_allclose(test.time_s, gappy.time_s, atol=1e-9)
+    assert any("gap" in w for w in test.warnings)

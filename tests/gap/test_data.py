@@ -1,0 +1,142 @@
+"""What a diagnosis looks at, against records whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.gap.data import MAINS_HZ, TREND_HARMONICS, TRUSTED_BAND, gap_data, predicted
+from bayes_iwan.gap.effects_channels import ForceDrift, MainsHum
+from bayes_iwan.gap.evidence import base_problem, extended
+from bayes_iwan.inference import defaults
+
+TESTS = [(8.0, 0.4), (8.0, 0.9), (20.0, 0.4), (20.0, 0.9)]
+
+
+@pytest.fixture(scope="module")
+def data_of(kit):
+    def make(**options):
+        return gap_data(kit.made_up(kit.specimen_force, TESTS, **options).loops(**kit.small))
+    return make
+
+
+@pytest.fixture(scope="module")
+def noisy(data_of):
+    return data_of(noise_N=0.02, cycles=40)
+
+
+def finite(x):
+    return np.all(np.isfinite(x))
+
+
+def test_contrasts_are_orthonormal_and_blind_to_what_is_steady(noisy):
+    for c in noisy.contrast:
+        np.testing.assert_allclose(c @ c.T, np.eye(len(c)), atol=1e-12)
+        np.testing.assert_allclose(c.sum(axis=1), 0.0, atol=1e-12)
+
+
+def test_steady_records_have_no_trend(data_of):
+    clean = data_of()
+    there = np.isfinite(clean.trend_noise_N)
+    assert np.abs(clean.trend_N[there]).max() < 0.1 * clean.trend_noise_N[there].min()
+
+
+def test_first_contrast_sees_a_linear_trend(data_of):
+    rising = data_of(extra=lambda time, test: 0.1 * time)
+    assert np.all(np.abs(rising.trend_N[:, 0, 0]) > 50 * np.abs(rising.trend_N[:, 1:, 0]).max())
+
+
+def test_trends_of_white_noise_scatter_as_their_standard_errors_say(data_of):
+    whitened = []
+    for seed in range(2):
+        data = data_of(noise_N=0.3, cycles=40, seed=seed)
+        ratio = (data.trend_N / data.trend_noise_N)[np.isfinite(data.trend_noise_N)]
+        whitened += [*ratio.real, *ratio.imag[np.abs(ratio.imag) > 0]]
+    # the standard errors are estimates themselves, from few blocks: a t distribution's spread
+    assert 0.8 < np.sqrt(np.mean(np.square(whitened))) < 1.5
+    assert abs(np.mean(whitened)) < 0.15
+
+
+def test_nothing_is_nan(noisy, data_of):
+    for data in (noisy, data_of(cycles=5)):
+        for x in (data.harmonics_N, data.trend_N, data.contrast, data.mains_N, data.level_N):
+            assert finite(x)
+        for sd in (data.trend_noise_N, data.mains_noise_N):
+            assert not np.isnan(sd).any() and np.all(sd > 0)
+        assert data.trend_N.shape[2] == TREND_HARMONICS + 1
+
+
+def test_harmonics_beyond_the_trusted_band_do_not_count(kit):
+    loops = kit.made_up(kit.specimen_force, TESTS, noise_N=0.02).loops(**kit.small)
+    data = gap_data(loops)
+    for before, after in zip(loops, data.loops):
+        order = np.arange(len(after.noise_N))
+        beyond = (order * after.frequency_hz > TRUSTED_BAND * 1280.0) & (order > 5)
+        assert np.all(np.isinf(after.noise_N[beyond])) and beyond.any() == (after.frequency_hz > 15)
+        np.testing.assert_array_equal(after.noise_N[~beyond], before.noise_N[~beyond])
+
+
+def hum(hz, amplitude, phase):
+    return lambda time, test: amplitude * np.cos(2.0 * np.pi * hz * time - phase - test)
+
+
+@pytest.mark.parametrize("hz", [49.83, 50.0, 50.07, 59.9])
+def test_mains_frequency_and_line_are_found(hz, data_of):
+    data = data_of(noise_N=0.02, cycles=40, extra=hum(hz, 0.05, 0.4))
+    which = int(hz > 55)
+    assert data.mains_hz[which] == pytest.approx(hz, abs=0.02)
+    assert data.mains_hz[1 - which] == MAINS_HZ[1 - which]
+    for t in range(len(TESTS)):
+        error = data.mains_N[t, which] - 0.05 * np.exp(1j * (0.4 + t))              # c + i s of c·cos + s·sin
+        assert abs(error) < max(4.5 * data.mains_noise_N[t, which], 0.005)
+        assert abs(data.mains_N[t, 1 - which]) < 6.0 * data.mains_noise_N[t, 1 - which]
+
+
+def test_no_hum_leaves_the_nominal_frequencies(noisy):
+    assert noisy.mains_hz == MAINS_HZ
+    assert np.all(np.abs(noisy.mains_N) < 6.0 * noisy.mains_noise_N)
+
+
+def test_line_at_a_harmonic_says_nothing(kit):
+    data = gap_data(kit.made_up(kit.specimen_force, [(10.0, 0.4), (8.0, 0.9)], noise_N=0.02).loops(**kit.small))
+    assert np.isinf(data.mains_noise_N[0]).all() and np.isfinite(data.mains_noise_N[1]).all()
+
+
+def test_predicted_drift_is_what_a_drift_does_to_the_data(data_of, kit):
+    rate = 0.07
+    still, drifting = data_of(), data_of(extra=lambda time, test: rate * (time - time[0]))
+    mean, trend, _ = difference(ForceDrift(kit.scales, files(still)), {"force_drift.rate_N_s": rate}, still, kit)
+    np.testing.assert_allclose(mean, drifting.harmonics_N - still.harmonics_N, atol=1e-9)
+    np.testing.assert_allclose(trend, drifting.trend_N - still.trend_N, atol=1e-9)
+
+
+def test_predicted_hum_is_what_a_hum_does_to_the_data(data_of, kit):
+    still, humming = data_of(), data_of(extra=hum(50.1, 0.05, 0.4))
+    humming = replace(humming, mains_hz=(50.1, 60.0))         # which the estimate comes near, no more
+    numbers = {}
+    for t, file in enumerate(files(humming)):
+        numbers |= {f"mains_hum.{part}[{file}]": 0.05 * wave(0.4 + t)
+                    for part, wave in (("cosine", np.cos), ("sine", np.sin))}
+    mean, trend, lines = difference(MainsHum(kit.scales, files(humming)), numbers, humming, kit)
+    # a sample at the very end of a record may count in the whole loop and not in a block: a thousandth of the hum
+    np.testing.assert_allclose(mean, humming.harmonics_N - still.harmonics_N, atol=5e-5)
+    np.testing.assert_allclose(trend, humming.trend_N - still.trend_N, atol=5e-5)
+    assert np.abs(trend).max() > 5e-3
+    np.testing.assert_allclose(lines[:, 0], 0.05 * np.exp(1j * (0.4 + np.arange(len(TESTS)))), atol=1e-9)
+    np.testing.assert_array_equal(lines[:, 1], 0.0)
+
+
+def files(data):
+    return tuple(x.file for x in data.loops)
+
+
+def difference(effect, numbers, data, kit):
+    """What the effect adds to harmonics, trends and lines at these numbers."""
+    base = base_problem(data, kit.config, defaults.scales_of(data.loops))
+    problem = extended(base, [effect])
+    z = np.zeros((2, problem.ndim))
+    for name, value in numbers.items():
+        at = problem.names.index(name)
+        z[0, at] = problem.prior.parameters[[p.name for p in problem.prior.parameters].index(name)].score(value)
+    mean, trend, lines = predicted(data, problem, z)
+    return mean[0] - mean[1], trend[0] - trend[1], None if lines is None else lines[0]

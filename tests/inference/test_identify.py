@@ -1,0 +1,229 @@
+"""The whole way from loops to files, on small models that sample in seconds."""
+
+import csv
+import json
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import write_campaign
+from bayes_iwan.inference import results
+from bayes_iwan.inference.checkpoint import CheckpointError
+from bayes_iwan.inference.config import ConfigError, complete
+from bayes_iwan.inference.identify import by_frequency, identify, identify_problem
+from bayes_iwan.inference.point import find_point, goal_share, starting_population
+from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.results import ResultsError
+from bayes_iwan.physics import Model
+
+SMALL = {
+    "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"},
+    "parameters": {"force_zero_N": {"fixed": 0.0}},
+    "likelihood": {"kind": "gaussian"},
+    "search": {"members": 40, "evaluations": 1200, "starts": 4},
+    "sampling": {"ensembles": 2, "walkers": 24, "r_hat": 1.05, "ess": 150, "taus": 20, "draws": 1000},
+}
+TRUE = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
+
+
+@pytest.fixture(scope="module")
+def small_loops(known):
+    model = Model(known.reference, slip="gamma1", grip="constant", stiffness="constant")
+    return known.loops(model=model, values={k: np.array([v]) for k, v in TRUE.items()})
+
+
+@pytest.fixture(scope="module")
+def folder(small_loops, tmp_path_factory):
+    path = tmp_path_factory.mktemp("campaign")
+    write_campaign(path, name="made up", description="", tests=[x.record for x in small_loops], compress=False)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(folder, tmp_path_factory):
+    out = tmp_path_factory.mktemp("results")
+    return identify(folder, out, config=SMALL, seed=1, progress=False), out
+
+
+def test_the_truth_is_found(run):
+    posterior, _ = run
+    assert posterior.converged, posterior.message
+    rows = {r.name: r for r in posterior.summary()}
+    for name, true in (*TRUE.items(), ("mean_slip_force_N", 1.2)):
+        if name in posterior.names or name == "mean_slip_force_N":
+            assert abs(rows[name].mean - true) < 4 * rows[name].sd, name
+            assert rows[name].sd < 0.1 * true, name
+    assert rows["noise_N"].ess_bulk > 100 and rows["noise_N"].r_hat < 1.06
+
+
+def test_files_are_what_was_promised(run):
+    posterior, out = run
+    with open(out / "summary.csv", newline="") as file:
+        table = list(csv.reader(file))
+    assert table[0] == "name,unit,mean,sd,q05,q50,q95,ess_bulk,ess_tail,r_hat".split(",")
+    names = [row[0] for row in table[1:]]
+    energies = [f"dissipated_energy_mJ[{x.file}]" for x in posterior.loops]
+    for name in ("kp_N_mm", "k1_N_mm", "mean_slip_force_N", "t1_N", "eta1", "noise_N", *energies):
+        assert names.count(name) == 1, name
+    kp = table[1 + names.index("kp_N_mm")]
+    x = posterior.values()["kp_N_mm"]
+    np.testing.assert_allclose([float(c) for c in kp[2:7]], [x.mean(), x.std(ddof=1), *np.quantile(x, [.05, .5, .95])],
+                               rtol=1e-6)
+    point = json.loads((out / "point.json").read_text())
+    assert point["objective"]["kind"] == "eq8" and point["objective"]["share_of_friction_force"] < 0.02
+    assert point["most_probable"]["numbers"]["kp_N_mm"] == pytest.approx(5.5, rel=0.01)
+    assert len(point["search"]["best"]) > 3 and point["second_opinion"]["method"] == "differential evolution"
+    with h5py.File(out / "posterior.nc") as file:
+        for group in ("posterior", "prior", "posterior_predictive", "prior_predictive", "log_likelihood",
+                      "observed_data", "constant_data", "sample_stats"):
+            assert len(file[group]) > 0, group
+        assert file["posterior/kp_N_mm"].shape == posterior.z.shape[:2]
+        assert json.loads(file.attrs["config"])["sampling"]["walkers"] == 24 and file.attrs["seed"] == 1
+    assert not list(out.glob(".*"))
+
+
+def test_a_result_is_loaded_again(run):
+    posterior, out = run
+    again = results.load(out)
+    np.testing.assert_array_equal(again.z, posterior.z)
+    np.testing.assert_array_equal(again.log_prob, posterior.log_prob)
+    assert again.converged == posterior.converged and again.convergence == posterior.convergence
+    assert again.point.goal == posterior.point.goal and again.names == posterior.names
+    assert [r.mean for r in again.summary()] == [r.mean for r in posterior.summary()]
+
+
+def test_arviz_reads_the_result(run):
+    az = pytest.importorskip("arviz")
+    posterior, out = run
+    data = az.from_netcdf(out / "posterior.nc")
+    x = np.asarray(data["posterior"]["kp_N_mm"])
+    np.testing.assert_array_equal(x.ravel(), posterior.values()["kp_N_mm"])
+    # one independent look at R-hat: split over ensembles only, as here
+    assert abs(float(np.asarray(az.rhat(x))) - 1.0) < 0.1
+
+
+def test_a_result_without_its_campaign_is_refused(run, tmp_path, small_loops):
+    _, out = run
+    with pytest.raises(ResultsError, match="not found"):
+        results.load(tmp_path)
+    other = tmp_path / "other"
+    records = [replace(x.record, force_N=1.01 * x.record.force_N) for x in small_loops]
+    write_campaign(other, name="made up", description="", tests=records, compress=False)
+    with pytest.raises(ResultsError, match="its data is not"):
+        results.load(out, campaign=other)
+
+
+def test_the_same_seed_gives_the_same_draws_and_resuming_them(run, folder):
+    """A finished run is gone on with from its checkpoint to the same result; a second run without --resume is not."""
+    posterior, out = run
+    again = identify(folder, None, config=SMALL, seed=1, progress=False)
+    np.testing.assert_array_equal(again.z, posterior.z)
+    resumed = identify(folder, out, config=SMALL, seed=1, resume=True, progress=False)
+    np.testing.assert_array_equal(resumed.z, posterior.z)
+    with pytest.raises(CheckpointError, match="resume"):
+        identify(folder, out, config=SMALL, seed=1, progress=False)
+
+
+def test_ctrl_c_keeps_what_was_drawn(folder, tmp_path, monkeypatch):
+    """Interrupted in production the files are written and say so; in warm-up only the checkpoint is left."""
+    calls = {"left": 10**9}
+    log_prob = Problem.log_prob
+
+    def counted(self, z):
+        calls["left"] -= 1
+        if calls["left"] < 0:
+            raise KeyboardInterrupt
+        return log_prob(self, z)
+
+    monkeypatch.setattr(Problem, "log_prob", counted)
+    long = SMALL | {"sampling": SMALL["sampling"] | {"ess": 1e6}}
+    with pytest.raises(KeyboardInterrupt):
+        calls["left"] = 300
+        identify(folder, tmp_path / "early", config=long, seed=1, progress=False)
+    assert (tmp_path / "early" / "chains.h5").exists()
+    calls["left"] = 6000
+    late = identify(folder, tmp_path / "late", config=long, seed=1, progress=False)
+    assert late.interrupted and not late.converged and (tmp_path / "late" / "summary.csv").exists()
+
+
+@pytest.mark.parametrize("change, part", [
+    ({"parameters": {"force_zero_N": {"fixed": 0.0}, "kp_N_mm": {"lower": 1.0}}}, "prior"),
+    ({"parameters": {}}, "names"),
+    ({"likelihood": {"kind": "laplace"}}, "likelihood"),
+    ({"loops": {"n_harmonics": 40}}, "data"),
+])
+def test_resuming_something_else_is_refused(run, folder, change, part):
+    _, out = run
+    with pytest.raises(CheckpointError, match=part):
+        identify(folder, out, config=SMALL | change, seed=1, resume=True, progress=False)
+
+
+def test_each_frequency_alone(folder, tmp_path, small_loops):
+    groups = by_frequency(small_loops)
+    assert {k: [x.file for x in v] for k, v in groups.items()} == {
+        "f10Hz": ["f10_a0.3.csv", "f10_a1.csv"], "f15Hz": ["f15_a0.6.csv"], "f20Hz": ["f20_a1.csv"]}
+    assert by_frequency([replace(x, role="held-out") for x in small_loops]) == {}
+    identify(folder, tmp_path, config=SMALL, seed=2, per_test=True, progress=False)
+    for name in groups:
+        part = results.load(tmp_path / "per_test" / name)
+        kp = part.values()["kp_N_mm"]
+        assert abs(kp.mean() - 5.5) < 5 * kp.std() and part.loops[0].file in [x.file for x in groups[name]]
+    with pytest.raises(ConfigError, match="folder"):
+        identify(folder, None, config=SMALL, per_test=True)
+
+
+def test_predictions_of_a_posterior(run):
+    posterior, _ = run
+    assert posterior.predict(50).shape == (50, 4, 128)
+    friction = posterior.predict(50, friction=True)
+    z = posterior.flat_z(50)
+    n = posterior.problem.numbers(z)
+    expected = posterior.problem.model.friction_force(n, posterior.problem.motion)
+    np.testing.assert_allclose(friction, expected, atol=1e-9)
+    replicas = posterior.predict(300, replicate=True, rng=np.random.default_rng(0))
+    z_score = (posterior.problem.measured_N - replicas.mean(axis=0)) / replicas.std(axis=0)
+    assert 0.02 < np.std(z_score) < 1.5
+    with pytest.raises(ValueError, match="fitted tests only"):
+        posterior.predict(5, loops=posterior.loops[:2], replicate=True)
+
+
+def test_drawn_loops_are_identified_without_a_folder(small_loops):
+    """As simulation-based calibration does: a draw from the prior, its replicate, and the posterior of that."""
+    template = make_problem(small_loops, complete(SMALL))
+    z = template.prior.draw(np.random.default_rng(5), 1) * 0.5
+    force = template.likelihood.replicate(template.predict(z), template.numbers(z), np.random.default_rng(6))[0]
+    posterior = identify_problem(template.with_force(force), 3, config=SMALL, progress=False)
+    rank = np.mean(posterior.flat_z() < z, axis=0)
+    assert np.all((rank > 0.001) & (rank < 0.999)) and posterior.campaign is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_point_is_found_from_random_starts(known, seed):
+    """Noise-free loops of the whole model: the objective ends below 0.1 % of the friction force (20 seeds:
+    analyses/point_recovery.py)."""
+    problem = make_problem(known.loops(noise_N=0.0))
+    settings = complete({"search": {"evaluations": 8000, "second_opinion": False, "starts": 6}})["search"]
+    point = find_point(problem, seed, settings, progress=False)
+    assert point.goal_share < 1e-3
+    assert goal_share(problem, known.true_z(problem))[0] < 2e-4
+
+
+@pytest.mark.parametrize("objective", ["squared", "likelihood"])
+def test_other_objectives(small_loops, objective):
+    problem = make_problem(small_loops, complete(SMALL))
+    settings = complete(SMALL)["search"] | {"objective": objective}
+    point = find_point(problem, 0, settings, progress=False)
+    eq8 = find_point(problem, 0, complete(SMALL)["search"], progress=False)
+    assert point.goal_share == pytest.approx(eq8.goal_share, rel=0.05)
+    np.testing.assert_allclose(point.z, eq8.z, atol=1e-2)
+
+
+def test_starts_are_dispersed_and_possible(small_loops):
+    problem = make_problem(small_loops, complete(SMALL))
+    point = find_point(problem, 0, complete(SMALL)["search"], progress=False)
+    z = starting_population(problem, point, 0, 200)
+    assert z.shape[0] > 50 and np.all(np.isfinite(problem.log_prob(z)))
+    posterior = identify_problem(problem, 0, config=SMALL, progress=False)
+    assert np.all(z.std(axis=0) > 1.2 * posterior.flat_z().std(axis=0))

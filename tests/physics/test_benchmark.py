@@ -1,0 +1,33 @@
+"""Benchmarks of the forward model: `pytest tests/physics/test_benchmark.py --benchmark-enable`.
+
+The whole comparison (limits of the machine, usual ways, errors) is `python analyses/benchmark_forward.py`.
+"""
+
+import numpy as np
+import pytest
+
+from bayes_iwan.physics import Model, sine_motion
+from bayes_iwan.physics.rivals import BoucWen
+
+DRAWS = 64
+
+
+@pytest.fixture
+def motion():
+    return sine_motion(np.repeat([0.3, 0.6, 1.0], 3), np.tile([10.0, 15.0, 20.0], 3))
+
+
+@pytest.mark.parametrize("slip", ["gamma3", "gamma1", "uniform"])
+def test_force(slip, benchmark, motion, truth, reference):
+    model = Model(reference, slip=slip)
+    numbers = truth.table_1(reference, draws=DRAWS, spread=0.2)
+    numbers |= {name: np.repeat(value, DRAWS) for name, value in truth.family_cases[slip][0].items()}
+    force = benchmark(model.force, numbers, motion)
+    assert force.shape == (DRAWS, 9, 128) and np.all(np.isfinite(force))
+
+
+def test_bouc_wen(benchmark, motion, truth):
+    numbers = truth.columns(kp_N_mm=5.0, force_zero_N=0.0, bw_k_N_mm=14.0, bw_force_N=1.2, bw_n=2.0, bw_share=0.6)
+    numbers = {name: np.repeat(value, DRAWS) for name, value in numbers.items()}
+    force = benchmark(BoucWen().force, numbers, motion)
+    assert force.shape == (DRAWS, 9, 128) and np.all(np.isfinite(force))

@@ -1,0 +1,91 @@
+"""A small posterior that needs no sampler: loops of a known model with noise, Gaussian draws at the optimum."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import Campaign, Record, average
+from bayes_iwan.inference import config
+from bayes_iwan.inference.convergence import diagnose
+from bayes_iwan.inference.point import Point, laplace_scale, most_probable
+from bayes_iwan.inference.posterior import ConvergenceRow, Posterior
+from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.physics import Model, Reference, sine_motion
+
+RATE = 1280.0
+TRUTH = {"kp_N_mm": 5.4, "force_zero_N": 0.0, "k1_N_mm": 15.0, "stiffness_bend": 0.6, "t1_N": 0.5, "eta1": 2.2,
+         "g1": 1.0, "grip_slope": 0.3, "grip_rate": 0.07, "beta": 0.6}
+SETTINGS = config.complete({"model": {"slip": "gamma1"}})
+
+
+def made_records(tests, truth=TRUTH, noise_N=0.01, cycles=16, change=None):
+    """Records of the model's loops, (frequency, amplitude, role) each; `change(numbers, f)` may alter the truth."""
+    rng = np.random.default_rng(5)
+    model = Model(Reference(1.0, 0.13), slip="gamma1")
+    records = []
+    for f, a, role in tests:
+        numbers = {k: np.array([v]) for k, v in (change(dict(truth), f) if change else truth).items()}
+        motion = sine_motion(a, f, 512)
+        force = model.force(numbers, motion)[0, 0]
+        t = np.arange(int(cycles * RATE / f)) / RATE
+        phase = (f * t) % 1.0
+        grid = np.arange(513) / 512
+        u = a * np.sin(2 * np.pi * phase) + 1e-5 * rng.standard_normal(t.size)
+        measured = np.interp(phase, grid, np.r_[force, force[0]]) + noise_N * rng.standard_normal(t.size)
+        records.append(Record(f"f{f:g}_a{a:g}.csv", f, a, role, {}, t, u, measured))
+    return tuple(records)
+
+
+def made_posterior(records, settings=SETTINGS, draws=1024, path=Path(".")):
+    """A posterior of Gaussian draws at the optimum, as if of four ensembles with eight walkers."""
+    campaign = Campaign("made loops", "sines through a known model", "", "", path, records)
+    loops = tuple(average(r) for r in records)
+    problem = make_problem(loops, settings)
+    rng = np.random.default_rng(1)
+    starts = problem.prior.draw(rng, 200)
+    starts[:, -3:] = 0.0
+    starts = starts[np.argsort(problem.goal(starts))[:6]]
+    optima, log_prob, _ = most_probable(problem, starts)
+    scale = laplace_scale(problem, optima[0])
+    z = np.clip(optima[0] + rng.standard_normal((draws, problem.ndim)) @ scale.T, -7.9, 7.9)
+    lp = problem.log_prob(z)
+    z, lp = z[np.isfinite(lp)], lp[np.isfinite(lp)]
+    keep = len(z) // 32 * 32
+    z, lp = z[:keep].reshape(4, -1, problem.ndim), lp[:keep].reshape(4, -1)
+    c = diagnose(np.moveaxis(z.reshape(4, 8, -1, problem.ndim), 1, 2), problem.names)
+    rows = tuple(ConvergenceRow(*x) for x in zip(c.names, c.ess_bulk, c.ess_tail, c.r_hat, c.tau_steps))
+    point = Point("eq8", optima[0], float(problem.goal(optima[:1])[0]), 0.01, optima[0], float(log_prob[0]), 0.0,
+                  optima, log_prob, None, None, 1, 0.1)
+    return Posterior(problem, campaign, loops, z, lp, 8, 1, point, 1, True, "made for tests", settings,
+                     {"python": "3"}, {"point_s": 1.0, "sampling_s": 2.0, "steps": 100.0, "evaluations": 1e4}, rows)
+
+
+TESTS = ((10.0, 0.4, "fit"), (10.0, 1.0, "fit"), (20.0, 0.4, "fit"), (20.0, 1.0, "fit"), (15.0, 0.7, "held-out"))
+
+
+@pytest.fixture(scope="session")
+def posterior():
+    return made_posterior(made_records(TESTS))
+
+
+@pytest.fixture(scope="session")
+def wandering():
+    """Loops whose parallel spring changes with frequency, which the model cannot follow."""
+    def change(numbers, f):
+        return {**numbers, "kp_N_mm": numbers["kp_N_mm"] * (1.04 if f > 15 else 1.0)}
+    return made_posterior(made_records(TESTS[:4], change=change))
+
+
+@pytest.fixture(scope="session")
+def page(posterior, tmp_path_factory):
+    """The folder of a report, with report.html and report.pdf in it."""
+    from bayes_iwan.report import identification_report
+
+    out = tmp_path_factory.mktemp("report")
+    identification_report(posterior, out, pdf=True)
+    return out
+
+

@@ -1,0 +1,124 @@
+"""Each frequency alone, leave-one-out densities, the comparison of families: known answers, known disagreements."""
+
+from __future__ import annotations
+
+import csv
+import warnings
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayes_iwan.inference import loo
+from bayes_iwan.inference.compare import CompareError, compare
+from bayes_iwan.inference.pareto import fit_generalized_pareto, smooth_log_weights
+from bayes_iwan.inference.per_frequency import compare_frequencies
+from bayes_iwan.report.comparison import comparison_report, ranking_figure
+from bayes_iwan.report.frequencies import frequencies_table, wander_figure, wander_rows
+
+from .conftest import TRUTH, made_posterior, made_records
+
+TINY = {"search": {"members": 40, "evaluations": 600, "second_opinion": False, "starts": 4},
+        "sampling": {"ensembles": 2, "walkers": 32, "budget_s": 4.0, "r_hat": 1.1, "ess": 50.0, "taus": 5.0,
+                     "draws": 1024}}
+
+
+def test_one_specimen_agrees_with_itself(posterior):
+    found = compare_frequencies(posterior)
+    assert found.overall > 0.05 and "The frequencies agree" in found.statement()
+    kp = next(c for c in found.checks if c.name == "kp_N_mm")
+    assert np.all(np.abs(kp.estimate - TRUTH["kp_N_mm"]) < 4 * kp.error)
+    assert list(found.hz) == pytest.approx([10, 20], rel=1e-3)
+
+
+def test_a_spring_that_changes_with_frequency_is_noticed(wandering):
+    found = compare_frequencies(wandering)
+    assert found.overall < 0.05 and "do not agree" in found.statement() and "kp_N_mm" in found.statement()
+    kp = next(c for c in found.checks if c.name == "kp_N_mm")
+    assert kp.p_value < 0.05
+    assert kp.estimate[1] - kp.estimate[0] == pytest.approx(0.04 * TRUTH["kp_N_mm"], rel=0.5)
+    assert "✗" in " ".join(ax.get_title(loc="right") for ax in wander_figure(found).axes)
+    columns, rows = wander_rows(found)
+    assert all(len(row) == len(columns) for row in rows)
+    assert frequencies_table(found).csv().count("\n") > len(found.checks)
+
+
+def test_one_frequency_says_so():
+    alone = made_posterior(made_records(((10.0, 0.4, "fit"), (10.0, 1.0, "fit"))))
+    found = compare_frequencies(alone)
+    assert np.isnan(found.overall) and "one frequency" in found.statement()
+
+
+def test_pareto_shape_is_found():
+    rng = np.random.default_rng(3)
+    for k in (0.2, 0.6):
+        x = np.sort(stats.genpareto(k).rvs(4000, random_state=rng))
+        assert fit_generalized_pareto(x)[0] == pytest.approx(k, abs=0.07)
+
+
+def test_smoothed_weights_are_arviz_s():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        az = pytest.importorskip("arviz")
+    if not hasattr(az, "psislw"):
+        pytest.skip("this ArviZ has no psislw")
+    log_w = stats.t(4).rvs(3000, random_state=np.random.default_rng(2)) * 1.2
+    mine, k = smooth_log_weights(log_w)
+    theirs, their_k = az.psislw(log_w)
+    assert k == pytest.approx(float(their_k), abs=0.02)
+    mine = mine - np.logaddexp.reduce(mine)
+    assert np.exp(mine) == pytest.approx(np.exp(theirs), rel=0.02)
+
+
+def test_loo_of_a_normal_mean_is_exact():
+    rng = np.random.default_rng(1)
+    y = rng.standard_normal(40)
+    mean = y.mean() + rng.standard_normal((2, 4000)) / np.sqrt(len(y))      # posterior under a flat prior, unit noise
+    found = loo.psis_loo(stats.norm.logpdf(y, mean[..., None], 1.0))
+    others = (y.sum() - y) / (len(y) - 1)
+    exact = stats.norm.logpdf(y, others, np.sqrt(1 + 1 / (len(y) - 1)))
+    assert found.holds
+    assert found.pointwise == pytest.approx(exact, abs=0.02)
+    assert found.elpd == pytest.approx(exact.sum(), abs=0.1)
+
+
+def test_left_out_tests_by_weights_and_by_moves(posterior, monkeypatch):
+    weighted = loo.leave_tests_out(posterior)
+    assert np.all(weighted.pareto_k[np.isfinite(weighted.pareto_k)] < loo.TRUSTED)
+    monkeypatch.setattr(loo, "TRUSTED", -np.inf)
+    moved = loo.leave_tests_out(posterior, steps=40)
+    assert np.all(np.isnan(moved.pareto_k))
+    assert moved.pointwise == pytest.approx(weighted.pointwise, abs=4.0)
+    assert moved.elpd < float(np.max(posterior.problem.log_likelihood(posterior.flat_z(500))))
+
+
+@pytest.fixture(scope="module")
+def comparison(posterior):
+    return compare(posterior.problem.loops, ["constant_grip", "gamma1"], config=TINY, seed=2, by="tests",
+                   progress=False)
+
+
+def test_the_family_that_made_the_loops_wins(comparison):
+    assert [e.family.name for e in comparison.entries] == ["gamma1", "constant_grip"]
+    first, second = comparison.rows()
+    assert first.difference == 0 and second.difference < -20
+    assert first.residual_share < 0.02 < second.residual_share
+    assert first.parameters == 12
+
+
+def test_page_and_table_of_a_comparison(comparison, tmp_path):
+    text = comparison_report(comparison, tmp_path).read_text(encoding="utf-8")
+    assert "one gamma slip forces" in text and "<table>" in text
+    with (tmp_path / "compare.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [r["family"] for r in rows] == ["gamma1", "constant_grip"] and float(rows[1]["difference"]) < 0
+    assert len(ranking_figure(comparison).axes) == 2
+
+
+def test_bad_requests_are_refused(posterior):
+    with pytest.raises(CompareError, match="no family 'gama1'; there are gamma3"):
+        compare(posterior.problem.loops, ["gama1", "gamma2"])
+    with pytest.raises(CompareError, match="at least two"):
+        compare(posterior.problem.loops, ["gamma1"])
+    with pytest.raises(CompareError, match="choose auto, loo or tests"):
+        compare(posterior.problem.loops, ["gamma1", "gamma2"], by="eye")

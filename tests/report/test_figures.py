@@ -1,0 +1,124 @@
+"""Figures take a posterior and return a Figure: units on the axes, texts that do not overlap, and the truth in them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from bayes_iwan import report
+from bayes_iwan.report import laws, loops, marginals, sampling, trends
+from bayes_iwan.report.page import Page
+from bayes_iwan.report.style import save
+
+FIGURES = {
+    "loops, friction": lambda p: loops.loops_figure(p, friction=True),
+    "loops, total": lambda p: loops.loops_figure(p),
+    "residuals": loops.residuals_figure,
+    "paper's Fig. 3": loops.paper_fig3,
+    "paper's Fig. 4": lambda p: loops.frequencies_figure(p, model=False),
+    "paper's Fig. 8": laws.slip_density_figure,
+    "paper's Fig. 9": laws.stiffness_figure,
+    "paper's Fig. 10": laws.grip_figure,
+    "paper's Fig. 12": loops.frequencies_figure,
+    "prior and posterior": marginals.prior_posterior_figure,
+    "corner": marginals.identifiable_corner,
+    "paper's corner": lambda p: marginals.paper_corner(p, ["kp_N_mm", "ki_N_mm", "t1_N", "eta1"]),
+    "trends": trends.trends_figure,
+    "traces": sampling.traces_figure,
+    "tau": sampling.tau_figure,
+    "regions": report.regions_figure,
+    "LOO-PIT": report.loo_pit_figure,
+}
+
+
+@pytest.fixture(scope="module")
+def drawn(posterior):
+    out = {}
+    for name, make in FIGURES.items():
+        figure = make(posterior)
+        FigureCanvasAgg(figure).draw()
+        out[name] = figure
+    return out
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_axes_say_what_they_show(drawn, name):
+    figure = drawn[name]
+    assert isinstance(figure, Figure)
+    said = " ".join([t.get_text() for t in figure.findobj(Text)])
+    if name not in ("traces", "regions", "LOO-PIT", "prior and posterior"):
+        assert any(f"({unit})" in said for unit in ("N", "mm", "mJ", "N/mm", "1/N", "steps", "mJ/cycle")), said
+    for ax in figure.axes:
+        if ax.axison:
+            assert len(ax.get_xticklabels()) <= 12
+            assert len([t for t in ax.get_yticklabels() if t.get_text()]) <= 20
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_tick_labels_do_not_overlap(drawn, name):
+    for ax in drawn[name].axes:
+        if not ax.axison:
+            continue
+        for axis, along in ((ax.xaxis, "x"), (ax.yaxis, "y")):
+            # rotated labels' boxes may touch where the texts do not
+            labels = [t for t in axis.get_ticklabels()
+                      if t.get_visible() and t.get_text() and not t.get_rotation() % 90]
+            low, high = sorted(axis.get_view_interval())
+            boxes = [t.get_window_extent() for t in labels
+                     if low <= (t.get_position()[0] if along == "x" else t.get_position()[1]) <= high]
+            spans = sorted((b.x0, b.x1) if along == "x" else (b.y0, b.y1) for b in boxes)
+            assert all(a[1] <= b[0] + 1.5 for a, b in pairwise(spans)), (name, [t.get_text() for t in labels])
+
+
+def test_texts_stay_on_the_picture(drawn):
+    for name, figure in drawn.items():
+        width, height = figure.get_size_inches() * figure.dpi
+        texts = [*figure.texts, *(t for legend in figure.legends for t in legend.get_texts())]
+        for ax in figure.axes:
+            texts += [ax.title, ax._left_title, ax.xaxis.label, ax.yaxis.label] if ax.axison else []
+            texts += ax.get_legend().get_texts() if ax.get_legend() else []
+        for text in texts:
+            if text.get_visible() and text.get_text().strip():
+                box = text.get_window_extent()
+                assert box.x0 > -1 and box.y0 > -1 and box.x1 < width + 1 and box.y1 < height + 1, (name, text)
+
+
+def test_bands_hold_the_measured_loop(posterior):
+    p = report.predict(posterior, n=400)
+    low, high = np.quantile(p.loop_N, [0.05, 0.95], axis=0)
+    inside = np.mean((p.measured_N >= low) & (p.measured_N <= high))
+    assert inside > 0.75        # the band counts an unknown place of rest (ZERO_FLOOR), which made loops do not have
+    wide = np.quantile(p.cycle_N, 0.95, axis=0) - np.quantile(p.cycle_N, 0.05, axis=0)
+    assert np.all(wide.mean(axis=1) > (high - low).mean(axis=1))
+
+
+def test_replicates_have_no_unresolvable_harmonics(posterior):
+    p = report.predict(posterior, n=50)
+    noise = np.abs(np.fft.rfft(p.loop_N - p.force_N, axis=-1))
+    for t, loop in enumerate(p.loops):
+        resolved = np.isfinite(loop.noise_N[: noise.shape[2]])
+        top = int(np.max(np.flatnonzero(resolved)))
+        assert top < noise.shape[2] - 1
+        assert np.max(noise[:, t, top + 1 :]) < 1e-9
+
+
+def test_files_vector_and_raster(posterior, tmp_path):
+    figure = laws.slip_density_figure(posterior)
+    assert save(figure, tmp_path / "a.svg").read_text().startswith("<?xml")
+    assert save(figure, tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
+    assert save(figure, tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(x.name for x in tmp_path.iterdir()) == ["a.pdf", "a.png", "a.svg"]
+
+
+def test_same_input_same_picture(posterior):
+    pages = []
+    for _ in range(2):
+        page = Page("twice")
+        page.section("one").figure(laws.grip_figure(posterior), "caption", "alt")
+        pages.append(page.html())
+    assert pages[0] == pages[1]

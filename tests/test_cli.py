@@ -1,0 +1,110 @@
+"""The command line: what it prints, its exit codes, and bad input in one line."""
+
+import subprocess
+import sys
+
+import pytest
+
+from bayes_iwan import cli
+
+
+def test_every_command_has_help(capsys):
+    for command in cli.COMMANDS:
+        with pytest.raises(SystemExit) as end:
+            cli.main([*command.name.split(), "--help"])
+        assert end.value.code == 0 and command.help.split()[0] in capsys.readouterr().out
+
+
+def test_no_command_and_unknown_command(capsys):
+    for arguments in ([], ["identfy"]):
+        with pytest.raises(SystemExit) as end:
+            cli.main(arguments)
+        assert end.value.code == 2 and "usage" in capsys.readouterr().err
+
+
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path, capsys):
+    config = tmp_path / "c.toml"
+    config.write_text("[sampling]\nwalkrs = 3\n")
+    for arguments, says in (
+        (["check", str(tmp_path / "nowhere")], "campaign.toml: not found"),
+        (["identify", str(tmp_path / "nowhere"), "--out", str(tmp_path / "out")], "campaign.toml: not found"),
+        (["identify", str(tmp_path), "--out", str(tmp_path / "out"), "--config", str(config)], "walkrs"),
+    ):
+        assert cli.main(arguments) == 2
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1 and says in err and "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_is_quiet(monkeypatch, capsys):
+    def interrupted(args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "COMMANDS", [cli.Command("wait", "wait for ever", (), interrupted)])
+    assert cli.main(["wait"]) == 130
+    assert capsys.readouterr().err.strip() == "bayes-iwan: interrupted"
+
+
+def test_groups_of_commands(monkeypatch, capsys):
+    """A command of two words is entered below its first."""
+    done = []
+    entry = cli.Command("withheld make", "make it", (cli.SEED,), lambda args: done.append(args.seed))
+    monkeypatch.setattr(cli, "COMMANDS", [entry])
+    assert cli.main(["withheld", "make", "--seed", "4"]) == 0 and done == [4]
+
+
+def test_check_says_what_was_read(tmp_path, capsys, made_up_campaign):
+    assert cli.main(["check", str(made_up_campaign)]) == 0
+    out = capsys.readouterr().out
+    assert "made up" in out and "f10_a1.csv" in out
+    row = next(line.split() for line in out.splitlines() if line.startswith("f10_a1.csv"))
+    assert float(row[1]) == pytest.approx(10.0, rel=1e-3) and float(row[2]) == pytest.approx(1.0, rel=1e-2)
+
+
+def test_identify_writes_and_reports(tmp_path, capsys, made_up_campaign):
+    config = tmp_path / "c.toml"
+    config.write_text("""
+[model]
+slip = "gamma1"
+grip = "constant"
+stiffness = "constant"
+[likelihood]
+kind = "gaussian"
+[search]
+members = 40
+evaluations = 1200
+starts = 4
+[sampling]
+ensembles = 2
+walkers = 24
+r_hat = 1.05
+ess = 100
+taus = 10
+draws = 500
+""")
+    out = tmp_path / "out"
+    arguments = ["identify", str(made_up_campaign), "--out", str(out), "--config", str(config), "--seed", "1"]
+    assert cli.main(arguments) == 0
+    said = capsys.readouterr().out
+    assert "kp_N_mm" in said and "converged" in said and str(out) in said
+    for name in ("summary.csv", "posterior.nc", "point.json", "report.html", "chains.h5"):
+        assert (out / name).stat().st_size > 100, name
+    assert cli.main(arguments) == 2 and "resume" in capsys.readouterr().err
+    assert cli.main([*arguments, "--resume"]) == 0
+
+
+def test_importing_the_package_and_help_are_quick_and_light():
+    """Neither loads numba or ArviZ: they come with the command that needs them."""
+    code = ("import sys, bayes_iwan, bayes_iwan.cli as c; c.parser(); "
+            "print([m for m in ('numba', 'arviz') if m in sys.modules])")
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "[]"
+
+
+def test_public_names_exist():
+    import bayes_iwan as bi
+
+    for name in bi.__all__:
+        assert getattr(bi, name) is not None
+    with pytest.raises(AttributeError, match="identfy"):
+        bi.identfy  # noqa: B018
