@@ -83,7 +83,7 @@ class Likelihood(Protocol):
         """Whitened residuals, (draws, m), for least squares; their squares sum to −2 ln p but for a constant."""
 
     def replicate(self, force_N: Array, numbers: Numbers, rng: np.random.Generator) -> Array:
-        """Predicted loops (draws, tests, samples) with noise drawn from this model added."""
+        """Predicted loops (draws, tests, samples) with noise drawn from this model added, where there are data."""
 
     def of_loops(self, loops: tuple[Loop, ...]) -> Likelihood:
         """The same noise model for other forces of the same tests."""
@@ -189,6 +189,11 @@ class Correlated:
         return friction_level_N(self.loops) if self.level_N is None else np.array(self.level_N)
 
     @cached_property
+    def resolved(self) -> NDArray[np.bool_]:
+        """(tests, harmonics): which harmonics of which loops are data."""
+        return np.isfinite(np.stack([x.noise_N for x in self.loops]))
+
+    @cached_property
     def rotation(self) -> tuple[Array, Array, Array, Array]:
         """W (H, tests, tests), eigenvalues λ (H, tests), weight (H, tests) 1 where a datum stands, ln of the noise."""
         noise = np.stack([x.noise_N for x in self.loops], axis=1)
@@ -260,14 +265,14 @@ class Correlated:
 
     def replicate(self, force_N: Array, numbers: Numbers, rng: np.random.Generator) -> Array:
         draws, tests, samples = force_N.shape
-        turn = self.rotation[0]
-        noise = np.exp(self.rotation[3])
+        turn, _, _, log_noise = self.rotation
         level = self.level
         half = np.linalg.cholesky(between_tests(self.loops, self.BETWEEN)) * level[:, None]
         spectrum = discrepancy_spectrum(numbers["discrepancy_share"], numbers["discrepancy_length"], len(turn))
         unit = rng.standard_normal((2, 2, draws, tests, len(turn)))
         c = np.einsum("ij,pdjh,dh->pdih", half, unit[0], np.sqrt(spectrum))
-        c += unit[1] * noise.T * numbers["noise_scale"][:, None, None]
+        c += unit[1] * np.exp(log_noise).T * numbers["noise_scale"][:, None, None]
+        c *= self.resolved[:, : len(turn)]        # a measured loop has nothing where its sampling resolves nothing
         whole = np.zeros((draws, tests, samples // 2 + 1), dtype=complex)
         whole[..., : len(turn)] = (c[0] + 1j * c[1]) * (0.5 * samples)
         whole[..., 0] = c[0, ..., 0] * samples

@@ -163,6 +163,20 @@ def test_harmonics_that_sampling_cannot_resolve_do_not_count(problem):
     assert p.likelihood.log_likelihood(odd, numbers) < p.likelihood.log_likelihood(r, numbers) - 1000
 
 
+def test_replicates_have_no_noise_where_there_are_no_data(problem, known):
+    """Harmonics that a loop's sampling cannot resolve stay the model's own; all others err as the records say."""
+    loops = tuple(replace(x, noise_N=np.where(np.arange(51) > 10, np.inf, x.noise_N)) if k == 1 else x
+                  for k, x in enumerate(problem.loops))
+    p = make_problem(loops)
+    z = np.repeat(known.true_z(p, noise_scale=1.0, discrepancy_share=1e-5), 400, axis=0)
+    force = p.predict(z)
+    c = harmonics_of(p.likelihood.replicate(force, p.numbers(z), np.random.default_rng(7)) - force, 51)
+    assert np.max(np.abs(c[:, 1, 11:])) < 1e-12
+    for t, top in ((0, 51), (1, 11)):
+        noise = np.exp(p.likelihood.rotation[3])[1:top, t]
+        np.testing.assert_allclose(c[:, t, 1:top].real.std(axis=0), noise, rtol=0.2)
+
+
 def test_unknown_likelihood_is_named(problem):
     with pytest.raises(ValueError, match=r"likelihood.kind = 'student'.*correlated, gaussian, laplace"):
         make_problem(problem.loops, {"likelihood": {"kind": "student"}})
