@@ -38,11 +38,21 @@ def identify(campaign: Campaign | str | os.PathLike[str], out: str | os.PathLike
 
     See :func:`bayes_iwan.inference.identify.identify` for what is taken, written and raised.
     """
-    from .inference.identify import identify as run
+    from pathlib import Path
 
-    posterior = run(campaign, out, config=config, seed=seed, per_test=per_test, resume=resume, progress=progress)
-    if out is not None and not posterior.interrupted:
-        from .report import identification_report
+    from .inference.config import ConfigError
+    from .inference.identify import identify as run
+    from .inference.identify import identify_frequencies
+
+    if per_test and out is None:
+        raise ConfigError("per_test writes files: name a folder for them (out)")
+    posterior = run(campaign, out, config=config, seed=seed, resume=resume, progress=progress)
+    if out is None or posterior.interrupted:
+        return posterior
+    from .report import identification_report
+    identification_report(posterior, out)         # stands should the runs of single frequencies be cut short
+    if per_test:
+        identify_frequencies(posterior, Path(out), resume=resume, progress=progress)
         identification_report(posterior, out)
     return posterior
 

@@ -2,10 +2,31 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
 from bayes_iwan import cli
+
+SHORT = """
+[model]
+slip = "gamma1"
+grip = "constant"
+stiffness = "constant"
+[likelihood]
+kind = "gaussian"
+[search]
+members = 40
+evaluations = 1200
+starts = 4
+[sampling]
+ensembles = 2
+walkers = 24
+r_hat = 1.05
+ess = 100
+taus = 10
+draws = 500
+"""
 
 
 def test_every_command_has_help(capsys):
@@ -63,25 +84,7 @@ def test_check_says_what_was_read(tmp_path, capsys, made_up_campaign):
 
 def test_identify_writes_and_reports(tmp_path, capsys, made_up_campaign):
     config = tmp_path / "c.toml"
-    config.write_text("""
-[model]
-slip = "gamma1"
-grip = "constant"
-stiffness = "constant"
-[likelihood]
-kind = "gaussian"
-[search]
-members = 40
-evaluations = 1200
-starts = 4
-[sampling]
-ensembles = 2
-walkers = 24
-r_hat = 1.05
-ess = 100
-taus = 10
-draws = 500
-""")
+    config.write_text(SHORT)
     out = tmp_path / "out"
     arguments = ["identify", str(made_up_campaign), "--out", str(out), "--config", str(config), "--seed", "1"]
     assert cli.main(arguments) == 0
@@ -91,6 +94,45 @@ draws = 500
         assert (out / name).stat().st_size > 100, name
     assert cli.main(arguments) == 2 and "resume" in capsys.readouterr().err
     assert cli.main([*arguments, "--resume"]) == 0
+
+
+def test_the_report_holds_the_frequencies_alone(tmp_path, capsys, made_up_campaign, monkeypatch):
+    """After --per-test the page and its table hold the runs of single frequencies, unless these are of another model;
+    cut short, the page of the joint run stands."""
+    import bayes_iwan.inference.identify as room
+    from bayes_iwan.campaign import write_campaign
+    from bayes_iwan.inference.per_frequency import compare_frequencies
+    from bayes_iwan.inference.problem import make_problem
+    from bayes_iwan.inference.results import load
+
+    slow = [x.record for x in room.read_campaign(made_up_campaign).loops()]
+    fast = [replace(x, file=x.file.replace("f10", "f20"), frequency_hz=20.0, time_s=0.5 * x.time_s) for x in slow]
+    write_campaign(tmp_path / "campaign", name="made up", description="", tests=[*slow, *fast], compress=False)
+    names, one, run = {"f10Hz", "f20Hz"}, "f10Hz", room.identify_problem
+    config, out = tmp_path / "c.toml", tmp_path / "out"
+    config.write_text(SHORT)
+    arguments = ["identify", str(tmp_path / "campaign"), "--out", str(out), "--config", str(config), "--seed", "1"]
+
+    def alone() -> set[str]:
+        lines = (out / "tables" / "per_frequency.csv").read_text().splitlines()[1:]
+        assert ("its frequency alone" in (out / "report.html").read_text()) == any(x[:3] != "all" for x in lines)
+        return {line.split(",")[0] for line in lines} - {"all"}
+
+    def cut_short(problem, *args, **options):
+        if out / "per_test" / one == options["out"]:
+            raise KeyboardInterrupt
+        return run(problem, *args, **options)
+
+    monkeypatch.setattr(room, "identify_problem", cut_short)
+    assert cli.main([*arguments, "--per-test"]) == 130 and alone() == set()
+    monkeypatch.undo()
+    assert cli.main([*arguments, "--per-test", "--resume"]) == 0 and alone() == names
+
+    joint = load(out)
+    assert set(compare_frequencies(joint, out, replicates=50).alone) == names
+    config = {**joint.config, "parameters": {"kp_N_mm": {"lower": 1.0}}}
+    other = replace(joint, config=config, problem=make_problem(joint.loops, config))
+    assert compare_frequencies(other, out, replicates=50).alone == {}        # left from another prior: not this one's
 
 
 def test_importing_the_package_and_help_are_quick_and_light():

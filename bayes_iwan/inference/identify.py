@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from ..campaign import Campaign, Loop, read_campaign
 from . import config as configuration
 from . import results
-from .defaults import scales_of
 from .ensembles import Chains, sample
 from .point import Point, find_point, starting_population
 from .posterior import ConvergenceRow, Posterior
@@ -39,7 +38,7 @@ def identify(campaign: Campaign | str | os.PathLike[str], out: str | os.PathLike
 
     campaign : a campaign, or its folder. config : a TOML file, or its tables as a mapping (:mod:`.config`).
     out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.h5; None writes nothing.
-    per_test : identify each frequency alone as well, into out/per_test. resume : go on from out/chains.h5.
+    per_test : identify each frequency alone as well (:func:`identify_frequencies`). resume : go on from out/chains.h5.
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
     """
@@ -54,13 +53,23 @@ def identify(campaign: Campaign | str | os.PathLike[str], out: str | os.PathLike
     if out is not None:
         results.write(posterior, Path(out))
     if per_test and not posterior.interrupted:
-        for name, group in by_frequency(loops).items():
-            folder = Path(str(out)) / "per_test" / name
-            alone = make_problem(group, settings, scales=scales_of([x for x in loops if x.role != "held-out"]))
-            part = identify_problem(alone, seed, config=settings, campaign=campaign, loops=group, out=folder,
-                                    resume=resume, progress=progress)
-            results.write(part, folder)
+        identify_frequencies(posterior, Path(str(out)), resume=resume, progress=progress)
     return posterior
+
+
+def identify_frequencies(joint: Posterior, out: Path, *, resume: bool = False, progress: bool = True) -> None:
+    """Identify each frequency of a joint posterior's fitted tests alone, on its scales, into out/per_test.
+
+    Raises KeyboardInterrupt where Ctrl-C ended a run: what it had drawn is kept, `resume` goes on from it.
+    """
+    for name, group in by_frequency(joint.loops).items():
+        folder = out / "per_test" / name
+        alone = make_problem(group, joint.config, scales=joint.problem.scales)
+        part = identify_problem(alone, joint.seed, config=joint.config, campaign=joint.campaign, loops=group,
+                                out=folder, resume=resume, progress=progress)
+        results.write(part, folder)
+        if part.interrupted:                      # or the next frequency would start in the face of Ctrl-C
+            raise KeyboardInterrupt
 
 
 def by_frequency(loops: Sequence[Loop]) -> dict[str, tuple[Loop, ...]]:

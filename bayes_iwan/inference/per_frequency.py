@@ -24,7 +24,7 @@ from .parameters import Z_LIMIT
 from .posterior import Posterior
 from .problem import Problem, make_problem
 from .quantities import quantities
-from .results import load
+from .results import ResultsError, load
 
 Array = NDArray[np.float64]
 
@@ -98,17 +98,17 @@ def compare_frequencies(joint: Posterior, folder: str | os.PathLike[str] | None 
                         replicates: int = 1000) -> Frequencies:
     """Each frequency of a joint posterior's fitted tests alone, and the checks whether they agree.
 
-    folder : results of `identify(..., per_test=True)`, taken where they stand. run : identify the frequencies that
-    are not there by short runs (`settings`, default :data:`SHORT`); otherwise these have estimates only.
+    folder : results of `identify(..., per_test=True)`, taken where they are of these data, this model and these
+    priors. run : identify the frequencies that are not there by short runs (`settings`, default :data:`SHORT`);
+    otherwise these have estimates only.
     """
     groups = by_frequency(joint.problem.loops)
     alone: dict[str, Posterior] = {}
     for name, loops in groups.items():
-        stored = None if folder is None else Path(folder) / "per_test" / name
         if len(groups) == 1:
             alone[name] = joint
-        elif stored is not None and (stored / "posterior.nc").is_file():
-            alone[name] = load(stored, joint.campaign.path if joint.campaign is not None else None)
+        elif folder is not None and (stored := _stored(joint, Path(folder) / "per_test" / name, loops)) is not None:
+            alone[name] = stored
         elif run:
             chosen = {**joint.config, **(SHORT if settings is None else settings)}
             alone[name] = identify_problem(_problem(joint, loops), seed, config=chosen, campaign=joint.campaign,
@@ -117,6 +117,15 @@ def compare_frequencies(joint: Posterior, folder: str | os.PathLike[str] | None 
         return Frequencies(joint, groups, alone, (), float("nan"))
     checks, overall = agreement(joint, groups, replicates, seed)
     return Frequencies(joint, groups, alone, checks, overall)
+
+
+def _stored(joint: Posterior, folder: Path, loops: Sequence[Loop]) -> Posterior | None:
+    """What `folder` holds of these loops alone, unless it is left from another campaign, model or prior."""
+    try:
+        found = load(folder, None if joint.campaign is None else joint.campaign.path)
+    except ResultsError:
+        return None
+    return found if found.problem.fingerprint() == _problem(joint, loops).fingerprint() else None
 
 
 def _problem(joint: Posterior, loops: Sequence[Loop]) -> Problem:
