@@ -45,9 +45,9 @@ def ranking_figure(comparison: Comparison) -> Figure:
 
 
 @styled
-def tests_figure(comparison: Comparison, most: int = 6) -> Figure:
+def tests_figure(comparison: Comparison) -> Figure:
     """Where families gain and lose: log predictive density of each test when it is left out, less the best family's."""
-    entries = [e for e in comparison.entries if e.tests is not None][:most]
+    entries = [e for e in comparison.entries if e.tests is not None]
     best = entries[0]
     files = [x.file.removesuffix(".gz").removesuffix(".csv") for x in best.posterior.problem.loops]
     table = np.array([e.tests.pointwise - best.tests.pointwise for e in entries if e.tests is not None
@@ -103,7 +103,7 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
 
     section.table(("family", "difference", "± SE", "LOO by datum", "tests left out", "residual / friction",
                    "parameters", "time (s)", "sampling"),
-                  [(r.label, signed(r.difference), f"{r.difference_se:.1f}",
+                  [(r.label, *((signed(r.difference), f"{r.difference_se:.1f}") if r is not rows[0] else ("0", "–")),
                     signed(r.loo) + ("" if r.loo_holds else " (k too high)"), signed(r.left_out),
                     f"{100 * r.residual_share:.2g} %", r.parameters, f"{r.seconds:.0f}",
                     "converged" if r.converged else "short") for r in rows],
@@ -111,6 +111,9 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
     if not all(r.converged for r in rows):
         section.note("Where sampling is \"short\", the run ended before its targets; the density's own error is then "
                      "some units larger than the standard error says.")
+    section.text("Density and residual need not rank alike. Each family carries a smooth misfit of its own size and "
+                 "length, learnt from the tests: one that is large but smooth and alike in all tests costs less "
+                 "than a smaller one with sharp features.")
     answers = comparison.answers()
     if answers:
         page.section("The paper's reasoning").table(("question", "answer"), answers,
@@ -118,6 +121,6 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
     if comparison.entries[0].tests is not None and len(comparison.entries) > 1:
         section = page.section("Where families gain and lose")
         section.figure(tests_figure(comparison), "Log predictive density of each test when it is left out, less that "
-                       "of the best family; orange: worse, violet: better.",
+                       "of the best family. Orange: worse, violet: better.",
                        "Families by tests, differences as numbers.")
     return page.write(out / "compare.html")

@@ -66,13 +66,14 @@ def _summary(section: Section, posterior: Any, p: Predictive, loop_rows: tables.
     rms = np.array([r[3] for r in loop_rows.rows if r[2] != "held-out"])
     share = np.array([r[4] for r in loop_rows.rows if r[2] != "held-out"])
     tests = f"{len(fitted)} test{'s' if len(fitted) != 1 else ''}" + (f", {held} more held out" if held else "")
-    missed = number(float(np.sqrt(np.mean(rms**2))))
+    missed = f"{float(np.sqrt(np.mean(rms**2))):.2g}"
     section.text(f"{tests}; {posterior.ndim} sampled numbers, {posterior.z.shape[0] * posterior.z.shape[1]} draws "
                  f"kept. After fitting, the median prediction misses the measured loops by {missed} "
                  f"N RMS, {100 * float(np.sqrt(np.mean(share**2))):.2g} % of the friction force (worst test "
                  f"{100 * float(share.max()):.2g} %).")
-    section.note(("The chains have converged. " if posterior.converged else "The chains have NOT converged; read every "
-                  "interval below as too narrow. ") + posterior.message, "good" if posterior.converged else "warning")
+    section.note("The chains have converged." if posterior.converged else "The chains have NOT converged; read every "
+                 "interval below as too narrow. Sampling " + posterior.message.removeprefix("not converged: ") + ".",
+                 "good" if posterior.converged else "warning")
     open_ = [q.symbol for q, c in zip(posterior.problem.prior.free, contraction(posterior.flat_z(4000))) if c < OPEN]
     if open_:
         section.text(f"Not determined by these loops (posterior about as wide as the prior): {', '.join(open_)}.")
@@ -145,6 +146,9 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
     if missing:
         text += (" Squares: quick estimates, one least-squares step from the joint fit, 90 % interval; identify with "
                  "--per-test for the posteriors themselves.")
+    if short := [f"{name} {alone.message}." for name, alone in found.alone.items() if not alone.converged]:
+        section.note("Alone, these frequencies have not converged; read their intervals as too narrow. "
+                     + " ".join(short), "warning")
     section.figure(frequencies.wander_figure(found), text, "Quantities against frequency, one panel each, over the "
                    "joint posterior's band.")
     section.table(*frequencies.wander_rows(found), "Quantities from all tests and from each frequency alone: median "
@@ -170,7 +174,7 @@ def _trends(section: Section, posterior: Any, p: Predictive, rows: tables.Table)
                       f"{number(high, high - low)}]"]
         shown.append((*cells, f"{100 * row[4]:.2f} %"))
     section.table(("test", "energy, measured (mJ)", "predicted [90 %]", "stiffness, measured (N/mm)",
-                   "predicted [90 %]", "loss factor, measured", "predicted [90 %]", "RMS residual / friction"), shown,
+                   "predicted [90 %]", "loss factor, measured", "predicted [90 %]", "residual / friction"), shown,
                   "Measured and predicted, test by test (intervals of the model alone, without noise)")
 
 

@@ -96,6 +96,7 @@ def loops_figure(posterior: Any, friction: bool = False, loops: Sequence[Loop] |
     for t, ax in enumerate(axes):
         draw_loop(ax, p, t, friction, cycles)
         ax.set_title(test_name(p.loops[t]))
+        ax.locator_params(axis="x", nbins=5)
     figure.supxlabel("displacement u (mm)", fontsize=9)
     figure.supylabel("friction force (N)" if friction else "force (N)", fontsize=9)
     entries = [("measured cycles", {"color": "#9A9A9A", "linewidth": 0.8})] if cycles else []

@@ -36,6 +36,8 @@ def number(x: float, spread: float | None = None) -> str:
         return f"{x:.4g}".replace("-", "−")
     places = int(1 - np.floor(np.log10(spread)))
     text = f"{x:.{min(max(places, 0), 8)}f}" if 1e-4 < max(abs(x), spread) < 1e6 else f"{x:.3g}"
+    if not float(text):                           # no "−0.000"
+        text = text.lstrip("-")
     return text.replace("-", "−")
 
 

@@ -3,7 +3,8 @@
   const tests = JSON.parse(document.getElementById("viewer-data").textContent).tests;
   const get = (id) => document.getElementById(id);
   const plot = get("v-plot"), title = get("v-title"), NS = "http://www.w3.org/2000/svg";
-  const W = 720, H = 440, LEFT = 70, RIGHT = 12, TOP = 12, BOTTOM = 48;
+  const LEFT = 70, RIGHT = 12, TOP = 12, BOTTOM = 48;
+  let W = 720, H = 440;
   const BLUE = "#0072B2";
 
   function ticks(low, high, count) {
@@ -25,6 +26,10 @@
   }
 
   function draw() {
+    // drawn at the width there is, so that a phone's letters are not shrunk
+    W = Math.min(720, Math.max(300, plot.clientWidth || 720));
+    H = Math.round(Math.min(440, 200 + W / 3));
+    plot.setAttribute("viewBox", "0 0 " + W + " " + H);
     const t = tests[+get("v-test").value], what = get("v-what").value, model = get("v-model").value;
     const residual = what === "residual", n = t.u.length;
     const off = t.u.map((u, i) => residual ? t.model[2][i] : what === "friction" ? t.slope * u + t.zero : 0);
@@ -60,7 +65,7 @@
     const at = (p, q) => X(p).toFixed(1) + " " + Y(q).toFixed(1);
 
     while (plot.lastChild && plot.lastChild !== title) plot.removeChild(plot.lastChild);
-    for (const [v, label] of ticks(a, b, 7)) {
+    for (const [v, label] of ticks(a, b, Math.max(3, Math.round(W / 100)))) {
       add("path", { d: "M" + X(v).toFixed(1) + " " + TOP + "V" + (H - BOTTOM), stroke: "#e2e2e2" });
       add("text", { x: X(v), y: H - BOTTOM + 18, "text-anchor": "middle" }, label);
     }
@@ -103,5 +108,6 @@
   }
   for (const id of ["v-test", "v-what", "v-model", "v-cycles", "v-average"]) get(id).addEventListener("change", draw);
   get("v-phase").addEventListener("input", draw);
+  window.addEventListener("resize", draw);
   draw();
 })();
