@@ -215,6 +215,11 @@ class Correlated:
             there[h, : len(have)] = 1.0
         return turn, values, there, np.log(np.where(np.isfinite(noise), noise, 1.0))
 
+    @property
+    def mean_error_N(self) -> Array:
+        """(tests,) N: what the mean force may be off by, with the place of rest (:data:`ZERO_FLOOR`) unknown."""
+        return np.exp(self.rotation[3][0])
+
     def _whitened(self, residual_N: Array, numbers: Numbers) -> tuple[Array, Array]:
         """Rotated residuals (2, H, draws, tests), real and imaginary, and their variances (H, draws, tests)."""
         turn, values, _, _ = self.rotation

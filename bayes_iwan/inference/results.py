@@ -118,14 +118,18 @@ def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
     some = np.linspace(0, draws - 1, min(draws, PREDICTIVE_DRAWS // chains + 1)).round().astype(int)
     rng = np.random.default_rng([posterior.seed, 13])
 
-    def predicted(z: Array) -> tuple[Array, Array]:
-        force = problem.predict(z)
-        return force, problem.likelihood.replicate(force, problem.numbers(z), rng)
+    def some_draws(x: Array) -> Array:
+        return x.reshape(chains, len(some), *x.shape[1:])
 
-    force, replicated = (x.reshape(chains, len(some), *x.shape[1:])
-                         for x in predicted(posterior.z[:, some].reshape(-1, problem.ndim)))
+    z = posterior.z[:, some].reshape(-1, problem.ndim)
+    force = problem.predict(z)
+    replicated = some_draws(posterior.replicate(force, problem.numbers(z), rng))
+    force = some_draws(force)
     prior_z = problem.prior.draw(rng, 1000)
-    prior_force, prior_replicated = (x[None] for x in predicted(prior_z[:PREDICTIVE_DRAWS]))
+    few = prior_z[:PREDICTIVE_DRAWS]
+    prior_force = problem.predict(few)
+    prior_replicated = problem.likelihood.replicate(prior_force, problem.numbers(few), rng)[None]
+    prior_force = prior_force[None]
     each = np.linspace(0, draws - 1, min(draws, POINTWISE_DRAWS // chains)).round().astype(int)
     point_log = problem.pointwise(posterior.z[:, each].reshape(-1, problem.ndim))
     stacked = {name: np.stack([getattr(x, name) for x in loops]) for name in

@@ -102,7 +102,8 @@ def loo_pit(posterior: Any, n: int = 600) -> LooPit:
     """LOO-PIT by Pareto-smoothed importance sampling, on the likelihood's own independent data.
 
     These are the rotated, whitened harmonics for the correlated likelihood (real and imaginary part of one left out
-    together) and the loop's samples for the independent ones.
+    together) and the loop's samples for the independent ones. The mean forces are not among them: the correlated
+    likelihood gives them next to no weight on purpose, which would show as intervals that are too wide.
     """
     problem = posterior.problem
     z = posterior.flat_z(n)
@@ -113,8 +114,9 @@ def loo_pit(posterior: Any, n: int = 600) -> LooPit:
         rows = problem.likelihood.rows(residual, numbers)
         parts = rows.reshape(len(z), 2, -1)       # real parts, imaginary parts; padding is zero in every draw
         used = np.any(parts[:, 0] != 0.0, axis=0)
-        probability = special.ndtr(parts[:, :, used])
-        there = np.any(parts[:, 1][:, used] != 0.0, axis=0)
+        oscillating = np.any(parts[:, 1][:, used] != 0.0, axis=0)           # a mean has no imaginary part
+        probability = special.ndtr(parts[:, :, used][:, :, oscillating])
+        log_p = log_p[:, oscillating]
     else:
         weight = paper_weights(problem.motion.displacement_mm[0], problem.motion.amplitude_mm)
         weight = weight / weight.mean(axis=1, keepdims=True)
@@ -126,7 +128,6 @@ def loo_pit(posterior: Any, n: int = 600) -> LooPit:
         else:
             cdf = special.ndtr(scaled * np.sqrt(weight))
         probability = cdf.reshape(len(z), 1, -1)
-        there = np.zeros(probability.shape[2], dtype=bool)
     if probability.shape[2] != log_p.shape[1]:
         raise ValueError(f"LOO-PIT: {probability.shape[2]} data but {log_p.shape[1]} log-likelihoods")
     pit = [np.empty(log_p.shape[1]) for _ in range(probability.shape[1])]
@@ -136,8 +137,7 @@ def loo_pit(posterior: Any, n: int = 600) -> LooPit:
         w = np.exp(log_w - logsumexp(log_w))
         for part in range(probability.shape[1]):
             pit[part][i] = w @ probability[:, part, i]
-    values = pit[0] if len(pit) == 1 else np.r_[pit[0], pit[1][there]]
-    return LooPit(values, k)
+    return LooPit(np.concatenate(pit), k)
 
 
 @styled

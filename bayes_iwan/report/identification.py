@@ -196,8 +196,9 @@ def _checks(section: Section, posterior: Any, p: Predictive, loop_rows: tables.T
                    "expected.",
                    "A table of p-values, tests by six loop regions.")
     section.figure(checks.loo_pit_figure(posterior),
-                   "Leave-one-out probability integral transform of the likelihood's data. Within the grey bands the "
-                   "predictive distribution is calibrated; a hump means too wide, a trough too narrow intervals.",
+                   "Leave-one-out probability integral transform of the likelihood's data, mean forces left aside. "
+                   "Within the grey bands the predictive distribution is calibrated; a hump means too wide, a trough "
+                   "too narrow intervals.",
                    "Histogram of LOO-PIT values and their distribution function less the uniform one.")
 
 

@@ -65,8 +65,8 @@ def test_folds_and_coverage(posterior):
     assert folds["10 Hz"] == ["f10_a0.4.csv", "f10_a1.csv"] and folds["1 mm"] == ["f10_a1.csv", "f20_a1.csv"]
     p = predict(posterior, [x for x in posterior.loops if x.role == "held-out"])
     half, most = untested.coverage(p, 0.5), untested.coverage(p, 0.9)
-    # the bands count an unknown place of rest (ZERO_FLOOR), which made loops do not have: they are wide
-    assert 0.7 < most.points <= 1.0 and 0.3 < half.points <= most.points
+    # one loop has some forty independent numbers
+    assert 0.8 < most.points <= 1.0 and 0.35 < half.points < 0.75
     assert len(untested.figure({"15 Hz": p}).axes) == 1
 
 

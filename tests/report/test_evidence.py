@@ -13,6 +13,7 @@ from bayes_iwan.inference import loo
 from bayes_iwan.inference.compare import CompareError, compare
 from bayes_iwan.inference.pareto import fit_generalized_pareto, smooth_log_weights
 from bayes_iwan.inference.per_frequency import compare_frequencies
+from bayes_iwan.report.checks import loo_pit
 from bayes_iwan.report.comparison import comparison_report, ranking_figure
 from bayes_iwan.report.frequencies import frequencies_table, wander_figure, wander_rows
 
@@ -122,3 +123,22 @@ def test_bad_requests_are_refused(posterior):
         compare(posterior.problem.loops, ["gamma1"])
     with pytest.raises(CompareError, match="choose auto, loo or tests"):
         compare(posterior.problem.loops, ["gamma1", "gamma2"], by="eye")
+
+
+def test_replicates_are_as_wide_as_measured_loops_wander(posterior):
+    """Half of the measured points lie within the 50 % band, nine in ten within 90 %: mean forces included, which the
+    likelihood lets err ten times further than these tests do."""
+    again = posterior.predict(600, replicate=True)
+    measured = posterior.problem.measured_N
+    for level, least, most in ((0.5, 0.4, 0.65), (0.9, 0.84, 0.96)):
+        low, high = np.quantile(again, [0.5 - level / 2, 0.5 + level / 2], axis=0)
+        assert least < np.mean((measured >= low) & (measured <= high)) < most
+    free = posterior.problem.likelihood.mean_error_N
+    assert np.all(again.mean(axis=-1).std(axis=0) < 0.3 * free)
+
+
+def test_loo_pit_is_uniform_and_without_means(posterior):
+    pit = loo_pit(posterior).pit
+    harmonics = sum(int(np.isfinite(x.noise_N).sum()) - 1 for x in posterior.problem.loops)
+    assert pit.shape == (2 * harmonics,)
+    assert stats.kstest(pit, "uniform").pvalue > 0.01
