@@ -70,7 +70,8 @@ def figure(predicted):
             ax.set_xticks([0, 0.5, 1])
             ax.locator_params(axis="y", nbins=4)
         row[0].set_ylabel(f"without {name}\nresidual (N)")
-        row[0].set_title(f"{100 * coverage(p, 0.9).points:.0f} % in 90 %", loc="left", fontsize=8, weight="bold")
+        inside = f"{100 * coverage(p, 0.9).points:.0f} % in the 90 % band"
+        row[0].set_title(inside, loc="left", fontsize=8, weight="bold")
         row[0].set_title(test_name(p.loops[0], role=False), loc="right", fontsize=8)
         row[0].set_title("", loc="center")
     made.supxlabel("phase (cycles); line: measured − predicted, bands: 50 and 90 % of what was to be expected",

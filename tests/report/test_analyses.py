@@ -73,3 +73,16 @@ def test_folds_and_coverage(posterior):
 @pytest.mark.parametrize("name", ["per_frequency", "compare_models"])
 def test_scripts_load(name):
     assert script(name).__doc__.count("python analyses/") == 1
+
+
+def test_loops_of_table_1_tell_the_product_alone(tmp_path):
+    """Identified for two seconds, k̃ₙβ is found within some percent while β wanders far more."""
+    paper = script("reproduce_paper")
+    model, numbers = paper.Model(paper.REFERENCE), paper.table_1(paper.REFERENCE)
+    posterior = paper.identified(model, numbers, 2.0)
+    draws = posterior.paper()
+    product = draws["kn_1_mm"] * draws["beta"]
+    assert np.median(product) == pytest.approx(1.79 * 0.0062, rel=0.1)
+    assert np.std(np.log(draws["beta"])) > 3 * np.std(np.log(product))
+    assert "k̃ₙβ" in paper.figure_posterior(posterior, tmp_path)
+    assert (tmp_path / "posterior_normal_force.png").stat().st_size > 5000
