@@ -58,6 +58,19 @@ def test_the_truth_is_found(run):
     assert rows["noise_N"].ess_bulk > 100 and rows["noise_N"].r_hat < 1.06
 
 
+def test_numbers_that_cannot_vary_neither_block_convergence_nor_show_as_nan(run):
+    """The weight of a single gamma is one and a constant grip's α is one: no R-hat, no NaN, no obstacle."""
+    posterior, out = run
+    assert posterior.converged and "g1" not in [row.name for row in posterior.convergence]
+    assert all(np.isfinite([row.r_hat, row.ess_bulk, row.ess_tail, row.tau]).all() for row in posterior.convergence)
+    assert {"t1_N", "mean_slip_force_N"} <= {row.name for row in posterior.convergence}
+    text = (out / "summary.csv").read_text()
+    assert "nan" not in text.lower()
+    rows = {row["name"]: row for row in csv.DictReader(text.splitlines())}
+    assert (rows["g1"]["mean"], rows["g1"]["sd"], rows["g1"]["r_hat"], rows["g1"]["ess_bulk"]) == ("1", "0", "", "")
+    assert rows["alpha_plus_A[f10_a1.csv]"]["r_hat"] == "" and float(rows["eta1"]["r_hat"]) < 1.06
+
+
 def test_files_are_what_was_promised(run):
     posterior, out = run
     with open(out / "summary.csv", newline="") as file:
