@@ -47,8 +47,8 @@ class Family:
         return make_problem(loops, mine)
 
 
-_SLIP = {"gamma3": "three gammas (the paper's)", "gamma2": "two gammas", "gamma1": "one gamma", "uniform": "uniform",
-         "gaussian": "Gaussian", "power_law": "power law"}
+_SLIP = {"gamma3": "three gammas (the paper's)", "gamma2": "two-gamma", "gamma1": "one-gamma", "uniform": "uniform",
+         "gaussian": "Gaussian", "power_law": "power-law"}
 _PAPER = {"slip": "gamma3", "grip": "hunt_crossley", "stiffness": "saturating"}
 
 FAMILIES: dict[str, Family] = {

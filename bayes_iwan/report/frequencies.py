@@ -13,7 +13,7 @@ from ..inference.posterior import Posterior
 from .loops import test_name
 from .marginals import interval, number, symbol_of
 from .predictive import loop_numbers
-from .style import BLACK, GREEN, MODEL, RED, styled, subplots
+from .style import BLACK, GREEN, MODEL, RED, band, styled, subplots
 from .tables import Table, spread
 
 Array = NDArray[np.float64]
@@ -81,6 +81,37 @@ def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
                 cells.append(f"~ {number(middle, half)} [{number(middle - half, half)}, {number(middle + half, half)}]")
         rows.append([*cells, f"{check.p_value:.2f}" if check.p_value >= 0.01 else "< 0.01"])
     return columns, rows
+
+
+@styled
+def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
+    """Each test's loop as its own frequency alone predicts it (50 and 90 % bands) and as all tests together do (90 %
+    between the lines), both less the joint median; grey: the measured loop. Means, which drift, are taken off."""
+    tests = [(loop, frequencies.alone[name]) for name, loops in frequencies.groups.items() for loop in loops
+             if name in frequencies.alone]
+    columns = min(3, len(tests))
+    rows = math.ceil(len(tests) / columns)
+    figure, axes = subplots(rows, columns, 2.5 * columns + 0.4, 1.6 * rows + 0.7, sharex=True)
+
+    def swing(force_N: Array) -> Array:
+        return force_N - force_N.mean(axis=-1, keepdims=True)
+
+    for ax, (loop, posterior) in zip(axes.ravel(), tests):
+        joint, alone = (swing(p.predict(n, loops=(loop,))[:, 0]) for p in (frequencies.joint, posterior))
+        middle = np.median(joint, axis=0)
+        ax.plot(loop.phase, swing(loop.force_N) - middle, color="#9A9A9A", linewidth=0.6, zorder=1)
+        band(ax, loop.phase, alone - middle)
+        for edge in np.quantile(joint - middle, [0.05, 0.95], axis=0):
+            ax.plot(loop.phase, edge, color=RED, linestyle=(0, (4, 2)), linewidth=0.9)
+        ax.set_title(test_name(loop))
+        ax.set_xlim(0, 1)
+        ax.set_xticks([0, 0.5, 1.0], ["0", "0.5", "1"])
+        ax.locator_params(axis="y", nbins=4)
+    for ax in axes.ravel()[len(tests):]:
+        ax.remove()
+    figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)", fontsize=9)
+    figure.supylabel("force − joint median (N)", fontsize=9)
+    return figure
 
 
 def loop_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:

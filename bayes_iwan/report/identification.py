@@ -154,6 +154,10 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
     section.table(*frequencies.wander_rows(found), "Quantities from all tests and from each frequency alone: median "
                   "and 90 % interval" + (" (~: quick estimates)" if missing else ""))
     if found.alone:
+        section.figure(frequencies.alone_loops_figure(found), "Loops predicted from each test's frequency alone (blue: "
+                       "median, 50 and 90 % bands) and from all tests (red, dashed: 90 %), less the median from all "
+                       "tests. Grey: the measured loop. Bands that part say that the frequency wants other numbers.",
+                       "One panel a test: bands of the loop from its frequency alone around the joint prediction.")
         section.table(*frequencies.loop_rows(found), "Energy, stiffness and loss factor of each test: measured, "
                       "predicted from all tests, predicted from the tests of its own frequency alone")
     frequencies.frequencies_table(found).write_csv(out / "tables")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from ..inference.checkpoint import read_checkpoint
+from ..inference.checkpoint import CheckpointError, read_checkpoint
 from ..inference.convergence import autocorrelation_time
 from .style import series, styled, subplots
 
@@ -34,11 +35,12 @@ def history(posterior: Any, folder: str | os.PathLike[str] | None = None) -> His
     path = None if folder is None else Path(folder) / "chains.h5"
     ensembles = posterior.z.shape[0]
     if path is not None and path.is_file():
-        _, names, snapshot = read_checkpoint(path, ("warmup", "production"))
-        draws = snapshot.draws["production"]
-        if tuple(names[: posterior.ndim]) == posterior.names and len(draws) >= 4:
-            z = np.moveaxis(draws.reshape(len(draws), ensembles, -1, draws.shape[2]), 0, 1)
-            return History(z, float(posterior.timings.get("steps", len(draws))) / len(draws))
+        with contextlib.suppress(CheckpointError):    # the posterior stands without the file it was drawn through
+            _, names, snapshot = read_checkpoint(path, ("production",))
+            draws = snapshot.draws["production"]
+            if tuple(names[: posterior.ndim]) == posterior.names and len(draws) >= 4:
+                z = np.moveaxis(draws.reshape(len(draws), ensembles, -1, draws.shape[2]), 0, 1)
+                return History(z, float(posterior.timings.get("steps", len(draws))) / len(draws))
     z = posterior.z.reshape(ensembles, posterior.walkers, -1, posterior.ndim)
     return History(np.moveaxis(z, 1, 2), float(posterior.thin))
 

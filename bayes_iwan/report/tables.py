@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,8 +123,9 @@ _TEX_SYMBOL: Mapping[str, str] = {
 def _tex_symbol(symbol: str) -> str:
     if symbol in _TEX_SYMBOL:
         return f"${_TEX_SYMBOL[symbol]}$"
-    text = symbol.replace("η", r"\eta_").replace("_", r"\_") if "\\" not in symbol and "η" not in symbol else (
-        symbol.replace("η", r"\eta_"))
+    text = re.sub(r"([A-Za-zη])(\d+)", r"\1_{\2}", symbol)
+    for mark, command in (("η", r"\eta"), ("φ", r"\phi"), ("α", r"\alpha")):
+        text = text.replace(mark, command)
     return f"${text}$"
 
 

@@ -109,7 +109,7 @@ def test_the_family_that_made_the_loops_wins(comparison):
 
 def test_page_and_table_of_a_comparison(comparison, tmp_path):
     text = comparison_report(comparison, tmp_path).read_text(encoding="utf-8")
-    assert "one gamma slip forces" in text and "<table>" in text
+    assert "one-gamma slip forces" in text and "<table>" in text
     with (tmp_path / "compare.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [r["family"] for r in rows] == ["gamma1", "constant_grip"] and float(rows[1]["difference"]) < 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from bayes_iwan import report
+from bayes_iwan.inference.per_frequency import compare_frequencies
 from bayes_iwan.report import laws, loops, marginals, sampling, trends
+from bayes_iwan.report.frequencies import alone_loops_figure
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import save
 
@@ -122,3 +125,14 @@ def test_same_input_same_picture(posterior):
         page.section("one").figure(laws.grip_figure(posterior), "caption", "alt")
         pages.append(page.html())
     assert pages[0] == pages[1]
+
+
+def test_loops_of_one_frequency_alone_lie_around_the_joint_ones(posterior):
+    """The joint posterior in the place of each frequency's own: its median is zero, its bands hold the dashed lines."""
+    found = compare_frequencies(posterior, replicates=50)
+    figure = alone_loops_figure(replace(found, alone=dict.fromkeys(found.groups, posterior)))
+    FigureCanvasAgg(figure).draw()
+    assert len(figure.axes) == len(posterior.problem.loops)
+    for ax in figure.axes:
+        _, median, low, high = (np.asarray(line.get_ydata(), dtype=float) for line in ax.lines)
+        assert np.max(np.abs(median)) < 1e-9 and np.all(low < 0.0) and np.all(high > 0.0)

@@ -148,6 +148,7 @@ def test_tables_beside_the_page(page, posterior):
 
 def test_latex_table_is_balanced_and_ascii_enough(posterior):
     tex = latex_table(posterior)
+    assert r"$\eta_{1}$" in tex and "$k_p$" in tex
     assert tex.count("{") == tex.count("}") and tex.count("$") % 2 == 0
     body = [line for line in tex.splitlines() if line.endswith(r"\\")]
     assert len(body) == posterior.ndim + 1 and all(line.count(" & ") == 4 for line in body)
