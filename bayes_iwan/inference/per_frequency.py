@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 #: settings of the short runs for one frequency alone; results of `identify(..., per_test=True)` come first
 SHORT: dict[str, dict[str, Any]] = {
     "search": {"members": 60, "evaluations": 1500, "second_opinion": False, "starts": 8},
-    "sampling": {"ensembles": 2, "walkers": 32, "budget_s": 20.0, "r_hat": 1.05, "ess": 100.0, "taus": 15.0,
+    "sampling": {"ensembles": 2, "walkers": 64, "budget_s": 20.0, "r_hat": 1.05, "ess": 100.0, "taus": 15.0,
                  "draws": 2048},
 }
 #: in a linear refit a step of z beyond this is cut: the linearisation means nothing there

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ..campaign import Loop
 from ..inference.per_frequency import Frequencies
 from ..inference.posterior import Posterior
 from .loops import test_name
@@ -21,6 +22,12 @@ Array = NDArray[np.float64]
 
 def _draws(posterior: Posterior, name: str) -> Array:
     return np.asarray(posterior.quantities()[name].values, dtype=float)
+
+
+def _alone(frequencies: Frequencies) -> list[tuple[Loop, Posterior]]:
+    """Tests by frequency and amplitude, each with the posterior of its own frequency."""
+    return [(loop, frequencies.alone[name]) for name, loops in frequencies.groups.items() if name in frequencies.alone
+            for loop in sorted(loops, key=lambda x: x.amplitude_mm)]
 
 
 @styled
@@ -87,8 +94,7 @@ def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
 def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
     """Each test's loop as its own frequency alone predicts it (50 and 90 % bands) and as all tests together do (90 %
     between the lines), both less the joint median; grey: the measured loop. Means, which drift, are taken off."""
-    tests = [(loop, frequencies.alone[name]) for name, loops in frequencies.groups.items() for loop in loops
-             if name in frequencies.alone]
+    tests = _alone(frequencies)
     columns = min(3, len(tests))
     rows = math.ceil(len(tests) / columns)
     figure, axes = subplots(rows, columns, 2.5 * columns + 0.4, 1.6 * rows + 0.7, sharex=True)
@@ -116,22 +122,18 @@ def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
 
 def loop_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
     """Columns and rows: energy, stiffness, loss factor of each test: measured, from all tests, from its frequency."""
-    columns = ["test"]
-    for title in ("energy (mJ)", "stiffness (N/mm)", "loss factor"):
-        columns += [f"{title}, measured", "all tests", "its frequency alone"]
     rows = []
-    for group, posterior in frequencies.alone.items():
-        for loop in frequencies.groups[group]:
+    for name, title in (("dissipated_energy_mJ", "energy (mJ)"), ("equivalent_stiffness_N_mm", "stiffness (N/mm)"),
+                        ("loss_factor", "loss factor")):
+        for loop, posterior in _alone(frequencies):
             measured = loop_numbers(loop.displacement_mm, loop.force_N)
-            cells = [test_name(loop)]
-            for name, value in (("dissipated_energy_mJ", measured.energy_mJ),
-                                ("equivalent_stiffness_N_mm", measured.stiffness_N_mm),
-                                ("loss_factor", measured.loss_factor)):
-                draws = [_draws(p, f"{name}[{loop.file}]") for p in (frequencies.joint, posterior)]
-                width = float(np.ptp(np.quantile(draws[0], [0.05, 0.95])))
-                cells += [number(float(value), width), *("{} [{}, {}]".format(*interval(d)) for d in draws)]
-            rows.append(cells)
-    return columns, rows
+            value = {"dissipated_energy_mJ": measured.energy_mJ, "loss_factor": measured.loss_factor,
+                     "equivalent_stiffness_N_mm": measured.stiffness_N_mm}[name]
+            draws = [_draws(p, f"{name}[{loop.file}]") for p in (frequencies.joint, posterior)]
+            width = float(np.ptp(np.quantile(draws[0], [0.05, 0.95])))
+            rows.append([test_name(loop), title, number(float(value), width),
+                         *("{} [{}, {}]".format(*interval(d)) for d in draws)])
+    return ["test", "quantity", "measured", "all tests", "its frequency alone"], rows
 
 
 def frequencies_table(frequencies: Frequencies) -> Table:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference import loo
-from bayes_iwan.inference.compare import CompareError, compare
+from bayes_iwan.inference import loo, per_frequency
+from bayes_iwan.inference.compare import SHORT, CompareError, compare
 from bayes_iwan.inference.pareto import fit_generalized_pareto, smooth_log_weights
 from bayes_iwan.inference.per_frequency import compare_frequencies
+from bayes_iwan.inference.problem import make_problem
 from bayes_iwan.report.checks import loo_pit
 from bayes_iwan.report.comparison import comparison_report, ranking_figure
 from bayes_iwan.report.frequencies import frequencies_table, wander_figure, wander_rows
@@ -142,3 +143,8 @@ def test_loo_pit_is_uniform_and_without_means(posterior):
     harmonics = sum(int(np.isfinite(x.noise_N).sum()) - 1 for x in posterior.problem.loops)
     assert pit.shape == (2 * harmonics,)
     assert stats.kstest(pit, "uniform").pvalue > 0.01
+
+
+def test_short_runs_have_walkers_enough_for_the_paper_s_model(posterior):
+    ndim = make_problem(posterior.problem.loops).ndim
+    assert ndim == 18 and all(short["sampling"]["walkers"] >= 2 * ndim + 2 for short in (per_frequency.SHORT, SHORT))

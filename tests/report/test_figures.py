@@ -136,3 +136,8 @@ def test_loops_of_one_frequency_alone_lie_around_the_joint_ones(posterior):
     for ax in figure.axes:
         _, median, low, high = (np.asarray(line.get_ydata(), dtype=float) for line in ax.lines)
         assert np.max(np.abs(median)) < 1e-9 and np.all(low < 0.0) and np.all(high > 0.0)
+
+
+def test_a_checkpoint_that_cannot_be_read_is_done_without(posterior, tmp_path):
+    (tmp_path / "chains.h5").write_bytes(b"not a checkpoint")
+    np.testing.assert_array_equal(sampling.history(posterior, tmp_path).z, sampling.history(posterior).z)
