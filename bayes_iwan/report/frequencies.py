@@ -68,7 +68,7 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         ax.locator_params(axis="y", nbins=4)
     for ax in axes.ravel()[len(checks):]:
         ax.remove()
-    figure.supxlabel("frequency (Hz)", fontsize=9)
+    figure.supxlabel("frequency (Hz); band: all tests together, 50 and 90 %; points: each frequency alone", fontsize=9)
     return figure
 
 

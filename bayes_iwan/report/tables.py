@@ -27,7 +27,8 @@ LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a table as text or numbers; `name` is the CSV file's, numbers keep full precision there."""
+    """Rows of a table as text or numbers; `name` is the CSV file's, numbers keep full precision there and
+    what is not a number is an empty cell."""
 
     name: str
     caption: str
@@ -38,7 +39,8 @@ class Table:
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(self.columns)
-        writer.writerows([f"{x:.9g}" if isinstance(x, float) else x for x in row] for row in self.rows)
+        writer.writerows([("" if np.isnan(x) else f"{x:.9g}") if isinstance(x, float) else x for x in row]
+                         for row in self.rows)
         return out.getvalue()
 
     def write_csv(self, folder: str | os.PathLike[str]) -> Path:
