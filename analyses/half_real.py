@@ -146,7 +146,7 @@ def one_case(data: Path, before: on_top.Known, name: str, effect: str, wanted: f
     new = replace(campaign, tests=tuple(changed(x, effect, strength, values) for x in campaign.tests))
     loops = new.loops(**LOOPS)
     data = gap_data(loops) if by_size else on_top.data_on_top(loops, before)
-    a = on_top.attribute_on_top(on_top.search_on_top(data, before, catalogue.variants()), before, by_size)
+    a = on_top.attribute_on_top(on_top.search_on_top(data, before, catalogue.variants(), by_size), before, by_size)
     causes = sorted((n for n in a.probabilities if n not in ("none", "unknown")), key=lambda n: -a.probabilities[n])
     return {"campaign": name, "effect": effect, "size": wanted, "strength": strength, "answer": a.cause,
             "probability": a.probability, "set": list(a.cannot_tell_apart), "ranked": causes[:4],

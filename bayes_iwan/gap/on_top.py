@@ -1,9 +1,10 @@
 """What is new in a campaign whose specimen is known: causes on top of a gap that was diagnosed before.
 
 A real specimen has a gap of its own. Its leading fit, effects held at the values found, becomes the base model. What
-this fit still misses is known in one of two ways: loop by loop, and then it is taken from the new loops, whose noise
-counts twice; or by its size alone, and then any smooth misfit of that size is allowed. On that, one further cause is
-sought: an effect that the base does not have, or another value of one that it has.
+this fit still misses is known in one of two ways: loop by loop, and then the specimen's force has it, turned with the
+true displacement's phase and passed through whatever a new cause does to the channels, and noise counts twice; or by
+its size alone, and then any smooth misfit of that size is allowed. On that, one further cause is sought: an effect that
+the base does not have, or another value of one that it has.
 """
 
 from __future__ import annotations
@@ -13,13 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from ..campaign import Loop
 from ..inference.defaults import Scales
+from ..physics import Motion
 from .attribution import Attribution, Calibration, Table, attribute, best_fit, calibration
 from .catalogue import calibrated, ordered
 from .data import GapData, gap_data, predicted
-from .effects import Effect
+from .effects import Effect, Numbers
 from .evidence import Fit, Rows, base_problem, extended, fit_model
 from .search import EFFECT_STARTS, PAIR_PROMISE, SINGLE_MOST, Search, promising, start_points
 
@@ -33,6 +36,7 @@ class Known:
     effects : (class, strength_value) of the effects that the fit holds; values : all its numbers by name.
     share : the smooth misfit it still needs, RMS over the friction level.
     missed : measured − predicted (N) in harmonics (T, H + 1), contrasts between blocks and lines of the mains.
+    turned : phase of the true displacement's first harmonic in these loops, rad (T,).
     """
 
     scales: Scales
@@ -41,6 +45,37 @@ class Known:
     values: Mapping[str, float]
     share: float
     missed: tuple[np.ndarray, np.ndarray, np.ndarray]
+    turned: np.ndarray
+
+
+def _turn(motion: Motion) -> np.ndarray:
+    """Phase of the displacement's first harmonic, (…, loops)."""
+    return np.angle(fft.rfft(motion.displacement_mm, axis=-1)[..., 1])
+
+
+class Carried(Effect):
+    """The misfit of a known specimen, as a force that is there beside the model's."""
+
+    name = "carried"
+    order = -2
+    parameters = ()                                     # type: ignore[assignment]
+    missed_N: np.ndarray
+    turned: np.ndarray
+
+    @classmethod
+    def over(cls, before: Known, tests: tuple[str, ...]) -> Carried:
+        out = cls(before.scales, tests)
+        object.__setattr__(out, "missed_N", before.missed[0])
+        object.__setattr__(out, "turned", before.turned)
+        return out
+
+    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+        n = motion.samples
+        turn = _turn(motion) - self.turned[motion.test]
+        order = np.arange(self.missed_N.shape[1])
+        c = self.missed_N[motion.test] * np.exp(1j * order * turn[..., None])
+        c[..., 0] *= 2.0
+        return force_N + fft.irfft(0.5 * n * c, n=n, axis=-1)
 
 
 def known(found: Search) -> Known:
@@ -50,7 +85,17 @@ def known(found: Search) -> Known:
     best = best_fit(found, key)
     values = {n: float(v[0]) for n, v in best.problem.prior.values(best.z[None]).items()}
     return Known(found.scales, found.config, tuple((type(e), e.strength_value) for e in best.effects), values,
-                 Table({(): best.log_z}).gap_share, missed_by(found.data, best))
+                 Table({(): best.log_z}).gap_share, missed_by(found.data, best),
+                 _turn(true_motion(found.data, best))[0])
+
+
+def true_motion(data: GapData, fit: Fit) -> Motion:
+    """What the specimen did according to a fit, one draw left out: displacements (T, samples)."""
+    motion = data.steady_motion
+    numbers = fit.problem.numbers(fit.z[None])
+    for effect in fit.effects:
+        motion = effect.motion(motion, numbers)
+    return motion
 
 
 def missed_by(data: GapData, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -61,7 +106,8 @@ def missed_by(data: GapData, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def data_on_top(loops: Sequence[Loop], before: Known) -> GapData:
-    """New data of the same tests less what the known model missed; the noise of both recordings counts.
+    """New data of the same tests, with what the known model missed of their evolution taken off; the noise of both
+    recordings counts. What it missed of the loops is in the specimen (:class:`Carried`).
 
     Raises ValueError if the tests are not the same in number.
     """
@@ -69,10 +115,10 @@ def data_on_top(loops: Sequence[Loop], before: Known) -> GapData:
         raise ValueError(f"{len(loops)} tests, but {len(before.missed[0])} were known before: give the same tests")
     twice = np.sqrt(2.0)
     data = gap_data([replace(x, noise_N=twice * x.noise_N, block_noise_N=twice * x.block_noise_N) for x in loops])
-    mean, trend, lines = before.missed
+    _, trend, lines = before.missed
     # where cycles were cut into other blocks, their contrasts are not comparable: as if nothing had been known
     same = trend if trend.shape == data.trend_N.shape else np.zeros_like(data.trend_N)
-    return replace(data, harmonics_N=data.harmonics_N - mean, trend_N=data.trend_N - same, mains_N=data.mains_N - lines)
+    return replace(data, trend_N=data.trend_N - same, mains_N=data.mains_N - lines)
 
 
 def held(effect: Effect, values: Mapping[str, float]) -> Effect:
@@ -87,19 +133,22 @@ def held(effect: Effect, values: Mapping[str, float]) -> Effect:
     return Held(effect.scales, effect.tests, effect.strength_value)
 
 
-def base_on_top(data: GapData, before: Known) -> Fit:
+def base_on_top(data: GapData, before: Known, by_size: bool = False) -> Fit:
     """The known model refitted to new data: its effects stay, its own numbers may move."""
     files = tuple(x.file for x in data.loops)
     kept = [held(kind(before.scales, files, strength), before.values) for kind, strength in before.effects]
+    if not by_size:
+        kept.append(Carried.over(before, files))
     problem = extended(base_problem(data, before.config, before.scales), ordered(kept))
     z = np.array([float(p.score(np.array(before.values[p.name]))) for p in problem.prior.free])
     nearby = z + 0.3 * np.random.default_rng(0).standard_normal((4, len(z)))
     return fit_model(data, problem, np.concatenate([z[None], nearby]))
 
 
-def search_on_top(data: GapData, before: Known, kinds: Mapping[str, tuple[type[Effect], ...]]) -> Table:
+def search_on_top(data: GapData, before: Known, kinds: Mapping[str, tuple[type[Effect], ...]],
+                  by_size: bool = False) -> Table:
     """ln evidence of the known model and of one further cause each, over the grid of discrepancies."""
-    base = base_on_top(data, before)
+    base = base_on_top(data, before, by_size)
     plain = extended(base.problem, ())
     trials = []
     for name, classes in kinds.items():

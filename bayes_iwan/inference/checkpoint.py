@@ -52,11 +52,14 @@ class Checkpoint:
         path: Path,
         fingerprint: Mapping[str, str],
         names: tuple[str, ...],
-        walkers: int,
-        stages: tuple[str, ...],
+        walkers: Mapping[str, int],
         snapshot: Snapshot | None = None,
     ) -> Checkpoint:
-        """A new file at `path`, put there whole (temporary file and rename), open for appending."""
+        """A new file at `path`, put there whole (temporary file and rename), open for appending.
+
+        walkers : how many walkers each stage has.
+        """
+        stages = tuple(walkers)
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part")
@@ -64,8 +67,8 @@ class Checkpoint:
             file.attrs["format"] = _FORMAT
             file.attrs["fingerprint"] = json.dumps(dict(fingerprint))
             file.attrs["names"] = json.dumps(list(names))
-            for stage in stages:
-                for kind, shape in (("draws", (walkers, len(names))), ("log_prob", (walkers,))):
+            for stage, n in walkers.items():
+                for kind, shape in (("draws", (n, len(names))), ("log_prob", (n,))):
                     old = None if snapshot is None else getattr(snapshot, kind)[stage]
                     file.create_dataset(
                         f"{stage}_{kind}",
@@ -84,7 +87,7 @@ class Checkpoint:
         os.replace(part, path)
         file = h5py.File(path, "r+", libver="latest")
         file.swmr_mode = True
-        return cls(file, tuple(stages), 1)
+        return cls(file, stages, 1)
 
     @classmethod
     def resume(
@@ -105,8 +108,8 @@ class Checkpoint:
             )
         if stored_names != tuple(names):
             raise CheckpointError(f"{path}: this checkpoint samples {', '.join(stored_names)}, not {', '.join(names)}")
-        walkers = next(iter(snapshot.draws.values())).shape[1]
-        return cls.create(path, fingerprint, names, walkers, stages, snapshot), snapshot
+        walkers = {stage: snapshot.draws[stage].shape[1] for stage in stages}
+        return cls.create(path, fingerprint, names, walkers, snapshot), snapshot
 
     def append(self, stage: str, draws: Array, log_prob: Array) -> None:
         """Add draws (stored, walkers, ndim) and their log_prob (stored, walkers) to a stage."""

@@ -77,7 +77,9 @@ def _slip_parameters(family: slip_force.SlipForce, s: Scales) -> list[Parameter]
         out += [Parameter(f"slip_ratio_{i + 1}{i}", f"m{i + 1}/m{i}", "-",
                           f"mean slip force of component {i + 1} over that of component {i}", _above_one(1.5, 1.0))
                 for i in range(1, n)]
-        out += [Parameter(f"eta{i}", f"η{i}", "-", f"gamma shape of component {i}", _lognormal(2.0, 0.9), 0.12, 75.0)
+        # narrower than a standard deviation of a quarter of the mean (η = 16) a component is a single slider, which can
+        # follow the noise of one loop, and the posterior gets a thin branch for each place where it finds some
+        out += [Parameter(f"eta{i}", f"η{i}", "-", f"gamma shape of component {i}", _lognormal(2.0, 0.9), 0.12, 16.0)
                 for i in range(1, n + 1)]
         out += [Parameter(f"share_{i}", f"w{i}", "-", f"weight of component {i} among the components from it on",
                           stats.beta(1, n - i) if n - i > 1 else stats.uniform(0, 1)) for i in range(1, n)]

@@ -77,6 +77,10 @@ class Parameter:
         if name == "uniform":
             start, end = self._support
             return start + (end - start) * low
+        if name == "t" and not args and kwargs.get("df") == 2:
+            return kwargs.get("loc", 0.0) + kwargs.get("scale", 1.0) * (low - high) / np.sqrt(2.0 * low * high)
+        if name == "beta" and not kwargs and len(args) == 2 and args[0] == 1:
+            return 1.0 - high ** (1.0 / args[1])
         return np.where(low < 0.5, self.prior.ppf(np.minimum(low, 0.5)), self.prior.isf(np.minimum(high, 0.5)))
 
     def score(self, value: Array) -> Array:

@@ -127,25 +127,25 @@ def fit_proposal(
     rng: np.random.Generator,
     *,
     start: Proposal | None = None,
-    charts: int = 3,
-    wide: int = 6,
-    degree: int = 4,
+    charts: int = 12,
+    wide: int = 8,
+    degree: int = 2,
     nu: float = 5.0,
     iterations: int = 8,
-    most: int = 24_000,
+    most_repeats: int = 10,
 ) -> Proposal:
     """Fit to draws (..., ndim) by expectation–maximisation, each chart a weighted regression.
 
     start : go on from this proposal's assignment of draws to charts, with half as many iterations; by default a
         mixture of plain t distributions gives the first assignment.
-    most : at most so many different draws are used, taken at random. A walker that stands still counts once.
+    most_repeats : a draw that comes several times, because a walker stood still, weighs as often as it comes, up to
+        this: where walkers stand still the proposal is too thin, but a few places alone are no sheet to fit.
 
     A chart whose draws are too few for its degree gets a lower one; one left with hardly any is dropped.
     """
     ndim = draws.shape[-1]
-    z = np.unique(draws.reshape(-1, ndim), axis=0)
-    if len(z) > most:
-        z = z[np.sort(rng.choice(len(z), size=most, replace=False))]
+    z, repeats = np.unique(draws.reshape(-1, ndim), axis=0, return_counts=True)
+    weights = np.minimum(repeats, most_repeats)[:, None].astype(float)
     if start is None:
         plain = fit_mixture(z, charts, rng, nu=nu, iterations=30)
         parts = plain.log_parts(z)
@@ -155,9 +155,8 @@ def fit_proposal(
         iterations = max(1, iterations // 2)
     proposal = start
     for _ in range(iterations):
-        mass = r.sum(axis=0)
-        keep = mass >= min(3.0 * ndim, mass.max())
-        r = r[:, keep] / np.maximum(r[:, keep].sum(axis=1, keepdims=True), 1e-300)
+        keep = r.sum(axis=0) >= min(3.0 * ndim, r.sum(axis=0).max())  # different draws, however often they come
+        r = weights * r[:, keep] / np.maximum(r[:, keep].sum(axis=1, keepdims=True), 1e-300)
         mass = r.sum(axis=0)
         fitted = tuple(_fit_chart(z, r[:, k], wide, degree, nu) for k in range(len(mass)))
         proposal = Proposal(mass / mass.sum(), fitted)
@@ -168,7 +167,7 @@ def fit_proposal(
 
 def _fit_chart(z: Array, weights: Array, wide: int, degree: int, nu: float) -> Chart:
     ndim = z.shape[1]
-    rows = weights > 1e-6 * weights.max()
+    rows = weights > 1e-2 * weights.max()  # what is left out weighs next to nothing and takes most of the time
     z, weights = z[rows], weights[rows]
     total = weights.sum()
     while degree > 0 and total < 8 * monomials(min(wide, ndim - 1), degree):

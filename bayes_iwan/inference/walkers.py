@@ -32,6 +32,20 @@ class Walkers:
         self.n_evaluations = 0
         self.state: emcee.State | None = None
 
+    def resized(self, walkers: int) -> Walkers:
+        """The same with another number of walkers an ensemble: of those that are placed already, the first ones.
+
+        The walkers of an ensemble are exchangeable, so any of them are as good.
+        """
+        other = Walkers(self.function, self.ensembles, walkers, self.ndim)
+        other.n_evaluations = self.n_evaluations
+        if self.state is not None:
+            mine = (np.arange(self.ensembles)[:, None] * self.walkers + np.arange(walkers)).ravel()
+            other.state = emcee.State(
+                self.state.coords[mine], log_prob=self.state.log_prob[mine], random_state=self.state.random_state
+            )
+        return other
+
     def log_prob(self, z: Array) -> Array:
         """The log-probability of z (n, ndim), its shape and values checked."""
         self.n_evaluations += len(z)
@@ -82,39 +96,52 @@ class Walkers:
         return values
 
     def advance(
-        self, moves: WeighedMoves, steps: int, thin: int, tick: Callable[[int], object], deadline: float | None
+        self,
+        moves: WeighedMoves,
+        steps: int,
+        thin: int,
+        tick: Callable[[int], object],
+        deadline: float | None,
+        temper: float = 1.0,
     ) -> tuple[Array, Array]:
         """Take `steps` steps and return every thin-th: draws (ensembles, stored, walkers, ndim) and log_prob.
 
-        Ends early, at a whole number of stored steps, after `deadline` (of time.monotonic).
+        Ends early, at a whole number of stored steps, after `deadline` (of time.monotonic). With `temper` < 1 the
+        steps leave the density's power `temper` in balance; the log_prob that is returned and kept is still the whole.
         """
+        assert self.state is not None
         total = self.ensembles * self.walkers
         stored = steps // thin
         draws = np.empty((stored, total, self.ndim))
         values = np.empty((stored, total))
         sampler = emcee.EnsembleSampler(total, self.ndim, self.log_prob, moves=list(moves), vectorize=True)
-        sampler.log_prob_fn = self.log_prob  # without emcee's wrapper, which prints a traceback on Ctrl-C
+        # without emcee's wrapper, which prints a traceback on Ctrl-C
+        sampler.log_prob_fn = lambda z: temper * self.log_prob(z)
+        start = emcee.State(self.state, copy=True)
+        start.log_prob *= temper
         done = 0
         for state in sampler.sample(
-            self.state, iterations=stored, thin_by=thin, store=False, skip_initial_state_check=True
+            start, iterations=stored, thin_by=thin, store=False, skip_initial_state_check=True
         ):
-            draws[done], values[done] = state.coords, state.log_prob
+            draws[done], values[done] = state.coords, state.log_prob / temper
             done += 1
             tick(thin)
             if deadline is not None and done >= 8 and time.monotonic() > deadline:
                 break
         if done:
             self.state = emcee.State(state, copy=True)
+            if temper != 1.0:
+                self.state.log_prob = self.log_prob(self.state.coords)  # exact again, not there and back
         return self.by_ensemble(draws[:done]), self.by_ensemble(values[:done])
 
     def by_ensemble(self, x: Array) -> Array:
         """(stored, all walkers, ...) to (ensembles, stored, walkers, ...)."""
-        return np.moveaxis(x.reshape(len(x), self.ensembles, self.walkers, *x.shape[2:]), 0, 1)
+        return np.moveaxis(x.reshape(len(x), self.ensembles, x.shape[1] // self.ensembles, *x.shape[2:]), 0, 1)
 
     def in_one_row(self, x: Array) -> Array:
         """The inverse of `by_ensemble`."""
         x = np.moveaxis(x, 1, 0)
-        return x.reshape(len(x), self.ensembles * self.walkers, *x.shape[3:])
+        return x.reshape(len(x), x.shape[1] * x.shape[2], *x.shape[3:])
 
     def rescue(self, draws: Array, values: Array, seed: Sequence[int]) -> int:
         """Put walkers left far behind, in warm-up, onto other draws of their own ensemble; return how many.

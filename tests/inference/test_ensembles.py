@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from bayes_iwan.inference import ensembles
+from bayes_iwan.inference import run
 from bayes_iwan.inference.checkpoint import Checkpoint, CheckpointError, read_checkpoint
 from bayes_iwan.inference.ensembles import SamplingError, sample
 
@@ -28,9 +28,9 @@ def population(seed=0, n=300):
 
 @pytest.fixture(autouse=True)
 def short_adaptation(monkeypatch):
-    monkeypatch.setattr(ensembles, "_WARMUP_STEPS", 100)
-    monkeypatch.setattr(ensembles, "_ROUND_STEPS", (60, 100))
-    monkeypatch.setattr(ensembles, "_ROUNDS", (3, 6))
+    monkeypatch.setattr(run, "_WARMUP_STEPS", 100)
+    monkeypatch.setattr(run, "_ROUND_STEPS", (60, 100))
+    monkeypatch.setattr(run, "_ROUNDS", (3, 6))
 
 
 def test_a_run_ends_by_itself_with_the_right_moments_and_the_same_draws_for_the_same_seed():
@@ -118,8 +118,8 @@ SCRIPT = textwrap.dedent("""
     import sys, numpy as np
     sys.path.insert(0, {here!r})
     import test_ensembles as t
-    from bayes_iwan.inference import ensembles
-    ensembles._WARMUP_STEPS, ensembles._ROUND_STEPS, ensembles._ROUNDS = 100, (60, 100), (3, 6)
+    from bayes_iwan.inference import ensembles, run
+    run._WARMUP_STEPS, run._ROUND_STEPS, run._ROUNDS = 100, (60, 100), (3, 6)
     settings = t.SHORT | dict(target_ess=1e9, max_steps=1500)
     ensembles.sample(t.banana, t.population(), names=t.NAMES, seed=5, checkpoint={path!r},
                      fingerprint={{"data": "d"}}, resume=True, **settings)
@@ -142,7 +142,7 @@ def test_killed_at_random_and_resumed_a_run_draws_what_it_would_have_drawn(tmp_p
         finally:
             process.send_signal(signal.SIGKILL)
             kills += process.wait() == -signal.SIGKILL
-        read_checkpoint(path, ("warmup", "production"))  # readable after every kill
+        read_checkpoint(path, ("plain", "production"))  # readable after every kill
     assert kills >= 1
     resumed = sample(
         banana, population(), names=NAMES, seed=5, checkpoint=path, fingerprint={"data": "d"}, resume=True, **settings
@@ -154,7 +154,7 @@ def test_killed_at_random_and_resumed_a_run_draws_what_it_would_have_drawn(tmp_p
 
 def _stored(path):
     try:
-        return len(read_checkpoint(path, ("warmup", "production"))[2].draws["production"])
+        return len(read_checkpoint(path, ("plain", "production"))[2].draws["production"])
     except CheckpointError:  # not there yet
         return 0
 
@@ -177,8 +177,8 @@ def test_checkpoints_of_other_runs_are_refused_naming_what_differs(tmp_path):
 
 def test_a_half_written_state_falls_back_to_the_one_before(tmp_path):
     path = tmp_path / "c.h5"
-    stages = ("warmup", "production")
-    file = Checkpoint.create(path, {}, ("x",), 4, stages)
+    stages = ("plain", "production")
+    file = Checkpoint.create(path, {}, ("x",), {"plain": 8, "production": 4})
     for i in (1.0, 2.0):
         file.append("production", np.full((3, 4, 1), i), np.full((3, 4), i))
         file.commit({"i": np.array(i)})
