@@ -44,6 +44,8 @@ BOX = {"small": (np.log(6e-4), np.log(6e-3)), "small sd": (0.4, 1.2), "large": (
        "large sd": (0.4, 1.2), "law": (0.02, 0.2), "law of speed": (0.1, 0.6), "law of contact": (0.03, 0.3),
        "temper": (0.2, 1.0), "linear": (1.0, 30.0), "none": (-3.0, 14.0), "unknown": (-8.0, 14.0),
        "pair": (-45.0, -4.0), "rough pair": (-40.0, 0.0), "compliance": (-40.0, 0.0)}
+#: nats within which causes are told apart no more; it does not enter the log score
+APART = 8.0
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,8 @@ class Case:
     table: Table
 
 
-def constants(x: np.ndarray, apart: float = 8.0) -> Calibration:
-    """Calibration from the numbers sought, in the order of BOX; `apart` does not enter the log score."""
+def constants(x: np.ndarray, apart: float = APART) -> Calibration:
+    """Calibration from the numbers sought, in the order of BOX."""
     v = dict(zip(BOX, (float(one) for one in x)))
     speed = v["law of speed"]                     # laws of sliding speed are the ones that nature writes otherwise
     return Calibration(small=(float(np.exp(v["small"])), v["small sd"]),

@@ -12,6 +12,7 @@ from scipy import stats
 from ..inference.ensembles import sample
 from ..inference.likelihood import discrepancy_spectrum
 from ..inference.parameters import Z_LIMIT
+from ..inference.walkers import enough_walkers
 from .attribution import calibration
 from .data import GapData
 from .evidence import LENGTHS, Fit, Rows
@@ -55,7 +56,8 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
     start = np.concatenate([fit.z + 1.5 * rng.standard_normal((512, n)) @ root.T, share,
                             0.5 * rng.standard_normal((512, 1))], axis=1)
     names = (*fit.problem.names, "discrepancy_share", "discrepancy_length")
-    chains = sample(target.log_prob, start, names=names, seed=seed, budget_s=BUDGET_S, progress=True)
+    chains = sample(target.log_prob, start, names=names, seed=seed, n_walkers=max(40, enough_walkers(len(names))),
+                    budget_s=BUDGET_S, progress=True)
     draws = chains.flat(4000)[:, :n]
     covariance = np.cov(draws.T) + 1e-12 * np.eye(n)
     return replace(fit, covariance=covariance, z=draws.mean(axis=0) if chains.converged else fit.z,

@@ -33,7 +33,7 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     },
     "sampling": {
         "ensembles": 4,
-        "walkers": 40,
+        "walkers": 40,                # at least; twice the numbers and two where that is more
         "budget_s": 240.0,
         "max_steps": 200_000,
         "r_hat": 1.01,

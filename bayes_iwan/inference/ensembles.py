@@ -145,6 +145,8 @@ def sample(
                     )
                     if not short:
                         stop = "converged"
+                    elif run.restart_if_slow(result, chain_taus):
+                        bar.set_postfix_str("slow: proposal fitted anew")
                     elif run.n_steps >= max_steps:
                         stop = f"stopped at {max_steps} steps"
                     elif run.late:

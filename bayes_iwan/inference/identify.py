@@ -23,6 +23,8 @@ from .point import Point, find_point, starting_population
 from .posterior import ConvergenceRow, Posterior
 from .problem import Problem, make_problem
 from .quantities import sampled_and_paper
+from .run import CROWD
+from .walkers import enough_walkers
 
 Array = NDArray[np.float64]
 
@@ -96,7 +98,8 @@ def identify_problem(problem: Problem, seed: int, *, config: Mapping[str, Any] |
     began = time.monotonic()
     point = find_point(problem, seed, settings["search"], progress)
     s = settings["sampling"]
-    population = starting_population(problem, point, seed, 2 * s["ensembles"] * s["walkers"])
+    walkers = max(s["walkers"], enough_walkers(problem.ndim))
+    population = starting_population(problem, point, seed, CROWD * s["ensembles"] * walkers)
     # what is fixed, or follows from the model alone as g₁ = 1 of a single gamma does, has no convergence
     unsampled = tuple(name for name, q in sampled_and_paper(problem, population).items()
                       if name not in problem.names and np.ptp(q.values) > 0.0)
@@ -111,7 +114,7 @@ def identify_problem(problem: Problem, seed: int, *, config: Mapping[str, Any] |
             problem.log_prob, population, names=problem.names, seed=seed, quantities=numbers if unsampled else None,
             quantity_names=unsampled, checkpoint=None if out is None else Path(out) / "chains.h5",
             fingerprint=problem.fingerprint() | {"seed": str(seed)}, n_ensembles=s["ensembles"],
-            n_walkers=s["walkers"], budget_s=s["budget_s"], max_steps=s["max_steps"], target_r_hat=s["r_hat"],
+            n_walkers=walkers, budget_s=s["budget_s"], max_steps=s["max_steps"], target_r_hat=s["r_hat"],
             target_ess=s["ess"], chain_taus=s["taus"], progress=progress, resume=resume)
     if chains.draws.shape[1] == 0:                # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt

@@ -26,13 +26,13 @@ class BlockMove(Move):
     """A red-blue move inside each of `ensembles` equal blocks of walkers.
 
     Subclasses give `get_proposal(s, c, random)` with s (ensembles, n, ndim) the walkers to move and
-    c (ensembles, m, ndim) the rest of their own ensembles, and return proposals shaped like s and factors
-    (ensembles, n). Walkers e·w … (e+1)·w - 1 of emcee's state are ensemble e.
+    c (ensembles, m, ndim) the rest of their own ensembles (none with a single split), and return proposals shaped
+    like s and factors (ensembles, n). Walkers e·w … (e+1)·w - 1 of emcee's state are ensemble e.
     """
 
     def __init__(self, ensembles: int = 1, nsplits: int = 2) -> None:
-        if ensembles < 1 or nsplits < 2:
-            raise ValueError(f"need at least 1 ensemble and 2 splits, not {ensembles} and {nsplits}")
+        if ensembles < 1 or nsplits < 1:
+            raise ValueError(f"need at least 1 ensemble and 1 split, not {ensembles} and {nsplits}")
         self.ensembles = ensembles
         self.nsplits = nsplits
 
@@ -155,7 +155,7 @@ class MixtureMove(BlockMove):
         rho: tuple[float, ...] = (0.2, 0.4, 0.8),
         ensembles: int = 1,
     ) -> None:
-        super().__init__(ensembles)
+        super().__init__(ensembles, nsplits=1)  # a proposal here needs no other walker: all move in one call
         self.proposal = proposal
         self.independent = independent
         self.rho = np.asarray(rho, dtype=float)

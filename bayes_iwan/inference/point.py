@@ -253,7 +253,7 @@ def starting_population(problem: Problem, point: Point, seed: int, count: int) -
     for part in np.array_split(starts, max(1, len(starts) // 64)):  # Jacobians of all at once would take gigabytes
         offsets = _SPREAD * rng.standard_normal((len(part), rows))
         offsets[:, -1] = 0.0                                        # the log-determinant's row is no datum
-        fit = least_squares_batch(lambda z: joint_rows(problem, z), part, box, max_iterations=12, ftol=1e-4, xtol=1e-4,
+        fit = least_squares_batch(lambda z: joint_rows(problem, z), part, box, max_iterations=8, ftol=1e-4, xtol=1e-4,
                                   offsets=offsets)
         fitted.append(fit.x)
     # a shift of the data hardly moves the numbers of the noise: they are spread by themselves

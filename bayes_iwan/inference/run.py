@@ -4,7 +4,7 @@ Adaptation draws by halves from the posterior and from its power `_TEMPER` < 1, 
 alike. The tempered draws lie on the same bent sheets but farther out, so that where the posterior's tails bend the
 proposal has seen them: independence proposals fitted to the posterior's own draws alone are too thin there, and a
 walker that gets into such a tail stands still for thousands of steps. (The idea of a defensive mixture: Hesterberg
-1995.) Tempered halves also set free walkers that are stuck. A crowd of walkers does this, `_CROWD` times as many as
+1995.) Tempered halves also set free walkers that are stuck. A crowd of walkers does this, `CROWD` times as many as
 produce: what the proposal learns from are places, and many walkers for a short time have been to more of them than few
 for long; production in turn is as long as its autocorrelation time demands, however many walkers it has.
 """
@@ -35,12 +35,14 @@ BatchFunction = Callable[[Array], Array]
 
 _STAGES = ("tempered", "plain", "production")
 _TEMPER = 0.6
-_CROWD = 4
+CROWD = 4
 _WARMUP_STEPS = 60
 _ROUND_STEPS = (60, 160)  # the first and the longest round of adaptation, half of it tempered
 _ROUNDS = (12, 18)  # the least and the most
 _STORE_EVERY = 5  # steps between stored draws before production
 _MATERIAL = 24_000  # draws that a proposal is fitted to
+_RESTARTS = 3  # times at most that slow production is taken for more adaptation
+_TRIAL_STEPS = 1500  # of production before its speed is judged
 
 
 def _local_moves(ensembles: int) -> WeighedMoves:
@@ -69,9 +71,10 @@ class Run:
     ) -> None:
         self.seed, self.fingerprint, self.names = seed, fingerprint, names
         self.producers = walkers.walkers
-        self.walkers = walkers.resized(_CROWD * walkers.walkers)  # until production
+        self.walkers = walkers.resized(CROWD * walkers.walkers)  # until production
         self.began = time.monotonic()
         self.deadline = None if budget_s is None else self.began + budget_s
+        self.adapt_by = np.inf if budget_s is None else self.began + 0.5 * budget_s  # the rest is for draws that count
         self.bar: tqdm = None  # type: ignore[assignment]
         self.file: Checkpoint | None = None
         self.proposal: Proposal | None = None
@@ -83,6 +86,7 @@ class Run:
         self.producing = False
         self.thin = 1
         self.next_check = 0
+        self.restarts: list[int] = []  # stored steps of production that each restart left behind, all in all
         self._kept: list[tuple[Array, Array]] = []
         self._values: list[Array] = []
 
@@ -138,7 +142,7 @@ class Run:
         self.population_log_prob = self.walkers.place(population, self.seed)
         if checkpoint is not None:
             producers = self.walkers.ensembles * self.producers
-            rows = {stage: producers if stage == "production" else _CROWD * producers for stage in _STAGES}
+            rows = {stage: producers if stage == "production" else CROWD * producers for stage in _STAGES}
             self.file = Checkpoint.create(checkpoint, self.fingerprint, self.names, rows)
             self._commit()
 
@@ -156,7 +160,7 @@ class Run:
             self.proposal = fit_proposal(self._material(rng), rng, start=None if fresh else self.proposal)
             self.quality.append(self._acceptance(rng))
             self.bar.set_postfix_str(f"global proposals accepted {self.quality[-1]:.3f}")
-            if self._settled() or k >= _ROUNDS[1] or self.late:
+            if self._settled() or k >= _ROUNDS[1] or time.monotonic() > self.adapt_by:
                 break
             steps = int(min(_ROUND_STEPS[0] * 1.15 ** (k - 1), _ROUND_STEPS[1])) // _STORE_EVERY * _STORE_EVERY
             self._round(_with_proposal(self.proposal, e, 0.8, 0.5), steps)
@@ -192,7 +196,7 @@ class Run:
             draws = [d for d, _ in rounds[since:]]
             if len(draws) == 1:
                 draws = [draws[0][:, draws[0].shape[1] // 2 :]]
-            z = np.concatenate(draws, axis=1).reshape(-1, self.walkers.ndim)
+            z = np.concatenate([d.reshape(-1, self.walkers.ndim) for d in draws])
             different, which = np.unique(z, axis=0, return_inverse=True)
             some = np.isin(which, rng.permutation(len(different))[: _MATERIAL // 2])
             material.append(z[some])
@@ -241,6 +245,21 @@ class Run:
         self._kept.append((draws, values))
         self._commit(("production", draws, values))
 
+    def restart_if_slow(self, result: Convergence, chain_taus: float) -> bool:
+        """Where production would last more than five times as long as it has: take its draws for adaptation, fit the
+        proposal anew, freeze that, and begin production again. It has been to places where walkers stand still."""
+        n = self.n_steps
+        if n < _TRIAL_STEPS or len(self.restarts) == _RESTARTS or not result.worst_tau * chain_taus > 5.0 * n:
+            return False
+        self.rounds += self._kept
+        self.restarts.append((self.restarts or [0])[-1] + sum(d.shape[1] for d, _ in self._kept))
+        self._kept, self._values = [], []
+        rng = np.random.default_rng([self.seed, 5, len(self.restarts)])
+        self.proposal = fit_proposal(self._material(rng), rng)
+        self.next_check = _TRIAL_STEPS
+        self._commit()
+        return True
+
     def plan_check(self, result: Convergence, target_ess: float, chain_taus: float) -> None:
         """When to look again: where the targets will be met at the present rate, but before twice the length."""
         n = self.n_steps
@@ -256,12 +275,13 @@ class Run:
         for stage, draws, values in appended:
             self.file.append(stage, self.walkers.in_one_row(draws), self.walkers.in_one_row(values))
         state = self.walkers.to_arrays() | {
-            "rounds": np.array([d.shape[1] for d, _ in self.rounds]),  # its tempered half is as long
+            "rounds": np.array([d.shape[1] for d, _ in self.tempered]),  # its plain half is as long
             "quality": np.array(self.quality),
             "population_log_prob": self.population_log_prob,
             "producing": np.array(self.producing),
             "thin": np.array(self.thin),
             "next_check": np.array(self.next_check),
+            "restarts": np.array(self.restarts, dtype=int),
         }
         if self.proposal is not None:
             state |= {f"proposal_{k}": v for k, v in self.proposal.to_arrays().items()}
@@ -281,8 +301,13 @@ class Run:
                 rounds += [(w.by_ensemble(d), w.by_ensemble(v)) for d, v in parts]
         self.quality = [float(q) for q in state["quality"]]
         self.next_check = int(state["next_check"])
-        if len(draws["production"]):
-            self._kept = [(w.by_ensemble(draws["production"]), w.by_ensemble(values["production"]))]
+        self.restarts = [int(n) for n in state["restarts"]]
+        produced, logs = (w.by_ensemble(x["production"]) for x in (draws, values))
+        for begin, end in zip([0, *self.restarts], self.restarts):
+            self.rounds.append((produced[:, begin:end], logs[:, begin:end]))
+        last = (self.restarts or [0])[-1]
+        if produced.shape[1] > last:
+            self._kept = [(produced[:, last:], logs[:, last:])]
         numbers = {k.removeprefix("proposal_"): v for k, v in state.items() if k.startswith("proposal_")}
         self.proposal = Proposal.from_arrays(numbers) if numbers else None
 

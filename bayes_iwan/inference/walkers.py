@@ -20,14 +20,20 @@ class SamplingError(ValueError):
     """The posterior, the population or the settings cannot be sampled."""
 
 
+def enough_walkers(ndim: int) -> int:
+    """The least walkers an ensemble that differential evolution and stretch moves span `ndim` numbers with."""
+    return 2 * ndim + 2
+
+
 class Walkers:
     """State of `ensembles` × `walkers` walkers in one emcee sampler; ensemble e owns one block of them."""
 
     def __init__(self, log_prob: BatchFunction, ensembles: int, walkers: int, ndim: int) -> None:
         if ensembles < 2:
             raise SamplingError(f"n_ensembles = {ensembles}: R-hat needs at least 2 independent ensembles, better 4")
-        if walkers < 2 * ndim + 2:
-            raise SamplingError(f"n_walkers = {walkers} is too few for {ndim} numbers; take at least {2 * ndim + 2}")
+        if walkers < enough_walkers(ndim):
+            least = enough_walkers(ndim)
+            raise SamplingError(f"n_walkers = {walkers} is too few for {ndim} numbers; take at least {least}")
         self.function, self.ensembles, self.walkers, self.ndim = log_prob, ensembles, walkers, ndim
         self.n_evaluations = 0
         self.state: emcee.State | None = None

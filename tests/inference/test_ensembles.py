@@ -119,15 +119,16 @@ SCRIPT = textwrap.dedent("""
     sys.path.insert(0, {here!r})
     import test_ensembles as t
     from bayes_iwan.inference import ensembles, run
-    run._WARMUP_STEPS, run._ROUND_STEPS, run._ROUNDS = 100, (60, 100), (3, 6)
-    settings = t.SHORT | dict(target_ess=1e9, max_steps=1500)
+    run._WARMUP_STEPS, run._ROUND_STEPS, run._ROUNDS, run._TRIAL_STEPS = 100, (60, 100), (3, 6), 200
+    settings = t.SHORT | dict(target_ess=1e9, max_steps=1500, chain_taus=1e5)
     ensembles.sample(t.banana, t.population(), names=t.NAMES, seed=5, checkpoint={path!r},
                      fingerprint={{"data": "d"}}, resume=True, **settings)
 """)
 
 
-def test_killed_at_random_and_resumed_a_run_draws_what_it_would_have_drawn(tmp_path):
-    settings = SHORT | dict(target_ess=1e9, max_steps=1500)
+def test_killed_at_random_and_resumed_a_run_draws_what_it_would_have_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "_TRIAL_STEPS", 200)  # with so long a chain asked for, production is begun anew as well
+    settings = SHORT | dict(target_ess=1e9, max_steps=1500, chain_taus=1e5)
     whole = sample(banana, population(), names=NAMES, seed=5, fingerprint={"data": "d"}, **settings)
     path = tmp_path / "run.h5"
     code = SCRIPT.format(here=os.path.dirname(__file__), path=str(path))

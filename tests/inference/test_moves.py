@@ -203,9 +203,11 @@ def test_a_bent_sheet_is_straightened():
     z[:, 3:] *= 0.01
     z[:, 3] += 0.5 * z[:, 0] ** 2 - 0.3 * z[:, 1] * z[:, 2]
     z[:, 4] += 0.2 * z[:, 0] ** 3
-    straight = fit_proposal(z[:4000], rng)
+    straight = fit_proposal(z[:4000], rng, charts=3, wide=6, degree=4)
+    many = fit_proposal(z[:4000], rng)
     plain = fit_mixture(z[:4000], 12, rng)
     test = z[4000:]
     entropy = -0.5 * 8 * (1 + np.log(2 * np.pi)) - 5 * np.log(0.01)  # the best that any density can score
     assert straight.log_density(test).mean() > entropy - 1.0
     assert straight.log_density(test).mean() > plain.log_density(test).mean() + 1.0
+    assert many.log_density(test).mean() > plain.log_density(test).mean() + 0.5
