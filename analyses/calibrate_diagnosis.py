@@ -43,7 +43,9 @@ LOWEST = 1e-3
 BOX = {"small": (np.log(6e-4), np.log(6e-3)), "small sd": (0.4, 1.2), "large": (np.log(0.01), np.log(0.1)),
        "large sd": (0.4, 1.2), "law": (0.02, 0.2), "law of speed": (0.1, 0.6), "law of contact": (0.03, 0.3),
        "temper": (0.2, 1.0), "linear": (1.0, 30.0), "none": (-3.0, 14.0), "unknown": (-8.0, 14.0),
-       "pair": (-45.0, -4.0), "rough pair": (-40.0, 0.0), "compliance": (-40.0, 0.0)}
+       "pair": (-45.0, -4.0), "rough pair": (-40.0, 0.0), "compliance": (-90.0, -20.0)}
+#: the most that an answer claims: of those that the fitted constants are surest of, so many are right (printed)
+SURE = 0.92
 #: nats within which causes are told apart no more; it does not enter the log score
 APART = 8.0
 
@@ -67,7 +69,7 @@ def constants(x: np.ndarray, apart: float = APART) -> Calibration:
                        law=v["law"], laws={"stribeck_weakening": speed, "rate_strengthening": speed,
                                            "end_stop": v["law of contact"]},
                        temper=v["temper"], linear=v["linear"], none=v["none"], unknown=v["unknown"], pair=v["pair"],
-                       rough_pair=v["rough pair"], effect={"rig_compliance": v["compliance"]}, apart=apart)
+                       rough_pair=v["rough pair"], effect={"rig_compliance": v["compliance"]}, apart=apart, sure=SURE)
 
 
 def searched(campaign: Path) -> dict[tuple[str, ...], np.ndarray]:
@@ -201,6 +203,9 @@ def main() -> None:
             result["out of sample"].append({"set": args.sets[i], "scores": _plain(outside), "constants": asdict(c)})
             parts["out of sample"] += verdicts(some, c)
     write_json(args.out / "fitted.json", result)
+    for part, points in parts.items():
+        surest = [right for p, right in points if p > 0.95 * best.sure]
+        print(f"surest answers, {part}: {share(surest).text()} right")
     figure(parts).savefig(args.out / "reliability.png", dpi=130)
     print(json.dumps(asdict(best)))
     if args.write:

@@ -22,8 +22,6 @@ from .search import Search
 Array = NDArray[np.float64]
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
-#: nothing in an answer is surer than this: the rig is not every rig
-MOST_SURE = 0.99
 #: share of a cause's probability that goes to unknown (or none) where it does not shrink the gap
 DOUBT = 0.9
 #: nats that an effect costs which explains nothing
@@ -39,7 +37,7 @@ class Calibration:
     the evidence, beyond `linear` nats it counts by its asinh; none, unknown, pair : ln prior odds against one named
     effect; rough_pair : added for pairs with one of `laws`, whose law's own error a second effect likes to mend;
     effect : the same for effects that absorb a specimen's own oddities; apart : nats within which causes cannot be
-    told apart.
+    told apart; sure : the most that any answer may claim, as often as the surest answers proved right.
     """
 
     small: tuple[float, float] = (0.0025, 0.7)
@@ -54,6 +52,7 @@ class Calibration:
     rough_pair: float = 0.0
     effect: dict[str, float] | None = None
     apart: float = 3.0
+    sure: float = 0.92
 
     @property
     def log_small(self) -> Array:
@@ -161,7 +160,7 @@ def attribute(table: Table, sizes: dict[tuple[str, ...], dict[str, float]] | Non
             p[first] += share
         else:
             p[key[0] if key else "none"] += share
-    p = _not_too_sure(p)
+    p = _not_too_sure(p, c.sure)
     leader = max(weight, key=lambda k: weight[k])
     cause = max(p, key=lambda n: p[n])
     second = None
@@ -187,10 +186,10 @@ def doubted(given: Attribution, instead: str) -> Attribution:
     return Attribution(p, max(p, key=lambda n: p[n]), None, (), given.hypotheses)
 
 
-def _not_too_sure(p: dict[str, float]) -> dict[str, float]:
-    """A little weight to every answer, so that none is certain."""
-    share = (1.0 - MOST_SURE) / len(p)
-    return {n: MOST_SURE * v + share for n, v in p.items()}
+def _not_too_sure(p: dict[str, float], sure: float) -> dict[str, float]:
+    """What is held back from sure answers: half of it is for causes that no catalogue lists, half for every answer."""
+    rest = 0.5 * (1.0 - sure)
+    return {n: sure * v + rest / len(p) + (rest if n == "unknown" else 0.0) for n, v in p.items()}
 
 
 def best_fit(found: Search, key: tuple[str, ...]) -> Fit:

@@ -86,16 +86,16 @@ def known(found: Search) -> Known:
     values = {n: float(v[0]) for n, v in best.problem.prior.values(best.z[None]).items()}
     return Known(found.scales, found.config, tuple((type(e), e.strength_value) for e in best.effects), values,
                  Table({(): best.log_z}).gap_share, missed_by(found.data, best),
-                 _turn(true_motion(found.data, best))[0])
+                 turned_by(found.data, best))
 
 
-def true_motion(data: GapData, fit: Fit) -> Motion:
-    """What the specimen did according to a fit, one draw left out: displacements (T, samples)."""
+def turned_by(data: GapData, fit: Fit) -> np.ndarray:
+    """Phase (T,) of the first harmonic of what the specimen did according to a fit, for :class:`Known`."""
     motion = data.steady_motion
     numbers = fit.problem.numbers(fit.z[None])
     for effect in fit.effects:
         motion = effect.motion(motion, numbers)
-    return motion
+    return _turn(motion)[0]
 
 
 def missed_by(data: GapData, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

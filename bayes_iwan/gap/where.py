@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from ..inference.likelihood import harmonics_of
+from .attribution import calibration
 from .evidence import LENGTHS
 from .gap_size import LEVEL
 from .laws import Law, LawSearch
@@ -22,8 +23,6 @@ from .residuals import ALONG, HUM, LOOP, MEAN, Residual
 
 Array = NDArray[np.float64]
 
-#: smooth misfit of specimens without an effect: median share of the friction level, and spread of its logarithm
-TYPICAL_MISFIT, MISFIT_SPREAD = 0.004, 0.5
 FAMILY_WISE = 0.05
 SIMULATIONS = 1000
 #: harmonics looked at one by one
@@ -86,9 +85,9 @@ class Where:
         return tuple(x for x in self.looks if x.kind == kind)
 
 
-def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS,
-          typical_misfit: float = TYPICAL_MISFIT) -> Where:
+def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> Where:
     """Look everywhere; the residual is that of the base model on the fitted tests."""
+    typical_misfit, _ = calibration().small
     rng = np.random.default_rng([seed, 72])
     null = simulated(residual, simulations, rng, typical_misfit)
     noise = residual.after_refit(residual.draw_noise(200, rng))
@@ -137,7 +136,7 @@ def along_cycle(residual: Residual, value: np.ndarray) -> Array:
 
 def simulated(residual: Residual, draws: int, rng: np.random.Generator, typical_misfit: float) -> np.ndarray:
     """(draws, T, M) complex: residuals where the model is right but for a typical small misfit, after a refit."""
-    shares = typical_misfit * np.exp(MISFIT_SPREAD * rng.standard_normal(draws))
+    shares = typical_misfit * np.exp(calibration().small[1] * rng.standard_normal(draws))
     misfit = residual.draw_misfit(shares, rng.choice(LENGTHS, draws), rng)
     return residual.after_refit(residual.draw_noise(draws, rng, allowed=True) + misfit)
 

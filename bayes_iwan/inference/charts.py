@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bayes_iwan.inference.warp import KNEE, MOST_SPREAD, SPREAD_ORDER, Warp, monomial_plan
+from bayes_iwan.physics.threads import over_draws
 
 Array = NDArray[np.float64]
 
@@ -49,10 +50,15 @@ class ChartStack:
         """Standardised coordinates (n, charts, ndim) of z (n, ndim) in every chart, and ln|dy/dz| (n, charts)."""
         x = np.empty((len(z), *self.mean.shape))
         log_det = np.empty(x.shape[:2])
-        _forward(
-            np.ascontiguousarray(z), self.wide, self.parent, self.known, self.shift, self.spread, self.spread_used,
-            self.mean, self.whiten, self.log_sd, self.centre, self.unroot_t, x, log_det,
-        )  # fmt: skip
+        z = np.ascontiguousarray(z)
+
+        def some(part: slice) -> None:
+            _forward(
+                z[part], self.wide, self.parent, self.known, self.shift, self.spread, self.spread_used, self.mean,
+                self.whiten, self.log_sd, self.centre, self.unroot_t, x[part], log_det[part],
+            )  # fmt: skip
+
+        over_draws(some, len(z), self.shift[..., 0].size)
         return x, log_det
 
     def place(self, x: Array, chart: NDArray[np.int64]) -> Array:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ..gap.diagnosis import BASES, Diagnosis, diagnose_folder, write_json
 from ..gap.findings import pictures
 from ..gap.residuals import residual_of
-from ..gap.where import where
+from ..gap.where import along_cycle
 from ..inference.config import read_config
 from . import gap_figures
 from .diagnosis_page import write_diagnosis_page, write_figures
@@ -28,7 +28,8 @@ def diagnosis_figures(found: Diagnosis, answer: dict[str, Any]) -> dict[str, Fig
     if found.explanations and verdict["cause"] not in ("none", "unknown"):
         lead = found.explanations[0]
         cause = " + ".join(lead.names)
-        after = where(residual_of(found.data, lead.fit), found.seed, simulations=200).phase_N
+        left = residual_of(found.data, lead.fit)
+        after = along_cycle(left, left.value)
         out["before_after"] = gap_figures.before_after_figure(drawn["names"], drawn["residual_N"], after,
                                                               drawn["expected_N"], cause)
         out["moved"] = gap_figures.moved_figure(lead.moved)

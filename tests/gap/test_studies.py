@@ -115,10 +115,14 @@ def test_an_effect_is_found_on_top_of_a_gap_that_was_known():
     problem = base_problem(data, {}, scales)
     fit = fit_model(data, problem, np.zeros((1, problem.ndim)))
     values = {n: float(v[0]) for n, v in problem.prior.values(fit.z[None]).items()}
-    then = on_top.Known(scales, {}, (), values, Table({(): fit.log_z}).gap_share, on_top.missed_by(data, fit))
-    kinds = {n: catalogue.variants()[n] for n in ("moving_mass", "direction_dependent_friction")}
-    for mass, cause in ((0.0, "none"), (0.05, "moving_mass")):
-        new = replace(campaign, tests=tuple(crooked(x, mass) for x in campaign.tests))
+    then = on_top.Known(scales, {}, (), values, Table({(): fit.log_z}).gap_share, on_top.missed_by(data, fit),
+                        on_top.turned_by(data, fit))
+    kinds = {n: catalogue.variants()[n] for n in ("moving_mass", "direction_dependent_friction", "channel_delay")}
+    for mass, delay_s, cause in ((0.0, 0.0, "none"), (0.05, 0.0, "moving_mass"), (0.0, 1e-3, "channel_delay")):
+        # a late channel delays the misfit that was known with all the rest
+        put_in = (crooked(x, mass) for x in campaign.tests)
+        new = replace(campaign, tests=tuple(replace(x, force_N=np.interp(x.time_s - delay_s, x.time_s, x.force_N))
+                                            for x in put_in))
         rest = on_top.data_on_top(new.loops(n_phase=80, n_harmonics=24), then)
         answer = on_top.attribute_on_top(on_top.search_on_top(rest, then, kinds), then)
         assert answer.cause == cause
