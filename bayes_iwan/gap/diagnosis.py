@@ -19,12 +19,12 @@ from ..inference import defaults
 from ..inference.defaults import Scales
 from . import catalogue
 from .attribution import Attribution, Table, attribute, best_fit, calibration, doubted
-from .data import GapData, gap_data, predicted
+from .data import GapData, gap_data
 from .effects import Effect, load_effects
 from .effects_paper import missing_terms
 from .evidence import Fit
 from .findings import where_json
-from .gap_size import GapSize, gap_size, shrink
+from .gap_size import GapSize, ceiling_N, gap_size, moved_shares, shrink
 from .leave_out import Unseen, unseen_gap
 from .paper_terms import Terms, select_terms
 from .power import TESTABLE_NATS, NextTest, next_test, visible_nats
@@ -95,7 +95,7 @@ class Diagnosis:
 
     def as_dict(self) -> dict[str, Any]:
         """The schema of `diagnosis.json`."""
-        a, gap = self.attribution, self.before.all
+        a = self.attribution
         out: dict[str, Any] = {
             "schema": 1, "seed": self.seed, "quick": self.quick, "campaign": self.campaign.name,
             "base": self.config.get("model", {}),
@@ -103,25 +103,49 @@ class Diagnosis:
                         "cannot_tell_apart": list(a.cannot_tell_apart), "second_cause": a.second_cause,
                         "not_testable": list(self.not_testable)},
             "probabilities": a.probabilities,
-            "gap": {"before_rms_N": gap.rms_N, "interval_N": [gap.low_N, gap.high_N], "share": gap.share,
-                    "share_interval": [gap.share_low, gap.share_high], "noise_rms_N": gap.noise_N,
-                    "residual_rms_N": gap.residual_N, "averaged_loop_rms_N": self.before.loop.rms_N,
-                    "along_record_rms_N": self.before.along.rms_N, "mains_rms_N": self.before.hum.rms_N,
-                    "mean_force_rms_N": self.before.mean.rms_N},
+            "gap": self._gap(),
             "where": where_json(self.where, self.before),
             "effects": [self._effect(x) for x in self.explanations],
             "next_test": None if self.next_test is None else self.next_test.as_dict(),
             "expected_nats": self.expected_nats,
             "cannot_be_seen": UNSEEN_BY_ALL,
         }
-        # the ceiling: what a flexible discrepancy, free of any cause, would leave is the noise alone
-        out["gap"]["ceiling_rms_N"] = 0.0
         out["sentences"] = sentences(out)
         if self.terms is not None and self.beyond is not None:
             out |= self._beyond(self.terms, self.beyond)
             out["sentences"] = [*out["sentences"][:2], beyond_sentence(self.terms.names, out["beyond"]),
                                 *out["sentences"][2:]]
         return out
+
+    @property
+    def lead(self) -> Explanation | None:
+        """The named cause (with its second) in the model; None for "none", "unknown" and terms of the paper."""
+        some = (x for x in self.explanations if x.names[0] == self.attribution.cause)
+        return next(some, None) if self.terms is None else None
+
+    def _gap(self) -> dict[str, Any]:
+        """Before, and after with the named cause in the model; with none named, after is as before."""
+        before, lead = self.before.all, self.lead
+        after, (value, low, high) = (before, (0.0, 0.0, 0.0)) if lead is None else (lead.after.all, lead.shrink)
+        if self.terms is not None:
+            last = gap_size(residual_of(self.data, self.terms.steps[-1].fit), self.seed,
+                            friction_N=self.before.friction_N)
+            whole = shrink(self.before, last)
+            after, value, low, high = last.all, whole.value, whole.low, whole.high
+        ceiling = min(ceiling_N(self.residual), before.rms_N)
+        unseen = None if lead is None else lead.unseen
+        return {
+            "before_rms_N": before.rms_N, "after_rms_N": after.rms_N, "noise_rms_N": before.noise_N,
+            "before_share": before.share, "after_share": after.share, "shrink": value, "shrink_interval": [low, high],
+            "ceiling_shrink": 1.0 - ceiling / before.rms_N if before.rms_N > 0.0 else 0.0,
+            "held_out": None if unseen is None else {
+                "tests": list(unseen.tests), "by": unseen.by, "before_rms_N": unseen.before_N,
+                "after_rms_N": unseen.after_N, "shrink": unseen.shrink, "shrink_interval": [unseen.low, unseen.high]},
+            "before_interval_N": [before.low_N, before.high_N], "after_interval_N": [after.low_N, after.high_N],
+            "before_share_interval": [before.share_low, before.share_high], "residual_rms_N": before.residual_N,
+            "averaged_loop_rms_N": self.before.loop.rms_N, "along_record_rms_N": self.before.along.rms_N,
+            "mains_rms_N": self.before.hum.rms_N, "mean_force_rms_N": self.before.mean.rms_N,
+        }
 
     def _beyond(self, terms: Terms, beyond: Diagnosis) -> dict[str, Any]:
         """The paper's terms in the order in which they were taken in, and what remains beyond them."""
@@ -222,31 +246,13 @@ def _leaves_gap(result: Attribution, lead: Explanation, before: GapSize) -> bool
         return False
     if before.all.share_low < JUDGED_SHARE:                  # too small to judge by, but a cause must at least help
         return lead.shrink[0] < LEAST_HELP
+    if lead.shrink[0] < LEAST_HELP:                          # nor what is worse with the cause than without
+        return True
     predicts = all(e.strength_name in lead.fit.problem.names for e in lead.fit.effects)
     # tests with role "held-out" check a verdict, so they must not make it
     judges = predicts and lead.unseen is not None and lead.unseen.by != "held-out tests"
     unseen = lead.unseen.shrink if judges and lead.unseen is not None else lead.shrink[0]
     return unseen < LEAST_SHRINK and lead.shrink[0] < LEAST_FITTED_SHRINK
-
-
-def moved_shares(fit: Fit, data: GapData) -> dict[str, float]:
-    """RMS force that each effect of a fit moves, its change along the record included, over the friction level: by
-    switching it off alone."""
-    level = float(np.sqrt(np.mean(data.level_N**2)))
-    out = {}
-    for effect in fit.effects:
-        off = fit.z.copy()
-        own = [fit.problem.names.index(p.name) for p in effect.parameters if p.name in fit.problem.names]
-        single = effect.strength_name in fit.problem.names
-        off[own[:1] if single else own] = -8.0 if single and not effect.signed else 0.0
-        mean, trend, _ = predicted(data, fit.problem, np.stack([fit.z, off]))
-        change = np.abs(mean[0] - mean[1]) ** 2
-        power = np.mean(change[:, 0] + 0.5 * change[:, 1:].sum(axis=1))
-        if trend is not None:
-            slow = np.abs(trend[0] - trend[1]) ** 2 / data.contrast.shape[2]
-            power += np.mean(slow[..., 0].sum(axis=1) + 0.5 * slow[..., 1:].sum(axis=(1, 2)))
-        out[effect.name] = float(np.sqrt(power)) / level
-    return out
 
 
 def _leaders(found: Search, result: Attribution) -> dict[tuple[str, ...], Fit]:

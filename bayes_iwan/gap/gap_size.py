@@ -15,7 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .data import TREND_HARMONICS
+from ..inference.likelihood import discrepancy_spectrum
+from .data import TREND_HARMONICS, GapData, predicted
+from .evidence import Fit
 from .residuals import ALONG, COUNTED, HUM, LOOP, MEAN, Residual
 
 Array = NDArray[np.float64]
@@ -106,6 +108,52 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
     plausible = np.maximum(2.0 * total - again, 0.0)
     return GapSize(tuple(x.file for x in residual.data.loops), tests, everything, part[LOOP], part[ALONG],
                    part[HUM], part[MEAN], friction, cycle, rms, low, high, plausible)
+
+
+def ceiling_N(residual: Residual) -> float:
+    """RMS of what would be left of a gap, N, if something explained all that can be known of it.
+
+    A discrepancy that is smooth along the loop, of the size and length that the fit itself found, is taken off (its
+    posterior mean); contrasts along the record and lines of the mains by a variance of their own. No added effect can
+    be expected to leave less.
+    """
+    value, noise = residual.value, residual.noise
+    steady = np.flatnonzero(residual.kind <= MEAN)
+    smooth = np.zeros_like(noise)
+    spectrum = discrepancy_spectrum(np.array([residual.fit.share]), np.array([residual.fit.length]), len(steady))[0]
+    smooth[:, steady] = residual.data.level_N[:, None] ** 2 * spectrum
+    for kind in (ALONG, HUM):
+        at = residual.kind == kind
+        there = at & (residual.weight > 0.0)
+        power = np.sum(np.where(there, 0.5 * np.abs(value) ** 2 - noise**2, 0.0), axis=1)
+        smooth[:, at] = (np.maximum(power, 0.0) / np.maximum(there.sum(axis=1), 1))[:, None]
+    with np.errstate(invalid="ignore"):
+        kept = np.where(residual.weight > 0.0, noise**2 / np.maximum(smooth + noise**2, 1e-300), 0.0)
+    left = residual.power(kept * value, *COUNTED)
+    parts = np.where(residual.real, 1.0, 2.0) * (kept * np.where(residual.weight > 0.0, noise, 0.0)) ** 2
+    counted = np.isin(residual.kind, COUNTED)
+    off = np.sum(residual.weight[:, counted] * parts[:, counted], axis=1)
+    return float(np.sqrt(max(np.mean(left - off), 0.0)))
+
+
+def moved_shares(fit: Fit, data: GapData) -> dict[str, float]:
+    """RMS force that each effect of a fit moves, its change along the record included, over the friction level: by
+    switching it off alone."""
+    level = float(np.sqrt(np.mean(data.level_N**2)))
+    out = {}
+    for effect in fit.effects:
+        off = fit.z.copy()
+        own = [fit.problem.names.index(p.name) for p in effect.parameters if p.name in fit.problem.names]
+        single = effect.strength_name in fit.problem.names
+        off[own[:1] if single else own] = -8.0 if single and not effect.signed else 0.0
+        mean, trend, _ = predicted(data, fit.problem, np.stack([fit.z, off]))
+        change = np.abs(mean[0] - mean[1]) ** 2
+        power = np.mean(change[:, 0] + 0.5 * change[:, 1:].sum(axis=1))
+        if trend is not None:
+            slow = np.abs(trend[0] - trend[1]) ** 2 / data.contrast.shape[2]
+            power += np.mean(slow[..., 0].sum(axis=1) + 0.5 * slow[..., 1:].sum(axis=(1, 2)))
+        out[effect.name] = float(np.sqrt(power)) / level
+    return out
 
 
 def _gap(power: float, spread: Array, noise: float, left: float, friction: float) -> Gap:

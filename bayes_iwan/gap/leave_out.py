@@ -22,11 +22,12 @@ from .residuals import residual_of
 class Unseen:
     """Gap of two models on tests that neither was fitted to.
 
-    by : "held-out tests", "one frequency left out", "one amplitude left out"
+    by : "held-out tests", "one frequency left out", "one amplitude left out"; tests : files of these tests
     before_N, after_N : RMS over those tests, N; shrink : 1 − after / before; low, high : its 90 % interval
     """
 
     by: str
+    tests: tuple[str, ...]
     before_N: float
     after_N: float
     shrink: float
@@ -91,4 +92,5 @@ def _summary(by: str, pairs: list[tuple[GapSize, GapSize]]) -> Unseen:
     draws_a = np.concatenate([g.plausible for _, g in pairs], axis=1).mean(axis=1)
     draws = 1.0 - np.sqrt(draws_a / np.maximum(draws_b, 1e-3 * max(before.mean(), 1e-300)))
     low, high = np.quantile(draws, [0.05, 0.95])
-    return Unseen(by, b, a, whole, float(min(low, whole)), float(max(high, whole)))
+    files = tuple(f for g, _ in pairs for f in g.files)
+    return Unseen(by, files, b, a, whole, float(min(low, whole)), float(max(high, whole)))

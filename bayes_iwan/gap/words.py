@@ -18,8 +18,8 @@ def sentences(d: dict[str, Any]) -> list[str]:
     """The answer in three sentences: how large, which cause, what to do."""
     gap, verdict = d["gap"], d["verdict"]
     cause, p = verdict["cause"], verdict["probability"]
-    size = (f"The model misses {_force(gap['before_rms_N'])} RMS ({_force(gap['interval_N'][0])} to "
-            f"{_force(gap['interval_N'][1])}), {100 * gap['share']:.1f} % of the friction force, "
+    size = (f"The model misses {_force(gap['before_rms_N'])} RMS ({_force(gap['before_interval_N'][0])} to "
+            f"{_force(gap['before_interval_N'][1])}), {100 * gap['before_share']:.1f} % of the friction force, "
             f"beyond the records' own noise of {_force(gap['noise_rms_N'])}.")
     apart = [n for n in verdict["cannot_tell_apart"] if n != cause]
     if cause == "none":
@@ -37,7 +37,8 @@ def sentences(d: dict[str, Any]) -> list[str]:
             which += f"; these tests cannot tell it from {_list(apart)}"
         if lead:
             held = lead.get("shrink_held_out")
-            which += f"; with it the gap shrinks by {100 * lead['shrink']:.0f} %"
+            added = "both" if verdict["second_cause"] else "it"
+            which += f"; with {added} the gap shrinks by {100 * lead['shrink']:.0f} %"
             which += f" ({100 * held:.0f} % on tests left out of the fit)" if held is not None else ""
         which += "."
     following = d["next_test"]
@@ -59,7 +60,7 @@ def beyond_sentence(terms: Sequence[str], beyond: dict[str, Any]) -> str:
     cause = {"none": "needs no further cause", "unknown": "has a cause outside the catalogue"}.get(
         verdict["cause"], f"is likeliest due to {title(verdict['cause'])}")
     return (f"With {_list(list(terms))} in the model it misses {_force(gap['before_rms_N'])}, "
-            f"{100 * gap['share']:.1f} % of the friction force, which {cause} "
+            f"{100 * gap['before_share']:.1f} % of the friction force, which {cause} "
             f"(probability {verdict['probability']:.2f}).")
 
 

@@ -95,7 +95,8 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         section.html(Markup("<ul>{}</ul>").format(items))
     names = [n for n in ("gap_loops", "gap_map", "gap_regions", "gap_harmonics", "gap_growth", "gap_cycles")]
     _draw(section, figures, *(n for n in names if "headline" in figures or n != "gap_loops"))
-    rows = [("all tests", "", "", _force(gap["before_rms_N"]), _range(gap["interval_N"]), _percent(gap["share"]), "")]
+    rows = [("all tests", "", "", _force(gap["before_rms_N"]), _range(gap["before_interval_N"]),
+             _percent(gap["before_share"]), "")]
     rows += [(t["file"], f"{t['frequency_hz']:.3g}", f"{t['amplitude_mm']:.3g}", _force(t["gap_rms_N"]),
               _range(t.get("interval_N")), _percent(t["share"]), "yes" if t["significant"] else "no")
              for t in w["tests"]]
@@ -135,7 +136,9 @@ def _which(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     gap = d["gap"]
     section.text(f"Shrink is 1 − gap after / gap before, the gap before being {_force(gap['before_rms_N'])} RMS. What "
-                 "a cause does on the tests that it was fitted to flatters it; the tests left out of the fit judge it.")
+                 "a cause does on the tests that it was fitted to flatters it; the tests left out of the fit judge it. "
+                 f"The ceiling is {100 * gap['ceiling_shrink']:.0f} %: so far a smooth discrepancy, free of any "
+                 "cause, closes the gap, and no added effect can be expected to close it further.")
     _draw(section, figures, "shrink", "before_after")
     rows = []
     for e in d["effects"]:

@@ -48,6 +48,7 @@ def test_held_out_forces_change_nothing_of_fit_and_verdict(viscous, altered):
         for effect in d["effects"]:
             for key in [k for k in effect if "held_out" in k]:
                 del effect[key]
+        del d["gap"]["held_out"]
         d["sentences"] = d["sentences"][0], d["sentences"][2]
     assert _finite(a) == _finite(b)
 
@@ -73,7 +74,18 @@ def test_json_has_every_key_and_only_numbers_that_are_numbers(effect, plan, kit)
     assert sum(d["probabilities"].values()) == pytest.approx(1.0, abs=1e-9)
     assert d["probabilities"][d["verdict"]["cause"]] == d["verdict"]["probability"] == max(d["probabilities"].values())
     gap = d["gap"]
-    assert 0 <= gap["interval_N"][0] <= gap["before_rms_N"] <= gap["interval_N"][1]
+    assert {"before_rms_N", "after_rms_N", "noise_rms_N", "before_share", "after_share", "shrink", "shrink_interval",
+            "ceiling_shrink", "held_out"} <= set(gap)
+    assert 0 <= gap["before_interval_N"][0] <= gap["before_rms_N"] <= gap["before_interval_N"][1]
+    assert 0.0 <= gap["ceiling_shrink"] <= 1.0
+    if effect is None:
+        assert gap["shrink"] == 0.0 and gap["after_rms_N"] == gap["before_rms_N"] and gap["held_out"] is None
+    else:
+        assert gap["shrink"] > 0.8 and gap["ceiling_shrink"] > 0.8 and gap["after_share"] < 0.2 * gap["before_share"]
+        held = gap["held_out"]
+        assert set(held) == {"tests", "by", "before_rms_N", "after_rms_N", "shrink", "shrink_interval"}
+        assert held["tests"] and held["shrink"] > 0.8
+        assert held["shrink"] == d["effects"][0]["shrink_held_out"]
     assert {"tests", "regions", "harmonics"} <= set(d["where"])
     for e in d["effects"]:
         assert {"name", "with", "parameters", "log_evidence", "gap_after_rms_N", "shrink", "shrink_interval",
