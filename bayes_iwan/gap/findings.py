@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .gap_size import GapSize
+from .laws import Law
 from .residuals import Residual
 from .where import Look, Where
 
@@ -20,8 +21,9 @@ _ORDINALS = {1: "fundamental", 2: "second harmonic", 3: "third harmonic"}
 
 
 def newtons(x: float) -> str:
-    """A force to two digits, in N or mN."""
-    return f"{x:.2g} N" if x >= 0.01 else f"{1e3 * x:.2g} mN"
+    """A force to two digits, in kN, N or mN."""
+    scale, unit = (1e3, "kN") if x >= 1e3 else (1.0, "N") if x >= 0.01 else (1e-3, "mN")
+    return f"{float(f'{x / scale:.2g}'):g} {unit}"
 
 
 def size_sentence(size: GapSize) -> str:
@@ -167,9 +169,16 @@ def _laws(w: Where) -> list[str]:
                                          _growth("amplitude", law.amplitude_power)) if x)
         start = "Once the model's own numbers may adapt," if i == 0 else "Beside that,"
         out.append(f"{start} what is missing at the {_ordinal(law.order)} {step} "
-                   f"is {newtons(abs(law.force_N))} at the largest frequency and amplitude{meaning}"
+                   f"is {newtons(_most(law, w))} at most in these tests{meaning}"
                    f"{'; it ' + grows if grows else ''}.")
     return out
+
+
+def _most(law: Law, w: Where) -> float:
+    """The law's force in the test where it is largest, N: its own reference point may lie far outside the tests."""
+    f, a = w.frequency_hz / w.frequency_hz.max(), w.amplitude_mm / w.amplitude_mm.max()
+    powers = [0.0 if p is None else p[0] for p in (law.frequency_power, law.amplitude_power)]
+    return abs(law.force_N) * float(np.max(f ** powers[0] * a ** powers[1]))
 
 
 def _ordinal(order: int) -> str:
