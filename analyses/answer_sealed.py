@@ -39,7 +39,7 @@ def main() -> None:
     for case, answer in short.items():
         v = answer["verdict"]
         print(f"{case}  {v['cause']:30s} {v['probability']:.2f}  second: {v['second_cause'] or '-':25s} "
-              f"gap {100 * answer['gap']['share']:.1f} %  with: {', '.join(v['cannot_tell_apart'])}")
+              f"gap {100 * answer['gap']['before_share']:.1f} %  with: {', '.join(v['cannot_tell_apart'])}")
 
 
 def ship(source: Path, target: Path) -> None:

@@ -119,9 +119,8 @@ class Diagnosis:
 
     @property
     def lead(self) -> Explanation | None:
-        """The named cause (with its second) in the model; None for "none", "unknown" and terms of the paper."""
-        some = (x for x in self.explanations if x.names[0] == self.attribution.cause)
-        return next(some, None) if self.terms is None else None
+        """The named cause (with its second) in the model; None for "none" and "unknown"."""
+        return next((x for x in self.explanations if x.names[0] == self.attribution.cause), None)
 
     def _gap(self) -> dict[str, Any]:
         """Before, and after with the named cause in the model; with none named, after is as before."""

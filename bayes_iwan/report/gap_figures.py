@@ -290,8 +290,8 @@ def headline_figure(probabilities: Mapping[str, float], name: str, before_N: Arr
     right.set_ylabel("measured − model (N)")
     right.set_title(f"where it shows most: {name}", loc="left")
     low, high = right.get_ylim()
-    right.set_ylim(low, high + 0.38 * (high - low))
-    right.legend(loc="upper center", ncols=2, fontsize=7)
+    right.set_ylim(low, high + 0.5 * (high - low))
+    right.legend(loc="upper left", fontsize=7)
     return figure
 
 
