@@ -43,11 +43,11 @@ LOWEST = 1e-3
 BOX = {"small": (np.log(6e-4), np.log(6e-3)), "small sd": (0.4, 1.2), "large": (np.log(0.01), np.log(0.1)),
        "large sd": (0.4, 1.2), "law": (0.02, 0.2), "law of speed": (0.1, 0.6), "law of contact": (0.03, 0.3),
        "temper": (0.2, 1.0), "linear": (1.0, 30.0), "none": (-3.0, 14.0), "unknown": (-8.0, 14.0),
-       "pair": (-45.0, -4.0), "rough pair": (-40.0, 0.0), "compliance": (-90.0, -20.0)}
+       "pair": (-45.0, -4.0), "rough pair": (-40.0, 0.0), "compliance": (-300.0, -20.0)}
 #: the most that an answer claims: of those that the fitted constants are surest of, so many are right (printed)
 SURE = 0.92
 #: nats within which causes are told apart no more; it does not enter the log score
-APART = 8.0
+APART = 30.0
 
 
 @dataclass(frozen=True)
