@@ -178,15 +178,32 @@ def summarise(cases: Sequence[CaseScore], seed: int = 0) -> dict[str, Estimate]:
         "log score, nats": bootstrap([c.log_score for c in one], rng),
         "Brier score": bootstrap([c.brier for c in one], rng),
         "stated probability less share right": bootstrap([c.stated - c.right for c in one], rng),
-        "effect's size within 2 sd": share([abs(e) < 2 for e in errors]),
-        "effect's size within 2 sd, cause right": share([abs(e) < 2 for e in right_errors]),
+        "expected calibration error (ten bins)": bootstrap(
+            [c.stated + 2.0 * c.right for c in one], rng, _calibration
+        ),
+        "effect's size in its 90 % interval, cause right": share([abs(e) < 1.645 for e in right_errors]),
+        "effect's size within 2 sd, whatever was named": share([abs(e) < 2 for e in errors]),
         "effect's size, cause right: median |error|, sd": bootstrap(np.abs(right_errors).tolist(), rng, np.median),
         "effect's size, cause right: median |error| as share of size": bootstrap(ratios, rng, np.median),
-        "shrink: mean |predicted − found|": bootstrap(
-            [abs(c.shrink_predicted - c.shrink_found) for c in shrinks], rng
+        "shrink: predicted within 10 points of found": share(
+            [abs(c.shrink_predicted - c.shrink_found) <= 0.1 for c in shrinks]
         ),
-        "shrink: mean predicted − found": bootstrap([c.shrink_predicted - c.shrink_found for c in shrinks], rng),
+        "shrink: median predicted − found": bootstrap(
+            [c.shrink_predicted - c.shrink_found for c in shrinks], rng, np.median
+        ),
     }
+
+
+def _calibration(answers: Floats, axis: int, bins: int = 10) -> Floats:
+    """Mean distance of stated probability and share right over bins, weighed by their answers, along the last axis.
+
+    answers : stated + 2 where right: one number a case, for the bootstrap.
+    """
+    right = answers >= 2.0
+    miss = answers - 3.0 * right                            # stated less 1 where right
+    which = np.minimum(((answers - 2.0 * right) * bins).astype(int), bins - 1)
+    by_bin = [np.abs(np.sum(np.where(which == k, miss, 0.0), axis=axis)) for k in range(bins)]
+    return np.asarray(np.sum(by_bin, axis=0) / answers.shape[axis])
 
 
 def confusion(cases: Sequence[CaseScore]) -> tuple[tuple[str, ...], tuple[str, ...], Floats]:

@@ -90,8 +90,10 @@ def test_known_answers_get_known_scores():
     briers = [2 * 0.2**2, 2 * 0.5**2, 2 * 0.7**2, 0.0, 2 * 0.6**2]
     assert t["Brier score"].value == pytest.approx(np.mean(briers))
     assert [c.size_error for c in s.cases if c.name == "b"] == pytest.approx([3.0])
-    assert t["effect's size within 2 sd"].count == 0
-    assert t["shrink: mean |predicted − found|"].value == pytest.approx(0.1)  # f names end_stop without an entry
+    assert t["effect's size within 2 sd, whatever was named"].count == 0
+    shrunk = t["shrink: median predicted − found"]  # f names end_stop without an entry
+    assert shrunk.n == 1 and abs(shrunk.value) == pytest.approx(0.1)
+    assert t["expected calibration error (ten bins)"].value == pytest.approx((0.2 + 0.5 + 0.7 + 0.0 + 0.6) / 5)
     rows, columns, counts = scoring.confusion(s.cases)
     assert counts.sum() == 5
     assert counts[rows.index("free_play"), columns.index("channel_delay")] == 1

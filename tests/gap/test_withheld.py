@@ -245,7 +245,7 @@ def test_scored_from_files_with_the_shrink_found_on_unseen_tests(made, tmp_path)
     score = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink)
     assert score.summary["first answer right (none, single and outside cases)"].count == 3
     assert score.summary["log score, nats"].value == 0
-    shrunk = score.summary["shrink: mean predicted − found"]
+    shrunk = score.summary["shrink: median predicted − found"]
     assert shrunk.n == 1 and shrunk.value == pytest.approx(0.1)
 
 
