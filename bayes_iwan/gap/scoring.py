@@ -201,7 +201,7 @@ def _calibration(answers: Floats, axis: int, bins: int = 10) -> Floats:
     """
     right = answers >= 2.0
     miss = answers - 3.0 * right                            # stated less 1 where right
-    which = np.minimum(((answers - 2.0 * right) * bins).astype(int), bins - 1)
+    which = np.minimum(np.round((answers - 2.0 * right) * bins, 9).astype(int), bins - 1)
     by_bin = [np.abs(np.sum(np.where(which == k, miss, 0.0), axis=axis)) for k in range(bins)]
     return np.asarray(np.sum(by_bin, axis=0) / answers.shape[axis])
 
