@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ..files import write_whole
 from .averaging import Loop, average
 from .checks import check_record, check_time, check_units, on_grid_of_rate, step_warnings
 from .motion import displacement_from_acceleration
@@ -310,7 +311,7 @@ def write_campaign(
         buffer = io.StringIO()
         np.savetxt(buffer, table, fmt=("%.12g", "%.8g", "%.8g"), delimiter=",")
         raw = ("time_s,displacement_mm,force_N\n" + buffer.getvalue()).encode()
-        _replace(folder / file, gzip.compress(raw, mtime=0) if compress else raw)
+        write_whole(folder / file, gzip.compress(raw, mtime=0) if compress else raw)
     text = ["format = 1", "", "[specimen]", f"name = {_text(name)}", f"description = {_text(description)}"]
     text += [f"{key} = {_text(value)}" for key, value in (("source", source), ("licence", licence)) if value]
     text += ["", "[channels]", 'displacement = "displacement_mm"', 'force = "force_N"']
@@ -324,7 +325,7 @@ def write_campaign(
         for key, value in sorted(test.extras.items()):
             bare = key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _text(key)
             text.append(f"{bare} = {float(value)!r}")
-    _replace(folder / "campaign.toml", ("\n".join(text) + "\n").encode())
+    write_whole(folder / "campaign.toml", ("\n".join(text) + "\n").encode())
 
 
 def _file_name(file: str, compress: bool) -> str:
@@ -336,12 +337,3 @@ def _file_name(file: str, compress: bool) -> str:
 
 def _text(value: str) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _replace(path: Path, content: bytes) -> None:
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.write_bytes(content)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

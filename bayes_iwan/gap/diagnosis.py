@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from ..campaign import Campaign, Loop, read_campaign
+from ..files import write_whole
 from ..inference import defaults
 from ..inference.defaults import Scales
 from . import catalogue
@@ -358,10 +358,7 @@ def diagnose_folder(campaign: str | Path, *, seed: int = 0, quick: bool = False,
 
 def write_json(path: Path, value: Any) -> None:
     """Write JSON whole or not at all; numbers that are not finite become null."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(json.dumps(_finite(value), indent=1) + "\n")
-    os.replace(temporary, path)
+    write_whole(path, json.dumps(_finite(value), indent=1) + "\n")
 
 
 def _finite(value: Any) -> Any:

@@ -26,7 +26,6 @@ import multiprocessing
 import os
 import secrets
 import sys
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -37,6 +36,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ..campaign import write_campaign
+from ..files import write_whole
 from . import rig_cases
 
 RULE = "sha256 of the case's truth as JSON with sorted keys, salt inside"
@@ -52,12 +52,7 @@ class WithheldError(ValueError):
 
 def write_json(path: Path, content: Any) -> None:
     """Write JSON so that a reader finds the old file or the new one, never half of either."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
-        json.dump(content, file, indent=1, sort_keys=True, allow_nan=False)
-        file.write("\n")
-    os.chmod(file.name, 0o644)
-    os.replace(file.name, path)
+    write_whole(path, json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 
 def read_json(path: Path) -> Any:

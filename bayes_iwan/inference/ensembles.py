@@ -115,7 +115,8 @@ def sample(
     SamplingError : no usable start, or log_prob returns NaN, +inf or a wrong shape.
     CheckpointError : a checkpoint that exists without `resume`, or that belongs to another run.
 
-    The same seed gives the same draws, bit for bit, on the same machine, whether interrupted and resumed or not.
+    The same seed gives the same draws, bit for bit, on the same machine, whether interrupted and resumed or not, as
+    long as the time budget does not cut adaptation short.
     Ctrl-C ends the run with the draws that are there; the message says so.
     """
     names, quantity_names = tuple(names), tuple(quantity_names)
@@ -145,12 +146,13 @@ def sample(
                     )
                     if not short:
                         stop = "converged"
-                    elif run.restart_if_slow(result, chain_taus):
-                        bar.set_postfix_str("slow: proposal fitted anew")
                     elif run.n_steps >= max_steps:
                         stop = f"stopped at {max_steps} steps"
                     elif run.late:
                         stop = f"stopped at the time budget of {budget_s:g} s"
+                    elif run.restart_if_slow(result, chain_taus):
+                        short, result = "no draws yet", None
+                        bar.set_postfix_str("slow: proposal fitted anew")
                 if not stop:
                     run.produce(min(_CHUNK, max_steps - run.n_steps))
         except KeyboardInterrupt:

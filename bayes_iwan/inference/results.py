@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign import read_campaign
+from ..files import replacing, write_whole
 from . import config as configuration
 from .genetic import GlobalOptimum
 from .point import Point
@@ -35,8 +36,8 @@ class ResultsError(ValueError):
 def write(posterior: Posterior, folder: Path) -> None:
     """summary.csv, point.json and posterior.nc into `folder`, which is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
-    _replace(folder / "summary.csv", summary_csv(posterior.summary()).encode())
-    _replace(folder / "point.json", (json.dumps(point_record(posterior), indent=1) + "\n").encode())
+    write_whole(folder / "summary.csv", summary_csv(posterior.summary()).encode())
+    write_whole(folder / "point.json", (json.dumps(point_record(posterior), indent=1) + "\n").encode())
     write_netcdf(posterior, folder / "posterior.nc")
 
 
@@ -93,15 +94,11 @@ def write_netcdf(posterior: Posterior, path: Path) -> None:
     """
     import xarray as xr  # some 0.5 s to import: only where files are written
 
-    part = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
+    with replacing(path) as part:
         xr.Dataset(attrs=_attributes(posterior)).to_netcdf(part, mode="w", engine="h5netcdf")
         for group, dataset in _groups(posterior, xr).items():
             packed = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars}
             dataset.to_netcdf(part, mode="a", group=group, engine="h5netcdf", encoding=packed)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
@@ -251,12 +248,3 @@ def _same_problem(path: Path, loops: tuple, settings: Mapping[str, Any], stored:
             raise ResultsError(f"{path}: its {part} is not what the campaign and this version give now; "
                                "identify again, or give the campaign it was made from")
     return problem
-
-
-def _replace(path: Path, content: bytes) -> None:
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.write_bytes(content)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

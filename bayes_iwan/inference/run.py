@@ -249,7 +249,9 @@ class Run:
         """Where production would last more than five times as long as it has: take its draws for adaptation, fit the
         proposal anew, freeze that, and begin production again. It has been to places where walkers stand still."""
         n = self.n_steps
-        if n < _TRIAL_STEPS or len(self.restarts) == _RESTARTS or not result.worst_tau * chain_taus > 5.0 * n:
+        if n < _TRIAL_STEPS or len(self.restarts) == _RESTARTS or time.monotonic() > self.adapt_by:
+            return False
+        if not result.worst_tau * chain_taus > 5.0 * n:
             return False
         self.rounds += self._kept
         self.restarts.append((self.restarts or [0])[-1] + sum(d.shape[1] for d, _ in self._kept))

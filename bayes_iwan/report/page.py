@@ -18,7 +18,8 @@ from markupsafe import Markup, escape
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
-from .style import RC, replacing, write_text
+from ..files import replacing, write_whole
+from .style import RC
 
 _ENVIRONMENT = Environment(loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True,
                            lstrip_blocks=True)
@@ -111,7 +112,7 @@ class Page:
         return str(template("page.html", page=self, css=asset("page.css")))
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        return write_text(path, self.html())
+        return write_whole(path, self.html())
 
     def write_pdf(self, path: str | os.PathLike[str]) -> Path:
         """The page's figures with their captions, one a page; tables are in the HTML page and the CSV files."""

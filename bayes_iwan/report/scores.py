@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from ..files import write_whole
 from ..gap.scoring import score
 from ..gap.scoring_figures import figures
 from ..gap.stored import find_shrink
 from .diagnosis_page import write_figures
-from .style import write_text
 
 
 def write_score(directory: str | Path, truth: str | Path, *, answers: str | Path | None = None,
@@ -20,7 +20,7 @@ def write_score(directory: str | Path, truth: str | Path, *, answers: str | Path
     if out is not None:
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)
-        write_text(folder / "score.txt", table + "\n")
-        write_text(folder / "score.json", json.dumps(result.as_dict(), indent=1) + "\n")
+        write_whole(folder / "score.txt", table + "\n")
+        write_whole(folder / "score.json", json.dumps(result.as_dict(), indent=1) + "\n")
         write_figures(figures(result), folder)
     return table

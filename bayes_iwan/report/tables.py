@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import write_whole
 from ..inference.defaults import PAPER_UNITS, paper_numbers
 from .loops import test_name
 from .marginals import contraction, interval, paper_symbol
 from .predictive import Predictive, loop_numbers
-from .style import write_text
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Table:
         return out.getvalue()
 
     def write_csv(self, folder: str | os.PathLike[str]) -> Path:
-        return write_text(Path(folder) / f"{self.name}.csv", self.csv())
+        return write_whole(Path(folder) / f"{self.name}.csv", self.csv())
 
 
 def spread(draws: Array) -> tuple[float, ...]:
@@ -157,5 +157,5 @@ def latex_table(posterior: Any) -> str:
 def write_tables(tables: Sequence[Table], posterior: Any, folder: str | os.PathLike[str]) -> list[Path]:
     """The CSV files and parameters.tex in `folder`."""
     out = [table.write_csv(folder) for table in tables]
-    out.append(write_text(Path(folder) / "parameters.tex", latex_table(posterior)))
+    out.append(write_whole(Path(folder) / "parameters.tex", latex_table(posterior)))
     return out
