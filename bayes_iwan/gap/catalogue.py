@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..inference.defaults import Scales, model_numbers
 from ..inference.likelihood import harmonics_of
 from ..inference.problem import Problem
-from . import effects_channels, effects_friction, effects_rig, effects_specimen
+from . import effects_channels, effects_friction, effects_rig, effects_specimen, effects_unlisted
 from .data import GapData
 from .effects import TYPICAL_SHARE, Effect, EffectError
 from .effects_paper import missing_terms
@@ -23,6 +23,8 @@ BUILT_IN: tuple[type[Effect], ...] = (*effects_specimen.EFFECTS, *effects_fricti
                                       *effects_channels.EFFECTS)
 #: names, in the order of the signal; an effect with variants (50 and 60 Hz) is one name
 NAMES: tuple[str, ...] = tuple(dict.fromkeys(e.name for e in BUILT_IN))
+#: shapes without a cause, which stand for "unknown"
+UNLISTED: tuple[type[Effect], ...] = effects_unlisted.EFFECTS
 
 
 def variants(extra: Sequence[type[Effect]] = (), model: Mapping[str, str] | None = None,
@@ -33,7 +35,7 @@ def variants(extra: Sequence[type[Effect]] = (), model: Mapping[str, str] | None
     for effect in (*BUILT_IN, *missing_terms(model or {})):
         out[effect.name] = (*out.get(effect.name, ()), effect)
     for effect in extra:
-        if effect.name in (*out, "none", "unknown"):
+        if effect.name in (*out, "none", "unknown", *(e.name for e in UNLISTED)):
             raise EffectError(f"an effect named {effect.name!r} exists already; choose another name")
         out[effect.name] = (effect,)
     return out

@@ -33,6 +33,9 @@ TREND_HARMONICS = 7
 TREND_FLOOR = 0.002
 #: the mains' frequency is sought within this of 50 and 60 Hz; a line stands out at this power over white noise's
 MAINS_WANDER, LINE_STANDS = 0.4, 25.0
+#: a line of the mains nearer to a harmonic than this, in cycles over the record, tells nothing of the mains: the loops'
+#: own slow change leaks into it
+LEAK = 4.0
 #: share of a mains line that averaging must leave before it says anything
 LEAST_LEFT = 0.05
 
@@ -44,7 +47,7 @@ class GapData:
     harmonics_N : (T, H + 1) complex, of the averaged loops; their noise is in `likelihood`.
     trend_N, trend_noise_N : (T, K, TREND_HARMONICS + 1), contrasts between blocks; noise inf where there is none.
     contrast : (T, K, B) the weights of the contrasts over the blocks (rows orthonormal, summing to zero).
-    mains_hz : the mains' frequencies, nominal unless a line near one of them says better.
+    mains_hz : (T, 2) the mains' frequencies in each record (they wander), nominal unless a line near says better.
     mains_N, mains_noise_N : (T, 2) complex c + i s of c·cos + s·sin at 50 and 60 Hz; noise inf where it says nothing.
     """
 
@@ -57,7 +60,7 @@ class GapData:
     contrast: Array
     mains_N: np.ndarray
     mains_noise_N: Array
-    mains_hz: tuple[float, ...]
+    mains_hz: Array
     steady_motion: Motion
     block_motion: Motion
 
@@ -84,10 +87,10 @@ def gap_data(loops: Sequence[Loop]) -> GapData:
         trend[t, : b - 1, :n] = c @ loop.block_harmonics_N[:, :n]
         sd = np.sqrt((c * c) @ np.where(np.isfinite(loop.block_noise_N[:, :n]), loop.block_noise_N[:, :n], 1e300) ** 2)
         noise[t, : b - 1, :n] = np.hypot(sd, TREND_FLOOR * level[t])
-    mains_hz = tuple(_mains_frequency(loops, hz) for hz in MAINS_HZ)
+    mains_hz = np.stack([_mains_frequencies(loops, hz) for hz in MAINS_HZ], axis=1)
     mains, mains_noise = np.zeros((len(loops), 2), dtype=complex), np.full((len(loops), 2), np.inf)
     for t, loop in enumerate(loops):
-        for m, hz in enumerate(mains_hz):
+        for m, hz in enumerate(mains_hz[t]):
             mains[t, m], mains_noise[t, m] = _line(loop, hz)
     return GapData(loops, Correlated(loops), level, np.stack([x.harmonics_N for x in loops]), trend, noise, contrast,
                    mains, mains_noise, mains_hz, defaults.motion_of(loops), defaults.motion_of(loops, blocks=True))
@@ -108,19 +111,27 @@ def _contrasts(cycle: Array) -> Array:
     return (q * np.sign(np.diagonal(r)))[:, 1:].T
 
 
-def _mains_frequency(loops: Sequence[Loop], nominal: float) -> float:
-    """Where a line stands within MAINS_WANDER of the nominal frequency, summed over tests; nominal if none does."""
+def _mains_frequencies(loops: Sequence[Loop], nominal: float) -> Array:
+    """(T,) the mains' frequency in each record; where one cannot show it, the median of the others, or nominal."""
+    found = np.array([_mains_frequency(loop, nominal) for loop in loops])
+    seen = found[np.isfinite(found)]
+    return np.where(np.isfinite(found), found, np.median(seen) if len(seen) else nominal)
+
+
+def _mains_frequency(loop: Loop, nominal: float) -> float:
+    """Where a line stands within MAINS_WANDER of the nominal frequency in one record; NaN if none does."""
+    time = loop.record.time_s[loop.averager.index]
+    ratio = nominal / loop.frequency_hz
+    if nominal > 0.45 / np.median(np.diff(time)) or abs(ratio - round(ratio)) < 0.1:
+        return np.nan                                    # unseen, or averaged into the loop
     trial = nominal + np.linspace(-MAINS_WANDER, MAINS_WANDER, 101)
-    power = np.zeros(len(trial))
-    for loop in loops:
-        time = loop.record.time_s[loop.averager.index]
-        if nominal > 0.45 / np.median(np.diff(time)) or abs(nominal / loop.frequency_hz
-                                                            - round(nominal / loop.frequency_hz)) < 0.1:
-            continue                                     # unseen, or averaged into the loop
-        rest = loop.left_over(loop.record.force_N)
-        spectrum = np.abs(np.exp(-2j * np.pi * trial[:, None] * time) @ rest) ** 2 / len(time)
-        power += spectrum / (np.var(rest) + 1e-300)
-    return float(trial[np.argmax(power)]) if power.max(initial=0.0) > LINE_STANDS else nominal
+    rest = loop.left_over(loop.record.force_N)
+    power = np.abs(np.exp(-2j * np.pi * trial[:, None] * time) @ rest) ** 2 / (len(time) * np.var(rest) + 1e-300)
+    best = int(np.argmax(power))
+    if power[best] < LINE_STANDS or best in (0, len(trial) - 1):
+        return np.nan
+    before, at, after = power[best - 1 : best + 2]       # the peak is much wider than the grid: a parabola
+    return float(trial[best] + 0.5 * (trial[1] - trial[0]) * (before - after) / (before - 2.0 * at + after))
 
 
 def _line(loop: Loop, hz: float) -> tuple[complex, float]:
@@ -128,7 +139,8 @@ def _line(loop: Loop, hz: float) -> tuple[complex, float]:
     neighbouring frequencies (median, so that a line beside does not count)."""
     time = loop.record.time_s
     rate = 1.0 / np.median(np.diff(time))
-    if hz > 0.45 * rate:
+    ratio = hz / loop.frequency_hz
+    if hz > 0.45 * rate or abs(ratio - round(ratio)) * loop.n_cycles < LEAK:
         return 0.0, np.inf
     rest = loop.left_over(loop.record.force_N)
 

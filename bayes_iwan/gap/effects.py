@@ -162,13 +162,13 @@ class Effect:
         return np.abs(strength)
 
 
-def folded(loops: Any, signals: Callable[[Any], Array]) -> Array:
+def folded(loops: Any, signals: Callable[[int, Array], Array]) -> Array:
     """(T, blocks, H + 1): a signal on each record's samples averaged as its force was; zero where a test has fewer
-    blocks."""
+    blocks. signals(t, time_s) : the signal of test t at the times of its record."""
     blocks = max(len(x.block_cycle) for x in loops)
     out = np.zeros((len(loops), blocks, loops[0].harmonics_N.shape[0]), dtype=complex)
     for t, loop in enumerate(loops):
-        out[t, : len(loop.block_cycle)] = loop.fold(signals(loop.record))
+        out[t, : len(loop.block_cycle)] = loop.fold(signals(t, loop.record.time_s))
     return out
 
 

@@ -114,7 +114,7 @@ class ForceDrift(Effect):
 
     def recorded(self, data, numbers: Numbers) -> Array:
         if "ramp" not in self.cache:
-            self.cache["ramp"] = folded(data.loops, lambda record: record.time_s - record.time_s[0])
+            self.cache["ramp"] = folded(data.loops, lambda t, time_s: time_s - time_s[0])
         return numbers[self.strength_name][:, None, None, None] * self.cache["ramp"]
 
 
@@ -123,7 +123,7 @@ class MainsHum(Effect):
     strength = ("amplitude_N", "a", "N", "amplitude of the hum in the force channel")
     evolving = True
     order = 4
-    which: ClassVar[int] = 0                             # of data.mains_hz
+    which: ClassVar[int] = 0                             # column of data.mains_hz
     physics = ("The mains induces a sine of 50 or 60 Hz in the force channel, at another phase in each record; cosine "
                "and sine of every test are numbers of their own.")
     reference = "gap-notes, row 12"
@@ -146,17 +146,17 @@ class MainsHum(Effect):
 
     def recorded(self, data, numbers: Numbers) -> Array:
         if "waves" not in self.cache:
-            hz = data.mains_hz[self.which]
+            hz = data.mains_hz[:, self.which]
 
             def wave(shape):
-                return folded(data.loops, lambda record: shape(2.0 * np.pi * hz * record.time_s))
+                return folded(data.loops, lambda t, time_s: shape(2.0 * np.pi * hz[t] * time_s))
 
-            self.cache.update(waves=[wave(np.cos), wave(np.sin)], hz=hz)
+            self.cache.update(waves=[wave(np.cos), wave(np.sin)], hz=float(np.median(hz)))
         return sum(p[:, :, None, None] * w for p, w in zip(self._parts(numbers), self.cache["waves"]))
 
     def lines(self, data, numbers: Numbers) -> Array:
         c, s = self._parts(numbers)
-        return (c + 1j * s)[:, :, None] * (np.arange(len(data.mains_hz)) == self.which)
+        return (c + 1j * s)[:, :, None] * (np.arange(data.mains_hz.shape[1]) == self.which)
 
     def reported(self, values, force_N) -> dict[str, tuple[Array, str]]:
         c, s = self._parts(values)

@@ -8,13 +8,32 @@ from scipy import stats
 from .effects import Array, Effect, Motion, Numbers, Shape, filtered
 
 
-class StribeckWeakening(Effect):
+class _OfSlipSpeed(Effect):
+    """Friction that follows the slip speed: not the speed of this moment but, with a short memory, that of the last.
+
+    Without the memory (Hess & Soom, J. Tribol. 112 (1990) 147, measured milliseconds) elements that begin to slip in
+    mid-stroke would know the speed at once.
+    """
+
+    law_error = 0.1                                     # a slider's own speed is not quite the specimen's
+
+    def memory(self) -> dict[str, Shape]:
+        radian_s = 1e-3 * self.scales.length_mm / self.scales.speed_m_s
+        return {"memory_s": Shape("τ", "s", "time in which friction follows a change of slip speed",
+                                  stats.lognorm(s=1.2, scale=0.2 * radian_s))}
+
+    def speed_m_s(self, motion: Motion, numbers: Numbers) -> Array:
+        tau = self.get(numbers, "memory_s")
+        speed = filtered(motion.speed_m_s, motion.frequency_hz, lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau))
+        return np.maximum(speed, 0.0)
+
+
+class StribeckWeakening(_OfSlipSpeed):
     name = "stribeck_weakening"
-    law_error = 0.3                                     # a slider's own speed is not quite the specimen's
     strength = ("drop", "d", "-", "share of the friction that is lost at high slip speed")
     limit = 0.9
     physics = ("Friction falls from its static to a lower kinetic level with slip speed, as asperities have less time "
-               "to bond or a film begins to carry.")
+               "to bond or a film begins to carry; it follows a change of speed after a short memory.")
     reference = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083"
     signature = "slipping force lower in mid-stroke than at its ends, more so at high frequency × amplitude"
     look_alikes = ("rate_strengthening",)
@@ -25,19 +44,19 @@ class StribeckWeakening(Effect):
 
     def shapes(self) -> dict[str, Shape]:
         return {"v_s_m_s": Shape("v_s", "m/s", "slip speed over which the friction falls",
-                                 stats.lognorm(s=0.9, scale=0.2 * self.scales.speed_m_s))}
+                                 stats.lognorm(s=0.9, scale=0.2 * self.scales.speed_m_s)), **self.memory()}
 
     def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        lost = -np.expm1(-motion.speed_m_s / self.get(numbers, "v_s_m_s"))
+        lost = -np.expm1(-self.speed_m_s(motion, numbers) / self.get(numbers, "v_s_m_s"))
         return alpha * (1.0 - self.get(numbers, "drop") * lost)
 
 
-class RateStrengthening(Effect):
+class RateStrengthening(_OfSlipSpeed):
     name = "rate_strengthening"
-    law_error = 0.3                                     # a slider's own speed is not quite the specimen's
     strength = ("c", "c", "-", "growth of the friction per e-fold of slip speed")
     limit = 1.0
-    physics = "Friction grows with the logarithm of slip speed: thermally activated creep of the contacts."
+    physics = ("Friction grows with the logarithm of slip speed, after a short memory: thermally activated creep of "
+               "the contacts.")
     reference = "Baumberger & Caroli, Adv. Phys. 55 (2006) 279"
     signature = "slipping force grows with log speed; odd harmonics; quadrature hardly depends on amplitude"
     look_alikes = ("stribeck_weakening", "viscous_damping")
@@ -48,10 +67,11 @@ class RateStrengthening(Effect):
 
     def shapes(self) -> dict[str, Shape]:
         return {"v0_m_s": Shape("v₀", "m/s", "speed below which the friction is constant",
-                                stats.lognorm(s=1.2, scale=0.05 * self.scales.speed_m_s))}
+                                stats.lognorm(s=1.2, scale=0.05 * self.scales.speed_m_s)), **self.memory()}
 
     def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        return alpha * (1.0 + self.get(numbers, "c") * np.log1p(motion.speed_m_s / self.get(numbers, "v0_m_s")))
+        ratio = self.speed_m_s(motion, numbers) / self.get(numbers, "v0_m_s")
+        return alpha * (1.0 + self.get(numbers, "c") * np.log1p(ratio))
 
 
 class NormalForceLag(Effect):

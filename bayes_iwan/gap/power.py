@@ -16,7 +16,7 @@ from .catalogue import ordered
 from .data import GapData
 from .effects import Effect
 from .evidence import Fit, Rows, extended
-from .search import SHAPES
+from .search import shape_points
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def visible_nats(data: GapData, base: Fit, effects: dict[str, tuple[Effect, ...]
             at = [problem.names.index(n) for n in base.problem.names]
             single = effect.strength_name in problem.names
             on, off = [], []
-            for shapes in product(SHAPES, repeat=len(own) - 1) if single else [(1.0,) * (len(own) - 1)]:
+            for shapes in shape_points(len(own) - 1) if single else [(1.0,) * (len(own) - 1)]:
                 z = np.zeros(problem.ndim)
                 z[at] = base.z
                 z[own] = (0.6 if effect.signed else 0.0, *shapes) if single else 1.0 / np.sqrt(2.0)

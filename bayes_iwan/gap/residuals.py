@@ -26,8 +26,6 @@ Array = NDArray[np.float64]
 LOOP, MEAN, ALONG, HUM = 0, 1, 2, 3
 #: what a gap is made of. The mean is not: it hangs on where the specimen rests, which no dynamic displacement tells
 COUNTED = (LOOP, ALONG, HUM)
-#: a line of the mains nearer to a harmonic than this, in cycles over the record, tells nothing of the mains
-LEAK = 4.0
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,6 @@ def residual_of(data: GapData, fit: Fit, step: float = 1e-4) -> Residual:
     measured = np.concatenate([data.harmonics_N, data.trend_N.reshape(tests, -1), data.mains_N], axis=1)
     allowed = np.concatenate(
         [_loop_noise(data, count), data.trend_noise_N.reshape(tests, -1), data.mains_noise_N], axis=1)
-    allowed[:, -2:][_beside_harmonics(data)] = np.inf
     noise = allowed.copy()
     noise[:, 0] = [x.noise_N[0] for x in data.loops]
     floor = (TREND_FLOOR * data.level_N)[:, None]
@@ -170,14 +167,6 @@ def _loop_noise(data: GapData, count: int) -> Array:
         have = np.isfinite(loop.noise_N[: len(log_noise)])
         out[t, : len(have)][have] = np.exp(log_noise[have, t])
     return out
-
-
-def _beside_harmonics(data: GapData) -> NDArray[np.bool_]:
-    """(T, 2) where a line of the mains is so near a harmonic that the loops' own slow change leaks into it."""
-    f = np.array([x.frequency_hz for x in data.loops])[:, None]
-    cycles = np.array([x.n_cycles for x in data.loops])[:, None]
-    ratio = np.array(data.mains_hz) / f
-    return np.abs(ratio - np.rint(ratio)) * cycles < LEAK
 
 
 def _elsewhere(problem: Problem) -> Problem:

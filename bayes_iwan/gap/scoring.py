@@ -61,6 +61,16 @@ class CaseScore:
     def right(self) -> bool:
         return self.named in self.labels
 
+    @property
+    def in_set(self) -> bool:
+        """The (first) truth is the verdict or among what the answer cannot tell from it."""
+        return self.labels[0] in self.confusable
+
+    @property
+    def leaves_gap(self) -> bool:
+        """What the effect leaves once the specimen's numbers have moved is above the noise of the force channel."""
+        return not self.visible <= self.noise
+
 
 def labels_of(truth: Mapping[str, Any]) -> tuple[str, ...]:
     """The labels by which a truth is scored."""
@@ -147,6 +157,7 @@ def summarise(cases: Sequence[CaseScore], seed: int = 0) -> dict[str, Estimate]:
     of = {kind: [c for c in cases if c.kind == kind] for kind in ("none", "single", "pair", "outside")}
     several = [c for c in of["single"] if not c.one_frequency]
     single_f = [c for c in of["single"] if c.one_frequency]
+    clear = [c for c in of["single"] if c.leaves_gap]
     errors = [c.size_error for c in of["single"] if np.isfinite(c.size_error)]
     right_errors = [c.size_error for c in of["single"] if np.isfinite(c.size_error) and c.right]
     ratios = [abs(c.size_ratio - 1) for c in of["single"] if np.isfinite(c.size_ratio) and c.right]
@@ -160,11 +171,15 @@ def summarise(cases: Sequence[CaseScore], seed: int = 0) -> dict[str, Estimate]:
         ),
         "single effects, several frequencies: first answer right": share([c.right for c in several]),
         "single effects, one frequency: first answer right": share([c.right for c in single_f]),
-        "single effects: truth in the set that cannot be told apart": share(
-            [c.labels[0] in c.confusable for c in of["single"]]
-        ),
-        "single effects, one frequency: truth in that set": share([c.labels[0] in c.confusable for c in single_f]),
+        "single effects: truth in the set that cannot be told apart": share([c.in_set for c in of["single"]]),
+        "single effects, one frequency: truth in that set": share([c.in_set for c in single_f]),
         "single effects: causes in that set": bootstrap([len(c.confusable) for c in of["single"]], rng),
+        "single effects, gap above noise: first answer right": share([c.right for c in clear]),
+        "single effects, gap above noise: truth in the set": share([c.in_set for c in clear]),
+        "single effects, gap above noise, one frequency: truth in the set": share(
+            [c.in_set for c in clear if c.one_frequency]
+        ),
+        "single effects, gap above noise: causes in the set": bootstrap([len(c.confusable) for c in clear], rng),
         "single effects: called none": share([c.named == "none" for c in of["single"]]),
         "single effects: called unknown": share([c.named == "unknown" for c in of["single"]]),
         "no effect: a cause is named (false alarm)": share([c.named in CATALOGUE for c in of["none"]]),

@@ -8,7 +8,7 @@ that promise most once the base's own parameters may move (one Gauss–Newton st
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..inference.defaults import Scales
 from ..inference.problem import Problem
-from .catalogue import calibrated, ordered
+from .catalogue import UNLISTED, calibrated, ordered
 from .data import GapData
 from .effects import Effect
 from .evidence import FIRST, Fit, Linear, Rows, base_problem, extended, fit_model
@@ -36,7 +36,8 @@ PAIR_PROMISE, PAIR_MOST = 3.0, 5
 
 @dataclass(frozen=True)
 class Search:
-    """All fits of one campaign: the base, every variant of every effect by name, and the pairs that promised much."""
+    """All fits of one campaign: the base, every variant of every effect by name, the pairs that promised much, and the
+    shapes without a cause (:mod:`.effects_unlisted`) that did."""
 
     data: GapData
     scales: Scales
@@ -45,6 +46,7 @@ class Search:
     singles: dict[str, tuple[Fit, ...]]
     pairs: dict[tuple[str, str], Fit]
     effects: dict[str, tuple[Effect, ...]]
+    unlisted: dict[str, Fit] = field(default_factory=dict)
 
 
 def fit_base(data: GapData, config: dict, scales: Scales, rng: np.random.Generator) -> Fit:
@@ -58,12 +60,19 @@ def fit_base(data: GapData, config: dict, scales: Scales, rng: np.random.Generat
     return fit_model(data, problem, z[order[:BASE_STARTS]])
 
 
+def shape_points(shapes: int) -> list[tuple[float, ...]]:
+    """z of an effect's shapes at which it is tried: fewer values of each where there are several."""
+    return list(product(SHAPES if shapes == 1 else SHAPES[::2], repeat=shapes))
+
+
 def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Sequence[str]) -> Array:
     """Trial points (n, ndim) of an extended problem: each optimum of the smaller model with the effect switched on."""
     own = [problem.names.index(p.name) for p in effect.parameters if p.free and p.name in problem.names]
     at = [problem.names.index(n) for n in base_names]
     single = effect.strength_name in problem.names
-    grid = list(product(STRENGTHS[effect.signed], *([SHAPES] * (len(own) - 1)))) if single else [(0.0,) * len(own)]
+    grid = [(0.0,) * len(own)]
+    if single:
+        grid = [(s, *rest) for s, rest in product(STRENGTHS[effect.signed], shape_points(len(own) - 1))]
     out = []
     for optimum, values in product(optima, grid):
         z = np.zeros(problem.ndim)
@@ -145,7 +154,8 @@ def search(data: GapData, scales: Scales, config: dict, kinds: dict[str, tuple[t
     better = _base_again(data, base, singles)
     if better.log_z.max() > base.log_z.max() + 1.0:         # the base had missed its optimum: once more from there
         base, singles = better, all_singles(better)
-    return Search(data, scales, config, base, singles, _pairs(data, base, singles, effects, progress), effects)
+    pairs = _pairs(data, base, singles, effects, progress)
+    return Search(data, scales, config, base, singles, pairs, effects, _unlisted(data, scales, base, progress))
 
 
 def _base_again(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]]) -> Fit:
@@ -153,6 +163,18 @@ def _base_again(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]]) -
     leaders = sorted((f for fits in singles.values() for f in fits), key=lambda f: -f.log_z.max())[:4]
     starts = [f.z[[f.problem.names.index(n) for n in base.problem.names]] for f in leaders]
     return fit_model(data, base.problem, np.array([base.z, *starts]), iterations=40)
+
+
+def _unlisted(data: GapData, scales: Scales, base: Fit, progress: Callable[[str], None]) -> dict[str, Fit]:
+    """Shapes without a cause that promise as much as a second effect must."""
+    shapes: dict[str, tuple[Effect, ...]] = {
+        k.name: (calibrated(k, scales, data, base.problem, base.z),) for k in UNLISTED}
+    out = {}
+    for one in candidates(data, base, shapes):
+        if one.gain > PAIR_PROMISE:
+            progress(one.name)
+            out[one.name] = fit_model(data, one.problem, one.starts, iterations=20)
+    return out
 
 
 def _pairs(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]], effects: dict[str, tuple[Effect, ...]],

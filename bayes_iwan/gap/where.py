@@ -16,6 +16,7 @@ from scipy import fft
 
 from ..inference.likelihood import harmonics_of
 from .attribution import calibration
+from .data import MAINS_HZ
 from .evidence import LENGTHS
 from .gap_size import LEVEL
 from .laws import Law, LawSearch
@@ -169,7 +170,7 @@ class _Looks:
         names += [("parity", "odd"), ("parity", "even"), ("mean", "mean force")]
         names += [("trend", x.file) for x in loops]
         names += [("record", what) for what in ("mean", "in phase", "quadrature", "odd harmonics", "even harmonics")]
-        names += [("mains", f"{hz:g} Hz") for hz in self.residual.data.mains_hz]
+        names += [("mains", f"{hz:g} Hz") for hz in MAINS_HZ]
         self.names = names
         tests = len(loops)
         time = [float(m.mean()) for m in self.masks.values()]

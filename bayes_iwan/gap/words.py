@@ -28,6 +28,8 @@ def sentences(d: dict[str, Any]) -> list[str]:
     elif cause == "unknown":
         which = (f"The cause is unknown (probability {p:.2f}): the gap is real, but no effect of the catalogue closes "
                  "it on all tests.")
+        if d.get("looks_like"):
+            which = f"{which[:-1]}; it looks most like {d['looks_like']['physics']}."
     else:
         lead = next((e for e in d["effects"] if e["name"] == cause), None)
         which = f"The likeliest cause is {title(cause)} (probability {p:.2f})"

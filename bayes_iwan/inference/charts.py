@@ -46,20 +46,21 @@ class ChartStack:
         self.centre, self.root = np.ascontiguousarray(centres), np.ascontiguousarray(roots)
         self.unroot_t = np.ascontiguousarray(np.swapaxes(np.linalg.inv(roots), 1, 2))
 
-    def standard(self, z: Array) -> tuple[Array, Array]:
-        """Standardised coordinates (n, charts, ndim) of z (n, ndim) in every chart, and ln|dy/dz| (n, charts)."""
+    def standard(self, z: Array) -> tuple[Array, Array, Array]:
+        """Standardised coordinates (n, charts, ndim) of z (n, ndim) in every chart, their squares' sums (n, charts),
+        and ln|dy/dz| (n, charts). A point's numbers do not depend on the others it is given with."""
         x = np.empty((len(z), *self.mean.shape))
-        log_det = np.empty(x.shape[:2])
+        squared, log_det = np.empty(x.shape[:2]), np.empty(x.shape[:2])
         z = np.ascontiguousarray(z)
 
         def some(part: slice) -> None:
             _forward(
                 z[part], self.wide, self.parent, self.known, self.shift, self.spread, self.spread_used, self.mean,
-                self.whiten, self.log_sd, self.centre, self.unroot_t, x[part], log_det[part],
+                self.whiten, self.log_sd, self.centre, self.unroot_t, x[part], squared[part], log_det[part],
             )  # fmt: skip
 
         over_draws(some, len(z), self.shift[..., 0].size)
-        return x, log_det
+        return x, squared, log_det
 
     def place(self, x: Array, chart: NDArray[np.int64]) -> Array:
         """z (n, ndim) of the standardised coordinates x (n, ndim), each row in its own chart."""
@@ -101,7 +102,7 @@ def _add(total, factor, values):
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _forward(
-    z, wide, parent, known, shift, spread, spread_used, mean, whiten, log_sd, centre, unroot_t, x, log_det
+    z, wide, parent, known, shift, spread, spread_used, mean, whiten, log_sd, centre, unroot_t, x, squared, log_det
 ):  # fmt: skip
     # Points are taken in blocks that fit the nearest cache, with the points of a block along the innermost loops.
     n, ndim = z.shape
@@ -147,8 +148,11 @@ def _forward(
                     _add(out[j], unroot_t[b, i, j], u)
             for r in range(size):
                 log_det[begin + r, b] = -log_sd[b] - 2 * SPREAD_ORDER * np.log(product[r])
+                total = 0.0
                 for i in range(ndim):
                     x[begin + r, b, i] = out[i, r]
+                    total += out[i, r] * out[i, r]
+                squared[begin + r, b] = total
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})

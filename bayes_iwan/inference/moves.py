@@ -17,7 +17,7 @@ from emcee.moves import Move
 from emcee.state import State
 from numpy.typing import NDArray
 
-from bayes_iwan.inference.proposal import Proposal
+from bayes_iwan.inference.proposal import Places, Proposal
 
 Array = NDArray[np.float64]
 
@@ -45,9 +45,9 @@ class BlockMove(Move):
         walkers, rest = divmod(total, self.ensembles)
         if rest or walkers < self.nsplits:
             raise ValueError(f"{total} walkers cannot be split into {self.ensembles} equal ensembles")
-        # A fresh split each step, each ensemble its own.
-        order = model.random.random_sample((self.ensembles, walkers)).argsort(axis=1)
-        order += walkers * np.arange(self.ensembles)[:, None]
+        order = np.arange(total).reshape(self.ensembles, walkers)
+        if self.nsplits > 1:  # a fresh split each step, each ensemble its own
+            order = order[:, :1] + model.random.random_sample((self.ensembles, walkers)).argsort(axis=1)
         accepted = np.zeros(total, dtype=bool)
         for part in np.array_split(np.arange(walkers), self.nsplits):
             active = order[:, part]
@@ -157,9 +157,26 @@ class MixtureMove(BlockMove):
     ) -> None:
         super().__init__(ensembles, nsplits=1)  # a proposal here needs no other walker: all move in one call
         self.proposal = proposal
+        self._seen: tuple[Places, Places] | None = None  # where the walkers were, and what was proposed to them
         self.independent = independent
         self.rho = np.asarray(rho, dtype=float)
 
     def get_proposal(self, s: Array, c: Array, random: np.random.RandomState) -> tuple[Array, Array]:
-        q, factor = self.proposal.step(s.reshape(-1, s.shape[-1]), self.independent, self.rho, random)
-        return q.reshape(s.shape), factor.reshape(s.shape[:-1])
+        now = self._places(s.reshape(-1, s.shape[-1]))
+        new, factor = self.proposal.step(now, self.independent, self.rho, random)
+        self._seen = now, new
+        return new.z.reshape(s.shape), factor.reshape(s.shape[:-1])
+
+    def _places(self, z: Array) -> Places:
+        """What the proposal says of z (n, ndim); most walkers stand where they were, or took what was proposed last.
+
+        Charts are half the cost of a step, so what is known of these is not worked out again.
+        """
+        if self._seen is None or self._seen[0].z.shape != z.shape:
+            return self.proposal.at(z)
+        now, new = self._seen
+        now.put(np.flatnonzero((new.z == z).all(axis=1)), new)
+        moved = np.flatnonzero((now.z != z).any(axis=1))
+        if len(moved):
+            now.put(moved, self.proposal.at(z[moved]))
+        return now

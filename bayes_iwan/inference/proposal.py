@@ -33,6 +33,24 @@ class Chart:
 
 
 @dataclass(frozen=True)
+class Places:
+    """Places z (n, ndim) as a proposal sees them: ln(weight·density) (n, charts) of each chart, the standardised
+    coordinates in it (n, charts, ndim), and their squares' sums (n, charts)."""
+
+    z: Array
+    parts: Array
+    standard: Array
+    squared: Array
+
+    def put(self, rows: NDArray, other: Places) -> None:
+        """Take these rows from another set of as many places, or from one of just these rows."""
+        whole = len(other.z) == len(self.z)
+        for name in ("z", "parts", "standard", "squared"):
+            new = getattr(other, name)
+            getattr(self, name)[rows] = new[rows] if whole else new
+
+
+@dataclass(frozen=True)
 class Proposal:
     """The density g(z) = sum_k weights[k]·chart_k(z): a plain distribution, fitted to draws and then left as it is.
 
@@ -57,49 +75,47 @@ class Proposal:
         norm = gammaln(0.5 * (nu + ndim)) - gammaln(0.5 * nu) - 0.5 * ndim * np.log(nu * np.pi)
         return nu, np.log(self.weights) + norm - log_root
 
-    def _parts(self, z: Array) -> tuple[Array, Array, Array]:
-        """(n, charts) ln(weight·density), standardised coordinates (n, charts, ndim) and their squares (n, charts)."""
+    def at(self, z: Array) -> Places:
+        """What the proposal says of places z (n, ndim)."""
         nu, constant = self._constants
-        x, log_det = self._stack.standard(z)
-        squared = np.einsum("nki,nki->nk", x, x)
-        return constant + log_det - 0.5 * (nu + z.shape[1]) * np.log1p(squared / nu), x, squared
+        x, squared, log_det = self._stack.standard(z)
+        return Places(z, constant + log_det - 0.5 * (nu + z.shape[1]) * np.log1p(squared / nu), x, squared)
 
     def log_density(self, z: Array) -> Array:
         """ln g (n,) at z (n, ndim)."""
-        return log_sum_exp(self._parts(z)[0])
+        return log_sum_exp(self.at(z).parts)
 
     def responsibilities(self, z: Array) -> Array:
         """(n, charts) the probability that z came from each chart."""
-        parts = self._parts(z)[0]
+        parts = self.at(z).parts
         return np.exp(parts - log_sum_exp(parts)[:, None])
 
     def step(
-        self, z: Array, independent: float, rho: Array, random: np.random.RandomState
-    ) -> tuple[Array, Array]:
+        self, now: Places, independent: float, rho: Array, random: np.random.RandomState
+    ) -> tuple[Places, Array]:
         """Proposals z' (n, ndim) that leave g in balance, and ln g(z) - ln g(z') (n,). See `MixtureMove`."""
-        n, ndim = z.shape
-        parts, standard, squared = self._parts(z)
-        log_g = log_sum_exp(parts)
+        n, ndim = now.z.shape
+        log_g = log_sum_exp(now.parts)
         fresh = random.random_sample(n) < independent
-        chances = np.where(np.asarray(fresh)[:, None], self.weights, np.exp(parts - log_g[:, None]))
+        chances = np.where(np.asarray(fresh)[:, None], self.weights, np.exp(now.parts - log_g[:, None]))
         cumulative = chances.cumsum(axis=1)
         k = (random.random_sample((n, 1)) * cumulative[:, -1:] > cumulative[:, :-1]).sum(axis=1)
-        x = standard[np.arange(n), k]
+        x = now.standard[np.arange(n), k]
         nu = self._constants[0][k]
         rho = np.where(fresh, 1.0, rho[random.randint(len(rho), size=n)])
         # The t's scale: from its prior for a fresh draw, else given how far out x lies.
         shape = np.where(fresh, 0.5 * nu, 0.5 * (nu + ndim))
-        rate = np.where(fresh, 0.5 * nu, 0.5 * (nu + squared[np.arange(n), k]))
+        rate = np.where(fresh, 0.5 * nu, 0.5 * (nu + now.squared[np.arange(n), k]))
         scale = random.standard_gamma(shape) / rate
         xi = random.standard_normal((n, ndim))
         new = np.sqrt(1.0 - rho**2)[:, None] * x + (rho / np.sqrt(scale))[:, None] * xi
-        z_new = self._stack.place(new, k)
-        return z_new, log_g - self.log_density(z_new)
+        there = self.at(self._stack.place(new, k))
+        return there, log_g - log_sum_exp(there.parts)
 
     def sample(self, n: int, seed: int) -> Array:
         """(n, ndim) independent draws from g."""
         ndim = len(self.charts[0].centre)
-        return self.step(np.zeros((n, ndim)), 1.0, np.ones(1), np.random.RandomState(seed))[0]
+        return self.step(self.at(np.zeros((n, ndim))), 1.0, np.ones(1), np.random.RandomState(seed))[0].z
 
     def to_arrays(self) -> dict[str, NDArray]:
         """All numbers of the proposal, for a checkpoint."""

@@ -224,8 +224,8 @@ class Run:
         state = np.random.RandomState(int(rng.integers(2**31)))
         at = self.walkers.state.coords
         rows = rng.integers(len(at), size=n)
-        z, factor = self.proposal.step(at[rows], 1.0, np.ones(1), state)
-        log_ratio = self.walkers.log_prob(z) - self.walkers.state.log_prob[rows] + factor
+        new, factor = self.proposal.step(self.proposal.at(at[rows]), 1.0, np.ones(1), state)
+        log_ratio = self.walkers.log_prob(new.z) - self.walkers.state.log_prob[rows] + factor
         return float(np.mean(np.exp(np.minimum(log_ratio, 0.0))))
 
     def _settled(self) -> bool:

@@ -1,6 +1,6 @@
-"""Compiled laws that take each sample on its own: Eq. (11) for α and Eq. (12) for k.
+"""Compiled laws that take each sample, or each draw, on its own: Eq. (11) for α, Eq. (12) for k and its bend.
 
-Both need one exponential a sample. The C library's costs some 4 ns and cannot be vectorised; the polynomial below
+The laws need one exponential a sample. The C library's costs some 4 ns and cannot be vectorised; the polynomial below
 can, which makes it five times as fast. The functions call each other, so they stay in one file.
 """
 
@@ -63,3 +63,21 @@ def saturating(alpha, final, bend, out):
         for j in range(out.shape[1]):
             for i in range(out.shape[2]):
                 out[d, j, i] = -final[d] * _expm1(-bend[d] * alpha[d, j, i])
+
+
+@_jit
+def bend_of_elasticity(value, out):
+    """The z > 0 at which z/(e^z − 1) is value, in (0, 1), by Newton's method on the logarithm; (draws,)."""
+    for d in range(out.size):
+        target = math.log(value[d])
+        # close starts at both ends: z ≈ 2(1 − ε) for ε → 1, z ≈ −ln ε + ln z for ε → 0
+        z = 2.0 * (1.0 - value[d]) if value[d] > 0.5 else -target + math.log(max(1.5 - target, 1.0))
+        z = max(z, 1e-9)
+        for _ in range(30):
+            growth = _expm1(z)
+            slope = 1.0 / z - (growth + 1.0) / growth
+            step = (math.log(z / growth) - target) / (slope if slope != 0.0 else -0.5)
+            z = max(z - step, 0.1 * z)
+            if not abs(step) > 1e-14 * z:
+                break
+        out[d] = z + 0.0 * value[d]               # NaN stays NaN

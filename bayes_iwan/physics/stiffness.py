@@ -71,16 +71,10 @@ def elasticity(bend: Array) -> Array:
 
 
 def bend_of_elasticity(value: Array) -> Array:
-    """The inverse of :func:`elasticity` by Newton's method on ln; value in (0, 1)."""
-    target = np.log(value)
-    # close starts at both ends: z ≈ 2(1 − ε) for ε → 1, z ≈ −ln ε + ln z for ε → 0
-    z = np.where(value > 0.5, 2.0 * (1.0 - value), -target + np.log(np.maximum(1.5 - target, 1.0)))
-    z = np.maximum(z, 1e-9)
-    for _ in range(30):
-        slope = 1.0 / z - 1.0 / -np.expm1(-z)
-        step = (np.log(z / np.expm1(z)) - target) / np.where(np.abs(slope) > 0, slope, -0.5)
-        z = np.maximum(z - step, 0.1 * z)
-    return z
+    """The inverse of :func:`elasticity`; value in (0, 1)."""
+    out = np.empty_like(value)
+    pointwise.bend_of_elasticity(np.ascontiguousarray(value), out)
+    return out
 
 
 _ALL: tuple[Stiffness, ...] = (ConstantStiffness(), Saturating())

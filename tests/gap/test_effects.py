@@ -16,6 +16,7 @@ ISSUE = ("viscous_damping maxwell_branch moving_mass quadratic_stiffness cubic_s
          "rate_strengthening normal_force_lag friction_fade direction_dependent_friction rig_compliance free_play "
          "channel_delay integration_highpass force_highpass force_lowpass force_drift mains_hum force_clipping").split()
 EVERY = (*catalogue.BUILT_IN, *PAPER)
+ALSO_SHAPES = (*EVERY, *catalogue.UNLISTED)
 F_HZ, A_MM = 20.0, 0.9
 OMEGA = 2.0 * np.pi * F_HZ
 
@@ -26,7 +27,7 @@ def motion(samples=128, cycle=0.0):
 
 def of(name, kit):
     """The effect of that name for the kit's scales, with two tests."""
-    return next(e for e in EVERY if e.name == name)(kit.scales, ("a.csv", "b.csv"))
+    return next(e for e in ALSO_SHAPES if e.name == name)(kit.scales, ("a.csv", "b.csv"))
 
 
 def shapes_at_median(effect, draws=1):
@@ -85,7 +86,7 @@ def test_every_effect_says_what_it_is(kind, kit):
     assert set(effect.look_alikes) <= known - {effect.name}
 
 
-@pytest.mark.parametrize("kind", EVERY, ids=lambda k: k.__name__)
+@pytest.mark.parametrize("kind", ALSO_SHAPES, ids=lambda k: k.__name__)
 @pytest.mark.parametrize("strength", [0.0, 1e-13])
 def test_neutral_value_gives_the_base_model(kind, strength, kit):
     effect = kind(kit.scales, ("a.csv", "b.csv"))
@@ -96,7 +97,7 @@ def test_neutral_value_gives_the_base_model(kind, strength, kit):
     np.testing.assert_allclose(replace(model, effects=(effect,)).force(numbers, at), plain, atol=1e-9, rtol=0)
 
 
-@pytest.mark.parametrize("kind", EVERY, ids=lambda k: k.__name__)
+@pytest.mark.parametrize("kind", ALSO_SHAPES, ids=lambda k: k.__name__)
 def test_draws_do_not_depend_on_their_batch(kind, kit):
     effect = kind(kit.scales, ("a.csv", "b.csv"))
     model = replace(Model(kit.reference), effects=(effect,))
@@ -196,15 +197,27 @@ SPEED = 1e-3 * OMEGA * A_MM
 
 
 def test_stribeck_weakening_in_mid_stroke(kit):
-    up, down = mid_stroke("stribeck_weakening", kit, 0.3, v_s_m_s=0.05)
+    up, down = mid_stroke("stribeck_weakening", kit, 0.3, v_s_m_s=0.05, memory_s=0.0)
     expected = 1.0 - 0.3 * (1.0 - np.exp(-SPEED / 0.05))
     assert (up, down) == (pytest.approx(expected, rel=1e-6), pytest.approx(-expected, rel=1e-6))
 
 
 def test_rate_strengthening_in_mid_stroke(kit):
-    up, down = mid_stroke("rate_strengthening", kit, 0.1, v0_m_s=0.01)
+    up, down = mid_stroke("rate_strengthening", kit, 0.1, v0_m_s=0.01, memory_s=0.0)
     expected = 1.0 + 0.1 * np.log1p(SPEED / 0.01)
     assert (up, down) == (pytest.approx(expected, rel=1e-6), pytest.approx(-expected, rel=1e-6))
+
+
+@pytest.mark.parametrize("name", ["stribeck_weakening", "rate_strengthening"])
+def test_friction_remembers_the_slip_speed_of_the_last_moment(name, kit):
+    """Speed |cos| through a first-order lag: its harmonics 2, 4, … by their closed form."""
+    effect, at, tau = of(name, kit), motion(512), 0.004
+    speed = effect.speed_m_s(at, {f"{name}.memory_s": np.array([tau])})[0, 0]
+    h = np.arange(1, 40)
+    c = 4.0 / np.pi * (-1.0) ** (h + 1) / (4.0 * h**2 - 1.0) / (1.0 + 2j * h * OMEGA * tau)
+    phase = np.arange(512)[:, None] * 2.0 * np.pi / 512
+    expected = SPEED * (2.0 / np.pi + np.sum((c * np.exp(2j * h * phase)).real, axis=1))
+    np.testing.assert_allclose(speed, expected, atol=2e-3 * SPEED)
 
 
 @pytest.mark.parametrize("cycle", [0.0, 8.0, 400.0])
@@ -318,6 +331,46 @@ def test_force_clipping_makes_flat_tops_at_one_force_in_every_test(kit):
 
 
 # ---- what the paper adds to the classical Iwan model
+
+# ---- shapes without a cause
+
+def test_speed_squared_dissipates_eight_thirds_c_omega_squared_a_cubed(kit):
+    at = motion()
+    with_it, without = change("speed_squared", kit, 40.0, at)
+    speed = 2e-3 * np.pi * at.frequency_hz * at.amplitude_mm                             # m/s
+    np.testing.assert_allclose(work(with_it - without, at), 8.0 / 3.0 * 40.0 * speed**2 * at.amplitude_mm, rtol=1e-4)
+
+
+def test_both_ends_is_odd_elastic_and_absent_within_its_gap(kit):
+    at = motion(256)
+    with_it, without = change("both_ends", kit, 3.0, at, gap_mm=0.5)
+    added, u = with_it - without, at.displacement_mm[0]
+    assert np.abs(added[np.abs(u) <= 0.5]).max() < 1e-12 and np.abs(added[1]).max() < 1e-12
+    deep = np.maximum(np.abs(u[0]) - 0.5, 0.0)
+    np.testing.assert_allclose(added[0], 3.0 * np.sign(u[0]) * deep**1.5 / np.sqrt(kit.scales.length_mm), atol=1e-12)
+    assert abs(work(added, at)[0]) < 1e-3
+
+
+def test_break_away_lifts_friction_after_reversals_and_wears_off(kit):
+    model, at = Model(kit.reference, grip="constant", stiffness="constant"), motion(256)
+    with_it, without = change("break_away", kit, 0.4, at, model=model, slide_mm=0.15)
+    u, up = at.displacement_mm[0, 0], at.velocity_m_s[0, 0] > 0
+    added, friction = (with_it - without)[0], np.ptp(without[0] - kit.numbers(model)["kp_N_mm"][0] * u) / 2.0
+    assert np.abs(added[up & (u > 0.5 * A_MM)]).max() < 2e-4 * friction                   # 1.3 mm after the reversal
+    assert added[up & (u > -0.7 * A_MM) & (u < -0.3 * A_MM)].max() > 0.01 * friction
+
+
+def test_tests_differ_and_change_each_by_its_own_elastic_force(kit):
+    for name, cycle, share in (("tests_differ", 3.0, 1.0), ("stiffness_changes", 10.0, 1.0 - np.exp(-1.0))):
+        at = motion(cycle=cycle)
+        effect, model = of(name, kit), Model(kit.reference)
+        numbers = kit.numbers(model)
+        own = dict(zip((p.name for p in effect.parameters), (np.array([0.3]), np.array([-0.2]))))
+        added = (replace(model, effects=(effect,)).force(numbers | own, at) - model.force(numbers, at))[0]
+        expected = share * np.array([[0.3], [-0.2]]) * at.displacement_mm[0] / at.amplitude_mm[:, None]
+        np.testing.assert_allclose(added, expected, atol=1e-12)
+        assert effect.evolving == (name == "stiffness_changes")
+
 
 def test_papers_terms_on_the_classical_model_are_the_papers_model(kit):
     at = motion()

@@ -37,6 +37,14 @@ def test_sound_rig_has_no_cause(kit):
     assert a.cause == "none" and a.probability > 0.5 and a.cannot_tell_apart == ()
 
 
+def test_cause_outside_the_catalogue_is_unknown_and_its_shape_told(kit):
+    d = kit.diagnosed("quadratic_drag")
+    assert d.attribution.cause == "unknown" and d.attribution.shape == "speed_squared"
+    said = d.as_dict()
+    assert said["looks_like"]["shape"] == "speed_squared" and "square of speed" in said["sentences"][1]
+    assert not set(said["probabilities"]) & {e.name for e in catalogue.UNLISTED}
+
+
 def test_single_frequency_answer_holds_the_truth_among_what_cannot_be_told_apart(kit):
     a = kit.diagnosed("viscous_damping", "single").attribution
     assert "viscous_damping" in {*a.cannot_tell_apart, a.cause}

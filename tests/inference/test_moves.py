@@ -150,12 +150,28 @@ def test_steps_are_in_detailed_balance_with_the_proposals_own_density():
     g = fit_proposal(exact("two_modes", 3000, 3, rng), rng)
     z = g.sample(40_000, 1)
     for independent in (0.0, 1.0):
-        new, factor = g.step(z, independent, np.array([0.3, 0.7]), np.random.RandomState(2))
+        places, factor = g.step(g.at(z), independent, np.array([0.3, 0.7]), np.random.RandomState(2))
+        new = places.z
         there = (z[:, 0] < 0) & (new[:, 0] > 2)
         back = (new[:, 0] < 0) & (z[:, 0] > 2)
         assert abs(there.sum() - back.sum()) < 4 * np.sqrt(there.sum() + back.sum() + 1)
         assert stats.ks_2samp(z[:, 0], new[:, 0]).pvalue > 1e-3
         np.testing.assert_allclose(factor, g.log_density(z) - g.log_density(new), atol=1e-9)
+
+
+def test_what_a_move_remembers_of_walkers_is_what_it_would_find_anew():
+    rng = np.random.default_rng(12)
+    g = fit_proposal(exact("two_modes", 3000, 3, rng), rng)
+    move, random = MixtureMove(g, ensembles=2), np.random.RandomState(0)
+    s = exact("two_modes", 40, 3, rng).reshape(2, 20, 3)
+    for _ in range(6):
+        q, factor = move.get_proposal(s, s[:, :0], random)
+        expected = g.log_density(s.reshape(-1, 3)) - g.log_density(q.reshape(-1, 3))
+        np.testing.assert_array_equal(factor.ravel(), expected)
+        taken = rng.random((2, 20, 1)) < 0.5
+        s = np.where(taken, q, s)
+        s[0, :3] += 0.1  # another move has been at these
+    assert move._seen is not None
 
 
 def test_a_proposals_density_is_normalised():
@@ -175,7 +191,8 @@ def test_compiled_charts_agree_with_their_numpy_reference_and_come_back():
     z[:1000, 2] += 8
     g = fit_proposal(z, rng)
     assert len(g.charts) > 1
-    x, log_det = g._stack.standard(z[:100])
+    x, squared, log_det = g._stack.standard(z[:100])
+    np.testing.assert_allclose(squared, np.sum(x**2, axis=2))
     for k, chart in enumerate(g.charts):
         y, reference = chart.warp.forward(z[:100])
         np.testing.assert_allclose(x[:, k], np.linalg.solve(chart.root, (y - chart.centre).T).T, atol=1e-9)
