@@ -20,7 +20,8 @@ from .records import Array, CampaignError, Record
 NOMINAL_TOLERANCE = 0.10
 FEWEST_PER_CYCLE = 8.0
 UNIT_MARGIN = 5.0  # two forces further apart than amplitude, frequency and load explain: a unit or gain error
-REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel
+REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls along as well
+LATE = 0.3  # below minus this no late or AC-coupled channel explains it
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 RAIL_SHARE = 0.004  # of the kept samples at one extreme value, in runs, before a channel looks clipped
 
@@ -93,15 +94,18 @@ def check_record(record: Record) -> tuple[Record, Loop]:
             f"{record.file}: {per_cycle:.1f} samples a cycle; at least {FEWEST_PER_CYCLE:g} are needed or the loop "
             "is aliased. Sample faster"
         )
-    loss = _loss(loop)
-    if loss < -REVERSED:
+    loss, elastic = _loss(loop)
+    if loss < -LATE or (loss < -REVERSED and elastic < 0.0):  # a reversed channel turns both round
         raise CampaignError(
             f"{record.file}: the loop gives out energy (sine of the loss angle {loss:.2f}), so one channel is "
             "reversed. Multiply the force or the displacement column by -1; the force must be the one that "
             "moves the specimen along +displacement"
         )
     if loss < 0:
-        notes.append(f"the loop gives out a little energy (sine of the loss angle {loss:.3f}): a delayed channel?")
+        notes.append(
+            f"the loop gives out energy (sine of the loss angle {loss:.3f}): a delayed or AC-coupled channel? If one "
+            "is reversed, multiply it by -1"
+        )
     if loop.cut.gap_cycles:
         notes.append(f"{loop.cut.gap_cycles} cycle(s) left out: long gaps or pauses")
     if loop.cut.run_in:
@@ -141,11 +145,15 @@ def _near(record: Record, key: str, found: float, stated: float, unit: str) -> N
     )
 
 
-def _loss(loop: Loop) -> float:
-    """Dissipated energy over pi times the sizes of force and displacement: the sine of a linear loss angle."""
-    work = float(np.mean((loop.force_N - loop.force_N.mean()) * loop.velocity_m_s))
-    size = float(np.std(loop.force_N) * np.std(loop.velocity_m_s))
-    return work / size if size > 0 else 0.0
+def _loss(loop: Loop) -> tuple[float, float]:
+    """How much of the force moves with the velocity and with the displacement: sine and cosine of a loss angle."""
+    force = loop.force_N - loop.force_N.mean()
+
+    def along(motion: Array) -> float:
+        size = float(np.std(force) * np.std(motion))
+        return float(np.mean(force * motion)) / size if size > 0 else 0.0
+
+    return along(loop.velocity_m_s), along(loop.displacement_mm)
 
 
 def _rails(name: str, values: Array, n_cycles: int) -> list[str]:

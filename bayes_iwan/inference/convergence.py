@@ -10,7 +10,8 @@ one ensemble propose from each other and are not independent; the ensembles are.
   is in it. ESS = Var(draws) / Var(mean), with Var(mean) by Stan's estimator over the 2·ensembles half-runs. With
   one walker an ensemble this is exactly ArviZ's number.
 - tau, in steps, is emcee's integrated autocorrelation time: the walkers' autocorrelation functions averaged
-  over all walkers and ensembles, with Sokal's window.
+  over all walkers and ensembles, with Sokal's window; or that of the ensembles' means (Goodman & Weare 2010), if it is
+  longer. Walkers that change places with others forget where they were long before the ensemble does.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def diagnose(draws: Array, names: tuple[str, ...], thin: int = 1) -> Convergence
         r_hat=np.array([r_hat(c) for c in columns]),
         ess_bulk=np.array([ess_bulk(c) for c in columns]),
         ess_tail=np.array([ess_tail(c) for c in columns]),
-        tau_steps=thin * np.array([autocorrelation_time(c) for c in columns]),
+        tau_steps=thin * np.array([longest_autocorrelation_time(c) for c in columns]),
         n_steps=thin * x.shape[1],
     )
 
@@ -110,6 +111,11 @@ def ess_mean(x: Array) -> float:
     """Effective sample size for the plain mean of x (ensembles, steps, walkers)."""
     halves = _halves(x)
     return _ess(halves) if _usable(halves) else np.nan
+
+
+def longest_autocorrelation_time(x: Array) -> float:
+    """The walkers' autocorrelation time or that of the ensembles' means, whichever is longer, in stored steps."""
+    return max(autocorrelation_time(x), autocorrelation_time(x.mean(axis=2, keepdims=True)))
 
 
 def autocorrelation_time(x: Array, window: float = 5.0) -> float:

@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from bayes_iwan.inference.convergence import Convergence, diagnose
 from bayes_iwan.inference.proposal import Proposal
-from bayes_iwan.inference.run import Run
+from bayes_iwan.inference.run import POWERS, Run
 from bayes_iwan.inference.walkers import SamplingError, Walkers
 
 __all__ = ["Chains", "SamplingError", "sample"]
@@ -123,9 +123,8 @@ def sample(
     if (quantities is None) != (not quantity_names):
         raise SamplingError("quantities and quantity_names go together")
     settings = {"seed": str(seed), "n_ensembles": str(n_ensembles), "n_walkers": str(n_walkers)}
-    run = Run(
-        Walkers(log_prob, n_ensembles, n_walkers, len(names)), seed, dict(fingerprint or {}) | settings, names, budget_s
-    )
+    walkers = Walkers(log_prob, n_ensembles, n_walkers, len(names), POWERS)
+    run = Run(walkers, seed, dict(fingerprint or {}) | settings, names, budget_s)
     interrupted = False
     stop, short, result = "", "no draws yet", None
     with tqdm(disable=None if progress else True, unit="step") as bar:

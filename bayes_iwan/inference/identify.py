@@ -23,7 +23,7 @@ from .point import Point, find_point, starting_population
 from .posterior import ConvergenceRow, Posterior
 from .problem import Problem, make_problem
 from .quantities import sampled_and_paper
-from .run import CROWD
+from .run import CROWD, POWERS
 from .walkers import enough_walkers
 
 Array = NDArray[np.float64]
@@ -99,7 +99,7 @@ def identify_problem(problem: Problem, seed: int, *, config: Mapping[str, Any] |
     point = find_point(problem, seed, settings["search"], progress)
     s = settings["sampling"]
     walkers = max(s["walkers"], enough_walkers(problem.ndim))
-    population = starting_population(problem, point, seed, CROWD * s["ensembles"] * walkers)
+    population = starting_population(problem, point, seed, CROWD * len(POWERS) * s["ensembles"] * walkers)
     # what is fixed, or follows from the model alone as g₁ = 1 of a single gamma does, has no convergence
     unsampled = tuple(name for name, q in sampled_and_paper(problem, population).items()
                       if name not in problem.names and np.ptp(q.values) > 0.0)

@@ -1,9 +1,9 @@
 """Proposals for emcee that advance several independent ensembles in one batch call.
 
 emcee's own moves split the walkers into halves and ask for one log-probability batch a half. The moves here do
-the same inside each of `ensembles` equal blocks of walkers, and put the blocks' proposals into one call: a
+the same inside each of several equal blocks of walkers, and put the blocks' proposals into one call: a
 batch function that is only fast on a hundred rows and more then stays fast. A walker's proposal is made from
-its own block alone, so the blocks are independent chains; with `ensembles=1` they are ordinary emcee moves.
+its own block alone, so ensembles are independent chains; with `ensembles=1` they are ordinary emcee moves.
 
 Every proposal returns ln[q(x | x') / q(x' | x)] for x -> x', which emcee calls the factor.
 """
@@ -23,18 +23,24 @@ Array = NDArray[np.float64]
 
 
 class BlockMove(Move):
-    """A red-blue move inside each of `ensembles` equal blocks of walkers.
+    """A red-blue move inside each of equal blocks of walkers: `ensembles` blocks on each of the rungs `powers`.
 
-    Subclasses give `get_proposal(s, c, random)` with s (ensembles, n, ndim) the walkers to move and
-    c (ensembles, m, ndim) the rest of their own ensembles (none with a single split), and return proposals shaped
-    like s and factors (ensembles, n). Walkers e·w … (e+1)·w - 1 of emcee's state are ensemble e.
+    A rung's walkers leave the target's power in balance; only those of power 1 draw from the target. A rung of less
+    power lets walkers out of places that they cannot leave by themselves: after each step walkers of neighbouring
+    rungs of one ensemble change places, with the probability that keeps both rungs in balance (Geyer 1991).
+
+    Subclasses give `get_proposal(s, c, random)` with s (blocks, n, ndim) the walkers to move and c (blocks, m, ndim)
+    the rest of their own blocks (none with a single split), and return proposals shaped like s and factors
+    (blocks, n). Walkers b·w … (b+1)·w - 1 of emcee's state are block b = rung·ensembles + ensemble; the state's
+    log_prob is the target's own on every rung.
     """
 
-    def __init__(self, ensembles: int = 1, nsplits: int = 2) -> None:
+    def __init__(self, ensembles: int = 1, nsplits: int = 2, powers: tuple[float, ...] = (1.0,)) -> None:
         if ensembles < 1 or nsplits < 1:
             raise ValueError(f"need at least 1 ensemble and 1 split, not {ensembles} and {nsplits}")
         self.ensembles = ensembles
         self.nsplits = nsplits
+        self.powers = powers
 
     def get_proposal(self, s: Array, c: Array, random: np.random.RandomState) -> tuple[Array, Array]:
         raise NotImplementedError
@@ -42,12 +48,14 @@ class BlockMove(Move):
     def propose(self, model: Any, state: State) -> tuple[State, NDArray[np.bool_]]:
         """One step of every walker, as emcee's samplers call it."""
         total, ndim = state.coords.shape
-        walkers, rest = divmod(total, self.ensembles)
+        blocks = self.ensembles * len(self.powers)
+        walkers, rest = divmod(total, blocks)
         if rest or walkers < self.nsplits:
-            raise ValueError(f"{total} walkers cannot be split into {self.ensembles} equal ensembles")
-        order = np.arange(total).reshape(self.ensembles, walkers)
-        if self.nsplits > 1:  # a fresh split each step, each ensemble its own
-            order = order[:, :1] + model.random.random_sample((self.ensembles, walkers)).argsort(axis=1)
+            raise ValueError(f"{total} walkers cannot be split into {blocks} equal blocks")
+        power = np.repeat(self.powers, self.ensembles * walkers)
+        order = np.arange(total).reshape(blocks, walkers)
+        if self.nsplits > 1:  # a fresh split each step, each block its own
+            order = order[:, :1] + model.random.random_sample((blocks, walkers)).argsort(axis=1)
         accepted = np.zeros(total, dtype=bool)
         for part in np.array_split(np.arange(walkers), self.nsplits):
             active = order[:, part]
@@ -56,19 +64,33 @@ class BlockMove(Move):
             log_prob, _ = model.compute_log_prob_fn(q.reshape(-1, ndim))
             chosen = active.ravel()
             with np.errstate(invalid="ignore"):  # -inf - (-inf): not accepted
-                log_ratio = factors.ravel() + log_prob - state.log_prob[chosen]
+                log_ratio = factors.ravel() + power[chosen] * (log_prob - state.log_prob[chosen])
             take = np.log(model.random.random_sample(len(chosen))) < log_ratio
             state.coords[chosen[take]] = q.reshape(-1, ndim)[take]
             state.log_prob[chosen[take]] = log_prob[take]
             accepted[chosen] = take
+        if len(self.powers) > 1:
+            self._exchange(state, walkers, model.random)
         return state, accepted
+
+    def _exchange(self, state: State, walkers: int, random: np.random.RandomState) -> None:
+        """Walkers of neighbouring rungs of an ensemble, paired at random, change places or do not."""
+        at = np.arange(len(state.coords)).reshape(len(self.powers), self.ensembles, walkers)
+        for rung in range(len(self.powers) - 1):
+            mates = random.random_sample((self.ensembles, walkers)).argsort(axis=1)
+            one, other = at[rung].ravel(), np.take_along_axis(at[rung + 1], mates, axis=1).ravel()
+            gain = (self.powers[rung] - self.powers[rung + 1]) * (state.log_prob[other] - state.log_prob[one])
+            take = np.log(random.random_sample(len(one))) < gain
+            one, other = one[take], other[take]
+            for array in (state.coords, state.log_prob):
+                array[one], array[other] = array[other], array[one]
 
 
 class StretchMove(BlockMove):
     """Goodman & Weare's stretch move (2010), as emcee has it, in blocks."""
 
-    def __init__(self, a: float = 2.0, ensembles: int = 1) -> None:
-        super().__init__(ensembles)
+    def __init__(self, a: float = 2.0, ensembles: int = 1, powers: tuple[float, ...] = (1.0,)) -> None:
+        super().__init__(ensembles, powers=powers)
         self.a = a
 
     def get_proposal(self, s: Array, c: Array, random: np.random.RandomState) -> tuple[Array, Array]:
@@ -86,8 +108,10 @@ class DifferentialEvolutionMove(BlockMove):
     Both are symmetric, so the factor is 0.
     """
 
-    def __init__(self, jump: float = 0.1, shortest: float = 0.3, ensembles: int = 1) -> None:
-        super().__init__(ensembles)
+    def __init__(
+        self, jump: float = 0.1, shortest: float = 0.3, ensembles: int = 1, powers: tuple[float, ...] = (1.0,)
+    ) -> None:
+        super().__init__(ensembles, powers=powers)
         self.jump = jump
         self.shortest = shortest
 
@@ -115,8 +139,8 @@ class SnookerMove(BlockMove):
     distribution.
     """
 
-    def __init__(self, gamma: float = 1.7, ensembles: int = 1) -> None:
-        super().__init__(ensembles)
+    def __init__(self, gamma: float = 1.7, ensembles: int = 1, powers: tuple[float, ...] = (1.0,)) -> None:
+        super().__init__(ensembles, powers=powers)
         self.gamma = gamma
 
     def get_proposal(self, s: Array, c: Array, random: np.random.RandomState) -> tuple[Array, Array]:
@@ -154,8 +178,9 @@ class MixtureMove(BlockMove):
         independent: float = 0.5,
         rho: tuple[float, ...] = (0.2, 0.4, 0.8),
         ensembles: int = 1,
+        powers: tuple[float, ...] = (1.0,),
     ) -> None:
-        super().__init__(ensembles, nsplits=1)  # a proposal here needs no other walker: all move in one call
+        super().__init__(ensembles, nsplits=1, powers=powers)  # needs no other walker: all move in one call
         self.proposal = proposal
         self._seen: tuple[Places, Places] | None = None  # where the walkers were, and what was proposed to them
         self.independent = independent

@@ -1,12 +1,12 @@
 """The state of a sampling run: its walkers, the proposal it adapts and then freezes, its draws and its checkpoint.
 
-Adaptation draws by halves from the posterior and from its power `_TEMPER` < 1, and the proposal is fitted to both
-alike. The tempered draws lie on the same bent sheets but farther out, so that where the posterior's tails bend the
-proposal has seen them: independence proposals fitted to the posterior's own draws alone are too thin there, and a
-walker that gets into such a tail stands still for thousands of steps. (The idea of a defensive mixture: Hesterberg
-1995.) Tempered halves also set free walkers that are stuck. A crowd of walkers does this, `CROWD` times as many as
-produce: what the proposal learns from are places, and many walkers for a short time have been to more of them than few
-for long; production in turn is as long as its autocorrelation time demands, however many walkers it has.
+Beside the walkers that draw from the posterior as many draw from its power 0.6, and the two change places (parallel
+tempering). A proposal fitted to draws is too thin where the posterior's tails bend away from it, and a walker that gets
+there stands still for thousands of steps; the tempered walkers lie on the same bent sheets but farther out, so that the
+proposal, which is fitted to both alike, has seen the tails (a defensive mixture: Hesterberg 1995), and a walker
+that is stuck all the same gets away by an exchange. Adaptation has `CROWD` times as many walkers as production: what
+the proposal learns from are places, and many walkers for a short time have been to more of them than few for long;
+production in turn is as long as its autocorrelation time demands, however many walkers it has.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from bayes_iwan.inference.checkpoint import Checkpoint, CheckpointError
-from bayes_iwan.inference.convergence import Convergence, autocorrelation_time
+from bayes_iwan.inference.convergence import Convergence, longest_autocorrelation_time
 from bayes_iwan.inference.moves import (
     DifferentialEvolutionMove,
     MixtureMove,
@@ -28,17 +29,17 @@ from bayes_iwan.inference.moves import (
     StretchMove,
 )
 from bayes_iwan.inference.proposal import Proposal, fit_proposal
-from bayes_iwan.inference.walkers import SamplingError, Walkers, WeighedMoves
+from bayes_iwan.inference.walkers import SamplingError, Walkers, WeighedMoves, by_block, in_one_row
 
 Array = NDArray[np.float64]
 BatchFunction = Callable[[Array], Array]
 
 _STAGES = ("tempered", "plain", "production")
-_TEMPER = 0.6
-CROWD = 4
+POWERS = (1.0, 0.6)
+CROWD = 2
 _WARMUP_STEPS = 60
-_ROUND_STEPS = (60, 160)  # the first and the longest round of adaptation, half of it tempered
-_ROUNDS = (13, 18)  # the least and the most
+_ROUND_STEPS = (60, 160)  # the first and the longest round of adaptation
+_ROUNDS = (13, 18)  # the least and the most; with seven, production takes three times as long
 _STORE_EVERY = 5  # steps between stored draws before production
 _MATERIAL = 24_000  # draws that a proposal is fitted to
 _RESTARTS = 3  # times at most that slow production is taken for more adaptation
@@ -46,15 +47,16 @@ _TRIAL_STEPS = 1500  # of production before its speed is judged
 
 
 def _local_moves(ensembles: int) -> WeighedMoves:
+    at: dict[str, Any] = {"ensembles": ensembles, "powers": POWERS}
     return (
-        (DifferentialEvolutionMove(ensembles=ensembles), 0.7),
-        (SnookerMove(ensembles=ensembles), 0.15),
-        (StretchMove(ensembles=ensembles), 0.15),
+        (DifferentialEvolutionMove(**at), 0.7),
+        (SnookerMove(**at), 0.15),
+        (StretchMove(**at), 0.15),
     )
 
 
 def _with_proposal(proposal: Proposal, ensembles: int, share: float, independent: float) -> WeighedMoves:
-    global_move = MixtureMove(proposal, independent=independent, ensembles=ensembles)
+    global_move = MixtureMove(proposal, independent=independent, ensembles=ensembles, powers=POWERS)
     return ((global_move, share), *((move, (1.0 - share) * w) for move, w in _local_moves(ensembles)))
 
 
@@ -79,7 +81,7 @@ class Run:
         self.file: Checkpoint | None = None
         self.proposal: Proposal | None = None
         self.rounds: list[tuple[Array, Array]] = []  # plain draws and log_prob of warm-up and each adaptation round
-        self.tempered: list[tuple[Array, Array]] = []  # the tempered halves of the same
+        self.tempered: list[tuple[Array, Array]] = []  # those of the tempered rung
         self.quality: list[float] = []  # acceptance of independence proposals at the start of each round
         self.population = np.empty((0, walkers.ndim))
         self.population_log_prob = np.empty(0)
@@ -166,7 +168,7 @@ class Run:
             self._round(_with_proposal(self.proposal, e, 0.8, 0.5), steps)
         if not self.producing:
             draws = self.rounds[-1][0]
-            tau = _STORE_EVERY * max(autocorrelation_time(draws[..., j]) for j in range(self.walkers.ndim))
+            tau = _STORE_EVERY * max(longest_autocorrelation_time(draws[..., j]) for j in range(self.walkers.ndim))
             self.thin = int(np.clip(tau / 5, 5, 50))
             self.walkers = self.walkers.resized(self.producers)
             self.next_check = 5 * self.thin * 10
@@ -174,17 +176,15 @@ class Run:
             self._commit()
 
     def _round(self, moves: WeighedMoves, steps: int) -> None:
-        """Half of the steps on the tempered posterior, half on the plain one."""
-        half = max(steps // 2 // _STORE_EVERY, 1) * _STORE_EVERY
-        tempered = self.walkers.advance(moves, half, _STORE_EVERY, self.bar.update, None, temper=_TEMPER)
-        plain = self.walkers.advance(moves, half, _STORE_EVERY, self.bar.update, None)
-        self.walkers.rescue(*plain, [self.seed, 4, len(self.rounds)])
-        self.tempered.append(tempered)
-        self.rounds.append(plain)
-        self._commit(("tempered", *tempered), ("plain", *plain))
+        draws, values = self.walkers.advance(moves, steps, _STORE_EVERY, self.bar.update, None)
+        self.walkers.rescue(draws, values, [self.seed, 4, len(self.rounds)])
+        e = self.walkers.ensembles
+        self.rounds.append((draws[:e], values[:e]))
+        self.tempered.append((draws[e:], values[e:]))
+        self._commit(("tempered", *self.tempered[-1]), ("plain", *self.rounds[-1]))
 
     def _material(self, rng: np.random.Generator) -> Array:
-        """(n, ndim) what the proposal is fitted to: recent draws, half of them tempered, and those of the population
+        """(n, ndim) what the proposal is fitted to: recent draws of both rungs, and those of the population
         that are as probable.
 
         The population keeps charts in lesser modes alive, where too few walkers are to learn a chart from.
@@ -200,7 +200,7 @@ class Run:
             different, which = np.unique(z, axis=0, return_inverse=True)
             some = np.isin(which, rng.permutation(len(different))[: _MATERIAL // 2])
             material.append(z[some])
-        floor = np.median(self.walkers.state.log_prob) - 3.0 * self.walkers.ndim
+        floor = np.median(self.walkers.state.log_prob[self.walkers.drawing]) - 3.0 * self.walkers.ndim
         return np.concatenate([*material, self.population[self.population_log_prob > floor][:2000]])
 
     def _steady_since(self) -> int:
@@ -222,7 +222,7 @@ class Run:
         assert self.proposal is not None and self.walkers.state is not None
         n = 512
         state = np.random.RandomState(int(rng.integers(2**31)))
-        at = self.walkers.state.coords
+        at = self.walkers.state.coords[self.walkers.drawing]
         rows = rng.integers(len(at), size=n)
         new, factor = self.proposal.step(self.proposal.at(at[rows]), 1.0, np.ones(1), state)
         log_ratio = self.walkers.log_prob(new.z) - self.walkers.state.log_prob[rows] + factor
@@ -240,10 +240,11 @@ class Run:
         """Go on for about `steps` steps of production."""
         assert self.proposal is not None
         steps = -(-steps // self.thin) * self.thin
-        moves = _with_proposal(self.proposal, self.walkers.ensembles, 0.9, 0.8)
+        moves = _with_proposal(self.proposal, self.walkers.ensembles, 0.8, 0.8)
         draws, values = self.walkers.advance(moves, steps, self.thin, self.bar.update, self.deadline)
-        self._kept.append((draws, values))
-        self._commit(("production", draws, values))
+        e = self.walkers.ensembles
+        self._kept.append((draws[:e], values[:e]))
+        self._commit(("production", *self._kept[-1]))
 
     def restart_if_slow(self, result: Convergence, chain_taus: float) -> bool:
         """Where production would last more than five times as long as it has: take its draws for adaptation, fit the
@@ -275,9 +276,9 @@ class Run:
         if self.file is None:
             return
         for stage, draws, values in appended:
-            self.file.append(stage, self.walkers.in_one_row(draws), self.walkers.in_one_row(values))
+            self.file.append(stage, in_one_row(draws), in_one_row(values))
         state = self.walkers.to_arrays() | {
-            "rounds": np.array([d.shape[1] for d, _ in self.tempered]),  # its plain half is as long
+            "rounds": np.array([d.shape[1] for d, _ in self.tempered]),  # the plain ones are as long
             "quality": np.array(self.quality),
             "population_log_prob": self.population_log_prob,
             "producing": np.array(self.producing),
@@ -295,16 +296,16 @@ class Run:
             self.walkers = self.walkers.resized(self.producers)
         self.walkers.from_arrays(state)
         self.population_log_prob = state["population_log_prob"]
-        w = self.walkers
+        e = self.walkers.ensembles
         ends = np.cumsum(state["rounds"], dtype=int)[:-1]
         for stage, rounds in (("plain", self.rounds), ("tempered", self.tempered)):
             if len(state["rounds"]):
                 parts = zip(np.split(draws[stage], ends), np.split(values[stage], ends))
-                rounds += [(w.by_ensemble(d), w.by_ensemble(v)) for d, v in parts]
+                rounds += [(by_block(d, e), by_block(v, e)) for d, v in parts]
         self.quality = [float(q) for q in state["quality"]]
         self.next_check = int(state["next_check"])
         self.restarts = [int(n) for n in state["restarts"]]
-        produced, logs = (w.by_ensemble(x["production"]) for x in (draws, values))
+        produced, logs = (by_block(x["production"], e) for x in (draws, values))
         for begin, end in zip([0, *self.restarts], self.restarts):
             self.rounds.append((produced[:, begin:end], logs[:, begin:end]))
         last = (self.restarts or [0])[-1]

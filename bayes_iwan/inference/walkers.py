@@ -26,15 +26,22 @@ def enough_walkers(ndim: int) -> int:
 
 
 class Walkers:
-    """State of `ensembles` × `walkers` walkers in one emcee sampler; ensemble e owns one block of them."""
+    """State of rungs × `ensembles` × `walkers` walkers in one emcee sampler, in blocks as `BlockMove` has them.
 
-    def __init__(self, log_prob: BatchFunction, ensembles: int, walkers: int, ndim: int) -> None:
+    powers : of the target on each rung, 1 first; ensemble e owns one block on every rung.
+    """
+
+    def __init__(
+        self, log_prob: BatchFunction, ensembles: int, walkers: int, ndim: int, powers: tuple[float, ...] = (1.0,)
+    ) -> None:
         if ensembles < 2:
             raise SamplingError(f"n_ensembles = {ensembles}: R-hat needs at least 2 independent ensembles, better 4")
         if walkers < enough_walkers(ndim):
             least = enough_walkers(ndim)
             raise SamplingError(f"n_walkers = {walkers} is too few for {ndim} numbers; take at least {least}")
         self.function, self.ensembles, self.walkers, self.ndim = log_prob, ensembles, walkers, ndim
+        self.powers = powers
+        self.blocks = ensembles * len(powers)
         self.n_evaluations = 0
         self.state: emcee.State | None = None
 
@@ -43,10 +50,10 @@ class Walkers:
 
         The walkers of an ensemble are exchangeable, so any of them are as good.
         """
-        other = Walkers(self.function, self.ensembles, walkers, self.ndim)
+        other = Walkers(self.function, self.ensembles, walkers, self.ndim, self.powers)
         other.n_evaluations = self.n_evaluations
         if self.state is not None:
-            mine = (np.arange(self.ensembles)[:, None] * self.walkers + np.arange(walkers)).ravel()
+            mine = (np.arange(self.blocks)[:, None] * self.walkers + np.arange(walkers)).ravel()
             other.state = emcee.State(
                 self.state.coords[mine], log_prob=self.state.log_prob[mine], random_state=self.state.random_state
             )
@@ -84,7 +91,7 @@ class Walkers:
                 f"only {len(good)} different members of the population have a finite log-probability; "
                 f"walkers need more than {self.ndim} to span all directions"
             )
-        need = self.ensembles * self.walkers
+        need = self.blocks * self.walkers
         z = good[rng.permutation(len(good))[:need]]
         for _ in range(100):
             missing = need - len(z)
@@ -108,59 +115,51 @@ class Walkers:
         thin: int,
         tick: Callable[[int], object],
         deadline: float | None,
-        temper: float = 1.0,
     ) -> tuple[Array, Array]:
-        """Take `steps` steps and return every thin-th: draws (ensembles, stored, walkers, ndim) and log_prob.
+        """Take `steps` steps and return every thin-th: draws (blocks, stored, walkers, ndim) and log_prob.
 
-        Ends early, at a whole number of stored steps, after `deadline` (of time.monotonic). With `temper` < 1 the
-        steps leave the density's power `temper` in balance; the log_prob that is returned and kept is still the whole.
+        Blocks are those of power 1 first, one for each ensemble, then those of the next rung. Ends early, at a whole
+        number of stored steps, after `deadline` (of time.monotonic).
         """
         assert self.state is not None
-        total = self.ensembles * self.walkers
+        total = self.blocks * self.walkers
         stored = steps // thin
         draws = np.empty((stored, total, self.ndim))
         values = np.empty((stored, total))
         sampler = emcee.EnsembleSampler(total, self.ndim, self.log_prob, moves=list(moves), vectorize=True)
         # without emcee's wrapper, which prints a traceback on Ctrl-C
-        sampler.log_prob_fn = lambda z: temper * self.log_prob(z)
+        sampler.log_prob_fn = self.log_prob
         start = emcee.State(self.state, copy=True)
-        start.log_prob *= temper
         done = 0
         for state in sampler.sample(
             start, iterations=stored, thin_by=thin, store=False, skip_initial_state_check=True
         ):
-            draws[done], values[done] = state.coords, state.log_prob / temper
+            draws[done], values[done] = state.coords, state.log_prob
             done += 1
             tick(thin)
             if deadline is not None and done >= 8 and time.monotonic() > deadline:
                 break
         if done:
             self.state = emcee.State(state, copy=True)
-            if temper != 1.0:
-                self.state.log_prob = self.log_prob(self.state.coords)  # exact again, not there and back
-        return self.by_ensemble(draws[:done]), self.by_ensemble(values[:done])
+        return by_block(draws[:done], self.blocks), by_block(values[:done], self.blocks)
 
-    def by_ensemble(self, x: Array) -> Array:
-        """(stored, all walkers, ...) to (ensembles, stored, walkers, ...)."""
-        return np.moveaxis(x.reshape(len(x), self.ensembles, x.shape[1] // self.ensembles, *x.shape[2:]), 0, 1)
-
-    def in_one_row(self, x: Array) -> Array:
-        """The inverse of `by_ensemble`."""
-        x = np.moveaxis(x, 1, 0)
-        return x.reshape(len(x), x.shape[1] * x.shape[2], *x.shape[3:])
+    @property
+    def drawing(self) -> slice:
+        """The walkers that draw from the target itself, in emcee's state."""
+        return slice(0, self.ensembles * self.walkers)
 
     def rescue(self, draws: Array, values: Array, seed: Sequence[int]) -> int:
-        """Put walkers left far behind, in warm-up, onto other draws of their own ensemble; return how many.
+        """Put walkers left far behind, in warm-up, onto other draws of their own block; return how many.
 
-        Far behind is more than 5·ndim below their ensemble's median log_prob: the bulk of a posterior lies within
+        Far behind is more than 5·ndim/power below their block's median log_prob: the bulk of a posterior lies within
         ndim/2 ± a few sqrt(ndim/2).
         """
         assert self.state is not None
         rng = np.random.default_rng(list(seed))
         moved = 0
-        for e in range(self.ensembles):
+        for e in range(self.blocks):
             mine = slice(e * self.walkers, (e + 1) * self.walkers)
-            floor = np.median(self.state.log_prob[mine]) - 5.0 * self.ndim
+            floor = np.median(self.state.log_prob[mine]) - 5.0 * self.ndim / self.powers[e // self.ensembles]
             lost = np.flatnonzero(self.state.log_prob[mine] < floor) + e * self.walkers
             fit = np.argwhere(values[e, -(len(values[e]) // 4 + 1) :] >= floor)
             if len(lost) == 0 or len(fit) == 0:
@@ -191,3 +190,14 @@ class Walkers:
         random_state = ("MT19937", arrays["random_key"], position, has_gauss, float(arrays["random_gauss"]))
         self.state = emcee.State(arrays["coords"], log_prob=arrays["log_prob"], random_state=random_state)
         self.n_evaluations = int(arrays["n_evaluations"])
+
+
+def by_block(x: Array, blocks: int) -> Array:
+    """(stored, walkers of all blocks, ...) to (blocks, stored, walkers, ...)."""
+    return np.moveaxis(x.reshape(len(x), blocks, x.shape[1] // blocks, *x.shape[2:]), 0, 1)
+
+
+def in_one_row(x: Array) -> Array:
+    """The inverse of `by_block`."""
+    x = np.moveaxis(x, 1, 0)
+    return x.reshape(len(x), x.shape[1] * x.shape[2], *x.shape[3:])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from ..inference.checkpoint import CheckpointError, read_checkpoint
-from ..inference.convergence import autocorrelation_time
+from ..inference.convergence import longest_autocorrelation_time
 from .style import series, styled, subplots
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def tau_figure(posterior: Any, run: History | None = None) -> Figure:
     run = history(posterior) if run is None else run
     stored = run.z.shape[1]
     lengths = np.unique(np.geomspace(max(4, stored // 30), stored, 10).astype(int))
-    tau = run.thin * np.array([[autocorrelation_time(run.z[:, :n, :, i]) for i in range(posterior.ndim)]
+    tau = run.thin * np.array([[longest_autocorrelation_time(run.z[:, :n, :, i]) for i in range(posterior.ndim)]
                                for n in lengths])
     steps = run.thin * lengths
     figure, axes = subplots(1, 1, 5.4, 3.0)

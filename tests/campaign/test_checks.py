@@ -39,6 +39,13 @@ def test_a_loop_that_dissipates_next_to_nothing_is_not_called_reversed(tmp_path,
     assert any("delayed" in w for w in test.warnings)
 
 
+def test_a_late_channel_may_give_out_more_energy_but_not_any_amount(tmp_path, record):
+    (test,) = campaign(tmp_path, [record(force=np.array([0, -4j * np.exp(-0.1j)]))]).tests
+    assert any("gives out energy" in w and "AC-coupled" in w for w in test.warnings)
+    with pytest.raises(CampaignError, match="reversed"):
+        campaign(tmp_path / "more", [record(force=np.array([0, -4j * np.exp(-0.6j)]))])
+
+
 @pytest.mark.parametrize("which", ["f10_a0.3.csv", "f15_a0.6.csv", "f20_a1.csv"])
 @pytest.mark.parametrize("factor", [1e3, 1e-3, 10.0, 0.1, 9.80665])
 def test_one_force_in_the_wrong_unit(tmp_path, record, which, factor):

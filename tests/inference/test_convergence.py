@@ -5,7 +5,15 @@ import pytest
 from scipy.signal import lfilter
 
 from bayes_iwan.inference import arviz_adapter
-from bayes_iwan.inference.convergence import autocorrelation_time, diagnose, ess_bulk, ess_mean, ess_tail, r_hat
+from bayes_iwan.inference.convergence import (
+    autocorrelation_time,
+    diagnose,
+    ess_bulk,
+    ess_mean,
+    ess_tail,
+    longest_autocorrelation_time,
+    r_hat,
+)
 
 
 def autoregressive(phi, shape, rng):
@@ -43,6 +51,14 @@ def test_ess_is_the_variance_of_the_mean_over_repeated_runs_even_with_walkers_th
 def test_autocorrelation_time_is_that_of_the_process():
     x = autoregressive(0.9, (4, 3000, 16), np.random.default_rng(2))
     assert autocorrelation_time(x) == pytest.approx(19.0, rel=0.1)
+
+
+def test_walkers_that_change_places_do_not_hide_the_ensembles_own_memory():
+    rng = np.random.default_rng(5)
+    x = autoregressive(0.95, (4, 4000, 16), rng)
+    mixed = rng.permuted(x, axis=2)
+    assert autocorrelation_time(mixed) < 2.0
+    assert longest_autocorrelation_time(mixed) == pytest.approx(39.0, rel=0.2)
 
 
 def test_a_walker_that_stands_still_lengthens_the_autocorrelation_time():

@@ -126,6 +126,34 @@ def test_from_elsewhere_a_move_comes_to_the_mean_and_variance_of_a_16_d_gaussian
     assert abs(draws.var() - 1) < 0.03
 
 
+@pytest.mark.parametrize("move", ["differential evolution", "mixture"])
+def test_rungs_draw_from_the_targets_powers_and_exchange_keeps_them(move):
+    # exact draws on both rungs, many independent ensembles, only the last states: exact however slow
+    rng, ensembles, walkers, ndim = np.random.default_rng(13), 50, 36, 16
+    made = the_move(move, "gaussian", ensembles)
+    made.powers = (1.0, 0.4)
+    start = rng.standard_normal((2 * ensembles * walkers, ndim))
+    start[ensembles * walkers :] /= np.sqrt(0.4)
+    ends = run(made, gaussian, start, 30)[-1]
+    for rung, sd in ((ends[: ensembles * walkers], 1.0), (ends[ensembles * walkers :], np.sqrt(1 / 0.4))):
+        radius = np.linalg.norm(rung, axis=1)
+        assert stats.kstest(radius, stats.chi(ndim, scale=sd).cdf).pvalue > 1e-3
+        assert stats.kstest(rung[:, 0], stats.norm(0, sd).cdf).pvalue > 1e-3
+
+
+def test_exchange_brings_walkers_across_a_gap_that_the_first_rung_cannot_cross():
+    def log_prob(z):
+        return -0.5 * ((np.abs(z[:, 0]) - 6.0) / 0.8) ** 2 - 0.5 * z[:, 1] ** 2
+
+    start = np.random.default_rng(14).standard_normal((2 * 2 * 20, 2)) * [0.8, 1.0] + [6.0, 0.0]
+    shares = []
+    for powers, ensembles in (((1.0,), 4), ((1.0, 0.05), 2)):
+        move = DifferentialEvolutionMove(jump=0.0, ensembles=ensembles, powers=powers)
+        draws = run(move, log_prob, start, 3000)
+        shares.append((draws[1000:, : start.shape[0] // len(powers), 0] < 0).mean())
+    assert shares[0] == 0.0 and 0.35 < shares[1] < 0.65
+
+
 def test_ensembles_never_look_at_each_other():
     rng = np.random.default_rng(5)
     a, b, c = (exact("banana", 12, 4, rng) for _ in range(3))
