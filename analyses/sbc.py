@@ -57,7 +57,7 @@ def short_posterior(problem: Problem, seed: int, budget_s: float,
     optima, log_prob, _ = most_probable(problem, first[np.argsort(cost)[:starts]])
     point = SimpleNamespace(z=optima[0], log_prob=float(log_prob[0]), optima=optima, optima_log_prob=log_prob)
     population = starting_population(problem, cast(Point, point), seed, 256)
-    chains = sample(problem.log_prob, population, names=problem.names, seed=seed, n_ensembles=2, n_walkers=64,
+    chains = sample(problem.log_prob, population, names=problem.names, seed=seed, n_ensembles=2, n_walkers=40,
                     budget_s=budget_s, target_r_hat=1.03, target_ess=200.0, chain_taus=20.0, progress=False)
     draws = chains.draws.reshape(-1, problem.ndim)
     c = chains.convergence

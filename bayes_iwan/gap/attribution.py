@@ -27,6 +27,8 @@ CALIBRATION = Path(__file__).with_name("calibration.json")
 FINE = np.geomspace(SHARES[0], SHARES[-1], 67)
 #: share of a cause's probability that goes to unknown (or none) where it does not shrink the gap
 DOUBT = 0.9
+#: a cause as probable as this is told beside "none" or "unknown"
+NOT_EXCLUDED = 0.1
 #: nats that an effect costs which explains nothing
 IDLE_COST = 5.0
 
@@ -200,9 +202,9 @@ def attribute(table: Table, sizes: dict[tuple[str, ...], dict[str, float]] | Non
         near = {n for k, v in kinds["two"].items() if v > total[leader] - c.apart for n in k}
     else:
         near = {k[0] for k, v in kinds["one"].items() if v > total.get((cause,), best) - c.apart}
-    members: tuple[str, ...] = ()
-    if cause not in ("none", "unknown"):
-        members = tuple(sorted(near | {cause}, key=lambda n: -p[n]))
+    if cause in ("none", "unknown"):
+        near = {n for n in p if p[n] > NOT_EXCLUDED and n not in ("none", "unknown")}
+    members = tuple(sorted(near | ({cause} - {"none", "unknown"}), key=lambda n: -p[n]))
     shape = max(kinds["unknown"], key=lambda k: total[k])
     return Attribution(p, cause, second, members, weight, shape[1] if len(shape) == 2 else None)
 

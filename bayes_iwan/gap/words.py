@@ -30,6 +30,9 @@ def sentences(d: dict[str, Any]) -> list[str]:
                  "it on all tests.")
         if d.get("looks_like"):
             which = f"{which[:-1]}; it looks most like {d['looks_like']['physics']}."
+    if cause in ("none", "unknown"):
+        if apart:
+            which = f"{which[:-1]}; {_list(apart)} cannot be excluded."
     else:
         lead = next((e for e in d["effects"] if e["name"] == cause), None)
         which = f"The likeliest cause is {title(cause)} (probability {p:.2f})"

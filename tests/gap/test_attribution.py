@@ -56,6 +56,15 @@ def test_shape_without_a_cause_that_closes_it_better_is_unknown():
     assert set(a.probabilities) == {"none", "unknown", *NAMES}
 
 
+def test_a_cause_that_is_nearly_as_probable_is_told_beside_none_and_unknown():
+    t = table(needs(0.05), beta=needs(0.005, 60.0))
+    weights = [attribute(t, None, Calibration(unknown=u)) for u in np.linspace(0.0, 80.0, 41)]
+    close = [a for a in weights if a.cause == "unknown" and a.probabilities["beta"] > 0.1]
+    far = [a for a in weights if a.cause == "unknown" and a.probabilities["beta"] < 0.1]
+    assert close and far
+    assert all(a.cannot_tell_apart == ("beta",) for a in close) and all(a.cannot_tell_apart == () for a in far)
+
+
 def test_kinds_of_answers_are_weighed_by_their_best_so_idle_causes_cost_nothing():
     few, many = (Table({(): needs(SMALL)} | {(f"e{i}",): needs(SMALL) - IDLE_COST for i in range(n)}) for n in (2, 40))
     assert attribute(many).probabilities["none"] == pytest.approx(attribute(few).probabilities["none"], abs=0.02)
