@@ -92,7 +92,8 @@ def cases_of(n: int, seed: int, out: Path, workers: int) -> list[Case]:
     names = sorted(truths)
     jobs = [(out / f"tables_{n}_{seed}" / f"{name}.pkl", searched, folder / name) for name in names]
     tables = tqdm(each(jobs, workers), total=len(jobs), desc=f"searching set {seed}", disable=None)
-    return [Case(f"{seed}/{name}", truths[name]["kind"], true_hypothesis(truths[name]), t) for name, t in zip(names, tables)]
+    return [Case(f"{seed}/{name}", truths[name]["kind"], true_hypothesis(truths[name]), table)
+            for name, table in zip(names, tables)]
 
 
 def true_hypothesis(truth: dict[str, Any]) -> tuple[str, ...]:
