@@ -3,9 +3,9 @@
     python analyses/calibrate_diagnosis.py --sets 120:1 120:2 --out calibration [--workers 2] [--write]
 
 Each set (cases:seed) is made on the rig and searched once; the tables of ln evidence are kept. The constants minimise
-the log score of the true hypotheses by differential evolution. With --cross each set is also scored with constants
-fitted to the others, which is what a new case may expect. --write replaces the package's calibration.json. The
-shipped one: --sets 100:51001 50:51002 200:880501 100:990317 --write
+the log score of the true hypotheses by differential evolution, which starts from the shipped ones among others. With
+--cross each set is also scored with constants fitted to the others, which is what a new case may expect. --write
+replaces the package's calibration.json; what is shipped came of 100:51001 50:51002 200:880501 100:990317.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.gap import catalogue, withheld
-from bayes_iwan.gap.attribution import CALIBRATION, Calibration, Table, attribute
+from bayes_iwan.gap.attribution import CALIBRATION, Calibration, Table, attribute, calibration
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.diagnosis import write_json
 from bayes_iwan.gap.estimates import binned, share
@@ -45,7 +45,8 @@ BOX = {"small": (np.log(6e-4), np.log(6e-3)), "small sd": (0.3, 1.2), "large": (
        "large sd": (0.3, 1.2), "law": (0.01, 0.2), "law of speed": (0.03, 0.6), "law of contact": (0.02, 0.3),
        "law spread": (0.1, 1.0), "temper": (0.1, 1.0), "within": (0.05, 1.0), "linear": (1.0, 30.0),
        "none": (-3.0, 20.0), "unknown": (-8.0, 20.0), "unlisted": (-20.0, 20.0), "pair": (-45.0, -4.0),
-       "rough pair": (-40.0, 0.0), "compliance": (-300.0, -20.0)}
+       "rough pair": (-40.0, 0.0), "compliance": (-300.0, -20.0),
+       "direction": (-5.0, 25.0)}
 #: the most that an answer claims: of those that the fitted constants are surest of, so many are right (printed)
 SURE = 0.95
 #: nats within which causes are told apart no more; it does not enter the log score
@@ -72,7 +73,18 @@ def constants(x: np.ndarray, apart: float = APART) -> Calibration:
                        laws={"stribeck_weakening": speed, "rate_strengthening": speed, "end_stop": v["law of contact"]},
                        temper=v["temper"], within=v["within"], linear=v["linear"], none=v["none"],
                        unknown=v["unknown"], unlisted=v["unlisted"], pair=v["pair"],
-                       rough_pair=v["rough pair"], effect={"rig_compliance": v["compliance"]}, apart=apart, sure=SURE)
+                       rough_pair=v["rough pair"], apart=apart, sure=SURE,
+                       effect={"rig_compliance": v["compliance"], "direction_dependent_friction": v["direction"]})
+
+
+def numbers_of(c: Calibration) -> np.ndarray:
+    """The numbers sought that make up a calibration, within BOX: where the search starts."""
+    laws, effect = c.laws or {}, c.effect or {}
+    x = (np.log(c.small[0]), c.small[1], np.log(c.large[0]), c.large[1], c.law, laws.get("stribeck_weakening", c.law),
+         laws.get("end_stop", c.law), c.law_spread, c.temper, c.within, c.linear, c.none, c.unknown, c.unlisted, c.pair,
+         c.rough_pair, effect.get("rig_compliance", 0.0), effect.get("direction_dependent_friction", 0.0))
+    low, high = np.array(list(BOX.values())).T
+    return np.clip(x, low, high)
 
 
 def searched(campaign: Path) -> Table:
@@ -119,7 +131,8 @@ def fit(cases: Sequence[Case], rounds: int, seed: int, what: str) -> Calibration
     """The constants of least log score."""
     bar = tqdm(total=rounds, desc=f"fitting {what}", disable=None)
     best = differential_evolution(lambda x: log_score(cases, constants(x)), list(BOX.values()), maxiter=rounds,
-                                  popsize=5, rng=np.random.default_rng(seed), polish=False,
+                                  popsize=3, rng=np.random.default_rng(seed), polish=False,
+                                  x0=numbers_of(calibration()),
                                   callback=lambda intermediate_result: bool(bar.update()) and False)
     bar.close()
     return constants(best.x)

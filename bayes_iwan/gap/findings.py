@@ -239,7 +239,8 @@ def _record(w: Where) -> list[str]:
              for n, c, key in zip(names, change, ("mean", "in phase", "quadrature"))
              if any(x.name == key for x in whats)]
     parts += [f"{x.name} change by {newtons(x.gap_N)} RMS" for x in whats if "harmonics" in x.name and x.share > 0.2]
-    return [f"The loops change along the record in {len(trends)} of {len(w.files)} tests, which no steady model can "
+    where = f"in {len(trends)} of {len(w.files)} tests" if trends else "if all tests are taken together"
+    return [f"The loops change along the record {where}, which no steady model can "
             f"follow{': ' + _listed(parts) + ' from the first cycles to the last' if parts else ''}."]
 
 
