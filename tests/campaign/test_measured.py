@@ -1,6 +1,5 @@
 """Real and shipped campaigns: they read, and what comes out is what their plots show."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -41,17 +40,6 @@ def test_rope_spring():
     # steady: the blocks scatter about their mean as their own noise says they should
     z = [(p.block_harmonics_N - p.harmonics_N)[:, 1:20] / p.block_noise_N[:, 1:20] / np.sqrt(5 / 6) for p in loops]
     assert 0.85 < np.sqrt(np.mean(np.abs(z) ** 2) / 2) < 1.15
-
-
-def test_reading_and_averaging_nine_tests_is_quick():
-    path = ROOT / "data" / "rope_spring"
-    read_campaign(path).loops()
-    times = []
-    for _ in range(3):
-        start = time.process_time()
-        read_campaign(path).loops()
-        times.append(time.process_time() - start)
-    assert min(times) < 0.5
 
 
 @pytest.mark.shared
