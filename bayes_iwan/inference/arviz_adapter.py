@@ -169,7 +169,7 @@ def summary(tree: Any, names: list[str] | None = None) -> dict[str, dict[str, fl
         out[name] = {
             "r_hat": max(_scalar(az.rhat(c)) for c in columns),
             "ess_bulk": min(_scalar(az.ess(c, method="bulk")) for c in columns),
-            "ess_tail": min(_scalar(az.ess(c, method="tail")) for c in columns),
+            "ess_tail": min(_scalar(az.ess(c, method="tail", prob=(0.05, 0.95))) for c in columns),
         }
     return out
 
