@@ -108,7 +108,7 @@ class Diagnosis:
             "effects": [self._effect(x) for x in self.explanations],
             "next_test": None if self.next_test is None else self.next_test.as_dict(),
             "expected_nats": self.expected_nats,
-            "looks_like": None if a.shape is None else {
+            "looks_like": None if a.shape is None or a.cause != "unknown" else {
                 "shape": a.shape, "physics": next(e.physics for e in catalogue.UNLISTED if e.name == a.shape)},
             "cannot_be_seen": UNSEEN_BY_ALL,
         }

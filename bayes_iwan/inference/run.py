@@ -193,7 +193,7 @@ class Run:
         since = self._steady_since()
         material = []
         for rounds in (self.rounds, self.tempered):
-            draws = [d for d, _ in rounds[since:]]
+            draws = [d for d, _ in rounds[min(since, len(rounds) - 1) :]]  # production has no tempered draws
             if len(draws) == 1:
                 draws = [draws[0][:, draws[0].shape[1] // 2 :]]
             z = np.concatenate([d.reshape(-1, self.walkers.ndim) for d in draws])
