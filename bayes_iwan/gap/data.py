@@ -36,6 +36,8 @@ MAINS_WANDER, LINE_STANDS = 0.4, 25.0
 #: a line of the mains nearer to a harmonic than this, in cycles over the record, tells nothing of the mains: the loops'
 #: own slow change leaks into it
 LEAK = 4.0
+#: from record to record the mains' frequency wanders by so much (sd, Hz)
+WANDERS_BY = 0.06
 #: share of a mains line that averaging must leave before it says anything
 LEAST_LEFT = 0.05
 
@@ -112,10 +114,39 @@ def _contrasts(cycle: Array) -> Array:
 
 
 def _mains_frequencies(loops: Sequence[Loop], nominal: float) -> Array:
-    """(T,) the mains' frequency in each record; where one cannot show it, the median of the others, or nominal."""
+    """(T,) the mains' frequency in each record; nominal where no record shows a line.
+
+    A record with a harmonic close by hides the line in its averaged loop, and shows it as a harmonic that turns: there
+    the frequency is the likeliest one near the others'.
+    """
     found = np.array([_mains_frequency(loop, nominal) for loop in loops])
-    seen = found[np.isfinite(found)]
-    return np.where(np.isfinite(found), found, np.median(seen) if len(seen) else nominal)
+    seen = np.flatnonzero(np.isfinite(found))
+    if not len(seen):
+        return np.full(len(loops), nominal)
+    centre = float(np.median(found[seen]))
+    typical = float(np.median([abs(_line(loops[t], found[t])[0]) for t in seen]))
+    return np.array([hz if np.isfinite(hz) else _turning(loop, centre, typical) for loop, hz in zip(loops, found)])
+
+
+def _turning(loop: Loop, centre: float, typical_N: float) -> float:
+    """The mains' frequency, near `centre`, that best explains what averaging leaves of a record near a harmonic; the
+    line's amplitude is about `typical_N`, else a nearly fixed phase would ask for any. `centre` where it says nothing.
+    """
+    time, order = loop.record.time_s, round(centre / loop.frequency_hz)
+    noise = loop.noise_N[order] if order < len(loop.noise_N) else np.inf
+    if not np.isfinite(noise) or typical_N <= 0.0:
+        return centre
+    rest = loop.left_over(loop.record.force_N)
+    white = 0.5 * noise**2 * len(rest)                   # variance a sample that makes this error of a harmonic
+    trial = centre + WANDERS_BY * np.linspace(-3.0, 3.0, 61)
+    log_p = np.empty(len(trial))
+    for i, hz in enumerate(trial):
+        turn = 2.0 * np.pi * hz * time
+        g = np.stack([loop.left_over(np.cos(turn)), loop.left_over(np.sin(turn))]) * typical_N
+        precision = g @ g.T / white + np.eye(2)
+        b = g @ rest / white
+        log_p[i] = 0.5 * (b @ np.linalg.solve(precision, b) - np.linalg.slogdet(precision)[1])
+    return float(trial[np.argmax(log_p - 0.5 * ((trial - centre) / WANDERS_BY) ** 2)])
 
 
 def _mains_frequency(loop: Loop, nominal: float) -> float:

@@ -243,7 +243,7 @@ def _leaves_gap(result: Attribution, lead: Explanation, before: GapSize) -> bool
     """Does the named cause fail to shrink a gap that is large enough to judge by, both where it was fitted and on tests
     that the fit has not seen? A bias of friction is not judged: it shows in the mean force, which is no part of the
     gap; a hum's phases belong to single records, so no other test can judge it."""
-    if result.cause != lead.names[0] or "direction_dependent_friction" in lead.names:
+    if result.cause != lead.names[0] or lead.names == ("direction_dependent_friction",):
         return False
     if before.all.share_low < JUDGED_SHARE:                  # too small to judge by, but a cause must at least help
         return lead.shrink[0] < LEAST_HELP

@@ -172,6 +172,7 @@ class ForceClipping(Effect):
     name = "force_clipping"
     strength = ("inverse_limit_1_N", "1/F_max", "1/N", "inverse of the largest force that the channel passes")
     spread = 0.15                                        # a limit far above the largest force is none
+    sudden = True
     order = 5
     physics = "The force channel reaches the end of its range, or its amplifier saturates."
     reference = "gap-notes, row 9"

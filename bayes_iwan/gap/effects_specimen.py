@@ -107,6 +107,7 @@ class EndStop(Effect):
     name = "end_stop"
     strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contact; negative: the stop is on the side u < −gap")
     signed = True
+    sudden = True
     physics = "Beyond a displacement the moving part meets a stop, a coil closes, or the rope's end is reached."
     reference = "Shaw & Holmes, J. Sound Vib. 90 (1983) 129"
     signature = "nothing below the gap; beyond it a one-sided force, all harmonics in phase, at every frequency alike"

@@ -186,7 +186,7 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     linear = rows.linear(optima[0])
     log_z, z, covariance, best = _grid(linear)
     if abs(np.log(SHARES[best[0]] / FIRST[0])) > 0.5:
-        near = np.stack([optima[0], np.clip(z, -Z_BOX, Z_BOX)])
+        near = np.stack([*optima, np.clip(z, -Z_BOX, Z_BOX)])   # the best there may be another one
         again = rows.fit(near, SHARES[best[0]], LENGTHS[best[1]], iterations)
         linear = rows.linear(again.x[again.best])
         log_z, z, covariance, best = _grid(linear)

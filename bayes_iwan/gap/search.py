@@ -28,7 +28,8 @@ BASE_POINTS, BASE_STARTS = 600, 16
 STRENGTHS = {False: (-2.4, -1.6, -0.8, -0.3, 0.2, 0.7, 1.2, 1.8, 2.4), True: (-1.2, -0.4, 0.4, 1.2)}
 SHAPES = (-1.6, -0.8, 0.0, 0.8, 1.6)
 EFFECT_STARTS = 3
-#: single effects are refitted if they are among so many most promising ones, or promise as much as a second one must
+#: single effects are refitted if they are among so many most promising ones, or promise as much as a second one must,
+#: or are sudden
 SINGLE_MOST = 7
 #: a second effect is refitted if one Gauss–Newton step promises this many nats, and at most so many are
 PAIR_PROMISE, PAIR_MOST = 3.0, 5
@@ -50,14 +51,18 @@ class Search:
 
 
 def fit_base(data: GapData, config: dict, scales: Scales, rng: np.random.Generator) -> Fit:
-    """The base model from the best of many prior draws, chosen apart from each other."""
+    """The base model from the best of many prior draws."""
     problem = base_problem(data, config, scales)
-    z = problem.prior.draw(rng, BASE_POINTS)
+    return fit_model(data, problem, best_draws(data, problem, BASE_POINTS, BASE_STARTS, rng))
+
+
+def best_draws(data: GapData, problem: Problem, points: int, most: int, rng: np.random.Generator) -> Array:
+    """(most, ndim) the prior draws of least cost."""
+    z = problem.prior.draw(rng, points)
     rows = Rows(data, problem)
     sd = np.sqrt(Linear(np.zeros(0), np.zeros((0, 0)), rows.eigen, rows.order, np.zeros(0)).variance(0.05, FIRST[1]))
     cost = np.sum((rows.residual(z) / sd) ** 2, axis=1) + np.sum(z * z, axis=1)
-    order = np.argsort(np.where(np.isfinite(cost), cost, np.inf))
-    return fit_model(data, problem, z[order[:BASE_STARTS]])
+    return z[np.argsort(np.where(np.isfinite(cost), cost, np.inf))[:most]]
 
 
 def shape_points(shapes: int) -> list[tuple[float, ...]]:
@@ -145,9 +150,12 @@ def search(data: GapData, scales: Scales, config: dict, kinds: dict[str, tuple[t
     def all_singles(base: Fit) -> dict[str, tuple[Fit, ...]]:
         out: dict[str, tuple[Fit, ...]] = {name: () for name in effects}
         for i, one in enumerate(candidates(data, base, effects)):
-            if i < SINGLE_MOST or one.gain > PAIR_PROMISE:
+            sudden, starts = effects[one.name][0].sudden, one.starts
+            if i < SINGLE_MOST or one.gain > PAIR_PROMISE or sudden:
                 progress(one.name)
-                out[one.name] += (fit_model(data, one.problem, one.starts, iterations=20),)
+                if sudden:                                  # the base may have bent too far to lead there
+                    starts = np.concatenate([starts, best_draws(data, one.problem, BASE_POINTS, EFFECT_STARTS, rng)])
+                out[one.name] += (fit_model(data, one.problem, starts, iterations=20),)
         return out
 
     singles = all_singles(base)
@@ -155,7 +163,26 @@ def search(data: GapData, scales: Scales, config: dict, kinds: dict[str, tuple[t
     if better.log_z.max() > base.log_z.max() + 1.0:         # the base had missed its optimum: once more from there
         base, singles = better, all_singles(better)
     pairs = _pairs(data, base, singles, effects, progress)
+    singles = _singles_again(data, singles, pairs)
     return Search(data, scales, config, base, singles, pairs, effects, _unlisted(data, scales, base, progress))
+
+
+def _singles_again(data: GapData, singles: dict[str, tuple[Fit, ...]],
+                   pairs: dict[tuple[str, str], Fit]) -> dict[str, tuple[Fit, ...]]:
+    """The two effects of the best pair, each alone from its part of its pairs' optima: a single effect that had missed
+    its optimum would make any idle second one look needed."""
+    leading = max(pairs, key=lambda k: pairs[k].log_z.max(), default=())
+    out = dict(singles)
+    for name in leading:
+        fits = sorted(singles[name], key=lambda f: -f.log_z.max())
+        with_it = sorted((f for k, f in pairs.items() if name in k), key=lambda f: -f.log_z.max())[:4]
+        starts = [f.z[[f.problem.names.index(n) for n in fits[0].problem.names]] for f in with_it
+                  if fits and set(fits[0].problem.names) <= set(f.problem.names)]   # the same variant
+        if starts and with_it[0].log_z.max() > fits[0].log_z.max():
+            again = fit_model(data, fits[0].problem, np.array([fits[0].z, *starts]), iterations=20)
+            if again.log_z.max() > fits[0].log_z.max():
+                out[name] = (again, *fits[1:])
+    return out
 
 
 def _base_again(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]]) -> Fit:
