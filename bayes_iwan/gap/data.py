@@ -70,6 +70,16 @@ class GapData:
     def tests(self) -> int:
         return len(self.loops)
 
+    def part(self, which: Sequence[int]) -> GapData:
+        """The data of some of the tests."""
+        loops, at = tuple(self.loops[t] for t in which), list(which)
+        blocks = max(len(x.block_cycle) for x in loops)
+        few = slice(0, max(blocks - 1, 0))
+        return GapData(loops, Correlated(loops), self.level_N[at], self.harmonics_N[at], self.trend_N[at, few],
+                       self.trend_noise_N[at, few], self.contrast[at, few, :blocks], self.mains_N[at],
+                       self.mains_noise_N[at], self.mains_hz[at], defaults.motion_of(loops),
+                       defaults.motion_of(loops, blocks=True))
+
 
 def gap_data(loops: Sequence[Loop]) -> GapData:
     """Data from the loops to be fitted (the caller leaves held-out ones away)."""
@@ -124,7 +134,7 @@ def _mains_frequencies(loops: Sequence[Loop], nominal: float) -> Array:
     if not len(seen):
         return np.full(len(loops), nominal)
     centre = float(np.median(found[seen]))
-    typical = float(np.median([abs(_line(loops[t], found[t])[0]) for t in seen]))
+    typical = float(np.median([abs(_line(loops[int(t)], found[t])[0]) for t in seen]))
     return np.array([hz if np.isfinite(hz) else _turning(loop, centre, typical) for loop, hz in zip(loops, found)])
 
 

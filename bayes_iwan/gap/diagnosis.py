@@ -67,6 +67,16 @@ class Explanation:
     moved: dict[str, dict[str, Any]]
     log_evidence: float
 
+    @property
+    def predicts(self) -> bool:
+        """Are its numbers the same in every test? Those of a hum belong to single records and predict no other."""
+        return all(e.strength_name in self.fit.problem.names for e in self.fit.effects)
+
+    @property
+    def shrink_expected(self) -> float:
+        """On further tests like these. Leaving a whole frequency out asks for more: that the rest tell of it."""
+        return self.shrink[0] if self.predicts or self.unseen is None else self.unseen.shrink
+
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -170,7 +180,8 @@ class Diagnosis:
         numbers = {p: v for n in x.names for p, v in x.parameters[n].items()}
         out = {"name": x.names[0], "with": list(x.names[1:]), "parameters": x.parameters[x.names[0]],
                "log_evidence": x.log_evidence, "gap_after_rms_N": x.after.all.rms_N, "shrink": x.shrink[0],
-               "shrink_interval": list(x.shrink[1:]), "moved": x.moved, "all_parameters": numbers}
+               "shrink_interval": list(x.shrink[1:]), "shrink_expected": x.shrink_expected, "moved": x.moved,
+               "all_parameters": numbers}
         if x.unseen is not None:
             out |= {"shrink_held_out": x.unseen.shrink, "shrink_held_out_interval": [x.unseen.low, x.unseen.high],
                     "gap_before_held_out_rms_N": x.unseen.before_N, "gap_after_held_out_rms_N": x.unseen.after_N,
@@ -249,9 +260,8 @@ def _leaves_gap(result: Attribution, lead: Explanation, before: GapSize) -> bool
         return lead.shrink[0] < LEAST_HELP
     if lead.shrink[0] < LEAST_HELP:                          # nor what is worse with the cause than without
         return True
-    predicts = all(e.strength_name in lead.fit.problem.names for e in lead.fit.effects)
     # tests with role "held-out" check a verdict, so they must not make it
-    judges = predicts and lead.unseen is not None and lead.unseen.by != "held-out tests"
+    judges = lead.predicts and lead.unseen is not None and lead.unseen.by != "held-out tests"
     unseen = lead.unseen.shrink if judges and lead.unseen is not None else lead.shrink[0]
     return unseen < LEAST_SHRINK and lead.shrink[0] < LEAST_FITTED_SHRINK
 

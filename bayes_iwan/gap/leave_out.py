@@ -74,8 +74,7 @@ def unseen_gap(base: Fit, fits: dict[str, Fit], data: GapData, held_out: Sequenc
     by, parts = groups_of(data.loops)
     found: dict[str, list[tuple[GapSize, GapSize]]] = {n: [] for n in fits}
     for part in parts:
-        rest = gap_data([x for i, x in enumerate(data.loops) if i not in part])
-        left = gap_data([data.loops[i] for i in part])
+        rest, left = data.part([i for i in range(data.tests) if i not in part]), data.part(part)
         before = gap_size(residual_of(left, refitted(base, rest)), seed)
         for name, fit in fits.items():
             left_after = gap_size(residual_of(left, refitted(fit, rest)), seed, friction_N=before.friction_N)

@@ -120,9 +120,7 @@ def score_case(
             mean, sd = _number(found.get("mean")), _number(found.get("sd"))
             size_error = (mean - true_value) / sd if sd > 0 else float("nan")
             size_ratio = mean / true_value if true_value else float("nan")
-    predicted = entries.get(named, {}).get("shrink_held_out")
-    if predicted is None:
-        predicted = entries.get(named, {}).get("shrink")
+    predicted = entries.get(named, {}).get("shrink_expected")
     return CaseScore(
         name=name,
         kind=truth["kind"],

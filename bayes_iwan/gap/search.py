@@ -107,10 +107,24 @@ def promising(rows: Rows, points: Array, smaller: Fit, share: float, length: flo
     cost = np.sum(shared**2, axis=1) + np.sum(rest**2, axis=1) + np.sum(points**2, axis=1) - gain
     cost = np.where(good, cost, np.inf)
     order = np.argsort(cost)
-    mine = smaller.linear.residual / np.sqrt(variance)
+    return points[order[:most]], _cost(rows, smaller, share, length) - 0.5 * float(cost[order[0]])
+
+
+def stepped(rows: Rows, point: Array, smaller: Fit, share: float, length: float) -> float:
+    """The gain in nats over the smaller model that one Gauss–Newton step of all numbers promises from a point."""
+    linear = rows.linear(point)
+    sd = np.sqrt(linear.variance(share, length))
+    j, r = linear.jacobian / sd[:, None], linear.residual / sd
+    b = j.T @ r - point
+    after = r @ r + point @ point - b @ np.linalg.solve(j.T @ j + np.eye(len(point)), b)
+    return _cost(rows, smaller, share, length) - 0.5 * float(after)
+
+
+def _cost(rows: Rows, smaller: Fit, share: float, length: float) -> float:
+    """Half the squared residuals of a smaller model at its optimum, in the rows of a larger one."""
+    mine = smaller.linear.residual / np.sqrt(smaller.linear.variance(share, length))
     constant = -2.0 * (Rows(rows.data, smaller.problem).constant - rows.constant)
-    before = mine @ mine + smaller.z @ smaller.z + constant
-    return points[order[:most]], 0.5 * float(before - cost[order[0]])
+    return 0.5 * float(mine @ mine + smaller.z @ smaller.z + constant)
 
 
 @dataclass(frozen=True)
@@ -131,8 +145,10 @@ def candidates(data: GapData, smaller: Fit, effects: dict[str, tuple[Effect, ...
         for effect in some:
             problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
             points = start_points(effect, problem, optima, smaller.problem.names)
-            starts, gain = promising(Rows(data, problem), points, smaller, max(smaller.share, 1e-3), smaller.length,
-                                     EFFECT_STARTS)
+            at = max(smaller.share, 1e-3), smaller.length
+            starts, gain = promising(Rows(data, problem), points, smaller, *at, EFFECT_STARTS)
+            if effect.strength_name not in problem.names:   # a number for each test: nothing of it is in any start
+                gain = stepped(Rows(data, problem), points[0], smaller, *at)
             out.append(Candidate(name, problem, starts, gain))
     return sorted(out, key=lambda c: -c.gain)
 
@@ -212,18 +228,26 @@ def _pairs(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]], effect
         return {}
     out: dict[tuple[str, str], Fit] = {}
 
+    def helps(fit: Fit) -> bool:
+        return bool(fit.log_z.max() > base.log_z.max() + PAIR_PROMISE)
+
     def with_each(first: str) -> None:
         others = {n: e for n, e in effects.items() if n != first and _key(first, n) not in out}
-        for one in candidates(data, best[first], others)[:PAIR_MOST]:
-            if one.gain < PAIR_PROMISE:
-                break
+        for i, one in enumerate(candidates(data, best[first], others)):
+            alone = best.get(one.name)
+            sudden = effects[one.name][0].sudden and alone is not None and helps(alone)
+            if (i >= PAIR_MOST or one.gain < PAIR_PROMISE) and not sudden:
+                continue
             progress(f"{first} + {one.name}")
-            key, fit = _key(first, one.name), fit_model(data, one.problem, one.starts, iterations=20)
+            starts = one.starts
+            if alone is not None and set(alone.problem.names) <= set(one.problem.names):   # the base as the second
+                starts = np.concatenate([starts, _together(one.problem, best[first], alone)[None]])   # alone left it
+            key, fit = _key(first, one.name), fit_model(data, one.problem, starts, iterations=20)
             if key not in out or fit.log_z.max() > out[key].log_z.max():
                 out[key] = fit
 
     first = max(best, key=lambda n: best[n].log_z.max())
-    if best[first].log_z.max() < base.log_z.max() + PAIR_PROMISE:
+    if not helps(best[first]):
         return {}
     with_each(first)
     if out:
@@ -234,6 +258,12 @@ def _pairs(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]], effect
             best[partner] = fit_model(data, alone.problem, alone.starts, iterations=20)
         with_each(partner)
     return out
+
+
+def _together(problem: Problem, first: Fit, second: Fit) -> Array:
+    """(ndim,) two single effects as each was fitted alone, the base's numbers as the second left them."""
+    z = dict(zip(first.problem.names, first.z)) | dict(zip(second.problem.names, second.z))
+    return np.array([z[n] for n in problem.names])
 
 
 def _key(a: str, b: str) -> tuple[str, str]:

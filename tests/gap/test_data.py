@@ -114,6 +114,26 @@ def test_line_at_a_harmonic_says_nothing(kit):
     assert np.isinf(data.mains_noise_N[2]).all()
 
 
+def test_mains_beside_a_harmonic_are_found_as_a_harmonic_that_turns(kit):
+    """Tests at 10 Hz, whose fifth harmonic is nearer to the mains than a record resolves."""
+    mains = (49.93, 50.01, 50.08, 50.04)
+    tests = [(8.0, 0.4), (8.0, 0.9), (1280 / 128, 0.4), (1280 / 128, 0.9)]
+
+    def humming(time, test):
+        return 0.05 * np.cos(2.0 * np.pi * mains[test] * time - test)
+
+    data = gap_data(kit.made_up(kit.specimen_force, tests, noise_N=0.005, cycles=40, extra=humming).loops(**kit.small))
+    assert np.isinf(data.mains_noise_N[2:]).all()                # not as a line
+    np.testing.assert_allclose(data.mains_hz[:, 0], mains, atol=0.015)
+
+
+def test_part_of_the_data_is_what_those_records_alone_give(noisy):
+    some, few = noisy.part([1, 3]), gap_data([noisy.loops[1], noisy.loops[3]])
+    for name in ("harmonics_N", "trend_N", "trend_noise_N", "contrast", "level_N", "mains_N", "mains_hz"):
+        np.testing.assert_allclose(getattr(some, name), getattr(few, name), rtol=1e-9, atol=1e-12)
+    assert [x.file for x in some.loops] == ["t1.csv", "t3.csv"] and some.block_motion.test.max() == 1
+
+
 def test_predicted_drift_is_what_a_drift_does_to_the_data(data_of, kit):
     rate = 0.07
     still, drifting = data_of(), data_of(extra=lambda time, test: rate * (time - time[0]))

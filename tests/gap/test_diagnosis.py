@@ -89,7 +89,8 @@ def test_json_has_every_key_and_only_numbers_that_are_numbers(effect, plan, kit)
     assert {"tests", "regions", "harmonics"} <= set(d["where"])
     for e in d["effects"]:
         assert {"name", "with", "parameters", "log_evidence", "gap_after_rms_N", "shrink", "shrink_interval",
-                "shrink_held_out", "held_out_by", "moved"} <= set(e)
+                "shrink_expected", "shrink_held_out", "held_out_by", "moved"} <= set(e)
+        assert e["shrink_expected"] == e["shrink"]               # none of these has numbers of single records
         for number in e["parameters"].values():
             assert set(number) == {"mean", "sd", "q05", "q95", "unit"} and number["q05"] <= number["q95"]
     assert all(s.endswith(".") and "nan" not in s.lower().split() for s in d["sentences"])

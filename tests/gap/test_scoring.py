@@ -28,7 +28,8 @@ def answer(cause, probabilities=None, second=None, alike=(), effects=()):
         "verdict": {"cause": cause, "second_cause": second, "cannot_tell_apart": list(alike)},
         "probabilities": probabilities or {cause: 1.0},
         "effects": [
-            {"name": n, "parameters": {MAIN_PARAMETER[n]: {"mean": m, "sd": s, "unit": ""}}, "shrink": 0.5}
+            {"name": n, "parameters": {MAIN_PARAMETER[n]: {"mean": m, "sd": s, "unit": ""}},
+             "shrink_expected": 0.5}
             for n, m, s in effects
         ],
     }

@@ -1,5 +1,6 @@
 """The search on campaigns from the virtual rig, whose solver, steps and elements are not the model's."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,9 +10,9 @@ from bayes_iwan.gap import catalogue
 from bayes_iwan.gap.attribution import Table, attribute
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.effects_paper import missing_terms
-from bayes_iwan.gap.evidence import Rows, extended
+from bayes_iwan.gap.evidence import Rows, extended, fit_model
 from bayes_iwan.gap.paper_terms import evidence_of, select_terms
-from bayes_iwan.gap.search import SINGLE_MOST, _key, candidates, fit_base, start_points
+from bayes_iwan.gap.search import SINGLE_MOST, _key, _singles_again, candidates, fit_base, ordered, start_points
 from bayes_iwan.inference import defaults
 from bayes_iwan.physics import Model, sine_motion
 
@@ -58,6 +59,49 @@ def test_every_effect_is_offered_and_the_most_promising_first(kit):
     assert gains == sorted(gains, reverse=True)
     # one step is but a screen: the truth need not lead, but it must be refitted
     assert "viscous_damping" in [c.name for c in offered[:SINGLE_MOST]]
+
+
+def test_effects_with_a_number_for_each_test_promise_what_a_step_of_these_gains(kit):
+    """A hum of a twentieth of the friction force, in a campaign whose base is fitted far worse than that."""
+    tests = [(8.0, 0.4), (8.0, 0.9), (20.0, 0.4), (20.0, 0.9)]
+
+    def humming(time, test):
+        return 0.05 * np.cos(2.0 * np.pi * 49.9 * time - test)
+
+    gain = {}
+    for name, extra in (("hum", humming), ("quiet", None)):
+        loops = kit.made_up(kit.specimen_force, tests, noise_N=0.01, cycles=24, extra=extra).loops(**kit.small)
+        data, scales = gap_data(loops), defaults.scales_of(loops)
+        base = fit_base(data, kit.config, scales, np.random.default_rng(0))
+        effects = {"mains_hum": tuple(catalogue.calibrated(k, scales, data, base.problem, base.z)
+                                      for k in catalogue.variants()["mains_hum"])}
+        gain[name] = candidates(data, base, effects)[0].gain
+    assert gain["hum"] > 100.0 and gain["quiet"] < 20.0
+
+
+def test_sudden_effects_are_always_refitted(kit):
+    singles = kit.diagnosed(None).found.singles
+    assert singles["force_clipping"] and singles["end_stop"]
+
+
+def test_single_effect_that_missed_its_optimum_is_refitted_from_its_pairs(kit):
+    found = kit.diagnosed("viscous_damping", "held out").found
+    best = found.singles["viscous_damping"][0]
+    missed = replace(best, z=np.zeros_like(best.z), log_z=best.log_z - 500.0)
+    idle = fit_model(found.data, extended(found.base.problem, ordered((*best.effects, *found.effects["moving_mass"]))),
+                     _together_from(best, found), iterations=5)
+    again = _singles_again(found.data, found.singles | {"viscous_damping": (missed,)},
+                           {("moving_mass", "viscous_damping"): idle})
+    assert again["viscous_damping"][0].log_z.max() > best.log_z.max() - 1.0
+    untouched = _singles_again(found.data, found.singles, {})
+    assert untouched == found.singles
+
+
+def _together_from(single, found):
+    """A start of a pair: the single effect as it was fitted, a moving mass of hardly anything beside it."""
+    names = extended(found.base.problem, ordered((*single.effects, *found.effects["moving_mass"]))).names
+    values = dict(zip(single.problem.names, single.z))
+    return np.array([[values.get(n, -3.0) for n in names]])
 
 
 def test_strengths_are_brought_to_the_specimens_scale(kit):

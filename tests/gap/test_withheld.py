@@ -234,7 +234,7 @@ def test_scored_from_files_with_the_shrink_found_on_unseen_tests(made, tmp_path)
         withheld.write_json(
             out / "diagnosis.json",
             {"verdict": {"cause": cause}, "probabilities": {cause: 1.0},
-             "effects": [{"name": single["name"], "shrink": 0.8, "parameters": {}}]},
+             "effects": [{"name": single["name"], "shrink_expected": 0.8, "parameters": {}}]},
         )  # fmt: skip
 
     def find_shrink(diagnosis, unseen, cause):
