@@ -71,10 +71,11 @@ def diagnose(draws: Array, names: tuple[str, ...], thin: int = 1) -> Convergence
     if x.ndim != 4 or x.shape[3] != len(names):
         raise ValueError(f"draws of shape {x.shape} are not (ensembles, steps, walkers, {len(names)})")
     columns = [x[..., j] for j in range(x.shape[3])]
+    ranked = np.array([_ranked(c) for c in columns]).reshape(len(names), 2)
     return Convergence(
         names=tuple(names),
-        r_hat=np.array([r_hat(c) for c in columns]),
-        ess_bulk=np.array([ess_bulk(c) for c in columns]),
+        r_hat=ranked[:, 0],
+        ess_bulk=ranked[:, 1],
         ess_tail=np.array([ess_tail(c) for c in columns]),
         tau_steps=thin * np.array([longest_autocorrelation_time(c) for c in columns]),
         n_steps=thin * x.shape[1],
@@ -86,17 +87,21 @@ def r_hat(x: Array) -> float:
 
     NaN for draws that are all equal or not finite; at least two ensembles are needed for it to mean much.
     """
-    halves = _halves(x)
-    if not _usable(halves):
-        return np.nan
-    folded = np.abs(halves - np.median(halves))
-    return max(_r_hat(rank_normalise(halves)), _r_hat(rank_normalise(folded)))
+    return _ranked(x)[0]
 
 
 def ess_bulk(x: Array) -> float:
     """Effective sample size of the rank-normalised draws x (ensembles, steps, walkers)."""
+    return _ranked(x)[1]
+
+
+def _ranked(x: Array) -> tuple[float, float]:
+    """R-hat and bulk effective sample size: ranking is most of the work of both."""
     halves = _halves(x)
-    return _ess(rank_normalise(halves)) if _usable(halves) else np.nan
+    if not _usable(halves):
+        return np.nan, np.nan
+    bulk, folded = rank_normalise(halves), rank_normalise(np.abs(halves - np.median(halves)))
+    return max(_r_hat(bulk), _r_hat(folded)), _ess(bulk)
 
 
 def ess_tail(x: Array) -> float:
