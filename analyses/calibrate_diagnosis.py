@@ -41,10 +41,10 @@ UNTAUGHT = ("rig_compliance",)
 #: no answer costs more than −ln of this
 LOWEST = 1e-3
 #: constants sought: name and box. Medians of shares are sought by their logarithm
-BOX = {"small": (np.log(6e-4), np.log(6e-3)), "small sd": (0.3, 1.2), "large": (np.log(0.01), np.log(0.1)),
+BOX = {"small": (np.log(3e-4), np.log(6e-3)), "small sd": (0.3, 1.2), "large": (np.log(0.01), np.log(0.1)),
        "large sd": (0.3, 1.2), "law": (0.01, 0.2), "law of speed": (0.03, 0.6), "law of contact": (0.02, 0.3),
        "law spread": (0.1, 1.0), "temper": (0.1, 1.0), "within": (0.05, 1.0), "linear": (1.0, 30.0),
-       "none": (-3.0, 20.0), "unknown": (-8.0, 20.0), "unlisted": (-20.0, 20.0), "pair": (-45.0, -4.0),
+       "none": (-3.0, 40.0), "unknown": (-8.0, 30.0), "unlisted": (-30.0, 20.0), "pair": (-45.0, -4.0),
        "rough pair": (-40.0, 0.0), "compliance": (-300.0, -20.0),
        "direction": (-5.0, 25.0)}
 #: the most that an answer claims: of those that the fitted constants are surest of, so many are right (printed)
@@ -72,7 +72,8 @@ def constants(x: np.ndarray, apart: float = APART) -> Calibration:
     return Calibration(small=(float(np.exp(v["small"])), v["small sd"]),
                        large=(float(np.exp(v["large"])), v["large sd"]),
                        law=v["law"], law_spread=v["law spread"],
-                       laws={"stribeck_weakening": speed, "rate_strengthening": speed, "end_stop": v["law of contact"]},
+                       laws={"stribeck_weakening": speed, "rate_strengthening": speed,
+                             "end_stop": v["law of contact"], "free_play": v["law of contact"]},
                        temper=v["temper"], within=v["within"], linear=v["linear"], none=v["none"],
                        unknown=v["unknown"], unlisted=v["unlisted"], pair=v["pair"],
                        rough_pair=v["rough pair"], apart=apart, sure=SURE,

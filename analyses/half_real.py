@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import textwrap
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -182,7 +183,8 @@ def figure(cases: list[dict[str, Any]], names: list[str]) -> Figure:
                 y = i + 0.3 * ((k + 0.5) / len(here) - 0.5) * 2
                 ax.plot([j - 0.38], [y], "o", color=colours[kind], ms=3 + 35 * c["size"])
                 said = "" if c["right"] else c["answer"].replace("_", " ")
-                ax.text(j - 0.28, y, f"{100 * c['size']:.0f} % {said}", fontsize=6.5, va="center")
+                text = textwrap.fill(f"{100 * c['size']:.0f} % {said}", 20)
+                ax.text(j - 0.28, y, text, fontsize=6.5, va="center", linespacing=0.9)
     for kind, colour in colours.items():
         ax.plot([], [], "o", color=colour, label=kind)
     ax.set_xticks(range(len(EFFECTS)), [e.replace("_", " ") for e in EFFECTS], fontsize=8)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import os
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
+
+from bayes_iwan.files import write_whole
 
 #: file, function, and the function's arguments
 Job = tuple[Any, ...]
@@ -20,10 +21,7 @@ def kept(file: Path, work: Callable[..., Any], *args: Any) -> Any:
     if file.is_file():
         return pickle.loads(file.read_bytes())
     result = work(*args)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_suffix(f".{os.getpid()}")
-    temporary.write_bytes(pickle.dumps(result))
-    os.replace(temporary, file)
+    write_whole(file, pickle.dumps(result))
     return result
 
 

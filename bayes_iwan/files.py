@@ -17,6 +17,8 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         yield Path(name)
         os.chmod(name, 0o644)
+        with open(name, "rb") as written:
+            os.fsync(written.fileno())  # a machine that fails must not find the new name on an empty file
         os.replace(name, path)
     finally:
         Path(name).unlink(missing_ok=True)

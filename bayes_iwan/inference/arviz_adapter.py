@@ -6,7 +6,6 @@ other along the draws, make one chain, because only ensembles are independent of
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +14,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from bayes_iwan.files import replacing
 
 with warnings.catch_warnings():
     # 0.23 announces 1.0 with a FutureWarning at import; which of the two is there is this module's affair.
@@ -131,15 +132,11 @@ def attributes(tree: Any) -> dict[str, Any]:
 
 
 def save_netcdf(tree: Any, path: Path) -> None:
-    """Write to `path`, whole or not at all (temporary file and rename), through h5netcdf."""
+    """Write to `path`, whole or not at all (:mod:`bayes_iwan.files`), through h5netcdf."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    try:
-        tree.to_netcdf(str(part), engine="h5netcdf")
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    with replacing(path) as temporary:
+        tree.to_netcdf(str(temporary), engine="h5netcdf")
 
 
 def load(path: Path) -> Any:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,8 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
+
+from bayes_iwan.files import replacing
 
 Array = NDArray[np.float64]
 
@@ -62,8 +63,7 @@ class Checkpoint:
         stages = tuple(walkers)
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
-        with h5py.File(part, "w", libver="latest") as file:
+        with replacing(path) as temporary, h5py.File(temporary, "w", libver="latest") as file:
             file.attrs["format"] = _FORMAT
             file.attrs["fingerprint"] = json.dumps(dict(fingerprint))
             file.attrs["names"] = json.dumps(list(names))
@@ -82,9 +82,6 @@ class Checkpoint:
                 file.create_dataset(slot, shape=(0,), maxshape=(None,), chunks=(1 << 16,), dtype="u1")
             if snapshot is not None:
                 _write_slot(file, 1, snapshot.state, {s: len(snapshot.draws[s]) for s in stages})
-        with open(part, "rb") as written:
-            os.fsync(written.fileno())
-        os.replace(part, path)
         file = h5py.File(path, "r+", libver="latest")
         file.swmr_mode = True
         return cls(file, stages, 1)
