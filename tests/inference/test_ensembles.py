@@ -70,6 +70,31 @@ def test_modes_that_no_walker_can_leave_are_not_called_converged():
         assert abs(share.mean() - 0.5) < 0.1
 
 
+def test_slow_production_is_taken_for_more_adaptation(tmp_path, monkeypatch):
+    """Slow by decree: five times the length so far is asked for at every look. The restarts are few, what they leave
+    behind is not in the result, what remains is right, and a checkpoint goes on behind them."""
+    monkeypatch.setattr(run, "_TRIAL_STEPS", 200)
+    seen, restart = [], run.Run.restart_if_slow
+
+    def watched(self, result, chain_taus):
+        did = restart(self, result, 1e9)
+        seen.append((did, len(self.rounds), self.n_steps))
+        return did
+
+    monkeypatch.setattr(run.Run, "restart_if_slow", watched)
+    file, long = tmp_path / "chains.h5", SHORT | {"target_ess": 6000.0}
+    chains = sample(banana, population(), names=NAMES, seed=1, checkpoint=file, **long)
+    restarted = [x for x in seen if x[0]]
+    assert len(restarted) == run._RESTARTS and all(steps == 0 for _, _, steps in restarted)
+    assert chains.converged and chains.n_steps == chains.thin * chains.draws.shape[1]
+    error = 4 / np.sqrt(chains.convergence.least_ess)
+    z = chains.flat()
+    np.testing.assert_allclose(z[:, :2].mean(axis=0), [0, 1], atol=2 * error)
+    np.testing.assert_allclose(z[:, :2].var(axis=0), [1, 3], rtol=4 * error)
+    again = sample(banana, population(), names=NAMES, seed=1, checkpoint=file, resume=True, **long)
+    np.testing.assert_array_equal(again.draws, chains.draws)
+
+
 def test_steps_and_time_limits_are_said_plainly():
     few = sample(banana, population(), names=NAMES, seed=1, max_steps=60, **SHORT | {"target_ess": 1e6})
     assert not few.converged and few.n_steps >= 60
