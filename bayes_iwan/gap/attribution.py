@@ -28,7 +28,7 @@ FINE = np.geomspace(SHARES[0], SHARES[-1], 67)
 #: share of a cause's probability that goes to unknown (or none) where it does not shrink the gap
 DOUBT = 0.9
 #: a cause as probable as this is told beside "none" or "unknown"
-NOT_EXCLUDED = 0.1
+NOT_EXCLUDED = 0.05
 #: nats that an effect costs which explains nothing
 IDLE_COST = 5.0
 

@@ -50,6 +50,7 @@ class GapData:
     trend_N, trend_noise_N : (T, K, TREND_HARMONICS + 1), contrasts between blocks; noise inf where there is none.
     contrast : (T, K, B) the weights of the contrasts over the blocks (rows orthonormal, summing to zero).
     mains_hz : (T, 2) the mains' frequencies in each record (they wander), nominal unless a line near says better.
+    mains_possible : (2,) does a line stand in a record that can show it, or is there no such record?
     mains_N, mains_noise_N : (T, 2) complex c + i s of c·cos + s·sin at 50 and 60 Hz; noise inf where it says nothing.
     """
 
@@ -63,6 +64,7 @@ class GapData:
     mains_N: np.ndarray
     mains_noise_N: Array
     mains_hz: Array
+    mains_possible: tuple[bool, ...]
     steady_motion: Motion
     block_motion: Motion
 
@@ -77,7 +79,7 @@ class GapData:
         few = slice(0, max(blocks - 1, 0))
         return GapData(loops, Correlated(loops), self.level_N[at], self.harmonics_N[at], self.trend_N[at, few],
                        self.trend_noise_N[at, few], self.contrast[at, few, :blocks], self.mains_N[at],
-                       self.mains_noise_N[at], self.mains_hz[at], defaults.motion_of(loops),
+                       self.mains_noise_N[at], self.mains_hz[at], self.mains_possible, defaults.motion_of(loops),
                        defaults.motion_of(loops, blocks=True))
 
 
@@ -99,13 +101,15 @@ def gap_data(loops: Sequence[Loop]) -> GapData:
         trend[t, : b - 1, :n] = c @ loop.block_harmonics_N[:, :n]
         sd = np.sqrt((c * c) @ np.where(np.isfinite(loop.block_noise_N[:, :n]), loop.block_noise_N[:, :n], 1e300) ** 2)
         noise[t, : b - 1, :n] = np.hypot(sd, TREND_FLOOR * level[t])
-    mains_hz = np.stack([_mains_frequencies(loops, hz) for hz in MAINS_HZ], axis=1)
+    found = [_mains_frequencies(loops, hz) for hz in MAINS_HZ]
+    mains_hz, possible = np.stack([hz for hz, _ in found], axis=1), tuple(there for _, there in found)
     mains, mains_noise = np.zeros((len(loops), 2), dtype=complex), np.full((len(loops), 2), np.inf)
     for t, loop in enumerate(loops):
         for m, hz in enumerate(mains_hz[t]):
             mains[t, m], mains_noise[t, m] = _line(loop, hz)
     return GapData(loops, Correlated(loops), level, np.stack([x.harmonics_N for x in loops]), trend, noise, contrast,
-                   mains, mains_noise, mains_hz, defaults.motion_of(loops), defaults.motion_of(loops, blocks=True))
+                   mains, mains_noise, mains_hz, possible, defaults.motion_of(loops),
+                   defaults.motion_of(loops, blocks=True))
 
 
 def _in_band(loop: Loop) -> Loop:
@@ -123,8 +127,9 @@ def _contrasts(cycle: Array) -> Array:
     return (q * np.sign(np.diagonal(r)))[:, 1:].T
 
 
-def _mains_frequencies(loops: Sequence[Loop], nominal: float) -> Array:
-    """(T,) the mains' frequency in each record; nominal where no record shows a line.
+def _mains_frequencies(loops: Sequence[Loop], nominal: float) -> tuple[Array, bool]:
+    """(T,) the mains' frequency in each record, nominal where no record shows a line; and whether there may be one:
+    it stands in a record, or none of them can show it.
 
     A record with a harmonic close by hides the line in its averaged loop, and shows it as a harmonic that turns: there
     the frequency is the likeliest one near the others'.
@@ -132,10 +137,11 @@ def _mains_frequencies(loops: Sequence[Loop], nominal: float) -> Array:
     found = np.array([_mains_frequency(loop, nominal) for loop in loops])
     seen = np.flatnonzero(np.isfinite(found))
     if not len(seen):
-        return np.full(len(loops), nominal)
+        return np.full(len(loops), nominal), not any(_shows_mains(loop, nominal) for loop in loops)
     centre = float(np.median(found[seen]))
     typical = float(np.median([abs(_line(loops[int(t)], found[t])[0]) for t in seen]))
-    return np.array([hz if np.isfinite(hz) else _turning(loop, centre, typical) for loop, hz in zip(loops, found)])
+    return np.array([hz if np.isfinite(hz) else _turning(loop, centre, typical)
+                     for loop, hz in zip(loops, found)]), True
 
 
 def _turning(loop: Loop, centre: float, typical_N: float) -> float:
@@ -159,12 +165,17 @@ def _turning(loop: Loop, centre: float, typical_N: float) -> float:
     return float(trial[np.argmax(log_p - 0.5 * ((trial - centre) / WANDERS_BY) ** 2)])
 
 
+def _shows_mains(loop: Loop, nominal: float) -> bool:
+    """Is the mains' frequency sampled, and away from every harmonic, where it is averaged into the loop?"""
+    ratio = nominal / loop.frequency_hz
+    return bool(nominal <= 0.45 / np.median(np.diff(loop.record.time_s)) and abs(ratio - round(ratio)) >= 0.1)
+
+
 def _mains_frequency(loop: Loop, nominal: float) -> float:
     """Where a line stands within MAINS_WANDER of the nominal frequency in one record; NaN if none does."""
+    if not _shows_mains(loop, nominal):
+        return np.nan
     time = loop.record.time_s[loop.averager.index]
-    ratio = nominal / loop.frequency_hz
-    if nominal > 0.45 / np.median(np.diff(time)) or abs(ratio - round(ratio)) < 0.1:
-        return np.nan                                    # unseen, or averaged into the loop
     trial = nominal + np.linspace(-MAINS_WANDER, MAINS_WANDER, 101)
     rest = loop.left_over(loop.record.force_N)
     power = np.abs(np.exp(-2j * np.pi * trial[:, None] * time) @ rest) ** 2 / (len(time) * np.var(rest) + 1e-300)

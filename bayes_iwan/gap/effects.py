@@ -82,6 +82,10 @@ class Effect:
         """Any strength of the right order, from the campaign's scales: where calibration starts."""
         raise NotImplementedError
 
+    def possible(self, data: Any) -> bool:
+        """Do the records allow it at all? data : the campaign's :class:`bayes_iwan.gap.data.GapData`."""
+        return True
+
     def shapes(self) -> dict[str, Shape]:
         """The other parameters by name."""
         return {}

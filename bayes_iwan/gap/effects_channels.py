@@ -133,6 +133,10 @@ class MainsHum(Effect):
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N
 
+    def possible(self, data) -> bool:
+        """Where records can show the line and none does there is no hum, however well its free phases would fit."""
+        return data.mains_possible[self.which]
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         typical = self.first_guess() if self.strength_value is None else self.strength_value

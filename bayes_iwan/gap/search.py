@@ -138,11 +138,13 @@ class Candidate:
 
 
 def candidates(data: GapData, smaller: Fit, effects: dict[str, tuple[Effect, ...]]) -> list[Candidate]:
-    """All effects (each variant) on top of a smaller fit, the most promising first."""
+    """All effects (each variant) that the records allow on top of a smaller fit, the most promising first."""
     out = []
     optima = np.concatenate([smaller.z[None], smaller.optima[1:3]])
     for name, some in effects.items():
         for effect in some:
+            if not effect.possible(data):
+                continue
             problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
             points = start_points(effect, problem, optima, smaller.problem.names)
             at = max(smaller.share, 1e-3), smaller.length

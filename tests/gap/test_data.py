@@ -109,6 +109,9 @@ def test_no_hum_leaves_the_nominal_frequencies(noisy):
 def test_line_at_a_harmonic_says_nothing(kit):
     made = kit.made_up(kit.specimen_force, [(10.0, 0.4), (8.0, 0.9), (10.02, 0.4)], noise_N=0.02, cycles=40)
     data = gap_data(made.loops(**kit.small))
+    assert data.mains_possible == (False, False)                 # the test at 8 Hz would show it
+    hidden = gap_data(kit.made_up(kit.specimen_force, [(10.0, 0.4), (10.0, 0.9)]).loops(**kit.small))
+    assert hidden.mains_possible == (True, True)
     assert np.isinf(data.mains_noise_N[0]).all() and np.isfinite(data.mains_noise_N[1]).all()
     # beside a harmonic the loops' own slow change leaks into the line
     assert np.isinf(data.mains_noise_N[2]).all()
