@@ -153,7 +153,7 @@ class SnookerMove(BlockMove):
         unit = away / np.maximum(distance, 1e-300)[..., None]
         step = self.gamma * np.einsum("end,end->en", unit, z1 - z2)
         q = s + unit * step[..., None]
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # nan where x = z, which has no line: not accepted
             factor = (ndim - 1.0) * (np.log(np.abs(distance + step)) - np.log(distance))
         return q, factor
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_iwan.gap.attribution import IDLE_COST, Calibration, Table, attribute, calibration
+from bayes_iwan.gap.attribution import IDLE_COST, NOT_EXCLUDED, Calibration, Table, attribute, calibration
 from bayes_iwan.gap.evidence import LENGTHS, SHARES
 from bayes_iwan.gap.paper_terms import Step, Terms
 
@@ -59,8 +59,8 @@ def test_shape_without_a_cause_that_closes_it_better_is_unknown():
 def test_a_cause_that_is_nearly_as_probable_is_told_beside_none_and_unknown():
     t = table(needs(0.05), beta=needs(0.005, 60.0))
     weights = [attribute(t, None, Calibration(unknown=u)) for u in np.linspace(0.0, 80.0, 41)]
-    close = [a for a in weights if a.cause == "unknown" and a.probabilities["beta"] > 0.1]
-    far = [a for a in weights if a.cause == "unknown" and a.probabilities["beta"] < 0.1]
+    close = [a for a in weights if a.cause == "unknown" and a.probabilities["beta"] > NOT_EXCLUDED]
+    far = [a for a in weights if a.cause == "unknown" and a.probabilities["beta"] < NOT_EXCLUDED]
     assert close and far
     assert all(a.cannot_tell_apart == ("beta",) for a in close) and all(a.cannot_tell_apart == () for a in far)
 

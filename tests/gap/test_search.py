@@ -35,7 +35,9 @@ def test_planted_effect_is_found_with_its_number(name, kit):
 
 def test_sound_rig_has_no_cause(kit):
     a = kit.diagnosed(None).attribution
-    assert a.cause == "none" and a.probability > 0.5 and a.cannot_tell_apart == ()
+    assert a.cause == "none" and a.probability > 0.5
+    # loops hardly show it but for their mean force, which may be the place of rest: it is told where it is not excluded
+    assert set(a.cannot_tell_apart) <= {"direction_dependent_friction"}
 
 
 def test_cause_outside_the_catalogue_is_unknown_and_its_shape_told(kit):

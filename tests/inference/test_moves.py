@@ -109,6 +109,14 @@ def test_started_in_equilibrium_a_move_stays_there(name, move):
     assert moved > 0.5
 
 
+def test_a_walker_on_another_is_left_there_by_the_snooker_move_without_a_warning():
+    """An exchange or a rescue can put walkers onto each other: a line through both is then none."""
+    here = np.ones((1, 4, 3))
+    q, factor = SnookerMove().get_proposal(here, here, np.random.RandomState(0))
+    np.testing.assert_array_equal(q, here)
+    assert not (np.log(0.5) < factor).any()
+
+
 def test_the_same_test_catches_emcees_own_snooker_move():
     rng = np.random.default_rng(3)
     starts = rng.standard_normal((6, 80, 16))
