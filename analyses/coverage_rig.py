@@ -4,8 +4,9 @@
 
 The rig shares no code with the model: its sliders differ from each other, its slip forces follow other laws, its
 normal force and contact stiffness have slightly other shapes, and its sensors are filtered and noisy. The truth of
-kp, k(1) and the mean slip force is the specimen's own; that of each test's dissipated energy comes from a run without
-noise and sensors. An interval that is right covers it as often as it says.
+kp and k(1) is that of the specimen in series with its sound fixture, which no loop tells apart, that of the mean slip
+force is the specimen's own; that of each test's dissipated energy comes from a run without noise and sensors. An
+interval that is right covers it as often as it says.
 """
 
 from __future__ import annotations
@@ -41,8 +42,9 @@ def simulated(seed: int, index: int) -> dict[str, Any]:
     at = dict(setup=case.setup, seed=case.seed)
     loops = [average(r, **GRID) for r in rig.records(rig.simulate_tests(case.specimen, tests, **at))]
     clean = [average(r, **GRID) for r in rig.records(rig.simulate_tests(case.specimen, tests, clean=True, **at))]
-    s = case.specimen
-    truth = {"kp_N_mm": s.parallel_N_mm, "k1_N_mm": s.contact_N_mm, "mean_slip_force_N": float(s.slip_share_N.sum())}
+    s, compliance = case.specimen, case.setup.fixture_compliance_mm_N
+    soft, stiff = (1.0 / (1.0 / k + compliance) for k in (s.parallel_N_mm, s.parallel_N_mm + s.contact_N_mm))
+    truth = {"kp_N_mm": soft, "k1_N_mm": stiff - soft, "mean_slip_force_N": float(s.slip_share_N.sum())}
     energy = [float(loop_energy_mJ(x.displacement_mm, x.force_N)) for x in clean]
     return {"loops": loops, "truth": truth, "energy": energy}
 

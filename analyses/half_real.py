@@ -184,7 +184,7 @@ def figure(cases: list[dict[str, Any]], names: list[str]) -> Figure:
                 ax.plot([j - 0.38], [y], "o", color=colours[kind], ms=3 + 35 * c["size"])
                 said = "" if c["right"] else c["answer"].replace("_", " ")
                 text = textwrap.fill(f"{100 * c['size']:.0f} % {said}", 20)
-                ax.text(j - 0.28, y, text, fontsize=6.5, va="center", linespacing=0.9)
+                ax.text(j - 0.28, y, text, fontsize=6.5, va="center", linespacing=1.25)
     for kind, colour in colours.items():
         ax.plot([], [], "o", color=colour, label=kind)
     ax.set_xticks(range(len(EFFECTS)), [e.replace("_", " ") for e in EFFECTS], fontsize=8)
