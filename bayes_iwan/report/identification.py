@@ -81,7 +81,8 @@ def _summary(section: Section, posterior: Any, p: Predictive, loop_rows: tables.
     if warnings:
         section.table(("record", "what was noticed"), warnings, "Warnings about the records")
     section.text("A gain error of the displacement or force channel cannot be seen in loops: the stiffnesses and slip "
-                 "forces would absorb all of it. The intervals here do not include it.")
+                 "forces would absorb all of it; so would the stiffnesses a compliance of the fixture in series. The "
+                 "intervals hold if the model does, and do not include any of these.")
 
 
 def _quantities(section: Section, posterior: Any) -> None:

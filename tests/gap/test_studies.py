@@ -144,9 +144,12 @@ def test_calibration_is_fitted_to_tables(study, tmp_path):
                  ("b",): small if kind == "single" else large - 45.0}
         true = {"none": (), "single": ("b",), "outside": ("unknown",)}[kind]
         cases.append(calibrate.Case(f"c{i}", kind, true, Table(table)))
-    fitted = calibrate.fit(cases, 2, 0, "test")
+    fitted = calibrate.fit(cases, 2, 0, "test", list(calibrate.BOX))
     middle = calibrate.constants(np.mean(list(calibrate.BOX.values()), axis=1))
     assert calibrate.log_score(cases, fitted) < min(calibrate.log_score(cases, middle), 0.5)
+    some = calibrate.fit(cases, 1, 0, "test", ["temper"])
+    shipped = calibrate.constants(calibrate.numbers_of(calibrate.calibration()))
+    assert replace(some, temper=shipped.temper) == shipped and some.temper != shipped.temper
     s = calibrate.scores(cases, fitted)
     assert s["single: first answer right"].count == 8
     assert s["pairs: both named"].n == 0
