@@ -14,7 +14,7 @@ errors take the misfit for so many independent errors and cover far too rarely.
 
 from __future__ import annotations
 
-import sys
+import argparse
 
 import numpy as np
 from scipy import stats
@@ -99,9 +99,12 @@ def clopper_pearson(hits: int, n: int, level: float = 0.95) -> tuple[float, floa
 
 
 if __name__ == "__main__":
-    given = [x for x in sys.argv[1:] if x != "--all"]
-    n = int(given[0]) if given else 60
-    for kind, hits in coverage(n, by_amplitude="--all" not in sys.argv).items():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("campaigns", nargs="?", type=int, default=60)
+    parser.add_argument("--all", action="store_true", help="share half the misfit among all tests")
+    args = parser.parse_args()
+    n = args.campaigns
+    for kind, hits in coverage(n, by_amplitude=not args.all).items():
         for name, count in zip(WANTED, hits.sum(axis=0)):
             low, high = clopper_pearson(int(count), n)
             print(f"{kind:10s} {name:18s} covered in {count} of {n} ({100 * low:.0f} to {100 * high:.0f} %)")

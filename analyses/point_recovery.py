@@ -9,6 +9,7 @@ Found is an objective (Eq. 8) below 0.1 % of what Eq. (8) makes of the friction 
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 
@@ -65,5 +66,7 @@ def main(seeds: int) -> int:
 
 
 if __name__ == "__main__":
-    wanted = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("seeds", nargs="?", type=int, default=20)
+    wanted = parser.parse_args().seeds
     sys.exit(0 if main(wanted) >= 0.95 * wanted else 1)

@@ -36,7 +36,7 @@ MAINS_WANDER, LINE_STANDS = 0.4, 25.0
 #: a line of the mains nearer to a harmonic than this, in cycles over the record, tells nothing of the mains: the loops'
 #: own slow change leaks into it
 LEAK = 4.0
-#: from record to record the mains' frequency wanders by so much (sd, Hz)
+#: from record to record the mains' frequency wanders by so much (sd, Hz; large grids are held within 0.05 Hz)
 WANDERS_BY = 0.06
 #: share of a mains line that averaging must leave before it says anything
 LEAST_LEFT = 0.05

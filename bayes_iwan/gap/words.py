@@ -47,7 +47,9 @@ def sentences(d: dict[str, Any]) -> list[str]:
             which += f" ({100 * held:.0f} % on tests left out of the fit)" if held is not None else ""
         which += "."
     following = d["next_test"]
-    if following is None:
+    if following is None and apart:
+        next_step = f"No loop test was found that would settle whether it is {_list(apart)}."
+    elif following is None:
         next_step = "No further test is needed to settle this."
     elif following["bench"]:
         next_step = (f"No loop test would separate {_list(following['separates'])} well; at the bench: "

@@ -13,7 +13,6 @@ from scipy.special import gammaln
 from bayes_iwan.inference.charts import ChartStack
 from bayes_iwan.inference.mixture import fit_mixture, log_sum_exp
 from bayes_iwan.inference.warp import Warp, fit_warp, monomials
-from bayes_iwan.physics import threads
 
 Array = NDArray[np.float64]
 
@@ -175,7 +174,7 @@ def fit_proposal(
         keep = r.sum(axis=0) >= min(3.0 * ndim, r.sum(axis=0).max())  # different draws, however often they come
         r = weights * r[:, keep] / np.maximum(r[:, keep].sum(axis=1, keepdims=True), 1e-300)
         mass = r.sum(axis=0)
-        fitted = tuple(threads.each(lambda column: _fit_chart(z, column, wide, degree, nu), r.T))
+        fitted = tuple(_fit_chart(z, r[:, k], wide, degree, nu) for k in range(len(mass)))
         proposal = Proposal(mass / mass.sum(), fitted)
         r = proposal.responsibilities(z)
     assert proposal is not None

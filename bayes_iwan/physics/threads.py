@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from typing import TypeVar
 
 import numba as nb
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 #: samples of all draws and loops that go through together: what lies between stages stays in the processor's cache
 CHUNK = 1 << 16
@@ -41,9 +37,3 @@ def over_draws(work: Callable[[slice], None], draws: int, samples: int) -> None:
             work(part)
     else:
         deque(_pool(threads, os.getpid()).map(work, parts), maxlen=0)
-
-
-def each(work: Callable[[T], R], things: Iterable[T]) -> list[R]:
-    """work(thing) of every thing, in order, on as many threads: for numpy's own loops, which let other threads run."""
-    threads = nb.get_num_threads()
-    return [work(x) for x in things] if threads == 1 else list(_pool(threads, os.getpid()).map(work, things))

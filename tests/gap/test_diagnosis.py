@@ -15,6 +15,7 @@ from bayes_iwan.gap.effects import EffectError
 from bayes_iwan.gap.gap_size import gap_size
 from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.stored import LOOPS, find_shrink, stored_fits
+from bayes_iwan.gap.words import sentences
 from bayes_iwan.physics import Model, sine_motion
 
 
@@ -194,3 +195,10 @@ def test_bases_are_models(kit):
     assert list(BASES) == ["generalized", "no_speed", "classical"]
     for table in BASES.values():
         Model(kit.reference, **table)
+
+
+def test_nothing_is_called_settled_that_cannot_be_excluded(kit):
+    d = kit.diagnosed(None).as_dict() | {"next_test": None}
+    for apart, words in (([], "No further test is needed"), (["force_drift"], "would settle whether it is force drift")):
+        d["verdict"] = d["verdict"] | {"cannot_tell_apart": apart}
+        assert words in sentences(d)[2]
