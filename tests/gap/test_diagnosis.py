@@ -199,6 +199,6 @@ def test_bases_are_models(kit):
 
 def test_nothing_is_called_settled_that_cannot_be_excluded(kit):
     d = kit.diagnosed(None).as_dict() | {"next_test": None}
-    for apart, words in (([], "No further test is needed"), (["force_drift"], "would settle whether it is force drift")):
+    for apart, words in (([], "No further test is needed"), (["force_drift"], "settle whether it is force drift")):
         d["verdict"] = d["verdict"] | {"cannot_tell_apart": apart}
         assert words in sentences(d)[2]
