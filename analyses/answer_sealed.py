@@ -13,8 +13,8 @@ import json
 import shutil
 from pathlib import Path
 
-from bayes_iwan.gap import withheld
 from bayes_iwan.gap.diagnosis import diagnose
+from bayes_iwan.validation import sealed as withheld
 
 
 def main() -> None:
@@ -33,13 +33,17 @@ def main() -> None:
     shutil.copy(args.source / "commitments.json", args.target / "commitments.json")
     for case in sorted(content["answers"]):
         ship(args.source / case, args.target / case)
-    short = {case: {k: answer[k] for k in ("verdict", "probabilities", "gap")}
-             for case, answer in sorted(content["answers"].items())}
+    short = {
+        case: {k: answer[k] for k in ("verdict", "probabilities", "gap")}
+        for case, answer in sorted(content["answers"].items())
+    }
     (args.target / "answers.json").write_text(json.dumps(short, indent=1) + "\n")
     for case, answer in short.items():
         v = answer["verdict"]
-        print(f"{case}  {v['cause']:30s} {v['probability']:.2f}  second: {v['second_cause'] or '-':25s} "
-              f"gap {100 * answer['gap']['before_share']:.1f} %  with: {', '.join(v['cannot_tell_apart'])}")
+        print(
+            f"{case}  {v['cause']:30s} {v['probability']:.2f}  second: {v['second_cause'] or '-':25s} "
+            f"gap {100 * answer['gap']['before_share']:.1f} %  with: {', '.join(v['cannot_tell_apart'])}"
+        )
 
 
 def ship(source: Path, target: Path) -> None:

@@ -32,14 +32,16 @@ LOOPS, SAMPLES = 9, 128
 FLOPS = {"sliders": 42, "alpha": 50, "k": 46, "table": 32_600 / (LOOPS * SAMPLES)}
 #: bytes a sample that must go to memory: the force, written once and fetched before (the rest stays in cache)
 BYTES = 16
-EQUAL = 20_000                                    # elements that are as exact as the sliders
+EQUAL = 20_000  # elements that are as exact as the sliders
 
 
 def scattered(draws: int, reference: Reference) -> dict[str, np.ndarray]:
     """Table 1, each number scattered by some 20 %, the weights kept."""
     rng = np.random.default_rng(0)
-    return {name: value * np.exp((0.0 if name in ("g1", "g2", "g3") else 0.2) * rng.standard_normal(draws))
-            for name, value in table_1(reference).items()}
+    return {
+        name: value * np.exp((0.0 if name in ("g1", "g2", "g3") else 0.2) * rng.standard_normal(draws))
+        for name, value in table_1(reference).items()
+    }
 
 
 def best(call: Callable[[], object], repeats: int, clock: Callable[[], float] = time.process_time) -> float:
@@ -57,7 +59,7 @@ def _fma_lanes(turns, lanes, out):
     """turns × 64 multiply-adds on independent numbers, in vectors."""
     a = np.ones(64)
     for _ in range(turns):
-        for _ in range(16):                       # long enough in registers for loads and stores not to matter
+        for _ in range(16):  # long enough in registers for loads and stores not to matter
             for j in range(64):
                 a[j] = a[j] * lanes + 1e-9
     out[0] = a.sum()
@@ -87,16 +89,27 @@ def numpy_elements(model: Model, numbers: dict[str, np.ndarray], motion: Motion,
     u, a = motion.displacement_mm[0], motion.amplitude_mm[:, None]
     y = np.maximum(a - u, 0.01 * a)
     slope, rate, beta = (numbers[n][:, None, None] for n in ("grip_slope", "grip_rate", "beta"))
-    alpha = np.maximum(1.0 + slope / beta * (y**beta - a**beta)
-                       + rate * y**beta * np.abs(motion.velocity_m_s[0]) / model.reference.speed_m_s, 0.05)
+    alpha = np.maximum(
+        1.0
+        + slope / beta * (y**beta - a**beta)
+        + rate * y**beta * np.abs(motion.velocity_m_s[0]) / model.reference.speed_m_s,
+        0.05,
+    )
     z = numbers["stiffness_bend"][:, None, None]
     k = numbers["k1_N_mm"][:, None, None] * np.expm1(-z * alpha) / np.expm1(-z)
-    phi = np.stack([equal_probability_sliders(
-        lambda f, d=d: model.slip_family.survival(f, {n: v[d:d + 1] for n, v in numbers.items()})[0], count, 30.0)
-        for d in range(len(beta))])[:, None, :]
+    phi = np.stack(
+        [
+            equal_probability_sliders(
+                lambda f, d=d: model.slip_family.survival(f, {n: v[d : d + 1] for n, v in numbers.items()})[0],
+                count,
+                30.0,
+            )
+            for d in range(len(beta))
+        ]
+    )[:, None, :]
     x = np.zeros((*alpha.shape[:2], count))
     out = np.empty_like(alpha)
-    for step in range(-SAMPLES // 4, SAMPLES):    # a quarter cycle of run-in reaches one end of the stroke ...
+    for step in range(-SAMPLES // 4, SAMPLES):  # a quarter cycle of run-in reaches one end of the stroke ...
         i = step if step >= 0 else step % SAMPLES
         limit = (alpha[..., i] / k[..., i])[..., None] * phi
         e = np.clip(u[:, i, None] - x, -limit, limit)
@@ -130,11 +143,12 @@ def errors(model: Model, numbers: dict[str, np.ndarray], motion: Motion, draws: 
     for count in counts:
         share = []
         for d in range(draws):
-            one = {name: value[d:d + 1] for name, value in some.items()}
+            one = {name: value[d : d + 1] for name, value in some.items()}
             phi = equal_probability_sliders(lambda f, one=one: model.slip_family.survival(f, one)[0], count, 40.0)
             for j in range(motion.loops):
-                force = element_force(motion.displacement_mm[0, j], alpha[d, j], k[d, j], phi,
-                                      np.full(count, 1.0 / count), passes=2)
+                force = element_force(
+                    motion.displacement_mm[0, j], alpha[d, j], k[d, j], phi, np.full(count, 1.0 / count), passes=2
+                )
                 share.append(np.sqrt(np.mean((force - ours[d, j]) ** 2) / np.mean(ours[d, j] ** 2)))
         worst[str(count)] = float(max(share))
     return worst
@@ -142,8 +156,10 @@ def errors(model: Model, numbers: dict[str, np.ndarray], motion: Motion, draws: 
 
 def cold_start() -> float:
     """Processor seconds from starting Python to the first force, with nothing compiled."""
-    code = ("from bayes_iwan.physics import *; from bayes_iwan.physics.paper import table_1; r = Reference(1.0, 0.1); "
-            "Model(r).force(table_1(r), sine_motion(1.0, 10.0))")
+    code = (
+        "from bayes_iwan.physics import *; from bayes_iwan.physics.paper import table_1; r = Reference(1.0, 0.1); "
+        "Model(r).force(table_1(r), sine_motion(1.0, 10.0))"
+    )
     with tempfile.TemporaryDirectory() as empty:
         start = os.times()
         subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "NUMBA_CACHE_DIR": empty})
@@ -168,22 +184,30 @@ def run(draws: int, repeats: int) -> dict[str, object]:
         "alpha": per * best(lambda: model.alpha(numbers, motion), repeats),
         "k": per * best(lambda: model.stiffness_law.k(numbers, alpha), repeats),
         "table": per * best(lambda: model.slip_family.table(numbers), repeats),
-        "sliders": per * best(lambda: sliders.friction(motion.displacement_mm, alpha, k, zero, True, tables, top, zero,
-                                                       zero, out), repeats)}
+        "sliders": per
+        * best(
+            lambda: sliders.friction(motion.displacement_mm, alpha, k, zero, True, tables, top, zero, zero, out),
+            repeats,
+        ),
+    }
     force_ns: dict[str, float] = {}
     for threads in range(1, nb.config.NUMBA_NUM_THREADS + 1):
         nb.set_num_threads(threads)
         force_ns[str(threads)] = per * best(
-            lambda: model.force(numbers, motion), repeats, time.process_time if threads == 1 else time.perf_counter)
+            lambda: model.force(numbers, motion), repeats, time.process_time if threads == 1 else time.perf_counter
+        )
     nb.set_num_threads(1)
     ours = force_ns["1"]
     result["force_ns"] = force_ns
     result["error"] = errors(model, numbers, motion, 4, (128, 2000, EQUAL))
 
     limits = machine(repeats)
-    result["limits"] = {**limits, "flops_a_sample": sum(FLOPS.values()),
-                        "share_of_arithmetic": sum(FLOPS.values()) / ours * 1e9 / limits["flop_s"],
-                        "share_of_memory": BYTES / ours * 1e9 / limits["bytes_s"]}
+    result["limits"] = {
+        **limits,
+        "flops_a_sample": sum(FLOPS.values()),
+        "share_of_arithmetic": sum(FLOPS.values()) / ours * 1e9 / limits["flop_s"],
+        "share_of_memory": BYTES / ours * 1e9 / limits["bytes_s"],
+    }
 
     usual: dict[str, float] = {}
     for count in (128, EQUAL):
@@ -191,8 +215,12 @@ def run(draws: int, repeats: int) -> dict[str, object]:
         some = {name: value[:few] for name, value in numbers.items()}
         whole = best(lambda some=some, count=count: numpy_elements(model, some, motion, count), 2)
         one = {name: value[:1] for name, value in numbers.items()}
-        nodes = best(lambda one=one, count=count: equal_probability_sliders(
-            lambda f: model.slip_family.survival(f, one)[0], count, 30.0), 2)
+        nodes = best(
+            lambda one=one, count=count: equal_probability_sliders(
+                lambda f: model.slip_family.survival(f, one)[0], count, 30.0
+            ),
+            2,
+        )
         # finding the elements' slip forces is not held against it
         usual[f"numpy_{count}_ns"] = 1e9 * (whole - few * nodes) / (few * LOOPS * SAMPLES)
         phi = np.linspace(0.01, 3.0, count)
@@ -206,22 +234,28 @@ def run(draws: int, repeats: int) -> dict[str, object]:
 
 def report(r) -> str:
     stage, force, error, limits, usual, ratio = (
-        r[n] for n in ("stage_ns", "force_ns", "error", "limits", "usual_ways", "ratio"))
-    lines = [f"Forward model on {r['machine']}; ns a sample and draw, nine loops of {SAMPLES} samples",
-             "  whole call        " + ", ".join(f"{v:.1f} on {t} thread{'s' * (t != '1')}" for t, v in force.items()),
-             "  on one thread     " + ", ".join(f"{name} {v:.1f}" for name, v in stage.items()),
-             f"  cold start        {r['cold_start_s']:.1f} s processor time to the first force, nothing compiled",
-             "  error (RMS share) " + f"sliders against {EQUAL} elements {error[str(EQUAL)]:.1e}; "
-             + ", ".join(f"{n} elements {error[n]:.1e}" for n in ("2000", "128")),
-             f"  limits            {limits['flops_a_sample']:.0f} flop a sample: {limits['share_of_arithmetic']:.0%} "
-             f"of the {limits['flop_s'] / 1e9:.0f} Gflop/s a vector loop reaches here; {BYTES} B a sample: "
-             f"{limits['share_of_memory']:.0%} of {limits['bytes_s'] / 1e9:.0f} GB/s",
-             "  the usual ways    ns a sample and draw, and how many times slower"]
+        r[n] for n in ("stage_ns", "force_ns", "error", "limits", "usual_ways", "ratio")
+    )
+    lines = [
+        f"Forward model on {r['machine']}; ns a sample and draw, nine loops of {SAMPLES} samples",
+        "  whole call        " + ", ".join(f"{v:.1f} on {t} thread{'s' * (t != '1')}" for t, v in force.items()),
+        "  on one thread     " + ", ".join(f"{name} {v:.1f}" for name, v in stage.items()),
+        f"  cold start        {r['cold_start_s']:.1f} s processor time to the first force, nothing compiled",
+        "  error (RMS share) "
+        + f"sliders against {EQUAL} elements {error[str(EQUAL)]:.1e}; "
+        + ", ".join(f"{n} elements {error[n]:.1e}" for n in ("2000", "128")),
+        f"  limits            {limits['flops_a_sample']:.0f} flop a sample: {limits['share_of_arithmetic']:.0%} "
+        f"of the {limits['flop_s'] / 1e9:.0f} Gflop/s a vector loop reaches here; {BYTES} B a sample: "
+        f"{limits['share_of_memory']:.0%} of {limits['bytes_s'] / 1e9:.0f} GB/s",
+        "  the usual ways    ns a sample and draw, and how many times slower",
+    ]
     for count, note in ((EQUAL, "equal accuracy"), (128, f"error {error['128']:.1%}")):
-        lines += [f"    numpy elements, {count:6d} ({note}): {usual[f'numpy_{count}_ns']:12,.0f}  × "
-                  f"{ratio[f'numpy_{count}']:,.0f}",
-                  f"    Python loop,    {count:6d} ({note}): {usual[f'python_loop_{count}_ns']:12,.0f}  × "
-                  f"{ratio[f'python_loop_{count}']:,.0f}"]
+        lines += [
+            f"    numpy elements, {count:6d} ({note}): {usual[f'numpy_{count}_ns']:12,.0f}  × "
+            f"{ratio[f'numpy_{count}']:,.0f}",
+            f"    Python loop,    {count:6d} ({note}): {usual[f'python_loop_{count}_ns']:12,.0f}  × "
+            f"{ratio[f'python_loop_{count}']:,.0f}",
+        ]
     return "\n".join(lines)
 
 

@@ -27,15 +27,15 @@ import numpy as np
 
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.inference import config
-from bayes_iwan.inference.convergence import diagnose
-from bayes_iwan.inference.ensembles import sample
-from bayes_iwan.inference.moves import StretchMove
 from bayes_iwan.inference.paper_coordinates import PaperCoordinates
 from bayes_iwan.inference.point import find_point, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import sampled_and_paper
-from bayes_iwan.inference.run import POWERS
-from bayes_iwan.inference.walkers import Walkers
+from bayes_iwan.sampling.convergence import diagnose
+from bayes_iwan.sampling.ensembles import sample
+from bayes_iwan.sampling.moves import StretchMove
+from bayes_iwan.sampling.run import POWERS
+from bayes_iwan.sampling.walkers import Walkers
 
 KEY = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
 #: of the baseline
@@ -73,23 +73,34 @@ def baseline(problem: Problem, population: np.ndarray, names: tuple[str, ...], s
     walkers.place(y, seed)
     until = time.monotonic() + seconds
     draws, _ = walkers.advance([(StretchMove(ensembles=4), 1.0)], MOST_STEPS, THIN, lambda n: None, until)
-    draws = draws[:, draws.shape[1] // 4 :]      # the first quarter is left out as burn-in
+    draws = draws[:, draws.shape[1] // 4 :]  # the first quarter is left out as burn-in
     z = paper.z_of(draws.reshape(-1, y.shape[1]))
     values = numbers(problem, z, names).reshape(*draws.shape[:3], -1)
     calls = draws.shape[1] * THIN * draws.shape[0] * draws.shape[2]
     return result(values, names, THIN, calls * price(problem, population), calls)
 
 
-def ours(problem: Problem, population: np.ndarray, names: tuple[str, ...], settings: dict, limit_s: float,
-         seed: int) -> dict:
+def ours(
+    problem: Problem, population: np.ndarray, names: tuple[str, ...], settings: dict, limit_s: float, seed: int
+) -> dict:
     """The package's sampler until it has converged, or for limit_s; warm-up and adaptation are charged to it."""
     extra = tuple(n for n in names if n not in problem.names)
     s = settings["sampling"]
     began, clock = time.process_time(), time.perf_counter()
-    chains = sample(problem.log_prob, population, names=problem.names, seed=seed, quantity_names=extra,
-                    quantities=lambda z: numbers(problem, z, extra), n_ensembles=s["ensembles"],
-                    n_walkers=s["walkers"], target_r_hat=s["r_hat"], target_ess=s["ess"], chain_taus=s["taus"],
-                    budget_s=limit_s)
+    chains = sample(
+        problem.log_prob,
+        population,
+        names=problem.names,
+        seed=seed,
+        quantity_names=extra,
+        quantities=lambda z: numbers(problem, z, extra),
+        n_ensembles=s["ensembles"],
+        n_walkers=s["walkers"],
+        target_r_hat=s["r_hat"],
+        target_ess=s["ess"],
+        chain_taus=s["taus"],
+        budget_s=limit_s,
+    )
     taken = time.process_time() - began
     clock = time.perf_counter() - clock
     both = np.concatenate([chains.draws, chains.quantities], axis=3)
@@ -97,8 +108,11 @@ def ours(problem: Problem, population: np.ndarray, names: tuple[str, ...], setti
     out = result(both[..., columns], names, chains.thin, taken, chains.n_evaluations)
     drawing = chains.n_steps * len(POWERS) * both.shape[0] * both.shape[2] / chains.n_evaluations
     while_drawing = {f"{k}_while_drawing": out[k] / drawing for k in ("ess_per_s_worst", "ess_per_s_key")}
-    return out | while_drawing | {"share_drawing": drawing, "clock_s": clock, "message": chains.message,
-                                  "converged": chains.converged}
+    return (
+        out
+        | while_drawing
+        | {"share_drawing": drawing, "clock_s": clock, "message": chains.message, "converged": chains.converged}
+    )
 
 
 def result(values: np.ndarray, names: tuple[str, ...], thin: int, seconds: float, evaluations: int) -> dict:
@@ -108,10 +122,14 @@ def result(values: np.ndarray, names: tuple[str, ...], thin: int, seconds: float
     taus = d.n_steps / d.tau_steps
     draws = taus * values.shape[0] * values.shape[2]
     return {
-        "seconds": seconds, "steps": d.n_steps, "evaluations": evaluations,
+        "seconds": seconds,
+        "steps": d.n_steps,
+        "evaluations": evaluations,
         "tau_steps": dict(zip(names, np.round(d.tau_steps, 1).tolist())),
-        "r_hat_worst": float(np.max(d.r_hat)), "ess_bulk": dict(zip(names, np.round(d.ess_bulk, 1).tolist())),
-        "ess_per_s_worst": float(draws.min() / seconds), "ess_per_s_key": float(draws[key].min() / seconds),
+        "r_hat_worst": float(np.max(d.r_hat)),
+        "ess_bulk": dict(zip(names, np.round(d.ess_bulk, 1).tolist())),
+        "ess_per_s_worst": float(draws.min() / seconds),
+        "ess_per_s_key": float(draws[key].min() / seconds),
         "run_in_taus": float(taus.min()),
         "note": "" if taus.min() >= 50 else "shorter than 50 tau: its tau is too low, its rate too high",
     }
@@ -119,9 +137,12 @@ def result(values: np.ndarray, names: tuple[str, ...], thin: int, seconds: float
 
 def say(name: str, x: dict) -> None:
     tau = max(x["tau_steps"].values())
-    print(f"{name}: {x['seconds']:.1f} processor seconds, {x['evaluations']} evaluations, {x['steps']} steps, "
-          f"worst tau {tau:.0f} steps, R-hat {x['r_hat_worst']:.3f}, effective samples a second: worst number "
-          f"{x['ess_per_s_worst']:.3f}, kp, k(1), mean slip force {x['ess_per_s_key']:.3f}. {x['note']}", flush=True)
+    print(
+        f"{name}: {x['seconds']:.1f} processor seconds, {x['evaluations']} evaluations, {x['steps']} steps, "
+        f"worst tau {tau:.0f} steps, R-hat {x['r_hat_worst']:.3f}, effective samples a second: worst number "
+        f"{x['ess_per_s_worst']:.3f}, kp, k(1), mean slip force {x['ess_per_s_key']:.3f}. {x['note']}",
+        flush=True,
+    )
 
 
 def main() -> None:
@@ -135,7 +156,7 @@ def main() -> None:
     settings = config.complete()
     began = time.perf_counter()
     problem = make_problem(read_campaign(args.campaign).loops(**settings["loops"]), settings)
-    problem.log_prob(np.zeros((512, problem.ndim)))       # compiled and cached before the clock starts
+    problem.log_prob(np.zeros((512, problem.ndim)))  # compiled and cached before the clock starts
     read = time.perf_counter() - began
     point = find_point(problem, args.seed, settings["search"])
     population = starting_population(problem, point, args.seed, 512)
@@ -144,16 +165,23 @@ def main() -> None:
     mine = ours(problem, population, names, settings, args.limit_s, args.seed)
     say("package", mine)
     theirs = baseline(problem, population, names, args.baseline_s, args.seed)
-    out = {"machine": {"cores": os.cpu_count(), "load": os.getloadavg(), "processor": platform.machine()},
-           "point_s": found, "package": mine, "emcee default on the paper's logs": theirs,
-           "ratio": {part: mine[f"ess_per_s_{part}"] / theirs[f"ess_per_s_{part}"] for part in ("worst", "key")},
-           "ratio_while_drawing": {part: mine[f"ess_per_s_{part}_while_drawing"] / theirs[f"ess_per_s_{part}"]
-                                   for part in ("worst", "key")}}
+    out = {
+        "machine": {"cores": os.cpu_count(), "load": os.getloadavg(), "processor": platform.machine()},
+        "point_s": found,
+        "package": mine,
+        "emcee default on the paper's logs": theirs,
+        "ratio": {part: mine[f"ess_per_s_{part}"] / theirs[f"ess_per_s_{part}"] for part in ("worst", "key")},
+        "ratio_while_drawing": {
+            part: mine[f"ess_per_s_{part}_while_drawing"] / theirs[f"ess_per_s_{part}"] for part in ("worst", "key")
+        },
+    }
     Path(args.out).parent.mkdir(parents=True, exist_ok=True)
     Path(args.out).write_text(json.dumps(out, indent=1) + "\n")
     say("baseline", theirs)
-    print(f"point estimate {found:.1f} s and sampling {mine['clock_s']:.1f} s on the clock; {mine['message']}; "
-          f"load average {os.getloadavg()[0]:.1f}")
+    print(
+        f"point estimate {found:.1f} s and sampling {mine['clock_s']:.1f} s on the clock; {mine['message']}; "
+        f"load average {os.getloadavg()[0]:.1f}"
+    )
     for what, ratio in (("while drawing", out["ratio_while_drawing"]), ("adaptation charged", out["ratio"])):
         print(f"ratio, {what}: {ratio['worst']:.0f} (worst number), {ratio['key']:.0f} (kp, k(1), mean slip force)")
 

@@ -25,14 +25,15 @@ from scipy.optimize import differential_evolution, minimize
 from tqdm import tqdm
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.gap import catalogue, withheld
+from bayes_iwan.effects import catalogue
 from bayes_iwan.gap.attribution import CALIBRATION, Calibration, Table, attribute, calibration
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.diagnosis import write_json
-from bayes_iwan.gap.estimates import binned, share
+from bayes_iwan.gap.saved_fits import LOOPS
 from bayes_iwan.gap.search import search
-from bayes_iwan.gap.stored import LOOPS
-from bayes_iwan.inference import defaults
+from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.validation import sealed as withheld
+from bayes_iwan.validation.estimates import binned, share
 from runs import each, pool
 
 #: weight of each kind of case: those outside the catalogue are few, and what is outside is wider than the rig's own
@@ -42,12 +43,26 @@ UNTAUGHT = ("rig_compliance",)
 #: no answer costs more than −ln of this
 LOWEST = 1e-3
 #: constants sought: name and box. Medians of shares are sought by their logarithm
-BOX = {"small": (np.log(3e-4), np.log(6e-3)), "small sd": (0.3, 1.2), "large": (np.log(0.01), np.log(0.1)),
-       "large sd": (0.3, 1.2), "law": (0.01, 0.2), "law of speed": (0.03, 0.6), "law of contact": (0.02, 0.3),
-       "law spread": (0.1, 1.0), "temper": (0.1, 1.0), "within": (0.05, 1.0), "linear": (1.0, 30.0),
-       "none": (-3.0, 40.0), "unknown": (-8.0, 30.0), "unlisted": (-30.0, 20.0), "pair": (-45.0, -4.0),
-       "rough pair": (-40.0, 0.0), "compliance": (-300.0, -20.0),
-       "direction": (-5.0, 25.0)}
+BOX = {
+    "small": (np.log(3e-4), np.log(6e-3)),
+    "small sd": (0.3, 1.2),
+    "large": (np.log(0.01), np.log(0.1)),
+    "large sd": (0.3, 1.2),
+    "law": (0.01, 0.2),
+    "law of speed": (0.03, 0.6),
+    "law of contact": (0.02, 0.3),
+    "law spread": (0.1, 1.0),
+    "temper": (0.1, 1.0),
+    "within": (0.05, 1.0),
+    "linear": (1.0, 30.0),
+    "none": (-3.0, 40.0),
+    "unknown": (-8.0, 30.0),
+    "unlisted": (-30.0, 20.0),
+    "pair": (-45.0, -4.0),
+    "rough pair": (-40.0, 0.0),
+    "compliance": (-300.0, -20.0),
+    "direction": (-5.0, 25.0),
+}
 #: the most that an answer claims: of those that the fitted constants are surest of, so many are right (printed)
 SURE = 0.97
 #: evaluations of the local search that follows
@@ -69,24 +84,50 @@ class Case:
 def constants(x: np.ndarray, apart: float = APART) -> Calibration:
     """Calibration from the numbers sought, in the order of BOX."""
     v = dict(zip(BOX, (float(one) for one in x)))
-    speed = v["law of speed"]                     # laws of sliding speed are the ones that nature writes otherwise
-    return Calibration(small=(float(np.exp(v["small"])), v["small sd"]),
-                       large=(float(np.exp(v["large"])), v["large sd"]),
-                       law=v["law"], law_spread=v["law spread"],
-                       laws={"stribeck_weakening": speed, "rate_strengthening": speed,
-                             "end_stop": v["law of contact"]},
-                       temper=v["temper"], within=v["within"], linear=v["linear"], none=v["none"],
-                       unknown=v["unknown"], unlisted=v["unlisted"], pair=v["pair"],
-                       rough_pair=v["rough pair"], apart=apart, sure=SURE,
-                       effect={"rig_compliance": v["compliance"], "direction_dependent_friction": v["direction"]})
+    speed = v["law of speed"]  # laws of sliding speed are the ones that nature writes otherwise
+    return Calibration(
+        small=(float(np.exp(v["small"])), v["small sd"]),
+        large=(float(np.exp(v["large"])), v["large sd"]),
+        law=v["law"],
+        law_spread=v["law spread"],
+        laws={"stribeck_weakening": speed, "rate_strengthening": speed, "end_stop": v["law of contact"]},
+        temper=v["temper"],
+        within=v["within"],
+        linear=v["linear"],
+        none=v["none"],
+        unknown=v["unknown"],
+        unlisted=v["unlisted"],
+        pair=v["pair"],
+        rough_pair=v["rough pair"],
+        apart=apart,
+        sure=SURE,
+        effect={"rig_compliance": v["compliance"], "direction_dependent_friction": v["direction"]},
+    )
 
 
 def numbers_of(c: Calibration) -> np.ndarray:
     """The numbers sought that make up a calibration, within BOX: where the search starts."""
     laws, effect = c.laws or {}, c.effect or {}
-    x = (np.log(c.small[0]), c.small[1], np.log(c.large[0]), c.large[1], c.law, laws.get("stribeck_weakening", c.law),
-         laws.get("end_stop", c.law), c.law_spread, c.temper, c.within, c.linear, c.none, c.unknown, c.unlisted, c.pair,
-         c.rough_pair, effect.get("rig_compliance", 0.0), effect.get("direction_dependent_friction", 0.0))
+    x = (
+        np.log(c.small[0]),
+        c.small[1],
+        np.log(c.large[0]),
+        c.large[1],
+        c.law,
+        laws.get("stribeck_weakening", c.law),
+        laws.get("end_stop", c.law),
+        c.law_spread,
+        c.temper,
+        c.within,
+        c.linear,
+        c.none,
+        c.unknown,
+        c.unlisted,
+        c.pair,
+        c.rough_pair,
+        effect.get("rig_compliance", 0.0),
+        effect.get("direction_dependent_friction", 0.0),
+    )
     low, high = np.array(list(BOX.values())).T
     return np.clip(x, low, high)
 
@@ -94,7 +135,7 @@ def numbers_of(c: Calibration) -> np.ndarray:
 def searched(campaign: Path) -> Table:
     """ln evidence over the discrepancy grid of every hypothesis of a case."""
     loops = [x for x in read_campaign(campaign).loops(**LOOPS) if x.role != "held-out"]
-    found = search(gap_data(loops), defaults.scales_of(loops), {}, catalogue.variants(), np.random.default_rng(0))
+    found = search(gap_data(loops), scales_of(loops), {}, catalogue.variants(), np.random.default_rng(0))
     return Table.of(found)
 
 
@@ -108,8 +149,10 @@ def cases_of(n: int, seed: int, out: Path, workers: int) -> list[Case]:
     names = sorted(truths)
     jobs = [(out / f"tables_{n}_{seed}" / f"{name}.pkl", searched, folder / name) for name in names]
     tables = tqdm(each(jobs, workers), total=len(jobs), desc=f"searching set {seed}", disable=None)
-    return [Case(f"{seed}/{name}", truths[name]["kind"], true_hypothesis(truths[name]), table)
-            for name, table in zip(names, tables)]
+    return [
+        Case(f"{seed}/{name}", truths[name]["kind"], true_hypothesis(truths[name]), table)
+        for name, table in zip(names, tables)
+    ]
 
 
 def true_hypothesis(truth: dict[str, Any]) -> tuple[str, ...]:
@@ -145,8 +188,16 @@ def fit(cases: Sequence[Case], rounds: int, seed: int, what: str, sought: Sequen
 
     box = [BOX[name] for name in sought]
     bar = tqdm(total=rounds, desc=f"fitting {what}", disable=None)
-    best = differential_evolution(cost, box, maxiter=rounds, popsize=3, rng=np.random.default_rng(seed), polish=False,
-                                  x0=whole[at], callback=lambda intermediate_result: bool(bar.update()) and False)
+    best = differential_evolution(
+        cost,
+        box,
+        maxiter=rounds,
+        popsize=3,
+        rng=np.random.default_rng(seed),
+        polish=False,
+        x0=whole[at],
+        callback=lambda intermediate_result: bool(bar.update()) and False,
+    )
     bar.close()
     near = minimize(cost, best.x, method="Powell", bounds=box, options={"maxfev": POLISH, "xtol": 1e-2, "ftol": 1e-4})
     return complete(near.x if near.fun < best.fun else best.x)
@@ -161,11 +212,13 @@ def scores(cases: Sequence[Case], c: Calibration) -> dict[str, Any]:
         "log score, nats": log_score(cases, c),
         "no effect: called none": share([given[k.name].cause == "none" for k in of["none"]]),
         "single: first answer right": share([given[k.name].cause == k.true[0] for k in single]),
-        "single: in the set": share([k.true[0] in (given[k.name].cause, *given[k.name].cannot_tell_apart)
-                                     for k in single]),
+        "single: in the set": share(
+            [k.true[0] in (given[k.name].cause, *given[k.name].cannot_tell_apart) for k in single]
+        ),
         "outside: called unknown": share([given[k.name].cause == "unknown" for k in of["outside"]]),
-        "pairs: both named": share([{given[k.name].cause, given[k.name].second_cause} == set(k.true)
-                                    for k in of["pair"]]),
+        "pairs: both named": share(
+            [{given[k.name].cause, given[k.name].second_cause} == set(k.true) for k in of["pair"]]
+        ),
     }
 
 
@@ -183,8 +236,15 @@ def figure(parts: dict[str, list[tuple[float, bool]]]) -> Figure:
     for (label, points), colour in zip(parts.items(), ("#2266aa", "#cc6611")):
         found = binned([p for p, _ in points], [r for _, r in points], np.linspace(0, 1, 6).tolist())
         for i, (x, e) in enumerate(found):
-            ax.errorbar([x], [e.value], [[e.value - e.low], [e.high - e.value]], fmt="o", color=colour, capsize=3,
-                        label=f"{label} ({len(points)} cases)" if i == 0 else None)
+            ax.errorbar(
+                [x],
+                [e.value],
+                [[e.value - e.low], [e.high - e.value]],
+                fmt="o",
+                color=colour,
+                capsize=3,
+                label=f"{label} ({len(points)} cases)" if i == 0 else None,
+            )
     ax.set_xlabel("stated probability of the verdict")
     ax.set_ylabel("share right")
     ax.legend(fontsize=8, frameon=False, loc="upper left")
@@ -206,8 +266,14 @@ def main() -> None:
     parser.add_argument("--sets", nargs="+", default=["120:1", "120:2"], metavar="CASES:SEED")
     parser.add_argument("--cross", action="store_true", help="also score each set with constants from the others")
     parser.add_argument("--rounds", type=int, default=40, help="rounds of differential evolution")
-    parser.add_argument("--sought", nargs="+", choices=list(BOX), default=list(BOX), metavar="CONSTANT",
-                        help="fit these and leave the others as shipped (default: all)")
+    parser.add_argument(
+        "--sought",
+        nargs="+",
+        choices=list(BOX),
+        default=list(BOX),
+        metavar="CONSTANT",
+        help="fit these and leave the others as shipped (default: all)",
+    )
     parser.add_argument("--out", type=Path, default=Path("calibration"))
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--seed", type=int, default=1, help="of the fit")

@@ -1,13 +1,13 @@
 """Which model predicts what it has not seen: families of the paper and rivals, ranked by evidence and not by eye.
 
-    python analyses/compare_models.py CAMPAIGN --out compare.png [--families gamma3 gamma2 no_speed]
+python analyses/compare_models.py CAMPAIGN --out compare.png [--families gamma3 gamma2 no_speed]
 """
 
 from __future__ import annotations
 
 import argparse
 
-from bayes_iwan.inference.compare import FAMILIES, compare
+from bayes_iwan.comparison.families import FAMILIES, compare
 from bayes_iwan.report.comparison import ranking_figure
 from bayes_iwan.report.style import save
 
@@ -21,8 +21,10 @@ if __name__ == "__main__":
     args = parser.parse_args()
     result = compare(args.campaign, args.families, seed=args.seed, by=args.by)
     for row in result.rows():
-        print(f"{row.label:48s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "
-              f"{100 * row.residual_share:5.2f} %   {row.parameters:2d} parameters   {row.seconds:4.0f} s")
+        print(
+            f"{row.label:48s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "
+            f"{100 * row.residual_share:5.2f} %   {row.parameters:2d} parameters   {row.seconds:4.0f} s"
+        )
     for question, answer in result.answers():
         print(f"{question} {answer}")
     save(ranking_figure(result), args.out)

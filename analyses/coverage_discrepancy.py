@@ -46,8 +46,17 @@ def misfit(problem: Problem, rng: np.random.Generator, by_amplitude: bool = True
     return np.stack([SHARE * x * (common[g] + smooth()) / np.sqrt(2.0) for x, g in zip(level, groups)])
 
 
-TRUE = {"kp_N_mm": 5.49, "force_zero_N": 0.0, "k1_N_mm": 14.45, "elasticity": 0.7, "mean_slip_force_N": 1.2,
-        "eta1": 2.0, "grip_slope": 0.33, "grip_rate": 0.08, "beta": 0.6}
+TRUE = {
+    "kp_N_mm": 5.49,
+    "force_zero_N": 0.0,
+    "k1_N_mm": 14.45,
+    "elasticity": 0.7,
+    "mean_slip_force_N": 1.2,
+    "eta1": 2.0,
+    "grip_slope": 0.33,
+    "grip_rate": 0.08,
+    "beta": 0.6,
+}
 
 
 def true_z(problem: Problem) -> np.ndarray:
@@ -65,12 +74,18 @@ def covered(problem: Problem, start: np.ndarray, truth: np.ndarray) -> tuple[lis
     return (np.abs(optima[0][columns] - truth[0, columns]) <= half).tolist(), half.tolist()
 
 
-def coverage(campaigns: int, kinds: tuple[str, ...] = ("correlated", "gaussian", "laplace"), seed: int = 0,
-             progress: bool = True, by_amplitude: bool = True) -> dict[str, np.ndarray]:
+def coverage(
+    campaigns: int,
+    kinds: tuple[str, ...] = ("correlated", "gaussian", "laplace"),
+    seed: int = 0,
+    progress: bool = True,
+    by_amplitude: bool = True,
+) -> dict[str, np.ndarray]:
     """Which intervals held the truth, (campaigns, wanted) booleans by likelihood."""
     loops = known_loops(0.02)
-    templates = {kind: make_problem(loops, {"model": {"slip": "gamma1"}, "likelihood": {"kind": kind}})
-                 for kind in kinds}
+    templates = {
+        kind: make_problem(loops, {"model": {"slip": "gamma1"}, "likelihood": {"kind": kind}}) for kind in kinds
+    }
     out: dict[str, list] = {kind: [] for kind in kinds}
     first = templates[kinds[0]]
     exact = first.predict(true_z(first))[0]
@@ -85,8 +100,11 @@ def coverage(campaigns: int, kinds: tuple[str, ...] = ("correlated", "gaussian",
             truth = true_z(template)
             out[kind].append(covered(template.with_force(force), truth, truth)[0])
         if progress:
-            print(f"campaign {k + 1}: " + "; ".join(f"{kind} {''.join('+-'[not x] for x in out[kind][-1])}"
-                                                     for kind in kinds), flush=True)
+            print(
+                f"campaign {k + 1}: "
+                + "; ".join(f"{kind} {''.join('+-'[not x] for x in out[kind][-1])}" for kind in kinds),
+                flush=True,
+            )
     return {kind: np.array(rows) for kind, rows in out.items()}
 
 

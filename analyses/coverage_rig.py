@@ -21,13 +21,14 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from bayes_iwan.campaign.averaging import average
-from bayes_iwan.gap import rig, rig_cases
 from bayes_iwan.gap.diagnosis import write_json
-from bayes_iwan.gap.estimates import share
-from bayes_iwan.inference.defaults import loop_energy_mJ
 from bayes_iwan.inference.likelihood import KINDS
 from bayes_iwan.inference.problem import make_problem
 from bayes_iwan.inference.quantities import loop_quantities
+from bayes_iwan.inference.scales import loop_energy_mJ
+from bayes_iwan.rig import cases as rig_cases
+from bayes_iwan.rig import simulate as rig
+from bayes_iwan.validation.estimates import share
 from runs import each
 from sbc import short_posterior
 
@@ -59,10 +60,14 @@ def one_case(seed: int, index: int, kind: str, budget_s: float) -> dict[str, Any
     energy = loop_quantities(problem.motion, problem.predict(z))[0]
     at = {n: (values[n], true) for n, true in made["truth"].items()}
     at |= {f"energy {t}": (energy[:, t], true) for t, true in enumerate(made["energy"])}
-    return {"index": index, "tests": len(problem.loops), **told,
-            "quantile": {n: float(np.mean(v < true)) for n, (v, true) in at.items()},
-            "error": {n: float(np.median(v) / true - 1.0) for n, (v, true) in at.items()},
-            "sd": {n: float(np.std(v) / true) for n, (v, true) in at.items()}}
+    return {
+        "index": index,
+        "tests": len(problem.loops),
+        **told,
+        "quantile": {n: float(np.mean(v < true)) for n, (v, true) in at.items()},
+        "error": {n: float(np.median(v) / true - 1.0) for n, (v, true) in at.items()},
+        "sd": {n: float(np.std(v) / true) for n, (v, true) in at.items()},
+    }
 
 
 def covered(cases: list[dict[str, Any]], name: str, level: float) -> list[bool]:
@@ -101,8 +106,17 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1, help="processes")
     args = parser.parse_args()
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")
-    jobs = [(args.out / "cases" / f"{args.likelihood}_{args.seed}_{i:03d}.pkl", one_case, args.seed, i,
-             args.likelihood, args.budget) for i in range(args.cases)]
+    jobs = [
+        (
+            args.out / "cases" / f"{args.likelihood}_{args.seed}_{i:03d}.pkl",
+            one_case,
+            args.seed,
+            i,
+            args.likelihood,
+            args.budget,
+        )
+        for i in range(args.cases)
+    ]
     cases = list(tqdm(each(jobs, args.workers), total=len(jobs), desc="cases", disable=None))
     late = sum(not c["converged"] for c in cases)
     print(f"{len(cases)} cases, {args.likelihood} likelihood, {late} posteriors short of convergence")
@@ -112,12 +126,26 @@ def main() -> None:
         found = {level: share(covered(cases, name, level)) for level in LEVELS}
         error = [abs(v) for c in cases for n, v in c["error"].items() if n.startswith(name)]
         sd = [v for c in cases for n, v in c["sd"].items() if n.startswith(name)]
-        print(f"{name:18s} " + "   ".join(f"{100 * k:.0f} %: {e.text()}" for k, e in found.items())
-              + f"   median |error| {100 * np.median(error):.2f} %, sd {100 * np.median(sd):.2f} %")
-        table[name] = {"coverage": {str(k): vars(e) for k, e in found.items()},
-                       "median_error": float(np.median(error)), "median_sd": float(np.median(sd))}
-    write_json(args.out / "coverage.json", {"likelihood": args.likelihood, "seed": args.seed, "table": table,
-                                            "short_of_convergence": late, "cases": cases})
+        print(
+            f"{name:18s} "
+            + "   ".join(f"{100 * k:.0f} %: {e.text()}" for k, e in found.items())
+            + f"   median |error| {100 * np.median(error):.2f} %, sd {100 * np.median(sd):.2f} %"
+        )
+        table[name] = {
+            "coverage": {str(k): vars(e) for k, e in found.items()},
+            "median_error": float(np.median(error)),
+            "median_sd": float(np.median(sd)),
+        }
+    write_json(
+        args.out / "coverage.json",
+        {
+            "likelihood": args.likelihood,
+            "seed": args.seed,
+            "table": table,
+            "short_of_convergence": late,
+            "cases": cases,
+        },
+    )
     figure(cases, names).savefig(args.out / "coverage.png", dpi=130)
     print(f"written: {args.out}")
 

@@ -68,9 +68,9 @@ def sweep(hz, cycles, base_mm, mass_kg, phi, p):
             for cycle in range(cycles):
                 high = 0.0
                 for s in range(steps):
-                    base = -w * w * base_mm * math.sin(w * dt * s)          # mm/s²
+                    base = -w * w * base_mm * math.sin(w * dt * s)  # mm/s²
                     f = force(u, v, amplitude, x, phi[d], p[d])
-                    v += dt * (-1e3 * f / mass_kg - base)                   # N/kg → mm/s²; semi-implicit Euler
+                    v += dt * (-1e3 * f / mass_kg - base)  # N/kg → mm/s²; semi-implicit Euler
                     u += dt * v
                     high = max(high, abs(u))
                     if cycle >= cycles - 5:
@@ -105,19 +105,32 @@ def element_numbers(posterior, n):
     problem = posterior.problem
     model, scales = problem.model, problem.scales
     if model.grip not in ("hunt_crossley", "hunt_crossley_no_speed", "constant") or model.effects:
-        raise ValueError(f"this analysis integrates Eq. (11); the run's normal force is {model.grip!r}"
-                         + (" with effects" if model.effects else ""))
+        raise ValueError(
+            f"this analysis integrates Eq. (11); the run's normal force is {model.grip!r}"
+            + (" with effects" if model.effects else "")
+        )
     numbers = problem.numbers(posterior.flat_z(n))
     zero = np.zeros(len(numbers["kp_N_mm"]))
-    p = np.stack([numbers["kp_N_mm"], numbers["k1_N_mm"], numbers.get("stiffness_bend", zero),
-                  numbers.get("grip_slope", zero), numbers.get("grip_rate", zero), numbers.get("beta", zero + 1.0),
-                  zero + scales.length_mm, zero + 1e3 * scales.speed_m_s], axis=1)
+    p = np.stack(
+        [
+            numbers["kp_N_mm"],
+            numbers["k1_N_mm"],
+            numbers.get("stiffness_bend", zero),
+            numbers.get("grip_slope", zero),
+            numbers.get("grip_rate", zero),
+            numbers.get("beta", zero + 1.0),
+            zero + scales.length_mm,
+            zero + 1e3 * scales.speed_m_s,
+        ],
+        axis=1,
+    )
     family = model.slip_family
     phi = np.empty((len(p), SLIDERS))
     for d in range(len(p)):
         one = {k: v[d : d + 1] for k, v in numbers.items()}
-        phi[d] = equal_probability_sliders(lambda at, one=one: family.survival(at, one)[0], SLIDERS,
-                                           20.0 * scales.slip_N)
+        phi[d] = equal_probability_sliders(
+            lambda at, one=one: family.survival(at, one)[0], SLIDERS, 20.0 * scales.slip_N
+        )
     return phi, p
 
 
@@ -169,12 +182,22 @@ def figure(posterior, mass_kg=1.0, base_mm=0.2, shock_g=2.0, shock_ms=6.0, draws
     for ax, most in ((b, peak.max()), (c, np.abs(stretch).max())):
         if most > 0.7 * tested:
             ax.axhline(tested, color="#777777", linestyle=(0, (2, 2)), linewidth=0.9)
-            ax.text(0.99, tested, "largest amplitude tested ", transform=ax.get_yaxis_transform(), ha="right",
-                    va="bottom", fontsize=7.5, color="#555555")
+            ax.text(
+                0.99,
+                tested,
+                "largest amplitude tested ",
+                transform=ax.get_yaxis_transform(),
+                ha="right",
+                va="bottom",
+                fontsize=7.5,
+                color="#555555",
+            )
     top = np.max(np.abs(stretch), axis=1)
     resonance = hz[np.argmax(ratio, axis=1)]
-    print(f"resonance {np.median(resonance):.3g} Hz, transmissibility there "
-          + "{:.3g} [{:.3g}, {:.3g}]".format(*np.quantile(ratio.max(axis=1), [0.5, 0.05, 0.95])))
+    print(
+        f"resonance {np.median(resonance):.3g} Hz, transmissibility there "
+        + "{:.3g} [{:.3g}, {:.3g}]".format(*np.quantile(ratio.max(axis=1), [0.5, 0.05, 0.95]))
+    )
     print("peak stretch after the shock {:.4g} [{:.4g}, {:.4g}] mm".format(*np.quantile(top, [0.5, 0.05, 0.95])))
     return made
 

@@ -28,8 +28,16 @@ if __name__ == "__main__":
         print("    " + "\n    ".join([*answer["sentences"], *answer["where"]["sentences"]]))
         lead = next((e for e in answer["effects"] if e["name"] == answer["verdict"]["cause"]), {})
         verdict = answer["verdict"]
-        rows.append((campaign.name, answer["gap"]["before_share"], verdict["cause"], verdict["probability"],
-                     lead.get("shrink"), lead.get("shrink_held_out")))
+        rows.append(
+            (
+                campaign.name,
+                answer["gap"]["before_share"],
+                verdict["cause"],
+                verdict["probability"],
+                lead.get("shrink"),
+                lead.get("shrink_held_out"),
+            )
+        )
     print(f"\n{'campaign':28s} {'gap':>7s}  {'cause':28s} {'prob.':>5s} {'shrink':>7s} {'unseen':>7s}")
     for name, share, cause, p, fitted, unseen in rows:
         told = [f"{100 * x:5.0f} %" if x is not None else "      –" for x in (fitted, unseen)]

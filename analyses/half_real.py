@@ -26,20 +26,25 @@ from scipy import interpolate, signal
 from tqdm import tqdm
 
 from bayes_iwan.campaign import Campaign, Record, read_campaign
-from bayes_iwan.gap import catalogue, on_top
+from bayes_iwan.effects import catalogue
 from bayes_iwan.gap.attribution import Table
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.diagnosis import write_json
-from bayes_iwan.gap.estimates import bootstrap, share
+from bayes_iwan.gap.saved_fits import LOOPS
 from bayes_iwan.gap.search import search
-from bayes_iwan.gap.stored import LOOPS
-from bayes_iwan.inference import defaults
+from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.validation import known_gap as on_top
+from bayes_iwan.validation.estimates import bootstrap, share
 from runs import each, kept
 
 #: campaign folder and the tests taken (None: all). The seal's pressures are different normal forces, each on its own
-SOURCES = {"microtribometer": ("microtribometer", None), "damper, 0 A": ("mr_damper_off", None),
-           "damper, 0.5 A": ("mr_damper_half", None), "seal, 1 bar": ("pneumatic_seal", "p1bar.csv"),
-           "seal, 7 bar": ("pneumatic_seal", "p7bar.csv")}
+SOURCES = {
+    "microtribometer": ("microtribometer", None),
+    "damper, 0 A": ("mr_damper_off", None),
+    "damper, 0.5 A": ("mr_damper_half", None),
+    "seal, 1 bar": ("pneumatic_seal", "p1bar.csv"),
+    "seal, 7 bar": ("pneumatic_seal", "p7bar.csv"),
+}
 SIZES = (0.06, 0.20)
 #: harmonics of the displacement from which a mass's acceleration is taken, as many as loops are averaged with
 BAND = 24.0
@@ -110,8 +115,12 @@ def size(tests: tuple[Record, ...], effect: str, strength: float, values: dict[s
 def strength_for(tests: tuple[Record, ...], effect: str, wanted: float, values: dict[str, float]) -> float:
     """The strength of the size wanted, by bisection of its logarithm."""
     slowest, fastest = min(x.frequency_hz for x in tests), max(x.frequency_hz for x in tests)
-    middle = {"channel_delay": 0.02 / fastest, "force_highpass": 0.1 * slowest, "integration_highpass": 0.1 * slowest,
-              "friction_fade": 0.3}.get(effect)
+    middle = {
+        "channel_delay": 0.02 / fastest,
+        "force_highpass": 0.1 * slowest,
+        "integration_highpass": 0.1 * slowest,
+        "friction_fade": 0.3,
+    }.get(effect)
     if middle is None:
         middle = 0.1 / size(tests, effect, 1.0, values)
     low, high = np.log(middle) - 7.0, np.log(middle) + 5.0
@@ -130,15 +139,22 @@ def _source(data: Path, name: str) -> Campaign:
 def natural(data: Path, name: str) -> dict[str, Any]:
     """The search of a real campaign as it is: what was known of it before anything was added."""
     loops = _source(data, name).loops(**LOOPS)
-    found = search(gap_data(loops), defaults.scales_of(loops), {}, catalogue.variants(), np.random.default_rng(0))
+    found = search(gap_data(loops), scales_of(loops), {}, catalogue.variants(), np.random.default_rng(0))
     before = on_top.known(found)
     verdict = on_top.attribute(Table.of(found))
-    return {"name": name, "known": before, "cause": verdict.cause, "second": verdict.second_cause,
-            "tests": len(loops), "held": [k.name for k, _ in before.effects]}
+    return {
+        "name": name,
+        "known": before,
+        "cause": verdict.cause,
+        "second": verdict.second_cause,
+        "tests": len(loops),
+        "held": [k.name for k, _ in before.effects],
+    }
 
 
-def one_case(data: Path, before: on_top.Known, name: str, effect: str, wanted: float, sign: float,
-             by_size: bool) -> dict[str, Any]:
+def one_case(
+    data: Path, before: on_top.Known, name: str, effect: str, wanted: float, sign: float, by_size: bool
+) -> dict[str, Any]:
     """Add one effect of one size to one campaign and look for it."""
     began = time.process_time()
     campaign = _source(data, name)
@@ -149,11 +165,20 @@ def one_case(data: Path, before: on_top.Known, name: str, effect: str, wanted: f
     data = gap_data(loops) if by_size else on_top.data_on_top(loops, before)
     a = on_top.attribute_on_top(on_top.search_on_top(data, before, catalogue.variants(), by_size), before, by_size)
     causes = sorted((n for n in a.probabilities if n not in ("none", "unknown")), key=lambda n: -a.probabilities[n])
-    return {"campaign": name, "effect": effect, "size": wanted, "strength": strength, "answer": a.cause,
-            "probability": a.probability, "set": list(a.cannot_tell_apart), "ranked": causes[:4],
-            "right": a.cause == effect, "in_set": effect == a.cause or effect in a.cannot_tell_apart,
-            "weights": {"+".join(k) or "none": v for k, v in sorted(a.hypotheses.items(), key=lambda kv: -kv[1])[:6]},
-            "cpu_s": time.process_time() - began}
+    return {
+        "campaign": name,
+        "effect": effect,
+        "size": wanted,
+        "strength": strength,
+        "answer": a.cause,
+        "probability": a.probability,
+        "set": list(a.cannot_tell_apart),
+        "ranked": causes[:4],
+        "right": a.cause == effect,
+        "in_set": effect == a.cause or effect in a.cannot_tell_apart,
+        "weights": {"+".join(k) or "none": v for k, v in sorted(a.hypotheses.items(), key=lambda kv: -kv[1])[:6]},
+        "cpu_s": time.process_time() - began,
+    }
 
 
 def plan(n: int, seed: int, names: list[str]) -> list[tuple[str, str, float, float]]:
@@ -165,7 +190,7 @@ def plan(n: int, seed: int, names: list[str]) -> list[tuple[str, str, float, flo
     grid = [(c, e) for c in names for e in EFFECTS if e != "moving_mass" or SOURCES[c][0].startswith("mr_")]
     turns = [grid[i] for _ in range(-(-n // len(grid))) for i in rng.permutation(len(grid))][:n]
     signed = ("channel_delay", "force_drift")
-    sizes = np.random.default_rng([seed, 1]).uniform(*np.log(SIZES), n)          # a longer plan begins as a shorter one
+    sizes = np.random.default_rng([seed, 1]).uniform(*np.log(SIZES), n)  # a longer plan begins as a shorter one
     signs = np.random.default_rng([seed, 2]).choice([-1.0, 1.0], n)
     return [(c, e, float(np.exp(x)), float(s) if e in signed else 1.0) for (c, e), x, s in zip(turns, sizes, signs)]
 
@@ -210,14 +235,18 @@ def main() -> None:
     parser.add_argument("--sources", nargs="+", choices=list(SOURCES), default=list(SOURCES), metavar="NAME")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     args = parser.parse_args()
-    os.environ.setdefault("NUMBA_NUM_THREADS", "1")         # of the workers: they share the machine by cases
+    os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # of the workers: they share the machine by cases
     args.out.mkdir(parents=True, exist_ok=True)
-    found = {name: kept(args.out / f"{slug(name)}.pkl", natural, args.data, name)
-             for name in tqdm(args.sources, desc="as they are", disable=None)}
+    found = {
+        name: kept(args.out / f"{slug(name)}.pkl", natural, args.data, name)
+        for name in tqdm(args.sources, desc="as they are", disable=None)
+    }
     for name, x in found.items():
-        print(f"{name:16s} {x['tests']} tests; natural gap: {x['cause']}{' + ' + x['second'] if x['second'] else ''}; "
-              f"held: {' + '.join(x['held']) or 'nothing'}; misfit left {100 * x['known'].share:.2f} % of friction",
-              flush=True)
+        print(
+            f"{name:16s} {x['tests']} tests; natural gap: {x['cause']}{' + ' + x['second'] if x['second'] else ''}; "
+            f"held: {' + '.join(x['held']) or 'nothing'}; misfit left {100 * x['known'].share:.2f} % of friction",
+            flush=True,
+        )
     jobs = []
     for i, (c, *rest) in enumerate(plan(args.cases, args.seed, list(args.sources))):
         file = args.out / f"{args.know}_{args.seed}_{i:03d}_{slug(c)}_{rest[0]}.pkl"
@@ -225,26 +254,38 @@ def main() -> None:
     cases: list[dict[str, Any]] = []
     for c in tqdm(each(jobs, args.workers), total=len(jobs), desc="cases", disable=None):
         cases.append(c)
-        print(f"{c['campaign']:16s} {c['effect']:21s} {100 * c['size']:4.1f} %  -> {c['answer']} "
-              f"({c['probability']:.2f}) set: {', '.join(c['set'])}", flush=True)
+        print(
+            f"{c['campaign']:16s} {c['effect']:21s} {100 * c['size']:4.1f} %  -> {c['answer']} "
+            f"({c['probability']:.2f}) set: {', '.join(c['set'])}",
+            flush=True,
+        )
     rng = np.random.default_rng(0)
     several = [c for c in cases if found[c["campaign"]]["tests"] > 1]
-    summary = {"right or in the set": share([c["in_set"] for c in cases]),
-               "right": share([c["right"] for c in cases]),
-               "right or in the set, several frequencies": share([c["in_set"] for c in several]),
-               "likeliest of the causes": share([c["effect"] == c["ranked"][0] for c in cases]),
-               "among the three likeliest causes": share([c["effect"] in c["ranked"][:3] for c in cases]),
-               "called none": share([c["answer"] == "none" for c in cases]),
-               "called unknown": share([c["answer"] == "unknown" for c in cases]),
-               "causes in the set": bootstrap([max(len(c["set"]), 1) for c in cases], rng)}
+    summary = {
+        "right or in the set": share([c["in_set"] for c in cases]),
+        "right": share([c["right"] for c in cases]),
+        "right or in the set, several frequencies": share([c["in_set"] for c in several]),
+        "likeliest of the causes": share([c["effect"] == c["ranked"][0] for c in cases]),
+        "among the three likeliest causes": share([c["effect"] in c["ranked"][:3] for c in cases]),
+        "called none": share([c["answer"] == "none" for c in cases]),
+        "called unknown": share([c["answer"] == "unknown" for c in cases]),
+        "causes in the set": bootstrap([max(len(c["set"]), 1) for c in cases], rng),
+    }
     for e in EFFECTS:
         summary[f"{e}: right or in the set"] = share([c["in_set"] for c in cases if c["effect"] == e])
     for text, value in summary.items():
         print(f"{text:45s} {value.text()}")
     before = [{k: v for k, v in x.items() if k != "known"} | {"share": x["known"].share} for x in found.values()]
-    write_json(args.out / f"half_real_{args.know}.json", {
-        "seed": args.seed, "know": args.know, "summary": {k: vars(v) for k, v in summary.items()}, "cases": cases,
-        "natural": before})
+    write_json(
+        args.out / f"half_real_{args.know}.json",
+        {
+            "seed": args.seed,
+            "know": args.know,
+            "summary": {k: vars(v) for k, v in summary.items()},
+            "cases": cases,
+            "natural": before,
+        },
+    )
     figure(cases, list(args.sources)).savefig(args.out / f"half_real_{args.know}.png", dpi=130)
     print(f"written: {args.out}")
 

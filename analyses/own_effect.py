@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign import Record, write_campaign
-from bayes_iwan.gap.rig import PlannedTest
-from bayes_iwan.gap.rig_planning import simulate_campaign
 from bayes_iwan.report.diagnosis import diagnose_campaign
+from bayes_iwan.rig.planning import simulate_campaign
+from bayes_iwan.rig.simulate import PlannedTest
 
 
 def with_drag(records: tuple[Record, ...], drag_N_s2_m2: float) -> list[Record]:
@@ -24,8 +24,18 @@ def with_drag(records: tuple[Record, ...], drag_N_s2_m2: float) -> list[Record]:
     out = []
     for r in records:
         v = 1e-3 * np.gradient(smooth(r.displacement_mm, r), r.time_s)
-        out.append(Record(r.file, r.frequency_hz, r.amplitude_mm, r.role, r.extras, r.time_s, r.displacement_mm,
-                          r.force_N + drag_N_s2_m2 * v * np.abs(v)))
+        out.append(
+            Record(
+                r.file,
+                r.frequency_hz,
+                r.amplitude_mm,
+                r.role,
+                r.extras,
+                r.time_s,
+                r.displacement_mm,
+                r.force_N + drag_N_s2_m2 * v * np.abs(v),
+            )
+        )
     return out
 
 
@@ -48,11 +58,17 @@ if __name__ == "__main__":
     campaign = args.out / "campaign"
     if not (campaign / "campaign.toml").exists():
         sound = simulate_campaign(plan, seed=args.seed)
-        write_campaign(campaign, name="a spring with drag", description="virtual rig, quadratic drag added",
-                       tests=with_drag(sound.records, args.drag), source="analyses/own_effect.py")
+        write_campaign(
+            campaign,
+            name="a spring with drag",
+            description="virtual rig, quadratic drag added",
+            tests=with_drag(sound.records, args.drag),
+            source="analyses/own_effect.py",
+        )
     for name, file in (("catalogue alone", None), ("with the file", args.effect)):
-        answer = diagnose_campaign(campaign, args.out / name.replace(" ", "_"), seed=args.seed, quick=not args.full,
-                                   effects_file=file)
+        answer = diagnose_campaign(
+            campaign, args.out / name.replace(" ", "_"), seed=args.seed, quick=not args.full, effects_file=file
+        )
         ranked = sorted(answer["probabilities"].items(), key=lambda x: -x[1])[:4]
         print(f"{name}: " + ", ".join(f"{cause} {p:.2f}" for cause, p in ranked))
         print("    " + "\n    ".join(answer["sentences"]))

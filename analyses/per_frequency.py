@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 
 import bayes_iwan as bi
-from bayes_iwan.inference.per_frequency import compare_frequencies
+from bayes_iwan.comparison.frequencies import compare_frequencies
 from bayes_iwan.report.frequencies import wander_figure, wander_rows
 from bayes_iwan.report.style import save
 

@@ -29,10 +29,24 @@ REFERENCE = Reference(1.0, 0.12566)
 
 def true_numbers() -> dict[str, np.ndarray]:
     """Table 1's spring, stiffness and slip forces, with k̃ₙ = 0.6, λ = 1.1 s/m, β = 0.6."""
-    plain = {"kp_N_mm": 5.49, "force_zero_N": 0.0, "t1_N": 0.24, "eta1": 0.95, "g1": 0.41, "t2_N": 0.36, "eta2": 5.1,
-             "g2": 0.53, "t3_N": 0.5, "eta3": 4.4, "g3": 0.06}
-    return ({k: np.array([v]) for k, v in plain.items()} | from_paper_stiffness(19.62, 30.37)
-            | from_paper_hunt_crossley(0.6, 1.1, 0.6, REFERENCE))
+    plain = {
+        "kp_N_mm": 5.49,
+        "force_zero_N": 0.0,
+        "t1_N": 0.24,
+        "eta1": 0.95,
+        "g1": 0.41,
+        "t2_N": 0.36,
+        "eta2": 5.1,
+        "g2": 0.53,
+        "t3_N": 0.5,
+        "eta3": 4.4,
+        "g3": 0.06,
+    }
+    return (
+        {k: np.array([v]) for k, v in plain.items()}
+        | from_paper_stiffness(19.62, 30.37)
+        | from_paper_hunt_crossley(0.6, 1.1, 0.6, REFERENCE)
+    )
 
 
 def known_loops(noise_N: float = 0.0, seed: int = 0, cycles: int = 8) -> tuple[Loop, ...]:
@@ -43,8 +57,20 @@ def known_loops(noise_N: float = 0.0, seed: int = 0, cycles: int = 8) -> tuple[L
     for k, (f, a) in enumerate(TESTS):
         time_s = np.arange(128 * cycles) / (128 * f)
         noise = noise_N * np.random.default_rng([seed, k]).standard_normal(time_s.size)
-        loops.append(average(Record(f"f{f:g}_a{a:g}.csv", f, a, "fit", {}, time_s,
-                                    a * np.sin(2.0 * np.pi * f * time_s), np.tile(force[k], cycles) + noise)))
+        loops.append(
+            average(
+                Record(
+                    f"f{f:g}_a{a:g}.csv",
+                    f,
+                    a,
+                    "fit",
+                    {},
+                    time_s,
+                    a * np.sin(2.0 * np.pi * f * time_s),
+                    np.tile(force[k], cycles) + noise,
+                )
+            )
+        )
     return tuple(loops)
 
 
@@ -57,9 +83,12 @@ def main(seeds: int) -> int:
         point = find_point(problem, seed, settings, progress=False)
         shares.append(point.goal_share)
         second = np.nan if point.second is None else point.second.objective
-        print(f"seed {seed:2d}: objective {100 * point.goal_share:.4f} % of the friction force; before least squares "
-              f"genetic {point.search.objective:.3f}, differential evolution {second:.3f} N/mm; "
-              f"{point.n_evaluations} evaluations, {time.perf_counter() - began:.1f} s", flush=True)
+        print(
+            f"seed {seed:2d}: objective {100 * point.goal_share:.4f} % of the friction force; before least squares "
+            f"genetic {point.search.objective:.3f}, differential evolution {second:.3f} N/mm; "
+            f"{point.n_evaluations} evaluations, {time.perf_counter() - began:.1f} s",
+            flush=True,
+        )
     found = int(np.sum(np.array(shares) < 1e-3))
     print(f"found in {found} of {seeds} seeds")
     return found

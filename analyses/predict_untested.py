@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import bayes_iwan as bi
-from bayes_iwan.inference.compare import SHORT
+from bayes_iwan.comparison.families import SHORT
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.predictive import loop_numbers, predict
 from bayes_iwan.report.style import BLACK, band, save, styled, subplots
@@ -35,8 +35,9 @@ def folds(loops, what=("frequency_hz", "amplitude_mm")):
 def held_out(loops, files, seed=0, settings=SHORT):
     """The posterior of the other tests, and its prediction of those in `files`."""
     marked = [replace(x, role="held-out" if x.file in files else "fit") for x in loops]
-    posterior = bi.identify_problem(bi.make_problem(marked, settings), seed, config=settings, loops=marked,
-                                    progress=False)
+    posterior = bi.identify_problem(
+        bi.make_problem(marked, settings), seed, config=settings, loops=marked, progress=False
+    )
     return predict(posterior, [x for x in marked if x.role == "held-out"])
 
 
@@ -74,8 +75,9 @@ def figure(predicted):
         row[0].set_title(inside, loc="left", fontsize=8, weight="bold")
         row[0].set_title(test_name(p.loops[0], role=False), loc="right", fontsize=8)
         row[0].set_title("", loc="center")
-    made.supxlabel("phase (cycles); line: measured − predicted, bands: 50 and 90 % of what was to be expected",
-                   fontsize=9)
+    made.supxlabel(
+        "phase (cycles); line: measured − predicted, bands: 50 and 90 % of what was to be expected", fontsize=9
+    )
     return made
 
 

@@ -1,6 +1,6 @@
 """The README's picture: a diagnosis of a virtual rig whose force channel is 0.3 ms late.
 
-    python analyses/readme_picture.py
+python analyses/readme_picture.py
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from bayes_iwan.gap.rig import PlannedTest
-from bayes_iwan.gap.rig_planning import simulate_campaign
 from bayes_iwan.report.diagnosis import diagnose_campaign
+from bayes_iwan.rig.planning import simulate_campaign
+from bayes_iwan.rig.simulate import PlannedTest
 
 PICTURE = Path(__file__).parent / "pictures" / "headline.png"
 

@@ -21,14 +21,14 @@ import numpy as np
 
 import bayes_iwan as bi
 from bayes_iwan.campaign import Record, average
-from bayes_iwan.inference.compare import SHORT
+from bayes_iwan.comparison.families import SHORT
 from bayes_iwan.physics import Model, Reference, motion, sine_motion
 from bayes_iwan.physics.elements import element_force, equal_probability_sliders
 from bayes_iwan.physics.paper import TABLE_1, table_1
 
 AMPLITUDE_MM = 1.0
 FREQUENCIES_HZ = np.array([10.0, 15.0, 20.0])
-COLOURS = ("tab:blue", "goldenrod", "black")      # as in the paper's Figs. 4 and 12
+COLOURS = ("tab:blue", "goldenrod", "black")  # as in the paper's Figs. 4 and 12
 REFERENCE = Reference(AMPLITUDE_MM, 2e-3 * np.pi * AMPLITUDE_MM * FREQUENCIES_HZ[-1])
 
 
@@ -61,13 +61,20 @@ def figure_8(model: Model, numbers, folder: Path) -> None:
     figure, axes = plt.subplots(figsize=(5.0, 3.4), layout="constrained")
     axes.plot(phi, model.slip_family.density(phi, numbers)[0], color="black", label="sum")
     for i, style in enumerate((":", "--", "-."), start=1):
-        alone = {name: np.zeros(1) if name in ("g1", "g2", "g3") and name != f"g{i}" else value
-                 for name, value in numbers.items()}
+        alone = {
+            name: np.zeros(1) if name in ("g1", "g2", "g3") and name != f"g{i}" else value
+            for name, value in numbers.items()
+        }
         axes.plot(phi, model.slip_family.density(phi, alone)[0], style, color="grey", label=f"component {i}")
     mean = float(model.slip_family.mean(numbers)[0])
     axes.axvline(mean, color="tab:red", linewidth=0.8, label=f"mean, {mean:.3f} N")
-    axes.set(xlabel="slip force φ at rest / N", ylabel="density / N⁻¹", xlim=(0, 5), ylim=(0, 1.2),
-             title="Slip forces (the paper's Fig. 8)")
+    axes.set(
+        xlabel="slip force φ at rest / N",
+        ylabel="density / N⁻¹",
+        xlim=(0, 5),
+        ylim=(0, 1.2),
+        title="Slip forces (the paper's Fig. 8)",
+    )
     axes.legend(frameon=False)
     save(figure, folder, "fig08_slip_forces")
 
@@ -79,8 +86,13 @@ def figure_9(folder: Path) -> None:
     one = float(printed_stiffness(1.0))
     axes.plot(1.0, one, "o", color="tab:red", label=f"k(1) = {one:.2f} N/mm")
     axes.axhline(TABLE_1["ku_N_mm"], color="grey", linestyle=":", label=f"final, {TABLE_1['ku_N_mm']} N/mm")
-    axes.set(xlabel="relative normal force α", ylabel="stiffness k / (N/mm)", xlim=(0, 3), ylim=(0, 33),
-             title="Stiffness, Eq. (12) (the paper's Fig. 9)")
+    axes.set(
+        xlabel="relative normal force α",
+        ylabel="stiffness k / (N/mm)",
+        xlim=(0, 3),
+        ylim=(0, 33),
+        title="Stiffness, Eq. (12) (the paper's Fig. 9)",
+    )
     axes.legend(frameon=False, loc="lower right")
     save(figure, folder, "fig09_stiffness")
 
@@ -143,21 +155,22 @@ def text(model: Model, numbers) -> str:
     alpha = model.alpha(numbers, loops)[0]
     at_end = float(printed_alpha(AMPLITUDE_MM, 0.0, AMPLITUDE_MM))
     fastest = 2e-3 * np.pi * AMPLITUDE_MM * FREQUENCIES_HZ[-1]
-    lines = ["Table 1 gives",
-             f"  k(1) = {numbers['k1_N_mm'][0]:.2f} N/mm; mean slip force {model.slip_family.mean(numbers)[0]:.3f} N; "
-             f"sum of weights {sum(TABLE_1['g']):.2f}",
-             "  friction loop at A = 1 mm: " + ", ".join(f"{a:.2f} N·mm at {f:g} Hz"
-                                                        for a, f in zip(area, FREQUENCIES_HZ)),
-             "  α on that loop: " + ", ".join(f"{a.min():.2f} to {a.max():.2f} at {f:g} Hz"
-                                              for a, f in zip(alpha, FREQUENCIES_HZ)),
-             "As printed it breaks",
-             f"  at u = A, where |A − u|^β is 0 while it is nearly 1 all around: α = {at_end:.2f}, "
-             f"k = {printed_stiffness(at_end):.1f} N/mm; at 0.99 A α is {printed_alpha(0.99, 0.0, 1.0):.2f}",
-             f"  with u̇ in mm/s: α would reach {printed_alpha(0.0, 500.0 * fastest, 1.0):.0f} at 10 Hz "
-             f"(in m/s {printed_alpha(0.0, 0.5 * fastest, 1.0):.2f})",
-             f"  β = {TABLE_1['beta']}: only k̃ₙβ = {TABLE_1['kn_1_mm'] * TABLE_1['beta']:.4f} and "
-             f"λk̃ₙ = {TABLE_1['lambda_s_m'] * TABLE_1['kn_1_mm']:.3f} s/m matter; β ten times smaller and k̃ₙ ten times "
-             "larger, λ ten times smaller"]
+    lines = [
+        "Table 1 gives",
+        f"  k(1) = {numbers['k1_N_mm'][0]:.2f} N/mm; mean slip force {model.slip_family.mean(numbers)[0]:.3f} N; "
+        f"sum of weights {sum(TABLE_1['g']):.2f}",
+        "  friction loop at A = 1 mm: " + ", ".join(f"{a:.2f} N·mm at {f:g} Hz" for a, f in zip(area, FREQUENCIES_HZ)),
+        "  α on that loop: "
+        + ", ".join(f"{a.min():.2f} to {a.max():.2f} at {f:g} Hz" for a, f in zip(alpha, FREQUENCIES_HZ)),
+        "As printed it breaks",
+        f"  at u = A, where |A − u|^β is 0 while it is nearly 1 all around: α = {at_end:.2f}, "
+        f"k = {printed_stiffness(at_end):.1f} N/mm; at 0.99 A α is {printed_alpha(0.99, 0.0, 1.0):.2f}",
+        f"  with u̇ in mm/s: α would reach {printed_alpha(0.0, 500.0 * fastest, 1.0):.0f} at 10 Hz "
+        f"(in m/s {printed_alpha(0.0, 0.5 * fastest, 1.0):.2f})",
+        f"  β = {TABLE_1['beta']}: only k̃ₙβ = {TABLE_1['kn_1_mm'] * TABLE_1['beta']:.4f} and "
+        f"λk̃ₙ = {TABLE_1['lambda_s_m'] * TABLE_1['kn_1_mm']:.3f} s/m matter; β ten times smaller and k̃ₙ ten times "
+        "larger, λ ten times smaller",
+    ]
     ten = dict(numbers) | {"beta": numbers["beta"] / 10.0}
     change = np.max(np.abs(model.force(ten, loops) - model.force(numbers, loops)))
     lines.append(f"  change the force by {change:.4f} N at most")
@@ -206,13 +219,16 @@ def figure_posterior(posterior, folder: Path) -> str:
     def said(x) -> str:
         return "{:.3g} [{:.3g}, {:.3g}]".format(*np.quantile(x, [0.5, 0.05, 0.95]))
 
-    return "\n".join([
-        "Loops of Table 1 with noise, identified: median [90 %]" + ("" if posterior.converged else
-                                                                  f" ({posterior.message})"),
-        f"  β {said(beta)}, put in {TABLE_1['beta']} (the prior ends at 0.004); "
-        f"k̃ₙ {said(kn)}, put in {TABLE_1['kn_1_mm']}",
-        f"  k̃ₙβ {said(kn * beta)}, put in {product:.4f}; "
-        f"λk̃ₙ {said(lam * kn)} s/m, put in {TABLE_1['lambda_s_m'] * TABLE_1['kn_1_mm']:.3f}"])
+    return "\n".join(
+        [
+            "Loops of Table 1 with noise, identified: median [90 %]"
+            + ("" if posterior.converged else f" ({posterior.message})"),
+            f"  β {said(beta)}, put in {TABLE_1['beta']} (the prior ends at 0.004); "
+            f"k̃ₙ {said(kn)}, put in {TABLE_1['kn_1_mm']}",
+            f"  k̃ₙβ {said(kn * beta)}, put in {product:.4f}; "
+            f"λk̃ₙ {said(lam * kn)} s/m, put in {TABLE_1['lambda_s_m'] * TABLE_1['kn_1_mm']:.3f}",
+        ]
+    )
 
 
 def main() -> None:

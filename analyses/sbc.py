@@ -26,11 +26,11 @@ from tqdm import tqdm
 
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.gap.diagnosis import write_json
-from bayes_iwan.inference.ensembles import sample
 from bayes_iwan.inference.likelihood import KINDS
 from bayes_iwan.inference.point import Point, most_probable, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import loop_quantities
+from bayes_iwan.sampling.ensembles import sample
 from runs import each
 
 #: draws of each posterior among which the truth is ranked: ranks 0 to 63 make equal bins
@@ -47,8 +47,9 @@ def watched(problem: Problem, z: np.ndarray) -> dict[str, np.ndarray]:
     return out | {f"energy[{x.file.split('.csv')[0]}]": energy[:, t] for t, x in enumerate(problem.loops)}
 
 
-def short_posterior(problem: Problem, seed: int, budget_s: float,
-                    starts: int = 12) -> tuple[np.ndarray, dict[str, Any]]:
+def short_posterior(
+    problem: Problem, seed: int, budget_s: float, starts: int = 12
+) -> tuple[np.ndarray, dict[str, Any]]:
     """(draws, ndim) of the posterior from the package's own sampler, started at optima found from prior draws."""
     began = time.process_time()
     rng = np.random.default_rng([seed, 3])
@@ -57,13 +58,28 @@ def short_posterior(problem: Problem, seed: int, budget_s: float,
     optima, log_prob, _ = most_probable(problem, first[np.argsort(cost)[:starts]])
     point = SimpleNamespace(z=optima[0], log_prob=float(log_prob[0]), optima=optima, optima_log_prob=log_prob)
     population = starting_population(problem, cast(Point, point), seed, 256)
-    chains = sample(problem.log_prob, population, names=problem.names, seed=seed, n_ensembles=2, n_walkers=40,
-                    budget_s=budget_s, target_r_hat=1.03, target_ess=200.0, chain_taus=20.0, progress=False)
+    chains = sample(
+        problem.log_prob,
+        population,
+        names=problem.names,
+        seed=seed,
+        n_ensembles=2,
+        n_walkers=40,
+        budget_s=budget_s,
+        target_r_hat=1.03,
+        target_ess=200.0,
+        chain_taus=20.0,
+        progress=False,
+    )
     draws = chains.draws.reshape(-1, problem.ndim)
     c = chains.convergence
-    told = {"converged": bool(chains.converged), "steps": int(chains.n_steps), "cpu_s": time.process_time() - began,
-            "r_hat": float(np.max(c.r_hat)) if c is not None else None,
-            "ess": float(np.min(c.ess_bulk)) if c is not None else None}
+    told = {
+        "converged": bool(chains.converged),
+        "steps": int(chains.n_steps),
+        "cpu_s": time.process_time() - began,
+        "r_hat": float(np.max(c.r_hat)) if c is not None else None,
+        "ess": float(np.min(c.ess_bulk)) if c is not None else None,
+    }
     return draws, told
 
 
@@ -72,8 +88,9 @@ def even(draws: np.ndarray, n: int) -> np.ndarray:
     return draws[np.linspace(0, len(draws) - 1, n).round().astype(int)]
 
 
-def one_draw(campaign: Path, tests: list[int], kind: str, seed: int, index: int, budget_s: float,
-             slip: str) -> dict[str, Any]:
+def one_draw(
+    campaign: Path, tests: list[int], kind: str, seed: int, index: int, budget_s: float, slip: str
+) -> dict[str, Any]:
     """Draw, generate, identify: rank of every watched quantity."""
     whole = read_campaign(campaign)
     some = replace(whole, tests=tuple(whole.tests[i] for i in tests))
@@ -81,7 +98,7 @@ def one_draw(campaign: Path, tests: list[int], kind: str, seed: int, index: int,
     problem = make_problem(loops, {"likelihood": {"kind": kind}, "model": {"slip": slip}})
     rng = np.random.default_rng([seed, index, KINDS.index(kind)])
     truth = problem.prior.draw(rng, 1)
-    while not np.isfinite(problem.log_prob(truth)[0]):       # the prior is that of models that can be computed
+    while not np.isfinite(problem.log_prob(truth)[0]):  # the prior is that of models that can be computed
         truth = problem.prior.draw(rng, 1)
     force = problem.predict(truth)
     # the mean's noise floor goes by a loop's swing, so the generator must be of loops like these
@@ -119,8 +136,9 @@ def figure(ranks: dict[str, dict[str, list[int]]], bins: int = 8) -> Figure:
             ax.tick_params(labelsize=6)
             ax.set_xticks([0, bins / 2, bins], ["0", "½", "1"])
         row[0].set_ylabel(f"{kind}\nruns ({len(next(iter(by_name.values())))})", fontsize=8)
-    fig.supxlabel("rank of the truth among the posterior's draws, as a share; band: 99 % of bins if calibrated",
-                  fontsize=8)
+    fig.supxlabel(
+        "rank of the truth among the posterior's draws, as a share; band: 99 % of bins if calibrated", fontsize=8
+    )
     return fig
 
 
@@ -140,21 +158,42 @@ def main() -> None:
     ranks: dict[str, dict[str, list[int]]] = {}
     result: dict[str, Any] = {"settings": {k: str(v) for k, v in vars(args).items()}, "likelihoods": {}}
     for kind in args.likelihoods:
-        jobs = [(args.out / "draws" / f"{kind}_{args.slip}_{args.seed}_{i:03d}.pkl", one_draw, args.campaign,
-                 args.tests, kind, args.seed, i, args.budget, args.slip) for i in range(args.draws)]
+        jobs = [
+            (
+                args.out / "draws" / f"{kind}_{args.slip}_{args.seed}_{i:03d}.pkl",
+                one_draw,
+                args.campaign,
+                args.tests,
+                kind,
+                args.seed,
+                i,
+                args.budget,
+                args.slip,
+            )
+            for i in range(args.draws)
+        ]
         runs = list(tqdm(each(jobs, args.workers), total=len(jobs), desc=kind, disable=None))
         ranks[kind] = {n: [r["rank"][n] for r in runs] for n in runs[0]["rank"]}
         tests = {n: uniformity(np.array(r)) for n, r in ranks[kind].items()}
         late = [r for r in runs if not r["converged"]]
         worst = min(t["ecdf_p"] for t in tests.values()) * len(tests)
-        print(f"{kind}: {len(runs)} posteriors, {len(late)} short of convergence; smallest p, corrected for "
-              f"{len(tests)} quantities: {min(worst, 1.0):.2f}")
+        print(
+            f"{kind}: {len(runs)} posteriors, {len(late)} short of convergence; smallest p, corrected for "
+            f"{len(tests)} quantities: {min(worst, 1.0):.2f}"
+        )
         for n, t in tests.items():
             inside = np.mean([0.05 <= (r + 0.5) / (RANKED + 1) <= 0.95 for r in ranks[kind][n]])
-            print(f"  {n:28s} chi2 p {t['chi2_p']:.3f}   ECDF p {t['ecdf_p']:.3f}   in 90 % interval "
-                  f"{100 * inside:.0f} %", flush=True)
-        result["likelihoods"][kind] = {"tests": tests, "ranks": ranks[kind], "short_of_convergence": len(late),
-                                       "runs": [{k: v for k, v in r.items() if k != "rank"} for r in runs]}
+            print(
+                f"  {n:28s} chi2 p {t['chi2_p']:.3f}   ECDF p {t['ecdf_p']:.3f}   in 90 % interval "
+                f"{100 * inside:.0f} %",
+                flush=True,
+            )
+        result["likelihoods"][kind] = {
+            "tests": tests,
+            "ranks": ranks[kind],
+            "short_of_convergence": len(late),
+            "runs": [{k: v for k, v in r.items() if k != "rank"} for r in runs],
+        }
         write_json(args.out / "sbc.json", result)
     figure(ranks).savefig(args.out / "sbc.png", dpi=130)
     print(f"written: {args.out}")

@@ -13,11 +13,12 @@ import json
 import os
 from pathlib import Path
 
-from bayes_iwan.gap import scoring, withheld
-from bayes_iwan.gap.baselines import NAMES, diagnose_with_baselines
 from bayes_iwan.gap.diagnosis import write_json
-from bayes_iwan.gap.scoring_figures import figures
-from bayes_iwan.gap.stored import find_shrink
+from bayes_iwan.gap.saved_fits import find_shrink
+from bayes_iwan.report.score_figures import figures
+from bayes_iwan.validation import scoring
+from bayes_iwan.validation import sealed as withheld
+from bayes_iwan.validation.baselines import NAMES, diagnose_with_baselines
 from runs import pool
 
 
@@ -42,10 +43,17 @@ def run(n: int, seed: int, out: Path, workers: int, full: bool = False) -> scori
         made = withheld.read_json(truth)
         if made["seed"] != seed or len(made["cases"]) != n:
             raise SystemExit(f"{cases} holds {len(made['cases'])} cases of seed {made['seed']}; use another --out")
-        answers = withheld.answer(cases, diagnose_with_baselines, out=out / "answers", seed=seed, quick=not full,
-                                  executor=executor)
-    return scoring.score(cases, truth, answers=answers, find_shrink=find_shrink, seed=seed,
-                         baselines=read_baselines(out / "answers", withheld.case_names(cases)))
+        answers = withheld.answer(
+            cases, diagnose_with_baselines, out=out / "answers", seed=seed, quick=not full, executor=executor
+        )
+    return scoring.score(
+        cases,
+        truth,
+        answers=answers,
+        find_shrink=find_shrink,
+        seed=seed,
+        baselines=read_baselines(out / "answers", withheld.case_names(cases)),
+    )
 
 
 def main() -> None:
@@ -56,7 +64,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--full", action="store_true", help="sample the leading explanations too (slow)")
     args = parser.parse_args()
-    os.environ.setdefault("NUMBA_NUM_THREADS", "1")              # of the workers: they share the machine by cases
+    os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # of the workers: they share the machine by cases
     score = run(args.cases, args.seed, args.out, args.workers, args.full)
     table = score.table()
     print(table)

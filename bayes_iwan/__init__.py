@@ -1,9 +1,9 @@
 """Identify the generalized Iwan model of a friction vibration isolator from measured loops, with what is known of it.
 
-    import bayes_iwan as bi
-    run = bi.identify("data/rope_spring", out="results", seed=1)
-    for row in run.summary():
-        print(row.name, row.unit, row.q05, row.q50, row.q95)
+import bayes_iwan as bi
+run = bi.identify("data/rope_spring", out="results", seed=1)
+for row in run.summary():
+    print(row.name, row.unit, row.q05, row.q50, row.q95)
 """
 
 from __future__ import annotations
@@ -14,43 +14,61 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .campaign import Campaign
-    from .inference.posterior import Posterior
+    from bayes_iwan.campaign import Campaign
+    from bayes_iwan.inference.posterior import Posterior
 
 __version__ = "0.1.0"
 
 #: public names and the modules they live in; each is imported when it is first asked for
 _WHERE = {
-    "CampaignError": "campaign", "Campaign": "campaign", "Loop": "campaign", "Record": "campaign",
-    "read_campaign": "campaign", "write_campaign": "campaign",
-    "Model": "physics", "Motion": "physics", "sine_motion": "physics",
-    "Posterior": "inference.posterior", "Problem": "inference.problem", "make_problem": "inference.problem",
-    "identify_problem": "inference.identify", "load": "inference.results",
-    "read_config": "inference.config", "ConfigError": "inference.config",
+    "CampaignError": "campaign",
+    "Campaign": "campaign",
+    "Loop": "campaign",
+    "Record": "campaign",
+    "read_campaign": "campaign",
+    "write_campaign": "campaign",
+    "Model": "physics",
+    "Motion": "physics",
+    "sine_motion": "physics",
+    "Posterior": "inference.posterior",
+    "Problem": "inference.problem",
+    "make_problem": "inference.problem",
+    "identify_problem": "inference.identify",
+    "load": "inference.results",
+    "read_config": "inference.config",
+    "ConfigError": "inference.config",
 }
 __all__ = sorted([*_WHERE, "__version__", "identify"])
 
 
-def identify(campaign: Campaign | str | os.PathLike[str], out: str | os.PathLike[str] | None = None, *,
-             config: Mapping[str, Any] | str | os.PathLike[str] | None = None, seed: int = 0, per_test: bool = False,
-             resume: bool = False, progress: bool = True) -> Posterior:
+def identify(
+    campaign: Campaign | str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    seed: int = 0,
+    per_test: bool = False,
+    resume: bool = False,
+    progress: bool = True,
+) -> Posterior:
     """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
 
     See :func:`bayes_iwan.inference.identify.identify` for what is taken, written and raised.
     """
     from pathlib import Path
 
-    from .inference.config import ConfigError
-    from .inference.identify import identify as run
-    from .inference.identify import identify_frequencies
+    from bayes_iwan.inference.config import ConfigError
+    from bayes_iwan.inference.identify import identify as run
+    from bayes_iwan.inference.identify import identify_frequencies
 
     if per_test and out is None:
         raise ConfigError("per_test writes files: name a folder for them (out)")
     posterior = run(campaign, out, config=config, seed=seed, resume=resume, progress=progress)
     if out is None or posterior.interrupted:
         return posterior
-    from .report import identification_report
-    identification_report(posterior, out)         # stands should the runs of single frequencies be cut short
+    from bayes_iwan.report import identification_report
+
+    identification_report(posterior, out)  # stands should the runs of single frequencies be cut short
     if per_test:
         identify_frequencies(posterior, Path(out), resume=resume, progress=progress)
         identification_report(posterior, out)

@@ -34,9 +34,11 @@ def argument(*flags: str, **options: Any) -> tuple[tuple[str, ...], dict[str, An
 
 def command(name: str, help: str, *arguments: tuple[tuple[str, ...], dict[str, Any]]) -> Callable[[Function], Function]:
     """Make the function below a command; it returns the exit code (None: 0)."""
+
     def enter(run: Function) -> Function:
         COMMANDS.append(Command(name, help, arguments, run))
         return run
+
     return enter
 
 
@@ -45,15 +47,22 @@ OUT = argument("--out", metavar="DIR", required=True, help="folder for the resul
 SEED = argument("--seed", metavar="N", type=int, default=0, help="seed of all random numbers (default: 0)")
 
 
-@command("identify", "the joint posterior of a campaign's tests", CAMPAIGN, OUT, SEED,
-         argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
-         argument("--per-test", action="store_true", help="also identify each frequency alone, into DIR/per_test"),
-         argument("--resume", action="store_true", help="go on from DIR/chains.h5 where a run was stopped"))
+@command(
+    "identify",
+    "the joint posterior of a campaign's tests",
+    CAMPAIGN,
+    OUT,
+    SEED,
+    argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
+    argument("--per-test", action="store_true", help="also identify each frequency alone, into DIR/per_test"),
+    argument("--resume", action="store_true", help="go on from DIR/chains.h5 where a run was stopped"),
+)
 def run_identify(args: argparse.Namespace) -> int:
-    from . import identify
+    from bayes_iwan import identify
 
-    posterior = identify(args.campaign, args.out, config=args.config, seed=args.seed, per_test=args.per_test,
-                         resume=args.resume)
+    posterior = identify(
+        args.campaign, args.out, config=args.config, seed=args.seed, per_test=args.per_test, resume=args.resume
+    )
     wanted = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
     for row in posterior.summary():
         if row.name in wanted:
@@ -67,71 +76,117 @@ def run_identify(args: argparse.Namespace) -> int:
 
 @command("check", "read a campaign and say what was found in it", CAMPAIGN)
 def run_check(args: argparse.Namespace) -> None:
-    from .campaign import read_campaign
+    from bayes_iwan.campaign import read_campaign
 
     campaign = read_campaign(args.campaign)
     print(campaign.name + (f": {campaign.description}" if campaign.description else ""))
-    print(f"{'test':24s} {'f, Hz':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} "
-          f"{'noise, N':>9s}  role")
+    print(
+        f"{'test':24s} {'f, Hz':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} "
+        f"{'noise, N':>9s}  role"
+    )
     for loop in campaign.loops():
         noise = loop.noise_N[1:4]
         rms = float(loop.force_N.std())
-        print(f"{loop.file:24s} {loop.frequency_hz:8.4g} {loop.amplitude_mm:8.4g} {loop.n_cycles:6d} "
-              f"{loop.record.time_s.size:8d} {rms:12.4g} {noise.mean():9.2g}  {loop.role}")
+        print(
+            f"{loop.file:24s} {loop.frequency_hz:8.4g} {loop.amplitude_mm:8.4g} {loop.n_cycles:6d} "
+            f"{loop.record.time_s.size:8d} {rms:12.4g} {noise.mean():9.2g}  {loop.role}"
+        )
         for warning in loop.record.warnings:
             print(f"    {warning}")
 
 
-@command("report", "write report.html, tables and figures of a finished identification",
-         argument("folder", metavar="RUN", help="a folder that identify wrote"),
-         argument("--campaign", metavar="CAMPAIGN", help="the campaign's folder, if it has moved"),
-         argument("--per-frequency", action="store_true", help="identify each frequency alone by short runs, where "
-                  "identify --per-test has not"),
-         argument("--pdf", action="store_true", help="also report.pdf: the figures with their captions"))
+@command(
+    "report",
+    "write report.html, tables and figures of a finished identification",
+    argument("folder", metavar="RUN", help="a folder that identify wrote"),
+    argument("--campaign", metavar="CAMPAIGN", help="the campaign's folder, if it has moved"),
+    argument(
+        "--per-frequency",
+        action="store_true",
+        help="identify each frequency alone by short runs, where identify --per-test has not",
+    ),
+    argument("--pdf", action="store_true", help="also report.pdf: the figures with their captions"),
+)
 def run_report(args: argparse.Namespace) -> None:
-    from .report import report_run
+    from bayes_iwan.report import report_run
 
     print(report_run(args.folder, campaign=args.campaign, pdf=args.pdf, per_frequency=args.per_frequency))
 
 
-@command("compare", "fit model families to a campaign and rank them by how well they predict", CAMPAIGN, OUT, SEED,
-         argument("--families", metavar="NAME", nargs="+", help="families to compare (default: all)"),
-         argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
-         argument("--by", choices=("auto", "loo", "tests"), default="auto", help="rank by single data left out (ArviZ "
-                  "LOO), by whole tests left out, or by the first where its Pareto k hold (auto)"))
+@command(
+    "compare",
+    "fit model families to a campaign and rank them by how well they predict",
+    CAMPAIGN,
+    OUT,
+    SEED,
+    argument("--families", metavar="NAME", nargs="+", help="families to compare (default: all)"),
+    argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
+    argument(
+        "--by",
+        choices=("auto", "loo", "tests"),
+        default="auto",
+        help="rank by single data left out (ArviZ "
+        "LOO), by whole tests left out, or by the first where its Pareto k hold (auto)",
+    ),
+)
 def run_compare(args: argparse.Namespace) -> None:
-    from .report import compare_campaign
+    from bayes_iwan.report import compare_campaign
 
-    result = compare_campaign(args.campaign, args.out, families=args.families, config=args.config, seed=args.seed,
-                              by=args.by)
+    result = compare_campaign(
+        args.campaign, args.out, families=args.families, config=args.config, seed=args.seed, by=args.by
+    )
     for row in result.rows():
-        print(f"{row.label:50s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "
-              f"{100 * row.residual_share:5.2f} %   {row.parameters:2d} numbers   {row.seconds:4.0f} s")
+        print(
+            f"{row.label:50s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "
+            f"{100 * row.residual_share:5.2f} %   {row.parameters:2d} numbers   {row.seconds:4.0f} s"
+        )
     for question, answer in result.answers():
         print(f"{question} {answer}")
     print(f"results are in {args.out}")
 
 
-@command("diagnose", "where the model misses, which cause explains it, how far the gap shrinks", CAMPAIGN, OUT, SEED,
-         argument("--base", metavar="NAME", default="generalized", help="model to start from: generalized (default), "
-                  "no_speed or classical"),
-         argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
-         argument("--effects", metavar="FILE", help="Python file with effects of your own"),
-         argument("--quick", action="store_true", help="stop at refits and an approximate evidence"))
+@command(
+    "diagnose",
+    "where the model misses, which cause explains it, how far the gap shrinks",
+    CAMPAIGN,
+    OUT,
+    SEED,
+    argument(
+        "--base",
+        metavar="NAME",
+        default="generalized",
+        help="model to start from: generalized (default), no_speed or classical",
+    ),
+    argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
+    argument("--effects", metavar="FILE", help="Python file with effects of your own"),
+    argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
+)
 def run_diagnose(args: argparse.Namespace) -> None:
-    from .report.diagnosis import diagnose_campaign
+    from bayes_iwan.report.diagnosis import diagnose_campaign
 
-    answer = diagnose_campaign(args.campaign, args.out, seed=args.seed, quick=args.quick, base=args.base,
-                               config=args.config, effects_file=args.effects)
+    answer = diagnose_campaign(
+        args.campaign,
+        args.out,
+        seed=args.seed,
+        quick=args.quick,
+        base=args.base,
+        config=args.config,
+        effects_file=args.effects,
+    )
     print("\n".join(answer["sentences"]))
     print(f"results are in {args.out}; open {args.out}/diagnosis.html")
 
 
-@command("withheld make", "draw cases with a hidden cause on the virtual rig and seal their truths",
-         argument("n", metavar="N", type=int, help="number of cases"), SEED, OUT,
-         argument("--workers", metavar="N", type=int, default=1, help="processes (default: 1)"))
+@command(
+    "withheld make",
+    "draw cases with a hidden cause on the virtual rig and seal their truths",
+    argument("n", metavar="N", type=int, help="number of cases"),
+    SEED,
+    OUT,
+    argument("--workers", metavar="N", type=int, default=1, help="processes (default: 1)"),
+)
 def run_withheld_make(args: argparse.Namespace) -> None:
-    from .gap import withheld
+    from bayes_iwan.validation import sealed as withheld
 
     with withheld.processes(args.workers) as executor:
         print(f"truths are in {withheld.make(args.n, args.seed, args.out, executor=executor)}; keep them apart")
@@ -140,34 +195,46 @@ def run_withheld_make(args: argparse.Namespace) -> None:
 DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld make` wrote")
 
 
-@command("withheld answer", "diagnose every withheld case; goes on where an earlier run stopped", DIRECTORY, SEED,
-         argument("--out", metavar="DIR", help="folder for the answers (default: DIR/answers)"),
-         argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
-         argument("--workers", metavar="N", type=int, default=1, help="processes (default: 1)"))
+@command(
+    "withheld answer",
+    "diagnose every withheld case; goes on where an earlier run stopped",
+    DIRECTORY,
+    SEED,
+    argument("--out", metavar="DIR", help="folder for the answers (default: DIR/answers)"),
+    argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
+    argument("--workers", metavar="N", type=int, default=1, help="processes (default: 1)"),
+)
 def run_withheld_answer(args: argparse.Namespace) -> None:
-    from .gap import withheld
-    from .gap.diagnosis import diagnose
+    from bayes_iwan.gap.diagnosis import diagnose
+    from bayes_iwan.validation import sealed as withheld
 
-    path = withheld.answer(args.directory, diagnose, out=args.out, seed=args.seed, quick=args.quick,
-                           workers=args.workers)
+    path = withheld.answer(
+        args.directory, diagnose, out=args.out, seed=args.seed, quick=args.quick, workers=args.workers
+    )
     print(f"answers are in {path}")
 
 
-@command("withheld score", "check the seals, then score the answers against the truths", DIRECTORY,
-         argument("--truth", metavar="FILE", required=True, help="the truths"),
-         argument("--answers", metavar="FILE", help="answers.json (default: DIR/answers/answers.json)"),
-         argument("--out", metavar="DIR", help="folder for table and figures"))
+@command(
+    "withheld score",
+    "check the seals, then score the answers against the truths",
+    DIRECTORY,
+    argument("--truth", metavar="FILE", required=True, help="the truths"),
+    argument("--answers", metavar="FILE", help="answers.json (default: DIR/answers/answers.json)"),
+    argument("--out", metavar="DIR", help="folder for table and figures"),
+)
 def run_withheld_score(args: argparse.Namespace) -> None:
-    from .report.scores import write_score
+    from bayes_iwan.report.scores import write_score
 
     print(write_score(args.directory, args.truth, answers=args.answers, out=args.out))
 
 
 def parser() -> argparse.ArgumentParser:
     """The parser of all commands, groups of two-word ones included."""
-    top = argparse.ArgumentParser(prog="bayes-iwan", description="Bayesian identification of friction isolators with "
-                                  "the generalized Iwan model")
-    from . import __version__
+    top = argparse.ArgumentParser(
+        prog="bayes-iwan", description="Bayesian identification of friction isolators with the generalized Iwan model"
+    )
+    from bayes_iwan import __version__
+
     top.add_argument("--version", action="version", version=f"bayes-iwan {__version__}")
     below = top.add_subparsers(metavar="COMMAND", required=True)
     groups: dict[str, Any] = {}
@@ -191,7 +258,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         print(f"bayes-iwan: {error}", file=sys.stderr)
         return 2
-    except BrokenPipeError:                       # whoever read our output has read enough
+    except BrokenPipeError:  # whoever read our output has read enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:

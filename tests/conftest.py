@@ -1,13 +1,23 @@
-"""A campaign folder of a simple specimen, for whatever needs one."""
+"""Specimens, campaigns and loops with known answers, for the tests of every room."""
+
+from __future__ import annotations
 
 import os
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
 
 import numba
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign import Record, write_campaign
-from bayes_iwan.physics import Model, Reference, sine_motion
+from bayes_iwan.campaign import Campaign, Record, average, write_campaign
+from bayes_iwan.inference import defaults
+from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.inference.scales import Scales
+from bayes_iwan.physics import Model, Reference, paper, sine_motion
+from bayes_iwan.physics.normal_force import from_paper_hunt_crossley
+from bayes_iwan.physics.stiffness import from_paper_stiffness
 
 
 @pytest.fixture(scope="session")
@@ -20,12 +30,201 @@ def made_up_campaign(tmp_path_factory):
         loop = model.force({k: np.array([v]) for k, v in true.items()}, sine_motion(amplitude, 10.0))[0, 0]
         time = np.arange(8 * 128) / 1280.0
         noise = 0.02 * np.random.default_rng([7, int(10 * amplitude)]).standard_normal(time.size)
-        records.append(Record(f"f10_a{amplitude:g}.csv", 10.0, amplitude, "fit", {}, time,
-                              amplitude * np.sin(20.0 * np.pi * time), np.tile(loop, 8) + noise))
+        records.append(
+            Record(
+                f"f10_a{amplitude:g}.csv",
+                10.0,
+                amplitude,
+                "fit",
+                {},
+                time,
+                amplitude * np.sin(20.0 * np.pi * time),
+                np.tile(loop, 8) + noise,
+            )
+        )
     folder = tmp_path_factory.mktemp("made_up")
     write_campaign(folder, name="made up", description="", tests=records, compress=False)
     return folder
 
+
 # the analyses' scripts give their workers one thread through the environment; run inside this process they must not
 # change the number that numba has started with
 os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
+
+
+# ---- campaigns and diagnoses of the gap ----
+
+SCALES = Scales(length_mm=0.9, speed_m_s=0.113, force_N=4.0, slip_N=1.2, soft_N_mm=5.5, stiff_N_mm=15.0)
+#: harmonics and phases of the campaigns below: enough for gaps of a few per cent, and quick
+SMALL = {"n_phase": 48, "n_harmonics": 16}
+#: slip forces of two gammas: a third adds nothing that these campaigns could show
+TWO_GAMMAS = {"model": {"slip": "gamma2"}}
+
+
+def numbers_of(model: Model, draws: int = 1, **others) -> dict:
+    """Table 1 (with what the model reads of it), (draws,) each, and other numbers of (draws,) or one for all."""
+    out = {n: np.repeat(v, draws) for n, v in paper.table_1(model.reference).items() if n in model.names}
+    return out | {n: np.broadcast_to(np.asarray(v, float), (draws,)).copy() for n, v in others.items()}
+
+
+def elastic(reference) -> tuple[Model, dict]:
+    """A spring of 10 N/mm: parallel 4 N/mm and elements of 6 N/mm, none of which slips below 30 N."""
+    model = Model(reference, slip="uniform", grip="constant", stiffness="constant")
+    return model, {
+        "kp_N_mm": np.array([4.0]),
+        "force_zero_N": np.zeros(1),
+        "k1_N_mm": np.array([6.0]),
+        "slip_mean_N": np.array([50.0]),
+        "slip_width": np.array([0.4]),
+    }
+
+
+def made_up(force, tests, cycles=12, rate=1280.0, noise_N=0.0, extra=None, seed=0, roles=None):
+    """A campaign of sines: force(amplitude, frequency) gives one cycle (n,) of the specimen's force on phases from the
+    upward crossing; extra(time, test) is added along the record. Frequencies divide the sampling rate."""
+    records = []
+    for i, (f, a) in enumerate(tests):
+        per = round(rate / f)
+        time = np.arange(cycles * per) / rate
+        values = np.tile(force(a, f, per), cycles)
+        values = values + noise_N * np.random.default_rng([seed, i]).standard_normal(time.size)
+        if extra is not None:
+            values = values + extra(time, i)
+        records.append(
+            Record(f"t{i}.csv", f, a, (roles or {}).get(i, "fit"), {}, time, a * np.sin(2.0 * np.pi * f * time), values)
+        )
+    return Campaign("made up", "", "", "", Path("made_up"), tuple(records))
+
+
+def specimen_force(amplitude, frequency, samples):
+    """One cycle of Table 1's force."""
+    model = Model(SCALES.reference)
+    return model.force(numbers_of(model), sine_motion(amplitude, frequency, samples))[0, 0]
+
+
+#: tests by plan: frequency, amplitude, role
+PLANS = {
+    "grid": [(f, a, "fit") for f in (8.0, 20.0) for a in (0.4, 0.9)],
+    "single": [(10.0, a, "fit") for a in (0.3, 0.5, 0.9)],
+}
+PLANS["held out"] = [*PLANS["grid"], (13.0, 0.6, "held-out")]
+
+
+@cache
+def rig_records(effect: str | None, plan: str = "grid"):
+    """Tests on the virtual rig, the effect at an eighth of the friction force."""
+    from bayes_iwan.rig.planning import simulate_campaign
+    from bayes_iwan.rig.simulate import PlannedTest
+
+    tests = [PlannedTest(f, a, cycles=12, role=role) for f, a, role in PLANS[plan]]
+    return simulate_campaign(tests, effect=effect, size=0.12, seed=3)
+
+
+def campaign_of(virtual) -> Campaign:
+    return Campaign("virtual rig", "", "", "", Path("virtual_rig"), virtual.records)
+
+
+@cache
+def diagnosed(effect: str | None, plan: str = "grid"):
+    """Quick diagnosis of a rig campaign, once a session."""
+    from bayes_iwan.gap.diagnosis import diagnose_loops
+
+    campaign = campaign_of(rig_records(effect, plan))
+    return diagnose_loops(campaign, campaign.loops(**SMALL), seed=1, quick=True, config=TWO_GAMMAS)
+
+
+@pytest.fixture(scope="session")
+def kit():
+    return SimpleNamespace(
+        scales=SCALES,
+        small=SMALL,
+        config=TWO_GAMMAS,
+        numbers=numbers_of,
+        elastic=elastic,
+        made_up=made_up,
+        specimen_force=specimen_force,
+        rig_records=rig_records,
+        campaign_of=campaign_of,
+        diagnosed=diagnosed,
+        reference=Reference(0.9, 0.113),
+    )
+
+
+# ---- loops of known numbers, without a campaign folder ----
+
+TESTS = ((10.0, 0.3), (10.0, 1.0), (15.0, 0.6), (20.0, 1.0))
+REFERENCE = Reference(1.0, 0.12566)
+
+#: Table 1 of the paper, with a softer normal force than its corner at β → 0
+TABLE_1 = {
+    "kp_N_mm": 5.49,
+    "force_zero_N": 0.0,
+    "t1_N": 0.24,
+    "eta1": 0.95,
+    "g1": 0.41,
+    "t2_N": 0.36,
+    "eta2": 5.1,
+    "g2": 0.53,
+    "t3_N": 0.5,
+    "eta3": 4.4,
+    "g3": 0.06,
+}
+
+
+def numbers() -> dict[str, np.ndarray]:
+    out = {k: np.array([v]) for k, v in TABLE_1.items()}
+    return out | from_paper_stiffness(19.62, 30.37) | from_paper_hunt_crossley(0.6, 1.1, 0.6, REFERENCE)
+
+
+def record(frequency_hz, amplitude_mm, force_N, noise_N=0.0, seed=0, cycles=8, name=None):
+    """A record whose every cycle is the loop force_N (samples,), with white noise."""
+    n = len(force_N) * cycles
+    time = np.arange(n) / (len(force_N) * frequency_hz)
+    noise = np.random.default_rng([seed, int(1000 * frequency_hz * amplitude_mm)]).standard_normal(n)
+    return Record(
+        name or f"f{frequency_hz:g}_a{amplitude_mm:g}.csv",
+        frequency_hz,
+        amplitude_mm,
+        "fit",
+        {},
+        time,
+        amplitude_mm * np.sin(2 * np.pi * frequency_hz * time),
+        np.tile(force_N, cycles) + noise_N * noise,
+    )
+
+
+def loops(noise_N=0.02, seed=0, n_phase=128, tests=TESTS, model=None, values=None):
+    model = Model(REFERENCE) if model is None else model
+    motion = sine_motion([a for _, a in tests], [f for f, _ in tests])
+    force = model.force(numbers() if values is None else values, motion)[0]
+    return tuple(average(record(f, a, row, noise_N, seed), n_phase=n_phase) for (f, a), row in zip(tests, force))
+
+
+def true_z(problem, values=None, **noise):
+    """Coordinates of the known numbers in a problem made from their loops (whose reference scales differ a little)."""
+    n = dict(numbers() if values is None else values)
+    if "beta" in n:
+        s = problem.model.reference
+        length = s.length_mm / REFERENCE.length_mm
+        n["grip_slope"] = n["grip_slope"] * length ** n["beta"]
+        n["grip_rate"] = n["grip_rate"] * length ** n["beta"] * s.speed_m_s / REFERENCE.speed_m_s
+    default = {"noise_scale": 1.0, "discrepancy_share": 1e-4, "discrepancy_length": 0.06, "noise_N": 0.02}
+    return problem.prior.scores(defaults.sampled_values(problem.model, n) | default | noise)
+
+
+@pytest.fixture(scope="session")
+def known():
+    """Functions and numbers of this file, for the tests."""
+
+    class Known:
+        pass
+
+    out = Known()
+    out.loops, out.record, out.numbers, out.true_z = loops, record, numbers, true_z
+    out.reference, out.tests = REFERENCE, TESTS
+    return out
+
+
+@pytest.fixture(scope="session")
+def problem():
+    return make_problem(loops())

@@ -101,7 +101,7 @@ def test_the_report_holds_the_frequencies_alone(tmp_path, capsys, made_up_campai
     cut short, the page of the joint run stands."""
     import bayes_iwan.inference.identify as room
     from bayes_iwan.campaign import write_campaign
-    from bayes_iwan.inference.per_frequency import compare_frequencies
+    from bayes_iwan.comparison.frequencies import compare_frequencies
     from bayes_iwan.inference.problem import make_problem
     from bayes_iwan.inference.results import load
 
@@ -132,13 +132,15 @@ def test_the_report_holds_the_frequencies_alone(tmp_path, capsys, made_up_campai
     assert set(compare_frequencies(joint, out, replicates=50).alone) == names
     config = {**joint.config, "parameters": {"kp_N_mm": {"lower": 1.0}}}
     other = replace(joint, config=config, problem=make_problem(joint.loops, config))
-    assert compare_frequencies(other, out, replicates=50).alone == {}        # left from another prior: not this one's
+    assert compare_frequencies(other, out, replicates=50).alone == {}  # left from another prior: not this one's
 
 
 def test_importing_the_package_and_help_are_quick_and_light():
     """Neither loads numba or ArviZ: they come with the command that needs them."""
-    code = ("import sys, bayes_iwan, bayes_iwan.cli as c; c.parser(); "
-            "print([m for m in ('numba', 'arviz') if m in sys.modules])")
+    code = (
+        "import sys, bayes_iwan, bayes_iwan.cli as c; c.parser(); "
+        "print([m for m in ('numba', 'arviz') if m in sys.modules])"
+    )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
 

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_iwan.gap.effects import Array, Effect, Numbers
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.effects.base import Effect
 from bayes_iwan.physics import Motion
 
 

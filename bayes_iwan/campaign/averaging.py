@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .cycles import Cut, cut_cycles
-from .harmonics import evaluate, grams, inverse, on_grid, project, to_complex
-from .records import Array, CampaignError, Record
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.cycles import Cut, cut_cycles
+from bayes_iwan.campaign.harmonics import evaluate, grams, inverse, on_grid, project, to_complex
+from bayes_iwan.campaign.records import CampaignError, Record
 
 SAMPLES_PER_HARMONIC = 0.45  # harmonics resolved per sample of a cycle; 0.5 is Nyquist
 MANY_CYCLES = 12  # from here on slow changes of the loop can be told from noise

@@ -14,8 +14,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from .averaging import Loop, average
-from .records import Array, CampaignError, Record
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.averaging import Loop, average
+from bayes_iwan.campaign.records import CampaignError, Record
 
 NOMINAL_TOLERANCE = 0.10
 FEWEST_PER_CYCLE = 8.0

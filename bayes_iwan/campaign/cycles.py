@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from .harmonics import evaluate, fit, grams, inverse, project
-from .records import Array, CampaignError
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.harmonics import evaluate, fit, grams, inverse, project
+from bayes_iwan.campaign.records import CampaignError
 
 HYSTERESIS = 0.25  # of the amplitude: far above any usable noise, well inside any motion
 LONG_GAP = 0.1  # of a cycle: a longer hole in the record costs the cycle it falls in

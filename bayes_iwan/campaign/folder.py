@@ -18,11 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from ..files import write_whole
-from .averaging import Loop, average
-from .checks import check_record, check_time, check_units, on_grid_of_rate, step_warnings
-from .motion import displacement_from_acceleration
-from .records import ROLES, Array, CampaignError, Record
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.accelerometer import displacement_from_acceleration
+from bayes_iwan.campaign.averaging import Loop, average
+from bayes_iwan.campaign.checks import check_record, check_time, check_units, on_grid_of_rate, step_warnings
+from bayes_iwan.campaign.records import ROLES, CampaignError, Record
+from bayes_iwan.files import write_whole
 
 FORMAT = 1
 TIME_UNITS = {"s": 1.0, "ms": 1e-3}

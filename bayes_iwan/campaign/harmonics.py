@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .records import Array
+from bayes_iwan.arrays import Array
 
 CHUNK = 8192  # samples at a time: their waves stay in cache
 STEP = 6  # 101 * 101 * 6 multiplications stay below OpenBLAS's threshold for threads

@@ -14,13 +14,11 @@ from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from .evidence import LENGTHS, SHARES, Fit
-from .search import Search
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.gap.evidence import LENGTHS, SHARES, Fit
+from bayes_iwan.gap.search import Search
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
 #: grid on which evidence is integrated over the discrepancy's share; between the fits' own points it is interpolated
@@ -131,8 +129,12 @@ class Table:
         keys = [*self.log_z, *(("unknown", n) for n in self.unlisted)]
         own = {k: c.log_named(k, self.gap_share) if k else c.small for k in keys}
         prior = {form: _log_normal(FINE, *form) for form in {*own.values(), c.large}}
-        rows = np.concatenate([self.by_share + np.stack([prior[own[k]] for k in keys]),
-                               self.by_share[keys.index(())][None] + prior[c.large]])
+        rows = np.concatenate(
+            [
+                self.by_share + np.stack([prior[own[k]] for k in keys]),
+                self.by_share[keys.index(())][None] + prior[c.large],
+            ]
+        )
         top = rows.max(axis=1)
         values = top + np.log(np.exp(rows - top[:, None]).sum(axis=1))
         return dict(zip([*keys, ("unknown",)], values.tolist()))
@@ -152,16 +154,17 @@ class Attribution:
     cause: str
     second_cause: str | None
     cannot_tell_apart: tuple[str, ...]
-    hypotheses: dict[tuple[str, ...], float]        # ln probability of every hypothesis, ("unknown",) included
-    shape: str | None = None                        # the shape without a cause that "unknown" looks like, if any
+    hypotheses: dict[tuple[str, ...], float]  # ln probability of every hypothesis, ("unknown",) included
+    shape: str | None = None  # the shape without a cause that "unknown" looks like, if any
 
     @property
     def probability(self) -> float:
         return self.probabilities[self.cause]
 
 
-def attribute(table: Table, sizes: dict[tuple[str, ...], dict[str, float]] | None = None,
-              constants: Calibration | None = None) -> Attribution:
+def attribute(
+    table: Table, sizes: dict[tuple[str, ...], dict[str, float]] | None = None, constants: Calibration | None = None
+) -> Attribution:
     """Weigh the hypotheses: first the kinds of answer by the best of each kind, then causes within their kind.
 
     sizes : for pairs, the size of each effect, which decides the first cause.

@@ -12,16 +12,14 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..campaign import Loop
-from ..inference import defaults
-from ..inference.likelihood import Correlated, friction_level_N, harmonics_of
-from ..inference.problem import Problem
-from ..physics import Motion
-from .effects import Effect
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.inference.likelihood import Correlated, friction_level_N, harmonics_of
+from bayes_iwan.inference.problem import Problem
+from bayes_iwan.physics import Motion
+from bayes_iwan.physics.motion import motion_of
 
 MAINS_HZ = (50.0, 60.0)
 #: harmonics above this share of the sampling rate are left out (but for the first few): anti-alias filters and
@@ -77,10 +75,21 @@ class GapData:
         loops, at = tuple(self.loops[t] for t in which), list(which)
         blocks = max(len(x.block_cycle) for x in loops)
         few = slice(0, max(blocks - 1, 0))
-        return GapData(loops, Correlated(loops), self.level_N[at], self.harmonics_N[at], self.trend_N[at, few],
-                       self.trend_noise_N[at, few], self.contrast[at, few, :blocks], self.mains_N[at],
-                       self.mains_noise_N[at], self.mains_hz[at], self.mains_possible, defaults.motion_of(loops),
-                       defaults.motion_of(loops, blocks=True))
+        return GapData(
+            loops,
+            Correlated(loops),
+            self.level_N[at],
+            self.harmonics_N[at],
+            self.trend_N[at, few],
+            self.trend_noise_N[at, few],
+            self.contrast[at, few, :blocks],
+            self.mains_N[at],
+            self.mains_noise_N[at],
+            self.mains_hz[at],
+            self.mains_possible,
+            motion_of(loops),
+            motion_of(loops, blocks=True),
+        )
 
 
 def gap_data(loops: Sequence[Loop]) -> GapData:
@@ -107,9 +116,21 @@ def gap_data(loops: Sequence[Loop]) -> GapData:
     for t, loop in enumerate(loops):
         for m, hz in enumerate(mains_hz[t]):
             mains[t, m], mains_noise[t, m] = _line(loop, hz)
-    return GapData(loops, Correlated(loops), level, np.stack([x.harmonics_N for x in loops]), trend, noise, contrast,
-                   mains, mains_noise, mains_hz, possible, defaults.motion_of(loops),
-                   defaults.motion_of(loops, blocks=True))
+    return GapData(
+        loops,
+        Correlated(loops),
+        level,
+        np.stack([x.harmonics_N for x in loops]),
+        trend,
+        noise,
+        contrast,
+        mains,
+        mains_noise,
+        mains_hz,
+        possible,
+        motion_of(loops),
+        motion_of(loops, blocks=True),
+    )
 
 
 def _in_band(loop: Loop) -> Loop:
@@ -140,8 +161,9 @@ def _mains_frequencies(loops: Sequence[Loop], nominal: float) -> tuple[Array, bo
         return np.full(len(loops), nominal), not any(_shows_mains(loop, nominal) for loop in loops)
     centre = float(np.median(found[seen]))
     typical = float(np.median([abs(_line(loops[int(t)], found[t])[0]) for t in seen]))
-    return np.array([hz if np.isfinite(hz) else _turning(loop, centre, typical)
-                     for loop, hz in zip(loops, found)]), True
+    return np.array(
+        [hz if np.isfinite(hz) else _turning(loop, centre, typical) for loop, hz in zip(loops, found)]
+    ), True
 
 
 def _turning(loop: Loop, centre: float, typical_N: float) -> float:
@@ -153,7 +175,7 @@ def _turning(loop: Loop, centre: float, typical_N: float) -> float:
     if not np.isfinite(noise) or typical_N <= 0.0:
         return centre
     rest = loop.left_over(loop.record.force_N)
-    white = 0.5 * noise**2 * len(rest)                   # variance a sample that makes this error of a harmonic
+    white = 0.5 * noise**2 * len(rest)  # variance a sample that makes this error of a harmonic
     trial = centre + WANDERS_BY * np.linspace(-3.0, 3.0, 61)
     log_p = np.empty(len(trial))
     for i, hz in enumerate(trial):
@@ -182,7 +204,7 @@ def _mains_frequency(loop: Loop, nominal: float) -> float:
     best = int(np.argmax(power))
     if power[best] < LINE_STANDS or best in (0, len(trial) - 1):
         return np.nan
-    before, at, after = power[best - 1 : best + 2]       # the peak is much wider than the grid: a parabola
+    before, at, after = power[best - 1 : best + 2]  # the peak is much wider than the grid: a parabola
     return float(trial[best] + 0.5 * (trial[1] - trial[0]) * (before - after) / (before - 2.0 * at + after))
 
 

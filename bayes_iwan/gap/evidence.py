@@ -16,15 +16,14 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..inference.defaults import Scales
-from ..inference.least_squares import least_squares_batch
-from ..inference.likelihood import discrepancy_spectrum
-from ..inference.parameters import Prior
-from ..inference.problem import Problem, make_problem
-from .data import GapData, predicted
-from .effects import Effect
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.gap.data import GapData, predicted
+from bayes_iwan.inference.likelihood import discrepancy_spectrum
+from bayes_iwan.inference.parameters import Prior
+from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.scales import Scales
+from bayes_iwan.optimize.least_squares import least_squares_batch
 
 #: grid of the discrepancy: RMS share of the friction level, and correlation length in cycles
 SHARES = np.geomspace(5e-4, 0.4, 12)
@@ -35,8 +34,11 @@ FIRST = (0.01, 0.05)
 TOLERANCE = 2e-4
 #: z of every parameter stays within these prior standard deviations
 Z_BOX = 5.0
-_FIXED_NOISE = {"noise_scale": {"fixed": 1.0}, "discrepancy_share": {"fixed": FIRST[0]},
-                "discrepancy_length": {"fixed": FIRST[1]}}
+_FIXED_NOISE = {
+    "noise_scale": {"fixed": 1.0},
+    "discrepancy_share": {"fixed": FIRST[0]},
+    "discrepancy_length": {"fixed": FIRST[1]},
+}
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class Linear:
         r = self.residual / np.sqrt(variance)
         precision = j.T @ j + np.eye(len(self.z))
         factor = np.linalg.cholesky(precision)
-        target = j.T @ (r + j @ self.z)              # minimise |r − J(z' − z)|² + |z'|²
+        target = j.T @ (r + j @ self.z)  # minimise |r − J(z' − z)|² + |z'|²
         z = np.linalg.solve(precision, target)
         left = r - j @ (z - self.z)
         log_z = -0.5 * (left @ left + z @ z) - 0.5 * np.sum(np.log(variance)) - np.sum(np.log(np.diagonal(factor)))
@@ -107,15 +109,19 @@ class Linear:
 def base_problem(data: GapData, config: dict, scales: Scales) -> Problem:
     """The base model, noise numbers fixed, for the loops of `data`."""
     parameters = {**config.get("parameters", {}), **_FIXED_NOISE}
-    return make_problem(data.loops, {**config, "likelihood": {"kind": "correlated"}, "parameters": parameters},
-                        scales=scales)
+    return make_problem(
+        data.loops, {**config, "likelihood": {"kind": "correlated"}, "parameters": parameters}, scales=scales
+    )
 
 
 def extended(problem: Problem, effects: Sequence[Effect]) -> Problem:
     """The same problem with these effects and no others."""
     own = tuple(p for p in problem.prior.parameters if "." not in p.name)
-    return replace(problem, model=replace(problem.model, effects=tuple(effects)),
-                   prior=Prior((*own, *(p for e in effects for p in e.parameters))))
+    return replace(
+        problem,
+        model=replace(problem.model, effects=tuple(effects)),
+        prior=Prior((*own, *(p for e in effects for p in e.parameters))),
+    )
 
 
 class Rows:
@@ -146,8 +152,10 @@ class Rows:
         mean, trend, lines = predicted(data, self.problem, z)
         c = (data.harmonics_N[:, : self.used] - mean[..., : self.used]).transpose(2, 0, 1)
         turn = self.turn.transpose(0, 2, 1)
-        parts = [(c.real @ turn).transpose(1, 0, 2)[:, self._masks[0]],
-                 (c.imag @ turn).transpose(1, 0, 2)[:, self._masks[1]]]
+        parts = [
+            (c.real @ turn).transpose(1, 0, 2)[:, self._masks[0]],
+            (c.imag @ turn).transpose(1, 0, 2)[:, self._masks[1]],
+        ]
         if self.evolving:
             r = ((data.trend_N - trend) / data.trend_noise_N)[:, self._trend]
             line = np.zeros((len(z), *data.mains_N.shape)) if lines is None else lines
@@ -186,14 +194,23 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     linear = rows.linear(optima[0])
     log_z, z, covariance, best = _grid(linear)
     if abs(np.log(SHARES[best[0]] / FIRST[0])) > 0.5:
-        near = np.stack([*optima, np.clip(z, -Z_BOX, Z_BOX)])   # the best there may be another one
+        near = np.stack([*optima, np.clip(z, -Z_BOX, Z_BOX)])  # the best there may be another one
         again = rows.fit(near, SHARES[best[0]], LENGTHS[best[1]], iterations)
         linear = rows.linear(again.x[again.best])
         log_z, z, covariance, best = _grid(linear)
     effects = cast(tuple[Effect, ...], problem.model.effects)
-    return Fit(effects, problem, linear.z, log_z + rows.constant, float(SHARES[best[0]]),
-               float(LENGTHS[best[1]]), covariance,
-               optima, linear, bool(found.converged[order[0]]))
+    return Fit(
+        effects,
+        problem,
+        linear.z,
+        log_z + rows.constant,
+        float(SHARES[best[0]]),
+        float(LENGTHS[best[1]]),
+        covariance,
+        optima,
+        linear,
+        bool(found.converged[order[0]]),
+    )
 
 
 def _grid(linear: Linear) -> tuple[Array, Array, Array, tuple[int, int]]:

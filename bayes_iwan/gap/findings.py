@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from .gap_size import GapSize
-from .laws import Law
-from .residuals import Residual
-from .where import Look, Where
+from bayes_iwan.gap.gap_size import GapSize
+from bayes_iwan.gap.laws import Law
+from bayes_iwan.gap.residuals import Residual
+from bayes_iwan.gap.where import Look, Where
 
 #: a part of the loop is worth a sentence when its share of the gap is this many times its share of the time
 CONCENTRATED = 1.25
@@ -30,42 +30,88 @@ def size_sentence(size: GapSize) -> str:
     """The gap in one sentence."""
     g = size.all
     if g.low_N == 0.0:
-        return (f"The gap between measurement and model is zero within its interval: at most {newtons(g.high_N)} RMS, "
-                f"{_percent(g.share_high)} of the friction force, once the records' own noise "
-                f"({newtons(g.noise_N)}) is taken off.")
-    return (f"The model misses {newtons(g.rms_N)} RMS (90 % interval {newtons(g.low_N)} to {newtons(g.high_N)}), "
-            f"{_percent(g.share)} of the friction force, once the records' own noise ({newtons(g.noise_N)}) "
-            f"is taken off.")
+        return (
+            f"The gap between measurement and model is zero within its interval: at most {newtons(g.high_N)} RMS, "
+            f"{_percent(g.share_high)} of the friction force, once the records' own noise "
+            f"({newtons(g.noise_N)}) is taken off."
+        )
+    return (
+        f"The model misses {newtons(g.rms_N)} RMS (90 % interval {newtons(g.low_N)} to {newtons(g.high_N)}), "
+        f"{_percent(g.share)} of the friction force, once the records' own noise ({newtons(g.noise_N)}) "
+        f"is taken off."
+    )
 
 
 def sentences(where: Where) -> list[str]:
     """One sentence for each finding, in plain words; a single one where nothing stands out."""
-    out = [*_tests(where), *_grows(where), *_laws(where), *_harmonics(where), *_regions(where), *_record(where),
-           *_rest(where)]
+    out = [
+        *_tests(where),
+        *_grows(where),
+        *_laws(where),
+        *_harmonics(where),
+        *_regions(where),
+        *_record(where),
+        *_rest(where),
+    ]
     if not out:
-        return [f"Nothing stands out: in none of {where.count} looks is the gap larger than noise, the parameters' "
-                "uncertainty and the small misfit that specimens without any missing cause show."]
-    return [*out, f"{where.count} looks were taken. Each finding above would still be one were the model right in "
-                  "fewer than 1 of 20 campaigns, all looks together."]
+        return [
+            f"Nothing stands out: in none of {where.count} looks is the gap larger than noise, the parameters' "
+            "uncertainty and the small misfit that specimens without any missing cause show."
+        ]
+    return [
+        *out,
+        f"{where.count} looks were taken. Each finding above would still be one were the model right in "
+        "fewer than 1 of 20 campaigns, all looks together.",
+    ]
 
 
 def where_json(where: Where, size: GapSize) -> dict[str, Any]:
     """The "where" of a diagnosis as plain numbers."""
-    kinds = {k: where.of(k) for k in ("test", "trend", "region", "frequency", "amplitude", "parity", "mean", "record",
-                                      "mains", "in phase", "quadrature")}
+    kinds = {
+        k: where.of(k)
+        for k in (
+            "test",
+            "trend",
+            "region",
+            "frequency",
+            "amplitude",
+            "parity",
+            "mean",
+            "record",
+            "mains",
+            "in phase",
+            "quadrature",
+        )
+    }
     tests = []
     for t, name in enumerate(where.files):
         g, found = size.tests[t], kinds["test"][t].significant or kinds["trend"][t].significant
-        tests.append({"file": name, "frequency_hz": float(where.frequency_hz[t]),
-                      "amplitude_mm": float(where.amplitude_mm[t]), "gap_rms_N": g.rms_N,
-                      "interval_N": [g.low_N, g.high_N], "share": g.share, "significant": found,
-                      "along_record_N": kinds["trend"][t].gap_N, "along_record_significant":
-                      kinds["trend"][t].significant})
-    harmonics = [{"order": h + 1, "in_phase_N": p.gap_N, "in_phase_interval_N": [p.low_N, p.high_N],
-                  "in_phase_significant": p.significant, "quadrature_N": q.gap_N,
-                  "quadrature_interval_N": [q.low_N, q.high_N], "quadrature_significant": q.significant,
-                  "significant": p.significant or q.significant}
-                 for h, (p, q) in enumerate(zip(kinds["in phase"], kinds["quadrature"]))]
+        tests.append(
+            {
+                "file": name,
+                "frequency_hz": float(where.frequency_hz[t]),
+                "amplitude_mm": float(where.amplitude_mm[t]),
+                "gap_rms_N": g.rms_N,
+                "interval_N": [g.low_N, g.high_N],
+                "share": g.share,
+                "significant": found,
+                "along_record_N": kinds["trend"][t].gap_N,
+                "along_record_significant": kinds["trend"][t].significant,
+            }
+        )
+    harmonics = [
+        {
+            "order": h + 1,
+            "in_phase_N": p.gap_N,
+            "in_phase_interval_N": [p.low_N, p.high_N],
+            "in_phase_significant": p.significant,
+            "quadrature_N": q.gap_N,
+            "quadrature_interval_N": [q.low_N, q.high_N],
+            "quadrature_significant": q.significant,
+            "significant": p.significant or q.significant,
+        }
+        for h, (p, q) in enumerate(zip(kinds["in phase"], kinds["quadrature"]))
+    ]
     return {
         "looks": where.count,
         "tests": tests,
@@ -77,9 +123,18 @@ def where_json(where: Where, size: GapSize) -> dict[str, Any]:
         "mean": _look(kinds["mean"][0], "what"),
         "along_record": [_look(x, "what") for x in kinds["record"]],
         "mains": [_look(x, "line") for x in kinds["mains"]],
-        "laws": [{"order": x.order, "part": x.part, "force_N": x.force_N, "sd_N": x.sd_N, "frequency_power":
-                  _power(x.frequency_power), "amplitude_power": _power(x.amplitude_power), "p_value": x.p_value}
-                 for x in where.laws],
+        "laws": [
+            {
+                "order": x.order,
+                "part": x.part,
+                "force_N": x.force_N,
+                "sd_N": x.sd_N,
+                "frequency_power": _power(x.frequency_power),
+                "amplitude_power": _power(x.amplitude_power),
+                "p_value": x.p_value,
+            }
+            for x in where.laws
+        ],
         "sentences": sentences(where),
     }
 
@@ -90,25 +145,39 @@ def pictures(residual: Residual, where: Where, size: GapSize) -> dict[str, Any]:
     rms = np.array([g.rms_N for g in size.tests])
     return {
         "names": [f"{x.record.frequency_hz:g} Hz, {x.record.amplitude_mm:g} mm" for x in loops],
-        "frequency_hz": where.frequency_hz, "amplitude_mm": where.amplitude_mm,
+        "frequency_hz": where.frequency_hz,
+        "amplitude_mm": where.amplitude_mm,
         "displacement_mm": np.stack([x.displacement_mm for x in loops]),
         "force_N": np.stack([x.force_N for x in loops]),
-        "residual_N": where.phase_N, "expected_N": where.expected_N, "sticking": where.sticking,
-        "in_phase_N": where.in_phase_N, "quadrature_N": where.quadrature_N,
+        "residual_N": where.phase_N,
+        "expected_N": where.expected_N,
+        "sticking": where.sticking,
+        "in_phase_N": where.in_phase_N,
+        "quadrature_N": where.quadrature_N,
         "expected_harmonic_N": where.expected_harmonic_N,
-        "gap_N": rms, "gap_low_N": np.array([g.low_N for g in size.tests]),
+        "gap_N": rms,
+        "gap_low_N": np.array([g.low_N for g in size.tests]),
         "gap_high_N": np.array([g.high_N for g in size.tests]),
         "significant": np.array([x.significant or y.significant for x, y in zip(where.of("test"), where.of("trend"))]),
         "friction_N": size.friction_N,
-        "cycle": size.cycle, "along_N": size.along_N, "along_low_N": size.along_low_N,
+        "cycle": size.cycle,
+        "along_N": size.along_N,
+        "along_low_N": size.along_low_N,
         "along_high_N": size.along_high_N,
         "regions": [(x.name, x.gap_N, x.low_N, x.high_N, x.share, x.time, x.significant) for x in where.of("region")],
     }
 
 
 def _look(x: Look, key: str) -> dict[str, Any]:
-    return {key: x.name, "gap_rms_N": x.gap_N, "interval_N": [x.low_N, x.high_N], "share_of_gap": x.share,
-            "share_of_time": x.time, "p_value": x.p_value, "significant": x.significant}
+    return {
+        key: x.name,
+        "gap_rms_N": x.gap_N,
+        "interval_N": [x.low_N, x.high_N],
+        "share_of_gap": x.share,
+        "share_of_time": x.time,
+        "p_value": x.p_value,
+        "significant": x.significant,
+    }
 
 
 def _power(power: tuple[float, float, float] | None) -> dict[str, float] | None:
@@ -126,8 +195,10 @@ def _tests(w: Where) -> list[str]:
     t = int(np.argmax([x.gap_N for x in w.of("test")]))
     worst = w.of("test")[t]
     many = "Every test's" if len(found) == len(w.files) else f"{len(found)} of {len(w.files)} tests'"
-    return [f"{many} averaged loops show more than a right model would leave; most is missed at "
-            f"{w.frequency_hz[t]:.3g} Hz and {w.amplitude_mm[t]:.2g} mm ({newtons(worst.gap_N)} RMS)."]
+    return [
+        f"{many} averaged loops show more than a right model would leave; most is missed at "
+        f"{w.frequency_hz[t]:.3g} Hz and {w.amplitude_mm[t]:.2g} mm ({newtons(worst.gap_N)} RMS)."
+    ]
 
 
 def _grows(w: Where) -> list[str]:
@@ -141,14 +212,20 @@ def _grows(w: Where) -> list[str]:
         if sizes[i] < 1.15 * sizes[k] or looks[i].low_N <= looks[k].high_N:
             out.append(f"It does not depend on {kind}: {newtons(sizes.min())} to {newtons(sizes.max())}.")
         elif i == len(looks) - 1:
-            out.append(f"It grows with {kind}, from {newtons(sizes[0])} at {looks[0].name} to {newtons(sizes[-1])} at "
-                       f"{looks[-1].name}.")
+            out.append(
+                f"It grows with {kind}, from {newtons(sizes[0])} at {looks[0].name} to {newtons(sizes[-1])} at "
+                f"{looks[-1].name}."
+            )
         elif i == 0:
-            out.append(f"It falls with {kind}, from {newtons(sizes[0])} at {looks[0].name} to {newtons(sizes[-1])} at "
-                       f"{looks[-1].name}.")
+            out.append(
+                f"It falls with {kind}, from {newtons(sizes[0])} at {looks[0].name} to {newtons(sizes[-1])} at "
+                f"{looks[-1].name}."
+            )
         else:
-            out.append(f"It is largest at {looks[i].name} ({newtons(sizes[i])}) and smallest at {looks[k].name} "
-                       f"({newtons(sizes[k])}).")
+            out.append(
+                f"It is largest at {looks[i].name} ({newtons(sizes[i])}) and smallest at {looks[k].name} "
+                f"({newtons(sizes[k])})."
+            )
     return out
 
 
@@ -165,12 +242,15 @@ def _laws(w: Where) -> list[str]:
             more = "stiffer" if law.part == "in phase" else "more dissipative"
             less = "softer" if law.part == "in phase" else "less dissipative"
             meaning = f": the specimen acts {more if law.force_N > 0 else less} than the model"
-        grows = " and ".join(x for x in (_growth("frequency", law.frequency_power),
-                                         _growth("amplitude", law.amplitude_power)) if x)
+        grows = " and ".join(
+            x for x in (_growth("frequency", law.frequency_power), _growth("amplitude", law.amplitude_power)) if x
+        )
         start = "Once the model's own numbers may adapt," if i == 0 else "Beside that,"
-        out.append(f"{start} what is missing at the {_ordinal(law.order)} {step} "
-                   f"is {newtons(_most(law, w))} at most in these tests{meaning}"
-                   f"{'; it ' + grows if grows else ''}.")
+        out.append(
+            f"{start} what is missing at the {_ordinal(law.order)} {step} "
+            f"is {newtons(_most(law, w))} at most in these tests{meaning}"
+            f"{'; it ' + grows if grows else ''}."
+        )
     return out
 
 
@@ -191,9 +271,13 @@ def _growth(what: str, power: tuple[float, float, float] | None) -> str:
     best, low, high = power
     if high - low > OPEN:
         return ""
-    for whole, words in ((0.0, f"does not depend on {what}"), (1.0, f"grows in proportion to {what}"),
-                         (2.0, f"grows with {what} squared"), (3.0, f"grows with {what} cubed"),
-                         (-1.0, f"falls as 1/{what}")):
+    for whole, words in (
+        (0.0, f"does not depend on {what}"),
+        (1.0, f"grows in proportion to {what}"),
+        (2.0, f"grows with {what} squared"),
+        (3.0, f"grows with {what} cubed"),
+        (-1.0, f"falls as 1/{what}"),
+    ):
         if abs(best - whole) < 0.12 or (low - 0.02 <= whole <= high + 0.02 and high - low < 0.8):
             return f"{words} (power {best:.2f}, {low:.2f} to {high:.2f})".replace("-0.00", "0.00")
     return f"goes with {what} to the power {best:.1f} ({low:.1f} to {high:.1f})"
@@ -204,13 +288,17 @@ def _harmonics(w: Where) -> list[str]:
     if not looks:
         return []
     looks.sort(key=lambda x: -x.share)
-    parts = [f"{_percent(x.share)} in the {_ordinal(int(x.name))} in step with the "
-             f"{'displacement' if x.kind == 'in phase' else 'velocity'}" for x in looks[:3]]
+    parts = [
+        f"{_percent(x.share)} in the {_ordinal(int(x.name))} in step with the "
+        f"{'displacement' if x.kind == 'in phase' else 'velocity'}"
+        for x in looks[:3]
+    ]
     out = [f"Of the residual's power {_listed(parts)}."]
     even = w.of("parity")[1]
     if even.significant and even.share > 0.3:
-        out.append(f"{_percent(even.share)} of it is in even harmonics: the two halves of the stroke are missed "
-                   "differently.")
+        out.append(
+            f"{_percent(even.share)} of it is in even harmonics: the two halves of the stroke are missed differently."
+        )
     return out
 
 
@@ -233,28 +321,39 @@ def _record(w: Where) -> list[str]:
         return []
     use = trends or list(range(len(w.files)))
     change = np.sqrt(np.mean(w.change_N[use] ** 2, axis=0)) * np.sign(np.sum(w.change_N[use], axis=0))
-    names = ("the mean force", "the fundamental in step with the displacement",
-             "the fundamental in step with the velocity")
-    parts = [f"{n} {'grows' if c > 0 else 'falls'} by {newtons(abs(c))}"
-             for n, c, key in zip(names, change, ("mean", "in phase", "quadrature"))
-             if any(x.name == key for x in whats)]
+    names = (
+        "the mean force",
+        "the fundamental in step with the displacement",
+        "the fundamental in step with the velocity",
+    )
+    parts = [
+        f"{n} {'grows' if c > 0 else 'falls'} by {newtons(abs(c))}"
+        for n, c, key in zip(names, change, ("mean", "in phase", "quadrature"))
+        if any(x.name == key for x in whats)
+    ]
     parts += [f"{x.name} change by {newtons(x.gap_N)} RMS" for x in whats if "harmonics" in x.name and x.share > 0.2]
     where = f"in {len(trends)} of {len(w.files)} tests" if trends else "if all tests are taken together"
-    return [f"The loops change along the record {where}, which no steady model can "
-            f"follow{': ' + _listed(parts) + ' from the first cycles to the last' if parts else ''}."]
+    return [
+        f"The loops change along the record {where}, which no steady model can "
+        f"follow{': ' + _listed(parts) + ' from the first cycles to the last' if parts else ''}."
+    ]
 
 
 def _rest(w: Where) -> list[str]:
     out = []
     mean = w.of("mean")[0]
     if mean.significant:
-        out.append(f"The mean forces differ by {newtons(mean.gap_N)} RMS from the model's, more than an unknown place "
-                   "of rest explains.")
-    out += [f"Beside the loops the records hold a line at {x.name} of {newtons(x.gap_N)} RMS: the mains."
-            for x in w.of("mains") if x.significant]
+        out.append(
+            f"The mean forces differ by {newtons(mean.gap_N)} RMS from the model's, more than an unknown place "
+            "of rest explains."
+        )
+    out += [
+        f"Beside the loops the records hold a line at {x.name} of {newtons(x.gap_N)} RMS: the mains."
+        for x in w.of("mains")
+        if x.significant
+    ]
     return out
 
 
 def _listed(parts: list[str]) -> str:
     return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
-

@@ -13,14 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..inference.likelihood import discrepancy_spectrum
-from .data import TREND_HARMONICS, GapData, predicted
-from .evidence import Fit
-from .residuals import ALONG, COUNTED, HUM, LOOP, MEAN, Residual
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.gap.data import TREND_HARMONICS, GapData, predicted
+from bayes_iwan.gap.evidence import Fit
+from bayes_iwan.gap.residuals import ALONG, COUNTED, HUM, LOOP, MEAN, Residual
+from bayes_iwan.inference.likelihood import discrepancy_spectrum
 
 LEVEL = 0.9
 DRAWS = 400
@@ -106,8 +104,21 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
     part = {k: _gap(found[k].mean(), spread[k].mean(axis=1), removed[k].mean(), raw[k].mean(), level) for k in kinds}
     cycle, rms, low, high = _along(residual, error)
     plausible = np.maximum(2.0 * total - again, 0.0)
-    return GapSize(tuple(x.file for x in residual.data.loops), tests, everything, part[LOOP], part[ALONG],
-                   part[HUM], part[MEAN], friction, cycle, rms, low, high, plausible)
+    return GapSize(
+        tuple(x.file for x in residual.data.loops),
+        tests,
+        everything,
+        part[LOOP],
+        part[ALONG],
+        part[HUM],
+        part[MEAN],
+        friction,
+        cycle,
+        rms,
+        low,
+        high,
+        plausible,
+    )
 
 
 def ceiling_N(residual: Residual) -> float:
@@ -160,8 +171,16 @@ def _gap(power: float, spread: Array, noise: float, left: float, friction: float
     """A gap from its squared estimate and that estimate's distribution around it, reflected (basic bootstrap)."""
     rms, low, high = _roots(np.array(power), spread)
     f = max(friction, 1e-300)
-    return Gap(float(rms), float(low), float(high), float(rms / f), float(low / f), float(high / f),
-               float(np.sqrt(noise)), float(np.sqrt(left)))
+    return Gap(
+        float(rms),
+        float(low),
+        float(high),
+        float(rms / f),
+        float(low / f),
+        float(high / f),
+        float(np.sqrt(noise)),
+        float(np.sqrt(left)),
+    )
 
 
 def _roots(power: Array, spread: Array) -> tuple[Array, Array, Array]:
@@ -172,8 +191,9 @@ def _roots(power: Array, spread: Array) -> tuple[Array, Array, Array]:
     return np.sqrt(at), np.sqrt(low), np.sqrt(np.maximum(high, at))
 
 
-def _along(residual: Residual, error: np.ndarray) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...],
-                                                           tuple[Array, ...]]:
+def _along(
+    residual: Residual, error: np.ndarray
+) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
     """What is missed in each block of cycles: the averaged loop's residual plus the contrasts' share of the block."""
     data = residual.data
     few = np.flatnonzero((residual.kind <= MEAN) & (residual.order <= TREND_HARMONICS))
@@ -181,7 +201,7 @@ def _along(residual: Residual, error: np.ndarray) -> tuple[tuple[Array, ...], tu
     changing = residual.kind == ALONG
     weight = np.where(np.arange(len(few)) == 0, 1.0, 0.5)
 
-    def by_block(value: np.ndarray, t: int) -> Array:      # (…, M) of one test -> (…, B)
+    def by_block(value: np.ndarray, t: int) -> Array:  # (…, M) of one test -> (…, B)
         contrasts = value[..., changing].reshape(*value.shape[:-1], -1, TREND_HARMONICS + 1)
         mix = np.einsum("kb,...kh->...bh", data.contrast[t], contrasts[..., : len(few)])
         steady_part = np.where(residual.order[few] == 0, 0.0, value[..., few])

@@ -11,11 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .residuals import LOOP, Residual
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.gap.residuals import LOOP, Residual
 
 ORDERS = (1, 2, 3, 4, 5)
 FREQUENCY_POWERS = np.arange(-2.0, 3.01, 0.25)
@@ -131,8 +129,16 @@ class LawSearch:
         # with two frequencies the parallel spring takes up whatever makes one power differ from another
         told = self.frequencies > 2 or (order, part) != (1, "in phase")
         by_frequency = _profile(self.f_powers, table.max(axis=1), spare) if told else None
-        law = Law(order, part, size, float(np.sqrt(spare / power)), by_frequency,
-                  _profile(self.a_powers, table.max(axis=0), spare), float(gain[best]), p)
+        law = Law(
+            order,
+            part,
+            size,
+            float(np.sqrt(spare / power)),
+            by_frequency,
+            _profile(self.a_powers, table.max(axis=0), spare),
+            float(gain[best]),
+            p,
+        )
         return law, s[best] / np.sqrt(power)
 
 
@@ -142,7 +148,7 @@ def _profile(powers: Array, gain: Array, spare: float) -> tuple[float, float, fl
         return None
     best = int(np.argmax(gain))
     top, at = float(gain[best]), float(powers[best])
-    if 0 < best < len(powers) - 1:                        # the vertex of the parabola through the best three
+    if 0 < best < len(powers) - 1:  # the vertex of the parabola through the best three
         behind, ahead = gain[best - 1], gain[best + 1]
         bend = 2.0 * top - behind - ahead
         at += 0.5 * (powers[1] - powers[0]) * (ahead - behind) / max(bend, 1e-300)

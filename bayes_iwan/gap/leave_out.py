@@ -8,14 +8,14 @@ from typing import cast
 
 import numpy as np
 
-from ..campaign import Loop
-from ..inference.parameters import Prior
-from ..inference.problem import Problem
-from .data import GapData, gap_data
-from .effects import Effect
-from .evidence import Fit, fit_model
-from .gap_size import GapSize, gap_size
-from .residuals import residual_of
+from bayes_iwan.campaign import Loop
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.gap.data import GapData, gap_data
+from bayes_iwan.gap.evidence import Fit, fit_model
+from bayes_iwan.gap.gap_size import GapSize, gap_size
+from bayes_iwan.gap.residuals import residual_of
+from bayes_iwan.inference.parameters import Prior
+from bayes_iwan.inference.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,13 @@ def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem
     files = tuple(x.file for x in loops)
     effects = tuple(replace(e, tests=files, cache={}) for e in cast(tuple[Effect, ...], problem.model.effects))
     own = tuple(p for p in problem.prior.parameters if "." not in p.name)
-    return replace(problem, loops=tuple(loops), likelihood=data.likelihood,
-                   model=replace(problem.model, effects=effects),
-                   prior=Prior((*own, *(p for e in effects for p in e.parameters))))
+    return replace(
+        problem,
+        loops=tuple(loops),
+        likelihood=data.likelihood,
+        model=replace(problem.model, effects=effects),
+        prior=Prior((*own, *(p for e in effects for p in e.parameters))),
+    )
 
 
 def refitted(fit: Fit, data: GapData) -> Fit:
@@ -63,8 +67,9 @@ def refitted(fit: Fit, data: GapData) -> Fit:
     return fit_model(data, problem, starts[:, at], iterations=20)
 
 
-def unseen_gap(base: Fit, fits: dict[str, Fit], data: GapData, held_out: Sequence[Loop],
-               seed: int) -> dict[str, Unseen]:
+def unseen_gap(
+    base: Fit, fits: dict[str, Fit], data: GapData, held_out: Sequence[Loop], seed: int
+) -> dict[str, Unseen]:
     """Gap before (base) and after (each of fits), on held-out tests if there are any, else by leaving out."""
     if held_out:
         other = gap_data(held_out)

@@ -10,17 +10,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..inference.defaults import Scales
-from .attribution import Attribution, Table, attribute
-from .catalogue import calibrated
-from .data import GapData
-from .effects import Effect
-from .evidence import SHARES, Fit, fit_model
-from .search import Search, candidates, fit_base
-
-Array = NDArray[np.float64]
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.gap.attribution import Attribution, Table, attribute
+from bayes_iwan.gap.data import GapData
+from bayes_iwan.gap.evidence import SHARES, Fit, fit_model
+from bayes_iwan.gap.search import Search, candidates, fit_base
+from bayes_iwan.gap.strength import calibrated
+from bayes_iwan.inference.scales import Scales
 
 #: a term is taken in if it gains so many nats over the model without it
 WORTH_NATS = 8.0
@@ -59,8 +56,7 @@ class Terms:
         if len(self.steps) > 1:
             a, b = sorted(self.names[:2])
             pairs[a, b] = self.fit
-        singles: dict[str, tuple[Fit, ...]] = {
-            n: (self.alone[n],) if n in self.alone else () for n in self.effects}
+        singles: dict[str, tuple[Fit, ...]] = {n: (self.alone[n],) if n in self.alone else () for n in self.effects}
         if len(self.steps) == 1:
             singles[self.names[0]] = (self.fit,)
         return Search(data, scales, config, self.bare, singles, pairs, self.effects)
@@ -79,8 +75,14 @@ def evidence_of(fit: Fit) -> float:
     return fit.log_evidence(np.full(len(SHARES), -np.log(len(SHARES))))
 
 
-def select_terms(data: GapData, scales: Scales, config: dict, kinds: Mapping[str, tuple[type[Effect], ...]],
-                 rng: np.random.Generator, progress: Callable[[str], None] = lambda what: None) -> Terms:
+def select_terms(
+    data: GapData,
+    scales: Scales,
+    config: dict,
+    kinds: Mapping[str, tuple[type[Effect], ...]],
+    rng: np.random.Generator,
+    progress: Callable[[str], None] = lambda what: None,
+) -> Terms:
     """Forward selection of `kinds` on the base model: the best next term, as long as it gains WORTH_NATS."""
     progress("base model")
     bare = current = fit_base(data, config, scales, rng)
@@ -89,8 +91,10 @@ def select_terms(data: GapData, scales: Scales, config: dict, kinds: Mapping[str
     alone: dict[str, Fit] = {}
     effects: dict[str, tuple[Effect, ...]] = {}
     while left:
-        on_offer = {name: tuple(calibrated(k, scales, data, current.problem, current.z) for k in classes)
-                    for name, classes in left.items()}
+        on_offer = {
+            name: tuple(calibrated(k, scales, data, current.problem, current.z) for k in classes)
+            for name, classes in left.items()
+        }
         effects = {**on_offer, **effects}
         fits = {}
         for one in candidates(data, current, on_offer):

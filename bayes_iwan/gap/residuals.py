@@ -14,13 +14,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..inference.likelihood import Correlated, between_tests, discrepancy_spectrum
-from ..inference.problem import Problem
-from .data import TREND_FLOOR, TREND_HARMONICS, GapData, predicted
-from .effects import Effect
-from .evidence import Fit, Rows
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.gap.data import TREND_FLOOR, TREND_HARMONICS, GapData, predicted
+from bayes_iwan.gap.evidence import Fit, Rows
+from bayes_iwan.inference.likelihood import Correlated, between_tests, discrepancy_spectrum
+from bayes_iwan.inference.problem import Problem
 
 #: kinds of numbers: harmonics of the averaged loop, its mean, contrasts between blocks of cycles, lines of the mains
 LOOP, MEAN, ALONG, HUM = 0, 1, 2, 3
@@ -111,11 +110,15 @@ class Residual:
         rows = self._rows
         c = change[..., : rows.used].transpose(2, 0, 1)
         turn = rows.turn.transpose(0, 2, 1)
-        parts = [(c.real @ turn).transpose(1, 0, 2)[:, rows._masks[0]],
-                 (c.imag @ turn).transpose(1, 0, 2)[:, rows._masks[1]]]
+        parts = [
+            (c.real @ turn).transpose(1, 0, 2)[:, rows._masks[0]],
+            (c.imag @ turn).transpose(1, 0, 2)[:, rows._masks[1]],
+        ]
         if rows.evolving:
-            for kind, mask, noise in ((ALONG, rows._trend, self.data.trend_noise_N),
-                                      (HUM, rows._line, self.data.mains_noise_N)):
+            for kind, mask, noise in (
+                (ALONG, rows._trend, self.data.trend_noise_N),
+                (HUM, rows._line, self.data.mains_noise_N),
+            ):
                 scaled = change[..., self.kind == kind].reshape(len(change), *mask.shape)[:, mask] / noise[mask]
                 parts += [scaled.real, scaled.imag]
         return np.concatenate(parts, axis=1)
@@ -141,7 +144,8 @@ def residual_of(data: GapData, fit: Fit, step: float = 1e-4) -> Residual:
         flat[..., -2:] = lines
     measured = np.concatenate([data.harmonics_N, data.trend_N.reshape(tests, -1), data.mains_N], axis=1)
     allowed = np.concatenate(
-        [_loop_noise(data, count), data.trend_noise_N.reshape(tests, -1), data.mains_noise_N], axis=1)
+        [_loop_noise(data, count), data.trend_noise_N.reshape(tests, -1), data.mains_noise_N], axis=1
+    )
     noise = allowed.copy()
     noise[:, 0] = [x.noise_N[0] for x in data.loops]
     floor = (TREND_FLOOR * data.level_N)[:, None]
@@ -154,8 +158,9 @@ def residual_of(data: GapData, fit: Fit, step: float = 1e-4) -> Residual:
     weight = np.where(order == 0, 1.0, 0.5) * np.where(kind == ALONG, 1.0 / blocks[:, None], 1.0)
     there = np.isfinite(allowed)
     slope = (flat[1 : n + 1] - flat[n + 1 :]) / (2.0 * step)
-    value, noise, allowed, weight, slope = (np.where(there, x, 0.0) for x in
-                                            (measured - flat[0], noise, allowed, weight, slope))
+    value, noise, allowed, weight, slope = (
+        np.where(there, x, 0.0) for x in (measured - flat[0], noise, allowed, weight, slope)
+    )
     return Residual(data, fit, value, noise, allowed, weight, order == 0, kind, order, contrast, slope, refitted)
 
 

@@ -12,16 +12,15 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..inference.defaults import Scales
-from ..inference.problem import Problem
-from .catalogue import UNLISTED, calibrated, ordered
-from .data import GapData
-from .effects import Effect
-from .evidence import FIRST, Fit, Linear, Rows, base_problem, extended, fit_model
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.catalogue import UNLISTED, ordered
+from bayes_iwan.gap.data import GapData
+from bayes_iwan.gap.evidence import FIRST, Fit, Linear, Rows, base_problem, extended, fit_model
+from bayes_iwan.gap.strength import calibrated
+from bayes_iwan.inference.problem import Problem
+from bayes_iwan.inference.scales import Scales
 
 BASE_POINTS, BASE_STARTS = 600, 16
 #: z of the strength and of shapes at which an effect is tried
@@ -102,7 +101,7 @@ def promising(rows: Rows, points: Array, smaller: Fit, share: float, length: flo
     shared, rest = r[:, :n_shared], r[:, n_shared:]
     precision = j.T @ j + np.eye(len(at))
     z0 = points[:, at]
-    b = shared @ j - z0                              # minimise |r − J d|² + |z0 + d|²
+    b = shared @ j - z0  # minimise |r − J d|² + |z0 + d|²
     gain = np.einsum("ni,ni->n", b, np.linalg.solve(precision, b.T).T)
     cost = np.sum(shared**2, axis=1) + np.sum(rest**2, axis=1) + np.sum(points**2, axis=1) - gain
     cost = np.where(good, cost, np.inf)
@@ -149,21 +148,29 @@ def candidates(data: GapData, smaller: Fit, effects: dict[str, tuple[Effect, ...
             points = start_points(effect, problem, optima, smaller.problem.names)
             at = max(smaller.share, 1e-3), smaller.length
             starts, gain = promising(Rows(data, problem), points, smaller, *at, EFFECT_STARTS)
-            if effect.strength_name not in problem.names:   # a number for each test: nothing of it is in any start
+            if effect.strength_name not in problem.names:  # a number for each test: nothing of it is in any start
                 gain = stepped(Rows(data, problem), points[0], smaller, *at)
             out.append(Candidate(name, problem, starts, gain))
     return sorted(out, key=lambda c: -c.gain)
 
 
-def search(data: GapData, scales: Scales, config: dict, kinds: dict[str, tuple[type[Effect], ...]],
-           rng: np.random.Generator, progress: Callable[[str], None] = lambda what: None,
-           base: Fit | None = None) -> Search:
+def search(
+    data: GapData,
+    scales: Scales,
+    config: dict,
+    kinds: dict[str, tuple[type[Effect], ...]],
+    rng: np.random.Generator,
+    progress: Callable[[str], None] = lambda what: None,
+    base: Fit | None = None,
+) -> Search:
     """Fit the base (unless it is given), every single effect, then pairs around the best single one."""
     if base is None:
         progress("base model")
         base = fit_base(data, config, scales, rng)
-    effects = {name: tuple(calibrated(k, scales, data, base.problem, base.z) for k in classes)
-               for name, classes in kinds.items()}
+    effects = {
+        name: tuple(calibrated(k, scales, data, base.problem, base.z) for k in classes)
+        for name, classes in kinds.items()
+    }
 
     def all_singles(base: Fit) -> dict[str, tuple[Fit, ...]]:
         out: dict[str, tuple[Fit, ...]] = {name: () for name in effects}
@@ -171,22 +178,23 @@ def search(data: GapData, scales: Scales, config: dict, kinds: dict[str, tuple[t
             sudden, starts = effects[one.name][0].sudden, one.starts
             if i < SINGLE_MOST or one.gain > PAIR_PROMISE or sudden:
                 progress(one.name)
-                if sudden:                                  # the base may have bent too far to lead there
+                if sudden:  # the base may have bent too far to lead there
                     starts = np.concatenate([starts, best_draws(data, one.problem, BASE_POINTS, EFFECT_STARTS, rng)])
                 out[one.name] += (fit_model(data, one.problem, starts, iterations=20),)
         return out
 
     singles = all_singles(base)
     better = _base_again(data, base, singles)
-    if better.log_z.max() > base.log_z.max() + 1.0:         # the base had missed its optimum: once more from there
+    if better.log_z.max() > base.log_z.max() + 1.0:  # the base had missed its optimum: once more from there
         base, singles = better, all_singles(better)
     pairs = _pairs(data, base, singles, effects, progress)
     singles = _singles_again(data, singles, pairs)
     return Search(data, scales, config, base, singles, pairs, effects, _unlisted(data, scales, base, progress))
 
 
-def _singles_again(data: GapData, singles: dict[str, tuple[Fit, ...]],
-                   pairs: dict[tuple[str, str], Fit]) -> dict[str, tuple[Fit, ...]]:
+def _singles_again(
+    data: GapData, singles: dict[str, tuple[Fit, ...]], pairs: dict[tuple[str, str], Fit]
+) -> dict[str, tuple[Fit, ...]]:
     """The two effects of the best pair, each alone from its part of its pairs' optima: a single effect that had missed
     its optimum would make any idle second one look needed."""
     leading = max(pairs, key=lambda k: pairs[k].log_z.max(), default=())
@@ -194,8 +202,11 @@ def _singles_again(data: GapData, singles: dict[str, tuple[Fit, ...]],
     for name in leading:
         fits = sorted(singles[name], key=lambda f: -f.log_z.max())
         with_it = sorted((f for k, f in pairs.items() if name in k), key=lambda f: -f.log_z.max())[:4]
-        starts = [f.z[[f.problem.names.index(n) for n in fits[0].problem.names]] for f in with_it
-                  if fits and set(fits[0].problem.names) <= set(f.problem.names)]   # the same variant
+        starts = [
+            f.z[[f.problem.names.index(n) for n in fits[0].problem.names]]
+            for f in with_it
+            if fits and set(fits[0].problem.names) <= set(f.problem.names)
+        ]  # the same variant
         if starts and with_it[0].log_z.max() > fits[0].log_z.max():
             again = fit_model(data, fits[0].problem, np.array([fits[0].z, *starts]), iterations=20)
             if again.log_z.max() > fits[0].log_z.max():
@@ -213,7 +224,8 @@ def _base_again(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]]) -
 def _unlisted(data: GapData, scales: Scales, base: Fit, progress: Callable[[str], None]) -> dict[str, Fit]:
     """Shapes without a cause that promise as much as a second effect must."""
     shapes: dict[str, tuple[Effect, ...]] = {
-        k.name: (calibrated(k, scales, data, base.problem, base.z),) for k in UNLISTED}
+        k.name: (calibrated(k, scales, data, base.problem, base.z),) for k in UNLISTED
+    }
     out = {}
     for one in candidates(data, base, shapes):
         if one.gain > PAIR_PROMISE:
@@ -222,8 +234,13 @@ def _unlisted(data: GapData, scales: Scales, base: Fit, progress: Callable[[str]
     return out
 
 
-def _pairs(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]], effects: dict[str, tuple[Effect, ...]],
-           progress: Callable[[str], None]) -> dict[tuple[str, str], Fit]:
+def _pairs(
+    data: GapData,
+    base: Fit,
+    singles: dict[str, tuple[Fit, ...]],
+    effects: dict[str, tuple[Effect, ...]],
+    progress: Callable[[str], None],
+) -> dict[tuple[str, str], Fit]:
     """The best single effect with each other one; then the best partner with each other one (swap)."""
     best = {name: max(fits, key=lambda f: f.log_z.max()) for name, fits in singles.items() if fits}
     if not best:
@@ -242,8 +259,8 @@ def _pairs(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]], effect
                 continue
             progress(f"{first} + {one.name}")
             starts = one.starts
-            if alone is not None and set(alone.problem.names) <= set(one.problem.names):   # the base as the second
-                starts = np.concatenate([starts, _together(one.problem, best[first], alone)[None]])   # alone left it
+            if alone is not None and set(alone.problem.names) <= set(one.problem.names):  # the base as the second
+                starts = np.concatenate([starts, _together(one.problem, best[first], alone)[None]])  # alone left it
             key, fit = _key(first, one.name), fit_model(data, one.problem, starts, iterations=20)
             if key not in out or fit.log_z.max() > out[key].log_z.max():
                 out[key] = fit
@@ -255,7 +272,7 @@ def _pairs(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]], effect
     if out:
         leading = max(out, key=lambda k: out[k].log_z.max())
         partner = leading[0] if leading[1] == first else leading[1]
-        if partner not in best:                             # it promised nothing on its own
+        if partner not in best:  # it promised nothing on its own
             alone = candidates(data, base, {partner: effects[partner]})[0]
             best[partner] = fit_model(data, alone.problem, alone.starts, iterations=20)
         with_each(partner)

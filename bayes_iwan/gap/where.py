@@ -14,15 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from ..inference.likelihood import harmonics_of
-from .attribution import calibration
-from .data import MAINS_HZ
-from .evidence import LENGTHS
-from .gap_size import LEVEL
-from .laws import Law, LawSearch
-from .residuals import ALONG, HUM, LOOP, MEAN, Residual
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.gap.attribution import calibration
+from bayes_iwan.gap.data import MAINS_HZ
+from bayes_iwan.gap.evidence import LENGTHS
+from bayes_iwan.gap.gap_size import LEVEL
+from bayes_iwan.gap.laws import Law, LawSearch
+from bayes_iwan.gap.residuals import ALONG, HUM, LOOP, MEAN, Residual
+from bayes_iwan.inference.likelihood import harmonics_of
 
 FAMILY_WISE = 0.05
 SIMULATIONS = 1000
@@ -107,22 +106,45 @@ def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> 
 
     off = looks.power(noise)
     found = value - off.mean(axis=0)
-    again = looks.power(residual.value + noise) - value - off.mean(axis=0)      # around zero
+    again = looks.power(residual.value + noise) - value - off.mean(axis=0)  # around zero
     few, many = np.quantile(again, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2], axis=0)
     size, low, high = (np.sqrt(np.maximum(x, 0.0) * looks.scale) for x in (found, found - many, found - few))
-    whole, along = (max(float(np.mean(residual.power(residual.value, kind)) - np.mean(residual.power(noise, kind))),
-                        1e-300) for kind in (LOOP, ALONG))
+    whole, along = (
+        max(float(np.mean(residual.power(residual.value, kind)) - np.mean(residual.power(noise, kind))), 1e-300)
+        for kind in (LOOP, ALONG)
+    )
     share = np.maximum(found, 0.0) / np.where(looks.changing, along, whole)
-    out = tuple(Look(kind, name, float(size[i]), float(min(low[i], size[i])), float(max(high[i], size[i])),
-                     float(min(share[i], 1.0)), float(looks.time[i]), float(p[i]), bool(p[i] < FAMILY_WISE))
-                for i, (kind, name) in enumerate(looks.names))
+    out = tuple(
+        Look(
+            kind,
+            name,
+            float(size[i]),
+            float(min(low[i], size[i])),
+            float(max(high[i], size[i])),
+            float(min(share[i], 1.0)),
+            float(looks.time[i]),
+            float(p[i]),
+            bool(p[i] < FAMILY_WISE),
+        )
+        for i, (kind, name) in enumerate(looks.names)
+    )
     turned, null_turned = looks.turned(residual.value), looks.turned(null)
     loops = residual.data.loops
-    return Where(tuple(x.file for x in loops), np.array([x.frequency_hz for x in loops]),
-                 np.array([x.amplitude_mm for x in loops]), out, laws, len(out) + law_null.shape[1],
-                 along_cycle(residual, residual.value), along_cycle(residual, null[:200]).std(axis=0), turned.real,
-                 turned.imag, np.sqrt(0.5 * np.mean(np.abs(null_turned) ** 2, axis=0)), looks.sticking,
-                 _change(residual, looks.turn))
+    return Where(
+        tuple(x.file for x in loops),
+        np.array([x.frequency_hz for x in loops]),
+        np.array([x.amplitude_mm for x in loops]),
+        out,
+        laws,
+        len(out) + law_null.shape[1],
+        along_cycle(residual, residual.value),
+        along_cycle(residual, null[:200]).std(axis=0),
+        turned.real,
+        turned.imag,
+        np.sqrt(0.5 * np.mean(np.abs(null_turned) ** 2, axis=0)),
+        looks.sticking,
+        _change(residual, looks.turn),
+    )
 
 
 def along_cycle(residual: Residual, value: np.ndarray) -> Array:
@@ -160,8 +182,10 @@ class _Looks:
 
     def _name(self) -> None:
         loops = self.residual.data.loops
-        self.by = {"frequency": sorted({x.record.frequency_hz for x in loops}),
-                   "amplitude": sorted({x.record.amplitude_mm for x in loops})}
+        self.by = {
+            "frequency": sorted({x.record.frequency_hz for x in loops}),
+            "amplitude": sorted({x.record.amplitude_mm for x in loops}),
+        }
         names = [("test", x.file) for x in loops]
         names += [("region", name) for name in self.masks]
         names += [("frequency", f"{f:g} Hz") for f in self.by["frequency"]]
@@ -196,8 +220,12 @@ class _Looks:
         parts = [by_test / tests]
         parts.append(np.stack([np.mean(squares * m, axis=(1, 2)) for m in self.masks.values()], axis=1))
         for key in ("frequency", "amplitude"):
-            nominal = np.array([getattr(x.record, {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}[key])
-                                for x in r.data.loops])
+            nominal = np.array(
+                [
+                    getattr(x.record, {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}[key])
+                    for x in r.data.loops
+                ]
+            )
             parts.append(np.stack([by_test[:, nominal == x].sum(axis=1) / tests for x in self.by[key]], axis=1))
         p = self.turned(value)[..., 1 : self.orders + 1]
         parts += [0.5 * np.mean(p.real**2, axis=1), 0.5 * np.mean(p.imag**2, axis=1)]
@@ -208,11 +236,15 @@ class _Looks:
         parts.append(r.power(value, ALONG) / tests)
         first = (r.kind == ALONG) & (r.order == 1)
         turned = value[..., first] * self.turn[:, 1, None]
-        sizes = np.stack([np.mean(np.sum(r.weight[:, first] * x**2, axis=-1), axis=1)
-                          for x in (turned.real, turned.imag)], axis=1)
+        sizes = np.stack(
+            [np.mean(np.sum(r.weight[:, first] * x**2, axis=-1), axis=1) for x in (turned.real, turned.imag)], axis=1
+        )
         along = r.kind == ALONG
-        pick = [along & (r.order == 0), along & (r.order % 2 == 1) & (r.order > 1),
-                along & (r.order % 2 == 0) & (r.order > 0)]
+        pick = [
+            along & (r.order == 0),
+            along & (r.order % 2 == 1) & (r.order > 1),
+            along & (r.order % 2 == 0) & (r.order > 0),
+        ]
         others = np.stack([square[:, m].sum(axis=1) for m in pick], axis=1)
         parts += [others[:, :1], sizes, others[:, 1:]]
         parts.append(square[:, r.kind == HUM])
@@ -228,7 +260,7 @@ def sticking_share(residual: Residual) -> Array:
     u = motion.displacement_mm[0]
     du = np.roll(u, -1, axis=-1) - np.roll(u, 1, axis=-1)
     df = np.roll(friction, -1, axis=-1) - np.roll(friction, 1, axis=-1)
-    slow = np.abs(du) < 0.02 * np.abs(du).max(axis=-1, keepdims=True)        # at a reversal everything sticks
+    slow = np.abs(du) < 0.02 * np.abs(du).max(axis=-1, keepdims=True)  # at a reversal everything sticks
     return np.where(slow, 1.0, np.clip(df / np.where(slow, 1.0, du * np.broadcast_to(k, u.shape)), 0.0, 1.0))
 
 

@@ -1,11 +1,11 @@
 """The configuration file: what a user may change about an identification, and what is wrong with it, in one line.
 
-    [loops]            n_phase, n_harmonics, n_blocks: the phase averaging
-    [model]            slip, grip, stiffness: the parts of bayes_iwan.physics.Model
-    [likelihood]       kind: correlated, gaussian or laplace
-    [parameters.NAME]  prior = {dist = "...", ...}, lower, upper, fixed, tied
-    [search]           the point estimate
-    [sampling]         the ensembles and when they have converged
+[loops]            n_phase, n_harmonics, n_blocks: the phase averaging
+[model]            slip, grip, stiffness: the parts of bayes_iwan.physics.Model
+[likelihood]       kind: correlated, gaussian or laplace
+[parameters.NAME]  prior = {dist = "...", ...}, lower, upper, fixed, tied
+[search]           the point estimate
+[sampling]         the ensembles and when they have converged
 """
 
 from __future__ import annotations
@@ -24,27 +24,37 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "model": {"slip": "gamma3", "grip": "hunt_crossley", "stiffness": "saturating"},
     "likelihood": {"kind": "correlated"},
     "search": {
-        "objective": "eq8",           # what the genetic algorithm minimises: eq8, squared or likelihood
+        "objective": "eq8",  # what the genetic algorithm minimises: eq8, squared or likelihood
         "members": 200,
         "evaluations": 20_000,
-        "second_opinion": True,       # differential evolution on the same objective
-        "reach": 4.0,                 # the search box is ± so many prior standard deviations
-        "starts": 12,                 # prior draws that least squares starts from, beside the searches' best members
+        "second_opinion": True,  # differential evolution on the same objective
+        "reach": 4.0,  # the search box is ± so many prior standard deviations
+        "starts": 12,  # prior draws that least squares starts from, beside the searches' best members
     },
     "sampling": {
         "ensembles": 4,
-        "walkers": 40,                # at least; twice the numbers and two where that is more
+        "walkers": 40,  # at least; twice the numbers and two where that is more
         "budget_s": 240.0,
         "max_steps": 200_000,
         "r_hat": 1.01,
         "ess": 400.0,
         "taus": 50.0,
-        "draws": 8192,                # draws kept in the posterior
+        "draws": 8192,  # draws kept in the posterior
     },
 }
 CHOICES = {("search", "objective"): ("eq8", "squared", "likelihood")}
-_POSITIVE_INT = {"n_phase", "n_harmonics", "n_blocks", "members", "evaluations", "starts", "ensembles", "walkers",
-                 "max_steps", "draws"}
+_POSITIVE_INT = {
+    "n_phase",
+    "n_harmonics",
+    "n_blocks",
+    "members",
+    "evaluations",
+    "starts",
+    "ensembles",
+    "walkers",
+    "max_steps",
+    "draws",
+}
 _POSITIVE = {"reach", "budget_s", "r_hat", "ess", "taus"}
 
 
@@ -84,8 +94,10 @@ def complete(given: Mapping[str, Any] | None = None, where: str = "config") -> d
             out[table][key] = _checked(table, key, value, where)
     phases, harmonics = out["loops"]["n_phase"], out["loops"]["n_harmonics"]
     if phases < 2 * harmonics + 2:
-        raise ConfigError(f"{where} [loops]: {phases} phases cannot show {harmonics} harmonics; make n_phase at least "
-                          f"{2 * harmonics + 2} or n_harmonics at most {phases // 2 - 1}")
+        raise ConfigError(
+            f"{where} [loops]: {phases} phases cannot show {harmonics} harmonics; make n_phase at least "
+            f"{2 * harmonics + 2} or n_harmonics at most {phases // 2 - 1}"
+        )
     out["parameters"] = {name: dict(entry) for name, entry in given.get("parameters", {}).items()}
     return out
 

@@ -8,56 +8,15 @@ Priors are weakly informative and relative to the campaign's own scales of force
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from ..campaign import Loop
-from ..physics import Model, Motion, Reference, normal_force, slip_force, stiffness
-from .parameters import Parameter
-
-Array = NDArray[np.float64]
-Numbers = dict[str, Array]
-
-
-@dataclass(frozen=True)
-class Scales:
-    """What the loops themselves say of the orders of magnitude; used for priors and for relative errors."""
-
-    length_mm: float              # largest amplitude
-    speed_m_s: float              # largest speed
-    force_N: float                # largest RMS force about its mean
-    slip_N: float                 # largest dissipated energy / (4 amplitude): the mean slip force, were all to slip
-    soft_N_mm: float              # secant stiffness of the largest amplitude
-    stiff_N_mm: float             # stiffness after reversals, at least
-
-    @property
-    def reference(self) -> Reference:
-        return Reference(self.length_mm, self.speed_m_s)
-
-
-def loop_energy_mJ(displacement_mm: Array, force_N: Array) -> Array:
-    """Dissipated energy ∮F du in mJ (N·mm) along the last axis of periodic samples (…, samples)."""
-    step = np.roll(displacement_mm, -1, axis=-1) - np.roll(displacement_mm, 1, axis=-1)
-    return 0.5 * np.sum(force_N * step, axis=-1)
-
-
-def scales_of(loops: Sequence[Loop]) -> Scales:
-    """Scales from the loops that are fitted."""
-    energy = np.array([float(loop_energy_mJ(x.displacement_mm, x.force_N)) for x in loops])
-    amplitude = np.array([x.amplitude_mm for x in loops])
-    secant = np.array([np.ptp(x.force_N) / np.ptp(x.displacement_mm) for x in loops])
-    slip = float(np.max(np.maximum(energy, 0.0) / (4.0 * amplitude)))
-    force = max(float(np.std(x.force_N)) for x in loops)
-    slip = max(slip, 1e-3 * force)
-    large, small = int(np.argmax(amplitude)), int(np.argmin(amplitude))
-    # after a reversal the force drops by up to twice the slip force within a fraction of the stroke
-    stiff = max(1.5 * secant[small], 4.0 * slip / amplitude[large])
-    return Scales(float(amplitude.max()), max(float(np.max(np.abs(x.velocity_m_s))) for x in loops), force, slip,
-                  float(secant[large]), float(stiff))
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.inference.parameters import Parameter
+from bayes_iwan.inference.scales import Scales
+from bayes_iwan.physics import Model, normal_force, slip_force, stiffness
 
 
 def _lognormal(median: float, sd: float):
@@ -69,32 +28,64 @@ def _above_one(median_excess: float, sd: float):
 
 
 def _slip_parameters(family: slip_force.SlipForce, s: Scales) -> list[Parameter]:
-    mean = Parameter("mean_slip_force_N", "E[φ]", "N", "mean slip force of the elements at rest",
-                     _lognormal(1.2 * s.slip_N, 0.8))
+    mean = Parameter(
+        "mean_slip_force_N", "E[φ]", "N", "mean slip force of the elements at rest", _lognormal(1.2 * s.slip_N, 0.8)
+    )
     if isinstance(family, slip_force.Gammas):
         n = family.components
         out = [mean]
-        out += [Parameter(f"slip_ratio_{i + 1}{i}", f"m{i + 1}/m{i}", "-",
-                          f"mean slip force of component {i + 1} over that of component {i}", _above_one(1.5, 1.0))
-                for i in range(1, n)]
+        out += [
+            Parameter(
+                f"slip_ratio_{i + 1}{i}",
+                f"m{i + 1}/m{i}",
+                "-",
+                f"mean slip force of component {i + 1} over that of component {i}",
+                _above_one(1.5, 1.0),
+            )
+            for i in range(1, n)
+        ]
         # narrower than a standard deviation of a quarter of the mean (η = 16) a component is a single slider, which can
         # follow the noise of one loop, and the posterior gets a thin branch for each place where it finds some
-        out += [Parameter(f"eta{i}", f"η{i}", "-", f"gamma shape of component {i}", _lognormal(2.0, 0.9), 0.12, 16.0)
-                for i in range(1, n + 1)]
-        out += [Parameter(f"share_{i}", f"w{i}", "-", f"weight of component {i} among the components from it on",
-                          stats.beta(1, n - i) if n - i > 1 else stats.uniform(0, 1)) for i in range(1, n)]
+        out += [
+            Parameter(f"eta{i}", f"η{i}", "-", f"gamma shape of component {i}", _lognormal(2.0, 0.9), 0.12, 16.0)
+            for i in range(1, n + 1)
+        ]
+        out += [
+            Parameter(
+                f"share_{i}",
+                f"w{i}",
+                "-",
+                f"weight of component {i} among the components from it on",
+                stats.beta(1, n - i) if n - i > 1 else stats.uniform(0, 1),
+            )
+            for i in range(1, n)
+        ]
         return out
     if family.name == "uniform":
-        return [mean, Parameter("slip_width", "w", "-", "half width of the density over its mean", stats.uniform(0, 1),
-                                1e-3, 1.0)]
+        return [
+            mean,
+            Parameter(
+                "slip_width", "w", "-", "half width of the density over its mean", stats.uniform(0, 1), 1e-3, 1.0
+            ),
+        ]
     if family.name == "gaussian":
-        return [Parameter("slip_centre_N", "μ", "N", "centre of the uncut normal density",
-                          stats.norm(loc=1.2 * s.slip_N, scale=1.5 * s.slip_N)),
-                Parameter("slip_sd_N", "σ", "N", "standard deviation of the uncut normal density",
-                          _lognormal(0.6 * s.slip_N, 0.8))]
-    return [Parameter("slip_max_N", "φmax", "N", "largest slip force", _lognormal(2.5 * s.slip_N, 0.8)),
-            Parameter("slip_chi", "χ", "-", "exponent of the density", stats.norm(loc=-0.3, scale=0.5), -0.98, 3.0),
-            Parameter("slip_end_share", "s", "-", "share of elements that slip at φmax", stats.uniform(0, 1))]
+        return [
+            Parameter(
+                "slip_centre_N",
+                "μ",
+                "N",
+                "centre of the uncut normal density",
+                stats.norm(loc=1.2 * s.slip_N, scale=1.5 * s.slip_N),
+            ),
+            Parameter(
+                "slip_sd_N", "σ", "N", "standard deviation of the uncut normal density", _lognormal(0.6 * s.slip_N, 0.8)
+            ),
+        ]
+    return [
+        Parameter("slip_max_N", "φmax", "N", "largest slip force", _lognormal(2.5 * s.slip_N, 0.8)),
+        Parameter("slip_chi", "χ", "-", "exponent of the density", stats.norm(loc=-0.3, scale=0.5), -0.98, 3.0),
+        Parameter("slip_end_share", "s", "-", "share of elements that slip at φmax", stats.uniform(0, 1)),
+    ]
 
 
 def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
@@ -106,19 +97,35 @@ def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
         Parameter("k1_N_mm", "k(1)", "N/mm", "stiffness of the elements at α = 1", _lognormal(s.stiff_N_mm, 1.0)),
     ]
     if model.stiffness == "saturating":
-        out.append(Parameter("elasticity", "ε", "-", "d ln k / d ln α at α = 1; 0: k constant, 1: k ∝ α",
-                             stats.uniform(0, 1), 1e-4, 1.0 - 1e-4))
+        out.append(
+            Parameter(
+                "elasticity",
+                "ε",
+                "-",
+                "d ln k / d ln α at α = 1; 0: k constant, 1: k ∝ α",
+                stats.uniform(0, 1),
+                1e-4,
+                1.0 - 1e-4,
+            )
+        )
     out += _slip_parameters(model.slip_family, s)
     for name in model.grip_law.names:
         if name == "beta":
-            out.append(Parameter("beta", "β", "-", "exponent of the Hunt–Crossley normal force",
-                                 _lognormal(0.7, 1.2), 0.004, 5.0))
+            out.append(
+                Parameter(
+                    "beta", "β", "-", "exponent of the Hunt–Crossley normal force", _lognormal(0.7, 1.2), 0.004, 5.0
+                )
+            )
         elif name == "grip_slope":
-            out.append(Parameter(name, "k̃ₙβℓ^β", "-", "relative change of the normal force with displacement",
-                                 stats.norm(scale=0.4)))
+            out.append(
+                Parameter(
+                    name, "k̃ₙβℓ^β", "-", "relative change of the normal force with displacement", stats.norm(scale=0.4)
+                )
+            )
         elif name == "grip_rate":
-            out.append(Parameter(name, "λk̃ₙℓ^βv", "-", "relative change of the normal force with speed",
-                                 stats.norm(scale=0.4)))
+            out.append(
+                Parameter(name, "λk̃ₙℓ^βv", "-", "relative change of the normal force with speed", stats.norm(scale=0.4))
+            )
         else:
             out.append(Parameter(name, name, "-", f"coefficient of (u/ℓ)^{name[1:]} in α", stats.norm(scale=0.4)))
     return tuple(out)
@@ -159,8 +166,10 @@ def sampled_values(model: Model, numbers: Mapping[str, Array]) -> Numbers:
     family = model.slip_family
     if isinstance(family, slip_force.Gammas):
         each = range(1, family.components + 1)
-        t, eta, g = (np.stack([np.atleast_1d(numbers[f"{p}{i}{u}"]) for i in each], axis=1)
-                     for p, u in (("t", "_N"), ("eta", ""), ("g", "")))
+        t, eta, g = (
+            np.stack([np.atleast_1d(numbers[f"{p}{i}{u}"]) for i in each], axis=1)
+            for p, u in (("t", "_N"), ("eta", ""), ("g", ""))
+        )
         order = np.argsort(t * eta, axis=1)
         t, eta, g = (np.take_along_axis(a, order, axis=1) for a in (t, eta, g))
         means, rest = t * eta, np.ones(len(t))
@@ -189,19 +198,13 @@ def paper_numbers(model: Model, numbers: Mapping[str, Array]) -> Numbers:
     return out
 
 
-PAPER_UNITS = {"kp_N_mm": "N/mm", "ki_N_mm": "N/mm", "ku_N_mm": "N/mm", "t1_N": "N", "t2_N": "N", "t3_N": "N",
-               "kn_1_mm": "1/mm^β", "lambda_s_m": "s/m"}
-
-
-def motion_of(loops: Sequence[Loop], blocks: bool = False) -> Motion:
-    """The loops' motion, one model loop each, or with `blocks` one for each block of cycles of each."""
-    repeat = np.array([len(x.block_cycle) if blocks else 1 for x in loops])
-
-    def stacked(name: str) -> Array:
-        return np.repeat(np.stack([getattr(x, name) for x in loops]), repeat, axis=0)[None]
-
-    cycle = np.concatenate([x.block_cycle if blocks else [x.block_cycle.mean()] for x in loops])
-    return Motion(stacked("displacement_mm"), stacked("velocity_m_s"), stacked("acceleration_m_s2"),
-                  np.repeat([x.amplitude_mm for x in loops], repeat),
-                  np.repeat([x.frequency_hz for x in loops], repeat),
-                  np.asarray(cycle, float), np.repeat(np.arange(len(loops)), repeat))
+PAPER_UNITS = {
+    "kp_N_mm": "N/mm",
+    "ki_N_mm": "N/mm",
+    "ku_N_mm": "N/mm",
+    "t1_N": "N",
+    "t2_N": "N",
+    "t3_N": "N",
+    "kn_1_mm": "1/mm^β",
+    "lambda_s_m": "s/m",
+}

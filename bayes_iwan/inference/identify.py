@@ -13,29 +13,34 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..campaign import Campaign, Loop, read_campaign
-from . import config as configuration
-from . import results
-from .ensembles import Chains, sample
-from .point import Point, find_point, starting_population
-from .posterior import ConvergenceRow, Posterior
-from .problem import Problem, make_problem
-from .quantities import sampled_and_paper
-from .run import CROWD, POWERS
-from .walkers import enough_walkers
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.inference import config as configuration
+from bayes_iwan.inference import results
+from bayes_iwan.inference.point import Point, find_point, starting_population
+from bayes_iwan.inference.posterior import ConvergenceRow, Posterior
+from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.quantities import sampled_and_paper
+from bayes_iwan.sampling.ensembles import Chains, sample
+from bayes_iwan.sampling.run import CROWD, POWERS
+from bayes_iwan.sampling.walkers import enough_walkers
 
 #: tests whose frequencies differ by less than this are of one frequency
 SAME_FREQUENCY = 0.02
 _VERSIONED = ("bayes-iwan", "numpy", "scipy", "numba", "emcee", "arviz")
 
 
-def identify(campaign: Campaign | str | os.PathLike[str], out: str | os.PathLike[str] | None = None, *,
-             config: Mapping[str, Any] | str | os.PathLike[str] | None = None, seed: int = 0, per_test: bool = False,
-             resume: bool = False, progress: bool = True) -> Posterior:
+def identify(
+    campaign: Campaign | str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    seed: int = 0,
+    per_test: bool = False,
+    resume: bool = False,
+    progress: bool = True,
+) -> Posterior:
     """The joint posterior of all the campaign's tests that are not held out.
 
     campaign : a campaign, or its folder. config : a TOML file, or its tables as a mapping (:mod:`.config`).
@@ -44,14 +49,23 @@ def identify(campaign: Campaign | str | os.PathLike[str], out: str | os.PathLike
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
     """
-    settings = configuration.read_config(config) if isinstance(config, str | os.PathLike) else \
-        configuration.complete(config)
+    settings = (
+        configuration.read_config(config) if isinstance(config, str | os.PathLike) else configuration.complete(config)
+    )
     campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
     if per_test and out is None:
         raise configuration.ConfigError("per_test writes files: name a folder for them (out)")
     loops = campaign.loops(**settings["loops"])
-    posterior = identify_problem(make_problem(loops, settings), seed, config=settings, campaign=campaign, loops=loops,
-                                 out=out, resume=resume, progress=progress)
+    posterior = identify_problem(
+        make_problem(loops, settings),
+        seed,
+        config=settings,
+        campaign=campaign,
+        loops=loops,
+        out=out,
+        resume=resume,
+        progress=progress,
+    )
     if out is not None:
         results.write(posterior, Path(out))
     if per_test and not posterior.interrupted:
@@ -67,10 +81,18 @@ def identify_frequencies(joint: Posterior, out: Path, *, resume: bool = False, p
     for name, group in by_frequency(joint.loops).items():
         folder = out / "per_test" / name
         alone = make_problem(group, joint.config, scales=joint.problem.scales)
-        part = identify_problem(alone, joint.seed, config=joint.config, campaign=joint.campaign, loops=group,
-                                out=folder, resume=resume, progress=progress)
+        part = identify_problem(
+            alone,
+            joint.seed,
+            config=joint.config,
+            campaign=joint.campaign,
+            loops=group,
+            out=folder,
+            resume=resume,
+            progress=progress,
+        )
         results.write(part, folder)
-        if part.interrupted:                      # or the next frequency would start in the face of Ctrl-C
+        if part.interrupted:  # or the next frequency would start in the face of Ctrl-C
             raise KeyboardInterrupt
 
 
@@ -85,10 +107,17 @@ def by_frequency(loops: Sequence[Loop]) -> dict[str, tuple[Loop, ...]]:
     return {f"f{group[0].frequency_hz:.4g}Hz": tuple(group) for group in groups}
 
 
-def identify_problem(problem: Problem, seed: int, *, config: Mapping[str, Any] | None = None,
-                     campaign: Campaign | None = None, loops: Sequence[Loop] | None = None,
-                     out: str | os.PathLike[str] | None = None, resume: bool = False,
-                     progress: bool = True) -> Posterior:
+def identify_problem(
+    problem: Problem,
+    seed: int,
+    *,
+    config: Mapping[str, Any] | None = None,
+    campaign: Campaign | None = None,
+    loops: Sequence[Loop] | None = None,
+    out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: bool = True,
+) -> Posterior:
     """The posterior of a problem, from loops of any origin; nothing but the checkpoint is written.
 
     config : as for :func:`identify`; its [search] and [sampling] tables are read. loops : all tests, if some were
@@ -101,8 +130,11 @@ def identify_problem(problem: Problem, seed: int, *, config: Mapping[str, Any] |
     walkers = max(s["walkers"], enough_walkers(problem.ndim))
     population = starting_population(problem, point, seed, CROWD * len(POWERS) * s["ensembles"] * walkers)
     # what is fixed, or follows from the model alone as g₁ = 1 of a single gamma does, has no convergence
-    unsampled = tuple(name for name, q in sampled_and_paper(problem, population).items()
-                      if name not in problem.names and np.ptp(q.values) > 0.0)
+    unsampled = tuple(
+        name
+        for name, q in sampled_and_paper(problem, population).items()
+        if name not in problem.names and np.ptp(q.values) > 0.0
+    )
 
     def numbers(z: Array) -> Array:
         named = sampled_and_paper(problem, z)
@@ -111,19 +143,40 @@ def identify_problem(problem: Problem, seed: int, *, config: Mapping[str, Any] |
     located = time.monotonic()
     with _one_blas_thread():
         chains = sample(
-            problem.log_prob, population, names=problem.names, seed=seed, quantities=numbers if unsampled else None,
-            quantity_names=unsampled, checkpoint=None if out is None else Path(out) / "chains.h5",
-            fingerprint=problem.fingerprint() | {"seed": str(seed)}, n_ensembles=s["ensembles"],
-            n_walkers=walkers, budget_s=s["budget_s"], max_steps=s["max_steps"], target_r_hat=s["r_hat"],
-            target_ess=s["ess"], chain_taus=s["taus"], progress=progress, resume=resume)
-    if chains.draws.shape[1] == 0:                # Ctrl-C in warm-up: the checkpoint is all there is
+            problem.log_prob,
+            population,
+            names=problem.names,
+            seed=seed,
+            quantities=numbers if unsampled else None,
+            quantity_names=unsampled,
+            checkpoint=None if out is None else Path(out) / "chains.h5",
+            fingerprint=problem.fingerprint() | {"seed": str(seed)},
+            n_ensembles=s["ensembles"],
+            n_walkers=walkers,
+            budget_s=s["budget_s"],
+            max_steps=s["max_steps"],
+            target_r_hat=s["r_hat"],
+            target_ess=s["ess"],
+            chain_taus=s["taus"],
+            progress=progress,
+            resume=resume,
+        )
+    if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
     timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}
     return _posterior(problem, chains, point, settings, seed, campaign, loops, timings)
 
 
-def _posterior(problem: Problem, chains: Chains, point: Point, settings: Mapping[str, Any], seed: int,
-               campaign: Campaign | None, loops: Sequence[Loop] | None, timings: Mapping[str, float]) -> Posterior:
+def _posterior(
+    problem: Problem,
+    chains: Chains,
+    point: Point,
+    settings: Mapping[str, Any],
+    seed: int,
+    campaign: Campaign | None,
+    loops: Sequence[Loop] | None,
+    timings: Mapping[str, float],
+) -> Posterior:
     """The draws thinned to about as many as were asked for, and the diagnostics of the whole run beside them."""
     ensembles, stored, walkers, ndim = chains.draws.shape
     every = max(1, -(-stored * ensembles * walkers // settings["sampling"]["draws"]))
@@ -131,15 +184,31 @@ def _posterior(problem: Problem, chains: Chains, point: Point, settings: Mapping
     z = np.moveaxis(chains.draws[:, kept], 2, 1).reshape(ensembles, -1, ndim)
     log_prob = np.moveaxis(chains.log_prob[:, kept], 2, 1).reshape(ensembles, -1)
     c = chains.convergence
-    rows = () if c is None else tuple(
-        ConvergenceRow(name, float(c.ess_bulk[i]), float(c.ess_tail[i]), float(c.r_hat[i]), float(c.tau_steps[i]))
-        for i, name in enumerate(c.names))
+    rows = (
+        ()
+        if c is None
+        else tuple(
+            ConvergenceRow(name, float(c.ess_bulk[i]), float(c.ess_tail[i]), float(c.r_hat[i]), float(c.tau_steps[i]))
+            for i, name in enumerate(c.names)
+        )
+    )
     return Posterior(
-        problem=problem, campaign=campaign, loops=problem.loops if loops is None else tuple(loops), z=z,
-        log_prob=log_prob, walkers=walkers, thin=chains.thin * every, point=point, seed=seed,
-        converged=chains.converged, message=chains.message, config=settings, versions=versions(),
+        problem=problem,
+        campaign=campaign,
+        loops=problem.loops if loops is None else tuple(loops),
+        z=z,
+        log_prob=log_prob,
+        walkers=walkers,
+        thin=chains.thin * every,
+        point=point,
+        seed=seed,
+        converged=chains.converged,
+        message=chains.message,
+        config=settings,
+        versions=versions(),
         timings=dict(timings) | {"steps": float(chains.n_steps), "evaluations": float(chains.n_evaluations)},
-        convergence=rows)
+        convergence=rows,
+    )
 
 
 def versions() -> dict[str, str]:

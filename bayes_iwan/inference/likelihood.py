@@ -8,7 +8,7 @@ weights of Eq. (9), which are scaled to mean one over a loop, create information
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -18,13 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, stats
 
-from ..campaign import Loop
-from ..physics.threads import over_draws
-from .defaults import Scales, loop_energy_mJ
-from .parameters import Parameter
-
-Array = NDArray[np.float64]
-Numbers = Mapping[str, Array]
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.parameters import Parameter
+from bayes_iwan.inference.scales import Scales, loop_energy_mJ
+from bayes_iwan.threads import over_draws
 
 #: error of the model's own arithmetic (samples a cycle, tables) as a share of the friction force, per harmonic
 MODEL_FLOOR = 1e-4
@@ -52,8 +50,13 @@ def goal_function(residual_N: Array, displacement_mm: Array, amplitude_mm: Array
 
 def friction_level_N(loops: Sequence[Loop]) -> Array:
     """Each loop's friction force level, dissipated energy / (4 amplitude), (tests,) in N, from the data alone."""
-    level = [max(float(loop_energy_mJ(x.displacement_mm, x.force_N)) / (4.0 * x.amplitude_mm),
-                 0.02 * float(np.std(x.force_N))) for x in loops]
+    level = [
+        max(
+            float(loop_energy_mJ(x.displacement_mm, x.force_N)) / (4.0 * x.amplitude_mm),
+            0.02 * float(np.std(x.force_N)),
+        )
+        for x in loops
+    ]
     return np.array(level)
 
 
@@ -107,8 +110,15 @@ class Independent:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("noise_N", "σ" if self.kind == "gaussian" else "b", "N", "scale of the independent errors",
-                          stats.lognorm(s=2.0, scale=0.01 * self.scales.force_N)),)
+        return (
+            Parameter(
+                "noise_N",
+                "σ" if self.kind == "gaussian" else "b",
+                "N",
+                "scale of the independent errors",
+                stats.lognorm(s=2.0, scale=0.01 * self.scales.force_N),
+            ),
+        )
 
     @cached_property
     def _weights(self) -> Array:
@@ -139,8 +149,11 @@ class Independent:
             misfit = np.einsum("dts,ts->d", np.abs(residual_N), cw)
             return np.sum(self._count * np.log(self._weights)) - total * np.log(2.0 * scale) - misfit / scale
         misfit = np.einsum("dts,ts->d", residual_N * residual_N, cw)
-        return (0.5 * np.sum(self._count * np.log(self._weights)) - 0.5 * total * np.log(2.0 * np.pi * scale**2)
-                - 0.5 * misfit / scale**2)
+        return (
+            0.5 * np.sum(self._count * np.log(self._weights))
+            - 0.5 * total * np.log(2.0 * np.pi * scale**2)
+            - 0.5 * misfit / scale**2
+        )
 
     def rows(self, residual_N: Array, numbers: Numbers) -> Array:
         w = np.sqrt(self._count * self._weights)
@@ -175,12 +188,25 @@ class Correlated:
     BETWEEN = (0.8, 0.5, 0.3)
 
     parameters = (
-        Parameter("noise_scale", "s", "-", "noise over what the records' repeatability says",
-                  stats.lognorm(s=0.3, scale=1.0)),
-        Parameter("discrepancy_share", "a", "-", "smooth misfit of the model, RMS over the friction level",
-                  stats.lognorm(s=1.2, scale=0.01)),
-        Parameter("discrepancy_length", "ℓ", "cycles", "correlation length of that misfit along the loop",
-                  stats.lognorm(s=0.5, scale=0.06), 0.01, 0.5),
+        Parameter(
+            "noise_scale", "s", "-", "noise over what the records' repeatability says", stats.lognorm(s=0.3, scale=1.0)
+        ),
+        Parameter(
+            "discrepancy_share",
+            "a",
+            "-",
+            "smooth misfit of the model, RMS over the friction level",
+            stats.lognorm(s=1.2, scale=0.01),
+        ),
+        Parameter(
+            "discrepancy_length",
+            "ℓ",
+            "cycles",
+            "correlation length of that misfit along the loop",
+            stats.lognorm(s=0.5, scale=0.06),
+            0.01,
+            0.5,
+        ),
     )
 
     @cached_property
@@ -210,7 +236,7 @@ class Correlated:
             have = np.nonzero(np.isfinite(noise[h]))[0]
             scaled = covariance[np.ix_(have, have)] / (noise[h, have, None] * noise[h, have])
             value, vector = np.linalg.eigh(scaled)
-            turn[h, : len(have), have] = (vector / noise[h, have, None])
+            turn[h, : len(have), have] = vector / noise[h, have, None]
             values[h, : len(have)] = np.maximum(value, 0.0)
             there[h, : len(have)] = 1.0
         return turn, values, there, np.log(np.where(np.isfinite(noise), noise, 1.0))
@@ -237,7 +263,7 @@ class Correlated:
         rotated, variance = self._whitened(residual_N, numbers)
         _, _, there, log_noise = self.rotation
         degrees = np.full((len(there), 1, 1), 2.0)
-        degrees[0] = 1.0                          # the mean has no imaginary part
+        degrees[0] = 1.0  # the mean has no imaginary part
         # the Jacobian of the rotation is Π 1/noise; spread evenly over the harmonic's data
         own = np.sum(log_noise, axis=1, keepdims=True) / np.maximum(there.sum(axis=1, keepdims=True), 1.0)
         log_p = -0.5 * (rotated[0] ** 2 + rotated[1] ** 2) / variance
@@ -253,8 +279,9 @@ class Correlated:
         out = np.empty(len(residual_N))
 
         def some_draws(part: slice) -> None:
-            _misfit(harmonics_of(residual_N[part], len(turn)), turn, values, there, spectrum[part], noise[part],
-                    out[part])
+            _misfit(
+                harmonics_of(residual_N[part], len(turn)), turn, values, there, spectrum[part], noise[part], out[part]
+            )
 
         over_draws(some_draws, len(residual_N), residual_N[0].size)
         return constant - 0.5 * out
@@ -277,7 +304,7 @@ class Correlated:
         unit = rng.standard_normal((2, 2, draws, tests, len(turn)))
         c = np.einsum("ij,pdjh,dh->pdih", half, unit[0], np.sqrt(spectrum))
         c += unit[1] * np.exp(log_noise).T * numbers["noise_scale"][:, None, None]
-        c *= self.resolved[:, : len(turn)]        # a measured loop has nothing where its sampling resolves nothing
+        c *= self.resolved[:, : len(turn)]  # a measured loop has nothing where its sampling resolves nothing
         whole = np.zeros((draws, tests, samples // 2 + 1), dtype=complex)
         whole[..., : len(turn)] = (c[0] + 1j * c[1]) * (0.5 * samples)
         whole[..., 0] = c[0, ..., 0] * samples
@@ -297,8 +324,8 @@ def _misfit(c, turn, values, there, spectrum, noise, out):
         for h in range(turn.shape[0]):
             for j in range(tests):
                 real[j], imag[j] = c[d, j, h].real, c[d, j, h].imag
-            degrees = 1.0 if h == 0 else 2.0      # the mean has no imaginary part
-            product = 1.0                         # one logarithm for several variances: it costs as much as they do
+            degrees = 1.0 if h == 0 else 2.0  # the mean has no imaginary part
+            product = 1.0  # one logarithm for several variances: it costs as much as they do
             for i in range(tests):
                 if there[h, i] == 0.0:
                     continue

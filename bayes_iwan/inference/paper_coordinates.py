@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics.normal_force import from_paper_hunt_crossley, paper_hunt_crossley
-from ..physics.slip_force import Gammas
-from ..physics.stiffness import from_paper_stiffness, paper_stiffness
-from .defaults import Numbers, sampled_values
-from .problem import Problem
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.inference.defaults import Numbers, sampled_values
+from bayes_iwan.inference.problem import Problem
+from bayes_iwan.physics.normal_force import from_paper_hunt_crossley, paper_hunt_crossley
+from bayes_iwan.physics.slip_force import Gammas
+from bayes_iwan.physics.stiffness import from_paper_stiffness, paper_stiffness
 
 
 @dataclass(frozen=True)
@@ -31,10 +30,17 @@ class PaperCoordinates:
 
     def __post_init__(self) -> None:
         model = self.problem.model
-        if not (isinstance(model.slip_family, Gammas) and model.grip == "hunt_crossley" and not model.effects
-                and model.stiffness == "saturating" and all(p.free for p in self.problem.prior.parameters)):
-            raise ValueError("the paper's coordinates are those of its whole model: gamma slip forces, Hunt–Crossley "
-                             "normal force, saturating stiffness, no effects, nothing fixed or tied")
+        if not (
+            isinstance(model.slip_family, Gammas)
+            and model.grip == "hunt_crossley"
+            and not model.effects
+            and model.stiffness == "saturating"
+            and all(p.free for p in self.problem.prior.parameters)
+        ):
+            raise ValueError(
+                "the paper's coordinates are those of its whole model: gamma slip forces, Hunt–Crossley "
+                "normal force, saturating stiffness, no effects, nothing fixed or tied"
+            )
 
     @property
     def components(self) -> int:
@@ -44,9 +50,19 @@ class PaperCoordinates:
     def names(self) -> tuple[str, ...]:
         """Names of the numbers whose logs are y's columns (force_zero_N itself, which may be negative)."""
         each = range(1, self.components + 1)
-        return ("kp_N_mm", "force_zero_N", "ki_N_mm", "ku_N_mm", *(f"t{i}_N" for i in each), *(f"eta{i}" for i in each),
-                *(f"g{i}" for i in each[:-1]), "kn_1_mm", "lambda_s_m", "beta",
-                *(p.name for p in self.problem.likelihood.parameters))
+        return (
+            "kp_N_mm",
+            "force_zero_N",
+            "ki_N_mm",
+            "ku_N_mm",
+            *(f"t{i}_N" for i in each),
+            *(f"eta{i}" for i in each),
+            *(f"g{i}" for i in each[:-1]),
+            "kn_1_mm",
+            "lambda_s_m",
+            "beta",
+            *(p.name for p in self.problem.likelihood.parameters),
+        )
 
     def y_of(self, z: Array) -> Array:
         """y (draws, ndim) of z; NaN where k̃ₙ or λ is negative, of which there is no log."""

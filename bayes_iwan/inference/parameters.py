@@ -14,10 +14,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special, stats
 
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
 
 #: z is cut here: Φ(−z) keeps full relative precision far beyond, but no prior is meant that far out
 Z_LIMIT = 8.0
@@ -63,7 +62,7 @@ class Parameter:
         z = np.clip(z, -Z_LIMIT, Z_LIMIT)
         below, above = self._ends
         name, (args, kwargs) = self.prior.dist.name, (self.prior.args, self.prior.kwds)
-        if below == 0.0 and above == 0.0:        # closed forms of the commonest priors
+        if below == 0.0 and above == 0.0:  # closed forms of the commonest priors
             if name == "norm":
                 return _norm_parts(args, kwargs)[0] + _norm_parts(args, kwargs)[1] * z
             if name == "lognorm":
@@ -71,7 +70,7 @@ class Parameter:
                 return loc + scale * np.exp(s * z)
         low = below + special.ndtr(z) * (1.0 - below - above)
         high = above + special.ndtr(-z) * (1.0 - below - above)
-        if name == "lognorm":                     # scipy's own ppf costs some ten times as much
+        if name == "lognorm":  # scipy's own ppf costs some ten times as much
             s, loc, scale = _lognorm_parts(args, kwargs)
             return loc + scale * np.exp(s * np.where(low < 0.5, special.ndtri(low), -special.ndtri(high)))
         if name == "uniform":
@@ -131,8 +130,10 @@ class Prior:
             raise ParameterError(f"parameter names repeat: {sorted(n for n in names if names.count(n) > 1)}")
         for p in self.parameters:
             if p.tied is not None and (p.tied not in names or not self[p.tied].free):
-                raise ParameterError(f"{p.name} is tied to {p.tied!r}, which is not a free parameter; "
-                                     f"choose one of {', '.join(self.names)}")
+                raise ParameterError(
+                    f"{p.name} is tied to {p.tied!r}, which is not a free parameter; "
+                    f"choose one of {', '.join(self.names)}"
+                )
 
     def __getitem__(self, name: str) -> Parameter:
         return next(p for p in self.parameters if p.name == name)
@@ -185,8 +186,9 @@ def configured(parameters: Sequence[Parameter], tables: Mapping[str, Mapping[str
             raise ParameterError(f"[parameters.{name}]: no such parameter; there are {', '.join(by_name)}")
         unknown = set(table) - {"prior", "lower", "upper", "fixed", "tied"}
         if unknown:
-            raise ParameterError(f"[parameters.{name}]: unknown key {sorted(unknown)[0]!r}; "
-                                 "use prior, lower, upper, fixed or tied")
+            raise ParameterError(
+                f"[parameters.{name}]: unknown key {sorted(unknown)[0]!r}; use prior, lower, upper, fixed or tied"
+            )
         changes: dict[str, Any] = {k: table[k] for k in ("lower", "upper", "fixed", "tied") if k in table}
         if "prior" in table:
             changes["prior"] = _frozen(name, table["prior"])
@@ -203,8 +205,10 @@ def _frozen(name: str, spec: Mapping[str, Any]) -> Any:
     arguments = dict(spec)
     dist = getattr(stats, str(arguments.pop("dist", "")), None)
     if not isinstance(dist, stats.rv_continuous):
-        raise ParameterError(f"[parameters.{name}] prior: `dist` must name a continuous scipy.stats distribution, "
-                             f'e.g. prior = {{dist = "lognorm", s = 0.5, scale = 5.0}}')
+        raise ParameterError(
+            f"[parameters.{name}] prior: `dist` must name a continuous scipy.stats distribution, "
+            f'e.g. prior = {{dist = "lognorm", s = 0.5, scale = 5.0}}'
+        )
     try:
         frozen = dist(**arguments)
         if not np.isfinite(frozen.ppf(0.5)):

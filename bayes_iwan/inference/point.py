@@ -15,13 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .genetic import BatchObjective, GlobalOptimum, differential_evolution_search, genetic_search
-from .least_squares import BatchResiduals, least_squares_batch
-from .likelihood import friction_level_N, goal_function, paper_weights
-from .parameters import Z_LIMIT
-from .problem import Problem
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.inference.likelihood import friction_level_N, goal_function, paper_weights
+from bayes_iwan.inference.parameters import Z_LIMIT
+from bayes_iwan.inference.problem import Problem
+from bayes_iwan.optimize.genetic import BatchObjective, GlobalOptimum, differential_evolution_search, genetic_search
+from bayes_iwan.optimize.least_squares import BatchResiduals, least_squares_batch
 
 _SPREAD = 1.3  # of the sampler's starts, in posterior standard deviations
 
@@ -79,8 +78,9 @@ def find_point(problem: Problem, seed: int, settings: Mapping[str, Any], progres
     goal_z = _embedded(problem, columns, reached[best : best + 1])[0]
 
     distinct = _different(polished, -objective(polished), tolerance=0.1, depth=np.inf)
-    starts = np.concatenate([_embedded(problem, columns, polished[distinct]),
-                             _prior_starts(problem, settings["starts"], seed)])
+    starts = np.concatenate(
+        [_embedded(problem, columns, polished[distinct]), _prior_starts(problem, settings["starts"], seed)]
+    )
     optima, log_prob, used = most_probable(problem, starts)
     return Point(
         objective=settings["objective"],
@@ -127,7 +127,7 @@ def _objective(problem: Problem, kind: str) -> tuple[BatchObjective, Sequence[Ba
     def squared(x: Array) -> Array:
         return (np.sqrt(w) * problem.residual(_embedded(problem, columns, x))).reshape(len(x), -1)
 
-    def absolute(x: Array) -> Array:              # |r|, rounded off below `bend`, as a square
+    def absolute(x: Array) -> Array:  # |r|, rounded off below `bend`, as a square
         r = problem.residual(_embedded(problem, columns, x))
         r = np.sign(r) * np.sqrt(bend * (np.hypot(bend, r) - bend))
         return (np.sqrt(w) * r).reshape(len(x), -1)
@@ -189,15 +189,21 @@ def most_probable(problem: Problem, starts: Array) -> tuple[Array, Array, int]:
             z[:, free], z[:, noise] = x, value
             return problem.rows(z)
 
-        fit = least_squares_batch(residuals, starts[rows][:, free], np.tile([-Z_LIMIT, Z_LIMIT], (len(free), 1)),
-                                  max_iterations=60, ftol=1e-5)
+        fit = least_squares_batch(
+            residuals, starts[rows][:, free], np.tile([-Z_LIMIT, Z_LIMIT], (len(free), 1)), max_iterations=60, ftol=1e-5
+        )
         held[np.ix_(rows, free)] = fit.x
         used += fit.n_evaluations
     log_prob = problem.log_prob(held)
     order = np.argsort(-log_prob)
     keep = _different(held[order], log_prob[order], tolerance=1.0)
-    fit = least_squares_batch(lambda z: joint_rows(problem, z), held[order][keep],
-                              np.tile([-Z_LIMIT, Z_LIMIT], (problem.ndim, 1)), max_iterations=60, ftol=1e-7)
+    fit = least_squares_batch(
+        lambda z: joint_rows(problem, z),
+        held[order][keep],
+        np.tile([-Z_LIMIT, Z_LIMIT], (problem.ndim, 1)),
+        max_iterations=60,
+        ftol=1e-7,
+    )
     log_prob = problem.log_prob(fit.x)
     order = np.argsort(-log_prob)
     order = order[_different(fit.x[order], log_prob[order], tolerance=0.3)]
@@ -223,7 +229,7 @@ def laplace_scale(problem: Problem, z: Array) -> Array:
     step = 1e-4
     eye = step * np.eye(problem.ndim)
     both = joint_rows(problem, np.concatenate([z + eye, z - eye]))
-    jacobian = (both[: problem.ndim] - both[problem.ndim:]).T / (2.0 * step)
+    jacobian = (both[: problem.ndim] - both[problem.ndim :]).T / (2.0 * step)
     information = jacobian.T @ jacobian
     values, vectors = np.linalg.eigh(information)
     # the prior alone contributes 1 to each direction, so nothing less is meant
@@ -252,9 +258,10 @@ def starting_population(problem: Problem, point: Point, seed: int, count: int) -
     fitted = []
     for part in np.array_split(starts, max(1, len(starts) // 64)):  # Jacobians of all at once would take gigabytes
         offsets = _SPREAD * rng.standard_normal((len(part), rows))
-        offsets[:, -1] = 0.0                                        # the log-determinant's row is no datum
-        fit = least_squares_batch(lambda z: joint_rows(problem, z), part, box, max_iterations=8, ftol=1e-4, xtol=1e-4,
-                                  offsets=offsets)
+        offsets[:, -1] = 0.0  # the log-determinant's row is no datum
+        fit = least_squares_batch(
+            lambda z: joint_rows(problem, z), part, box, max_iterations=8, ftol=1e-4, xtol=1e-4, offsets=offsets
+        )
         fitted.append(fit.x)
     # a shift of the data hardly moves the numbers of the noise: they are spread by themselves
     noise = np.array([name in _noise_names(problem) for name in problem.names])

@@ -8,17 +8,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..campaign import Campaign, Loop
-from .convergence import Convergence, diagnose
-from .defaults import motion_of, paper_numbers
-from .likelihood import Correlated
-from .point import Point
-from .problem import Problem
-from .quantities import Quantity, quantities
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.campaign import Campaign, Loop
+from bayes_iwan.inference.defaults import paper_numbers
+from bayes_iwan.inference.likelihood import Correlated
+from bayes_iwan.inference.point import Point
+from bayes_iwan.inference.problem import Problem
+from bayes_iwan.inference.quantities import Quantity, quantities
+from bayes_iwan.physics.motion import motion_of
+from bayes_iwan.sampling.convergence import Convergence, diagnose
 
 
 @dataclass(frozen=True)
@@ -100,11 +99,11 @@ class Posterior:
         """Every parameter's value by name, (n,), fixed and tied ones included."""
         return self.problem.prior.values(self.flat_z())
 
-    def numbers(self) -> dict[str, Array]:
+    def numbers(self) -> Numbers:
         """The numbers that the physics reads, (n,)."""
         return self.problem.numbers(self.flat_z())
 
-    def paper(self) -> dict[str, Array]:
+    def paper(self) -> Numbers:
         """The paper's numbers (Table 1), (n,)."""
         return paper_numbers(self.problem.model, self.numbers())
 
@@ -135,13 +134,30 @@ class Posterior:
         for i, (name, quantity) in enumerate(self.quantities().items()):
             x = quantity.values
             low, middle, high = np.quantile(x, [0.05, 0.5, 0.95])
-            rows.append(SummaryRow(name, quantity.unit, float(np.mean(x)), float(np.std(x, ddof=1)), float(low),
-                                   float(middle), float(high), float(d.ess_bulk[i]), float(d.ess_tail[i]),
-                                   float(d.r_hat[i])))
+            rows.append(
+                SummaryRow(
+                    name,
+                    quantity.unit,
+                    float(np.mean(x)),
+                    float(np.std(x, ddof=1)),
+                    float(low),
+                    float(middle),
+                    float(high),
+                    float(d.ess_bulk[i]),
+                    float(d.ess_tail[i]),
+                    float(d.r_hat[i]),
+                )
+            )
         return tuple(rows)
 
-    def predict(self, n: int = 200, loops: Sequence[Loop] | None = None, friction: bool = False,
-                replicate: bool = False, rng: np.random.Generator | None = None) -> Array:
+    def predict(
+        self,
+        n: int = 200,
+        loops: Sequence[Loop] | None = None,
+        friction: bool = False,
+        replicate: bool = False,
+        rng: np.random.Generator | None = None,
+    ) -> Array:
         """Predicted force of n draws, (n, tests, samples), N.
 
         loops : other tests than those fitted. friction : less the parallel spring and the force zero. replicate :
@@ -157,8 +173,11 @@ class Posterior:
                 raise ValueError("replicates are drawn for the fitted tests only: the noise model knows no others")
             force = self.replicate(force, numbers, np.random.default_rng(self.seed) if rng is None else rng)
         if friction:
-            force = (force - numbers["kp_N_mm"][:, None, None] * motion.displacement_mm
-                     - numbers["force_zero_N"][:, None, None])
+            force = (
+                force
+                - numbers["kp_N_mm"][:, None, None] * motion.displacement_mm
+                - numbers["force_zero_N"][:, None, None]
+            )
         return force
 
     def replicate(self, force_N: Array, numbers: Mapping[str, Array], rng: np.random.Generator) -> Array:

@@ -9,16 +9,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..campaign import Loop
-from ..physics import Model, Motion
-from . import defaults
-from .defaults import Scales
-from .likelihood import Likelihood, goal_function, harmonics_of, make_likelihood
-from .parameters import Prior, configured
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.campaign import Loop
+from bayes_iwan.inference import defaults
+from bayes_iwan.inference.likelihood import Likelihood, goal_function, harmonics_of, make_likelihood
+from bayes_iwan.inference.parameters import Prior, configured
+from bayes_iwan.inference.scales import Scales, scales_of
+from bayes_iwan.physics import Model, Motion
+from bayes_iwan.physics.motion import motion_of
 
 
 @dataclass(frozen=True)
@@ -42,14 +41,14 @@ class Problem:
 
     @cached_property
     def motion(self) -> Motion:
-        return defaults.motion_of(self.loops)
+        return motion_of(self.loops)
 
     @cached_property
     def measured_N(self) -> Array:
         """(tests, samples)"""
         return np.stack([x.force_N for x in self.loops])
 
-    def numbers(self, z: Array) -> dict[str, Array]:
+    def numbers(self, z: Array) -> Numbers:
         """The numbers that physics and likelihood read, by name, (draws,) each."""
         return defaults.model_numbers(self.model, self.prior.values(z))
 
@@ -119,8 +118,12 @@ class Problem:
         }
 
 
-def make_problem(loops: Sequence[Loop], config: Mapping[str, Any] | None = None, effects: Sequence[Any] = (),
-                 scales: Scales | None = None) -> Problem:
+def make_problem(
+    loops: Sequence[Loop],
+    config: Mapping[str, Any] | None = None,
+    effects: Sequence[Any] = (),
+    scales: Scales | None = None,
+) -> Problem:
     """A problem from the loops whose role is not "held-out" and a configuration (see :mod:`.config` for its keys).
 
     effects : objects of the gap room, each with `parameters`; scales : taken from the loops unless given.
@@ -128,8 +131,8 @@ def make_problem(loops: Sequence[Loop], config: Mapping[str, Any] | None = None,
     config = config or {}
     fitted = tuple(x for x in loops if x.role != "held-out")
     if not fitted:
-        raise ValueError("no test is left to fit: every test has role = \"held-out\"")
-    scales = defaults.scales_of(fitted) if scales is None else scales
+        raise ValueError('no test is left to fit: every test has role = "held-out"')
+    scales = scales_of(fitted) if scales is None else scales
     chosen = config.get("model", {})
     model = Model(scales.reference, effects=tuple(effects), **chosen)
     likelihood = make_likelihood(config.get("likelihood", {}).get("kind", "correlated"), fitted, scales)

@@ -10,19 +10,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..campaign import Loop
-from ..physics import Motion
-from ..physics.slip_force import SlipForce
-from .defaults import PAPER_UNITS, loop_energy_mJ, motion_of, paper_numbers
-from .problem import Problem
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.defaults import PAPER_UNITS, paper_numbers
+from bayes_iwan.inference.problem import Problem
+from bayes_iwan.inference.scales import loop_energy_mJ
+from bayes_iwan.physics import Motion
+from bayes_iwan.physics.motion import motion_of
+from bayes_iwan.physics.slip_force import SlipForce
 
-Array = NDArray[np.float64]
-
-CHUNK = 1024                                      # draws predicted at a time, to stay in memory
+CHUNK = 1024  # draws predicted at a time, to stay in memory
 SLIP_SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
-_NODES = 240                                      # of the table that slip-force quantiles are read from
+_NODES = 240  # of the table that slip-force quantiles are read from
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def loop_quantities(motion: Motion, force_N: Array) -> tuple[Array, Array, Array
     return energy, ratio.real, energy / (np.pi * ratio.real * np.abs(u1) ** 2)
 
 
-def slip_quantiles(family: SlipForce, numbers: dict[str, Array], shares: Sequence[float], top_N: float) -> Array:
+def slip_quantiles(family: SlipForce, numbers: Numbers, shares: Sequence[float], top_N: float) -> Array:
     """Slip force (N) below which each share of the elements slips at rest, (draws, shares); at most top_N."""
     phi = top_N * np.linspace(0.0, 1.0, _NODES) ** 2
     below = 1.0 - family.survival(phi, numbers)

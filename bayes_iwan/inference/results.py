@@ -12,18 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..campaign import read_campaign
-from ..files import replacing, write_whole
-from . import config as configuration
-from .genetic import GlobalOptimum
-from .point import Point
-from .posterior import ConvergenceRow, Posterior, SummaryRow
-from .problem import Problem, make_problem
-from .quantities import sampled_and_paper
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import read_campaign
+from bayes_iwan.files import replacing, write_whole
+from bayes_iwan.inference import config as configuration
+from bayes_iwan.inference.point import Point
+from bayes_iwan.inference.posterior import ConvergenceRow, Posterior, SummaryRow
+from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.quantities import sampled_and_paper
+from bayes_iwan.optimize.genetic import GlobalOptimum
 
 PREDICTIVE_DRAWS = 200
 POINTWISE_DRAWS = 1000
@@ -68,15 +66,29 @@ def point_record(posterior: Posterior) -> dict[str, Any]:
     def history(search: GlobalOptimum | None) -> dict[str, Any] | None:
         if search is None:
             return None
-        return {"method": search.method, "objective": search.objective, "evaluations": search.n_evaluations,
-                "stopped": search.stopped, "best": search.best.tolist(), "median": search.median.tolist()}
+        return {
+            "method": search.method,
+            "objective": search.objective,
+            "evaluations": search.n_evaluations,
+            "stopped": search.stopped,
+            "best": search.best.tolist(),
+            "median": search.median.tolist(),
+        }
 
     return {
         "seed": posterior.seed,
-        "objective": {"kind": point.objective, "value": point.goal, "share_of_friction_force": point.goal_share,
-                      "numbers": named(point.goal_z)},
-        "most_probable": {"log_prob": point.log_prob, "eq8": point.goal_at_z, "numbers": named(point.z),
-                          "maxima_log_prob": point.optima_log_prob.tolist()},
+        "objective": {
+            "kind": point.objective,
+            "value": point.goal,
+            "share_of_friction_force": point.goal_share,
+            "numbers": named(point.goal_z),
+        },
+        "most_probable": {
+            "log_prob": point.log_prob,
+            "eq8": point.goal_at_z,
+            "numbers": named(point.z),
+            "maxima_log_prob": point.optima_log_prob.tolist(),
+        },
         "search": history(point.search),
         "second_opinion": history(point.second),
         "evaluations": point.n_evaluations,
@@ -107,8 +119,12 @@ def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
     files = [x.file for x in loops]
 
     def over_draws(variables: Mapping[str, tuple[str, Array]], n_chains: int = chains) -> Any:
-        return xr.Dataset({name: (["chain", "draw"], x.reshape(n_chains, -1), {"unit": unit})
-                           for name, (unit, x) in variables.items()})
+        return xr.Dataset(
+            {
+                name: (["chain", "draw"], x.reshape(n_chains, -1), {"unit": unit})
+                for name, (unit, x) in variables.items()
+            }
+        )
 
     at = {"test": files, "phase": loops[0].phase}
     dims = ("chain", "draw", "test", "phase")
@@ -129,27 +145,40 @@ def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
     prior_force = prior_force[None]
     each = np.linspace(0, draws - 1, min(draws, POINTWISE_DRAWS // chains)).round().astype(int)
     point_log = problem.pointwise(posterior.z[:, each].reshape(-1, problem.ndim))
-    stacked = {name: np.stack([getattr(x, name) for x in loops]) for name in
-               ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_N", "force_scatter_N", "noise_N")}
+    stacked = {
+        name: np.stack([getattr(x, name) for x in loops])
+        for name in ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_N", "force_scatter_N", "noise_N")
+    }
     harmonics = np.stack([x.harmonics_N for x in loops])
-    constant: dict[str, Any] = {name: (("test", "phase"), stacked[name]) for name in
-                ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_scatter_N")}
+    constant: dict[str, Any] = {
+        name: (("test", "phase"), stacked[name])
+        for name in ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_scatter_N")
+    }
     constant["noise_N"] = (("test", "harmonic"), stacked["noise_N"])
-    constant |= {name: (("test",), np.array([getattr(x, name) for x in loops], float))
-                 for name in ("frequency_hz", "amplitude_mm", "offset_mm", "n_cycles")}
+    constant |= {
+        name: (("test",), np.array([getattr(x, name) for x in loops], float))
+        for name in ("frequency_hz", "amplitude_mm", "offset_mm", "n_cycles")
+    }
     return {
         "posterior": over_draws({n: (q.unit, q.values) for n, q in posterior.quantities().items()}),
         "unconstrained_posterior": over_draws({n: ("-", posterior.z[..., i]) for i, n in enumerate(problem.names)}),
         "sample_stats": over_draws({"lp": ("-", posterior.log_prob)}),
         "prior": over_draws({n: (q.unit, q.values) for n, q in sampled_and_paper(problem, prior_z).items()}, 1),
         "prior_predictive": xr.Dataset({"force_N": (dims, prior_replicated), "model_N": (dims, prior_force)}, at),
-        "posterior_predictive": xr.Dataset({"force_N": (dims, replicated), "model_N": (dims, force)},
-                                           {**at, "draw": some}),
-        "log_likelihood": xr.Dataset({"data": (("chain", "draw", "datum"), point_log.reshape(chains, len(each), -1))},
-                                     {"draw": each}),
-        "observed_data": xr.Dataset({"force_N": (("test", "phase"), stacked["force_N"]),
-                                     "harmonics_real_N": (("test", "harmonic"), harmonics.real),
-                                     "harmonics_imag_N": (("test", "harmonic"), harmonics.imag)}, at),
+        "posterior_predictive": xr.Dataset(
+            {"force_N": (dims, replicated), "model_N": (dims, force)}, {**at, "draw": some}
+        ),
+        "log_likelihood": xr.Dataset(
+            {"data": (("chain", "draw", "datum"), point_log.reshape(chains, len(each), -1))}, {"draw": each}
+        ),
+        "observed_data": xr.Dataset(
+            {
+                "force_N": (("test", "phase"), stacked["force_N"]),
+                "harmonics_real_N": (("test", "harmonic"), harmonics.real),
+                "harmonics_imag_N": (("test", "harmonic"), harmonics.imag),
+            },
+            at,
+        ),
         "constant_data": xr.Dataset(constant, at),
     }
 
@@ -180,9 +209,12 @@ def _plain_point(point: Point) -> dict[str, Any]:
     def plain(value: Any) -> Any:
         if isinstance(value, np.ndarray):
             return value.tolist()
-        if isinstance(value, GlobalOptimum):      # without its populations and Jacobians
-            return {k: plain(getattr(value, k)) for k in (f.name for f in fields(value))
-                    if k not in ("polish", "population", "population_objective")}
+        if isinstance(value, GlobalOptimum):  # without its populations and Jacobians
+            return {
+                k: plain(getattr(value, k))
+                for k in (f.name for f in fields(value))
+                if k not in ("polish", "population", "population_objective")
+            }
         return value
 
     return {f.name: plain(getattr(point, f.name)) for f in fields(point)}
@@ -231,20 +263,33 @@ def load(folder: str | os.PathLike[str], campaign: str | os.PathLike[str] | None
     with xr.open_dataset(path, engine="h5netcdf", group="sample_stats") as group:
         log_prob = group["lp"].values
     return Posterior(
-        problem=problem, campaign=source, loops=loops, z=z, log_prob=log_prob, walkers=int(stored["walkers"]),
-        thin=int(stored["thin"]), point=_point_of(json.loads(stored["point"])), seed=int(stored["seed"]),
-        converged=bool(stored["converged"]), message=str(stored["message"]), config=settings,
-        versions=json.loads(stored["versions"]), timings=json.loads(stored["timings"]),
-        convergence=tuple(ConvergenceRow(**row) for row in json.loads(stored["convergence"])))
+        problem=problem,
+        campaign=source,
+        loops=loops,
+        z=z,
+        log_prob=log_prob,
+        walkers=int(stored["walkers"]),
+        thin=int(stored["thin"]),
+        point=_point_of(json.loads(stored["point"])),
+        seed=int(stored["seed"]),
+        converged=bool(stored["converged"]),
+        message=str(stored["message"]),
+        config=settings,
+        versions=json.loads(stored["versions"]),
+        timings=json.loads(stored["timings"]),
+        convergence=tuple(ConvergenceRow(**row) for row in json.loads(stored["convergence"])),
+    )
 
 
 def _same_problem(path: Path, loops: tuple, settings: Mapping[str, Any], stored: Mapping[str, Any]) -> Problem:
-    from .defaults import Scales
+    from bayes_iwan.inference.scales import Scales
 
     problem = make_problem(loops, settings, scales=Scales(**json.loads(stored["scales"])))
     then, now = json.loads(stored["fingerprint"]), problem.fingerprint()
     for part in now:
         if then.get(part) != now[part]:
-            raise ResultsError(f"{path}: its {part} is not what the campaign and this version give now; "
-                               "identify again, or give the campaign it was made from")
+            raise ResultsError(
+                f"{path}: its {part} is not what the campaign and this version give now; "
+                "identify again, or give the campaign it was made from"
+            )
     return problem

@@ -1,7 +1,7 @@
 """The forward model: from motion to force."""
 
-from .model import Model, ModelError
-from .motion import Motion, record_motion, sine_motion
-from .normal_force import Reference
+from bayes_iwan.physics.model import Model, ModelError
+from bayes_iwan.physics.motion import Motion, record_motion, sine_motion
+from bayes_iwan.physics.normal_force import Reference
 
 __all__ = ["Model", "ModelError", "Motion", "Reference", "record_motion", "sine_motion"]

@@ -22,7 +22,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
 
 
 def slip_front(displacement_mm: Array, alpha: Array, k_N_mm: Array) -> Array:
@@ -31,8 +31,9 @@ def slip_front(displacement_mm: Array, alpha: Array, k_N_mm: Array) -> Array:
     return k * k[0] * np.abs(u - u[0]) / (k * a[0] + k[0] * a)
 
 
-def branch_holds(displacement_mm: Array, alpha: Array, k_N_mm: Array, slipped_to_N: float,
-                 largest_N: float = np.inf) -> NDArray[np.bool_]:
+def branch_holds(
+    displacement_mm: Array, alpha: Array, k_N_mm: Array, slipped_to_N: float, largest_N: float = np.inf
+) -> NDArray[np.bool_]:
     """Where Eq. (3) holds along the branch, (samples,) bool: up to the first breach of (a), (b) or (c).
 
     slipped_to_N : the largest φ that was slipping at the turning point (np.inf: all were). Elements beyond it are
@@ -43,19 +44,28 @@ def branch_holds(displacement_mm: Array, alpha: Array, k_N_mm: Array, slipped_to
     step, ratio, front = np.diff(u), a / k, slip_front(u, a, k)
     good = np.r_[True, (np.diff(front) >= 0.0) & (step * np.sign(step[0]) > 0.0)]
     good &= (front <= slipped_to_N) | (slipped_to_N >= largest_N)
-    loaded = min(slipped_to_N, largest_N)         # elements up to here carry all they can
+    loaded = min(slipped_to_N, largest_N)  # elements up to here carry all they can
     good &= (ratio >= ratio[0]) | ((ratio[0] - ratio) * loaded <= np.abs(u - u[0]))
     return np.logical_and.accumulate(good)
 
 
-def branch_force(displacement_mm: Array, alpha: Array, k_N_mm: Array, force_0_N: float,
-                 cumulative: Callable[[Array], Array], first_moment: Callable[[Array], Array]) -> Array:
+def branch_force(
+    displacement_mm: Array,
+    alpha: Array,
+    k_N_mm: Array,
+    force_0_N: float,
+    cumulative: Callable[[Array], Array],
+    first_moment: Callable[[Array], Array],
+) -> Array:
     """Friction force (samples,) in N by Eq. (3) on a branch whose first sample is the turning point with force_0_N.
 
     cumulative, first_moment : C(φ) and M(φ) of the slip-force distribution. Check :func:`branch_holds` first.
     """
     u, a, k = (np.asarray(x, dtype=float) for x in (displacement_mm, alpha, k_N_mm))
     front = slip_front(u, a, k)
-    s = -np.sign(u[-1] - u[0])                    # the motion before the turning point
-    return (k / k[0] * force_0_N - s * (a + k / k[0] * a[0]) * first_moment(front)
-            - s * k * np.abs(u - u[0]) * (1.0 - cumulative(front)))
+    s = -np.sign(u[-1] - u[0])  # the motion before the turning point
+    return (
+        k / k[0] * force_0_N
+        - s * (a + k / k[0] * a[0]) * first_moment(front)
+        - s * k * np.abs(u - u[0]) * (1.0 - cumulative(front))
+    )

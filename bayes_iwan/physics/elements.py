@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -27,15 +26,17 @@ def _elements(u, alpha, k, phi, weight, passes, out):
             out[i] = k[i] * total
 
 
-def element_force(displacement_mm: Array, alpha: Array, k_N_mm: Array, slip_force_N: Array, weight: Array,
-                  passes: int = 1) -> Array:
+def element_force(
+    displacement_mm: Array, alpha: Array, k_N_mm: Array, slip_force_N: Array, weight: Array, passes: int = 1
+) -> Array:
     """Friction force in N, (samples,), of elements that start relaxed at u = 0.
 
     displacement_mm, alpha, k_N_mm : (samples,); slip_force_N, weight : (elements,), weights summing to one.
     passes : how often the motion is repeated; the last pass is returned (2 for a steady loop).
     """
-    u, a, k, phi, w = (np.ascontiguousarray(x, dtype=float)
-                       for x in (displacement_mm, alpha, k_N_mm, slip_force_N, weight))
+    u, a, k, phi, w = (
+        np.ascontiguousarray(x, dtype=float) for x in (displacement_mm, alpha, k_N_mm, slip_force_N, weight)
+    )
     if not (u.shape == a.shape == k.shape and u.ndim == 1):
         raise ValueError(f"displacement, alpha and k must be (samples,): got {u.shape}, {a.shape}, {k.shape}")
     if phi.shape != w.shape or phi.ndim != 1:

@@ -11,22 +11,19 @@ paper mentions is one :class:`Model` away.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from . import normal_force, sliders, slip_force, stiffness
-from .motion import Motion
-from .normal_force import ALPHA_FLOOR, Reference
-from .stiffness import Stiffness
-from .threads import over_draws
-
-Array = NDArray[np.float64]
-Numbers = Mapping[str, Array]
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.physics import normal_force, sliders, slip_force, stiffness
+from bayes_iwan.physics.motion import Motion
+from bayes_iwan.physics.normal_force import ALPHA_FLOOR, Reference
+from bayes_iwan.physics.stiffness import Stiffness
+from bayes_iwan.threads import over_draws
 
 
 class ModelError(ValueError):
@@ -72,8 +69,11 @@ class Model:
     effects: tuple[Station, ...] = ()
 
     def __post_init__(self) -> None:
-        for what, name, known in (("slip", self.slip, slip_force.FAMILIES), ("grip", self.grip, normal_force.LAWS),
-                                  ("stiffness", self.stiffness, stiffness.LAWS)):
+        for what, name, known in (
+            ("slip", self.slip, slip_force.FAMILIES),
+            ("grip", self.grip, normal_force.LAWS),
+            ("stiffness", self.stiffness, stiffness.LAWS),
+        ):
             if name not in known:
                 raise ModelError(f"model.{what} = {name!r} is not known; choose one of {', '.join(known)}")
 
@@ -125,15 +125,25 @@ class Model:
             for effect in self.effects:
                 k = effect.stiffness(k, alpha, some)
             k = np.ascontiguousarray(k)
-            for effect in self.effects:           # a coefficient of friction: what k(α) does not follow
+            for effect in self.effects:  # a coefficient of friction: what k(α) does not follow
                 alpha = np.maximum(effect.slip(alpha, moved, some), ALPHA_FLOOR)
             alpha = np.ascontiguousarray(alpha)
             asymmetry = np.zeros(len(alpha))
             for effect in self.effects:
                 asymmetry = asymmetry + effect.asymmetry(some)
             tables, top = self.slip_family.table(some)
-            sliders.friction(np.ascontiguousarray(moved.displacement_mm), alpha, k, asymmetry, moved.periodic, tables,
-                             top, parallel[part], zero[part], out[part])
+            sliders.friction(
+                np.ascontiguousarray(moved.displacement_mm),
+                alpha,
+                k,
+                asymmetry,
+                moved.periodic,
+                tables,
+                top,
+                parallel[part],
+                zero[part],
+                out[part],
+            )
 
         over_draws(some_draws, len(parallel), motion.loops * motion.samples)
         return out
@@ -145,7 +155,7 @@ class Model:
         for effect in self.effects:
             motion = effect.motion(motion, numbers)
         inner: Callable[[Motion], Array] = partial(self.specimen_force, numbers)
-        for effect in self.effects:               # effects in series with the specimen need the force back
+        for effect in self.effects:  # effects in series with the specimen need the force back
             inner = partial(effect.around, inner, numbers=numbers)
         out = inner(motion) + numbers["force_zero_N"][:, None, None]
         for effect in self.effects:

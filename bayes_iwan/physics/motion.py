@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
 
 #: penetration y = max(A − u, Y_FLOOR·A): Eq. (11)'s |A − u|^β would vanish, or jump, at the end of the stroke
 Y_FLOOR = 0.01
@@ -62,8 +64,13 @@ class Motion:
 
     def moved(self, displacement_mm: Array, velocity_m_s: Array, acceleration_m_s2: Array) -> Motion:
         """The same tests with another specimen motion, draw by draw."""
-        return replace(self, displacement_mm=displacement_mm, velocity_m_s=velocity_m_s,
-                       acceleration_m_s2=acceleration_m_s2, cache={})
+        return replace(
+            self,
+            displacement_mm=displacement_mm,
+            velocity_m_s=velocity_m_s,
+            acceleration_m_s2=acceleration_m_s2,
+            cache={},
+        )
 
 
 def sine_motion(amplitude_mm, frequency_hz, samples: int = 128) -> Motion:
@@ -72,16 +79,51 @@ def sine_motion(amplitude_mm, frequency_hz, samples: int = 128) -> Motion:
     phase = 2.0 * np.pi * np.arange(samples) / samples
     omega = 2.0 * np.pi * f[:, None]
     u = a[:, None] * np.sin(phase)
-    return Motion(u[None], (1e-3 * omega * a[:, None] * np.cos(phase))[None], (-1e-3 * omega**2 * u)[None],
-                  a.astype(float), f.astype(float), np.zeros(len(a)), np.arange(len(a)))
+    return Motion(
+        u[None],
+        (1e-3 * omega * a[:, None] * np.cos(phase))[None],
+        (-1e-3 * omega**2 * u)[None],
+        a.astype(float),
+        f.astype(float),
+        np.zeros(len(a)),
+        np.arange(len(a)),
+    )
 
 
-def record_motion(time_s: Array, displacement_mm: Array, amplitude_mm: float | None = None,
-                  frequency_hz: float = float("nan")) -> Motion:
+def record_motion(
+    time_s: Array, displacement_mm: Array, amplitude_mm: float | None = None, frequency_hz: float = float("nan")
+) -> Motion:
     """Any motion (n,) from rest at u = 0; velocity by central differences. amplitude_mm is A of Eq. (11)."""
     u = np.asarray(displacement_mm, float)
     t = np.asarray(time_s, float)
     v = 1e-3 * np.gradient(u, t)
     a = float(np.max(np.abs(u))) if amplitude_mm is None else amplitude_mm
-    return Motion(u[None, None], v[None, None], np.gradient(v, t)[None, None], np.array([a]), np.array([frequency_hz]),
-                  np.zeros(1), np.zeros(1, dtype=np.int64), periodic=False)
+    return Motion(
+        u[None, None],
+        v[None, None],
+        np.gradient(v, t)[None, None],
+        np.array([a]),
+        np.array([frequency_hz]),
+        np.zeros(1),
+        np.zeros(1, dtype=np.int64),
+        periodic=False,
+    )
+
+
+def motion_of(loops: Sequence[Loop], blocks: bool = False) -> Motion:
+    """The loops' motion, one model loop each, or with `blocks` one for each block of cycles of each."""
+    repeat = np.array([len(x.block_cycle) if blocks else 1 for x in loops])
+
+    def stacked(name: str) -> Array:
+        return np.repeat(np.stack([getattr(x, name) for x in loops]), repeat, axis=0)[None]
+
+    cycle = np.concatenate([x.block_cycle if blocks else [x.block_cycle.mean()] for x in loops])
+    return Motion(
+        stacked("displacement_mm"),
+        stacked("velocity_m_s"),
+        stacked("acceleration_m_s2"),
+        np.repeat([x.amplitude_mm for x in loops], repeat),
+        np.repeat([x.frequency_hz for x in loops], repeat),
+        np.asarray(cycle, float),
+        np.repeat(np.arange(len(loops)), repeat),
+    )

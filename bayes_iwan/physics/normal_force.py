@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from . import pointwise
-from .motion import Motion
-
-Array = NDArray[np.float64]
-Numbers = Mapping[str, Array]
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.physics import pointwise
+from bayes_iwan.physics.motion import Motion
 
 #: α is kept at or above this: a normal force cannot pull (Table 1 as printed would reach −0.79 at u = A)
 ALPHA_FLOOR = 0.05
@@ -98,8 +94,17 @@ class HuntCrossley:
         out = np.empty((draws, motion.loops, motion.samples))
         zero = math.log(reference.length_mm)
         rate = numbers["grip_rate"] / reference.speed_m_s if self.speed else np.zeros(draws)
-        pointwise.hunt_crossley(motion.log_penetration, np.log(motion.amplitude_mm), zero, motion.speed_m_s,
-                                numbers["grip_slope"], rate, numbers["beta"], ALPHA_FLOOR, out)
+        pointwise.hunt_crossley(
+            motion.log_penetration,
+            np.log(motion.amplitude_mm),
+            zero,
+            motion.speed_m_s,
+            numbers["grip_slope"],
+            rate,
+            numbers["beta"],
+            ALPHA_FLOOR,
+            out,
+        )
         return out
 
 
@@ -121,6 +126,10 @@ def from_paper_hunt_crossley(kn, lam, beta, reference: Reference) -> dict[str, A
     return {"grip_slope": scaled * beta, "grip_rate": lam * scaled * reference.speed_m_s, "beta": beta}
 
 
-_ALL: tuple[NormalForce, ...] = (Constant(), HuntCrossley(True), HuntCrossley(False),
-                                 *(Polynomial(d) for d in range(1, 7)))
+_ALL: tuple[NormalForce, ...] = (
+    Constant(),
+    HuntCrossley(True),
+    HuntCrossley(False),
+    *(Polynomial(d) for d in range(1, 7)),
+)
 LAWS: dict[str, NormalForce] = {law.name: law for law in _ALL}

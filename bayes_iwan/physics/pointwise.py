@@ -17,10 +17,10 @@ _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"
 @_jit
 def _expm1(x):
     """e^x − 1 to 1e-14 relative for |x| < 700 (saturating beyond): (2ⁿ − 1) + 2ⁿ(e^r − 1), |r| ≤ ½ ln 2, by Taylor."""
-    near = x if x > -700.0 else -700.0            # NaN comes out of the comparisons as a number, and is put back below
+    near = x if x > -700.0 else -700.0  # NaN comes out of the comparisons as a number, and is put back below
     near = near if near < 700.0 else 700.0
     n = math.floor(near * 1.4426950408889634 + 0.5)
-    r = (near - n * 0.693147180369123816490) - n * 1.90821492927058770002e-10      # ln 2 in two parts
+    r = (near - n * 0.693147180369123816490) - n * 1.90821492927058770002e-10  # ln 2 in two parts
     q = 1.0 / 6227020800.0
     q = q * r + 1.0 / 479001600.0
     q = q * r + 1.0 / 39916800.0
@@ -46,12 +46,12 @@ def hunt_crossley(log_y, log_a, zero, speed, slope, rate, beta, floor, out):
     """
     for d in range(out.shape[0]):
         m = d % log_y.shape[0]
-        b = beta[d] if not abs(beta[d]) < 1e-12 else 1e-12    # at β = 0 the law is its limit, a logarithm
+        b = beta[d] if not abs(beta[d]) < 1e-12 else 1e-12  # at β = 0 the law is its limit, a logarithm
         for j in range(out.shape[1]):
             at_rest = math.exp(b * (log_a[j] - zero))
             bend, drag = slope[d] * at_rest / b, rate[d] * at_rest
             for i in range(out.shape[2]):
-                rise = _expm1(b * (log_y[m, j, i] - log_a[j]))    # (y/A)^β − 1, free of cancellation as β → 0
+                rise = _expm1(b * (log_y[m, j, i] - log_a[j]))  # (y/A)^β − 1, free of cancellation as β → 0
                 alpha = 1.0 + bend * rise + drag * (1.0 + rise) * speed[m, j, i]
                 out[d, j, i] = floor if alpha < floor else alpha  # NaN stays NaN
 
@@ -80,4 +80,4 @@ def bend_of_elasticity(value, out):
             z = max(z - step, 0.1 * z)
             if not abs(step) > 1e-14 * z:
                 break
-        out[d] = z + 0.0 * value[d]               # NaN stays NaN
+        out[d] = z + 0.0 * value[d]  # NaN stays NaN

@@ -31,7 +31,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
 
 #: pieces kept; when a wild motion makes more, the least important vertex is dropped
 MAX_PIECES = 64
@@ -73,7 +73,7 @@ def _drop_least(top, st):
     The chord that replaces two pieces stays inside the cone, which is convex.
     """
     least, smallest = 2, np.inf
-    for j in range(2, top - 1):                   # vertex between piece j and piece j − 1; piece j begins at row j + 1
+    for j in range(2, top - 1):  # vertex between piece j and piece j − 1; piece j begins at row j + 1
         a, b = st[j, L_END] - st[j + 1, L_END], st[j - 1, L_END] - st[j + 1, L_END]
         area = abs(a * (st[j - 1, X_END] - st[j + 1, X_END]) - b * (st[j, X_END] - st[j + 1, X_END]))
         if area < smallest:
@@ -108,12 +108,12 @@ def _cut(top, u, up, down, front, front_x, st, work, table, scale, shift):
     """
     count = 0
     last_side, last_phi, last_e = 0, 0.0, 0.0
-    for j in range(top, 0, -1):                   # vertices from small φ to large; row j − 1 of the stack begins there
+    for j in range(top, 0, -1):  # vertices from small φ to large; row j − 1 of the stack begins there
         phi = front if j == top else st[j, END]
         x = front_x if j == top else st[j, X_END]
         e = u - x
         side = 1 if e > up * phi else (-1 if e < -down * phi else 0)
-        for s in (last_side, side):               # leave the old side of the cone, then meet the new one
+        for s in (last_side, side):  # leave the old side of the cone, then meet the new one
             r = up if s > 0 else down
             if s != 0 and last_side != side:
                 a, b = s * last_e - r * last_phi, s * e - r * phi
@@ -124,12 +124,12 @@ def _cut(top, u, up, down, front, front_x, st, work, table, scale, shift):
             work[count, 0], work[count, 1] = phi, x
             count += 1
         last_side, last_phi, last_e = side, phi, e
-    if last_side != 0:                            # beyond the last vertex e is constant: it enters the cone later
+    if last_side != 0:  # beyond the last vertex e is constant: it enters the cone later
         work[count, 0], work[count, 1] = last_side * last_e / (up if last_side > 0 else down), u - last_e
         count += 1
     st[0, P] = st[0, X_END] = work[count - 1, 1]
     top = 1
-    for j in range(count - 1, 0, -1):             # from the tail to the front
+    for j in range(count - 1, 0, -1):  # from the tail to the front
         width = work[j, 0] - work[j - 1, 0]
         slope = (work[j, 1] - work[j - 1, 1]) / width if width > 0.0 else 0.0
         ell = _limited_mean(work[j, 0], table, scale, shift)
@@ -179,16 +179,16 @@ def _loop(at, where, off, first, alpha, k, asymmetry, table, phi_top, parallel, 
     shift, scale = 52, 1.0 / phi_top
     while OCTAVES << (52 - shift) < table.shape[0]:
         shift -= 1
-    st[0, P] = st[0, M] = st[0, X_END] = st[0, REST] = 0.0    # virgin: x = 0 for every φ, no front, only the tail
+    st[0, P] = st[0, M] = st[0, X_END] = st[0, REST] = 0.0  # virgin: x = 0 for every φ, no front, only the tail
     st[0, END] = np.inf
     st[0, L_END] = _limited_mean(2.0 * phi_top, table, scale, shift)
     top, last, q, front = 1, 0.0, 0.0, 0.0
     for step in range(at.size):
         now, i, tau = at[step], where[step], off[step]
         du, r = now - last, alpha[i] / k[i]
-        if not r > 0.0:                           # a cone turned inside out has no meaning: no force then
+        if not r > 0.0:  # a cone turned inside out has no meaning: no force then
             r = np.nan
-        if tau != 0.0:                            # r goes on along its own side: at the turning point |u̇| has a kink
+        if tau != 0.0:  # r goes on along its own side: at the turning point |u̇| has a kink
             j = i - 1 if tau > 0.0 else (i + 1 if i < alpha.size - 1 else 0)
             r += abs(tau) * max(r - alpha[j] / k[j], -r)
         up, down = r * (1.0 + asymmetry), r * (1.0 - asymmetry)
@@ -206,11 +206,11 @@ def _loop(at, where, off, first, alpha, k, asymmetry, table, phi_top, parallel, 
             p, m = st[top - 1, P], st[top - 1, M]
             if r + s * m > 1e-9 * r:
                 front = s * (now - p) / (r + s * m)
-            else:                                 # the piece lies along the cone: it slips as a whole
+            else:  # the piece lies along the cone: it slips as a whole
                 front = st[top - 1, END]
             q = s * r
-        beyond = du == 0.0 and (q > up or -q > down)    # at rest, and the grip falls below what the front carries?
-        for j in range(1, top):                   # or does a vertex beyond the front lie outside the cone?
+        beyond = du == 0.0 and (q > up or -q > down)  # at rest, and the grip falls below what the front carries?
+        for j in range(1, top):  # or does a vertex beyond the front lie outside the cone?
             e, limit = now - st[j, X_END], st[j, END] * (1.0 + 1e-12)
             beyond |= e > up * limit or -e > down * limit
         if beyond:
@@ -241,10 +241,22 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, zero, ou
     count = first = 0
     for j in range(out.shape[1]):
         for d in range(out.shape[0]):
-            if d < u.shape[0]:                    # one motion for all draws, or one each
+            if d < u.shape[0]:  # one motion for all draws, or one each
                 count, first = _way(u[d, j], closed, at, where, off)
-            _loop(at[:count], where[:count], off[:count], first, alpha[d, j], k[d, j], asymmetry[d], tables[d],
-                  phi_top[d], parallel[d], zero[d], out[d, j])
+            _loop(
+                at[:count],
+                where[:count],
+                off[:count],
+                first,
+                alpha[d, j],
+                k[d, j],
+                asymmetry[d],
+                tables[d],
+                phi_top[d],
+                parallel[d],
+                zero[d],
+                out[d, j],
+            )
 
 
 def way(displacement_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64], Array]:

@@ -9,22 +9,19 @@ table of the unit gamma over (η^¼, x^¼), blended along η^¼, so no incomplet
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Protocol
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-from .sliders import OCTAVES
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.physics.sliders import OCTAVES
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
-Array = NDArray[np.float64]
-Numbers = Mapping[str, Array]
 
 #: cells an octave: gamma mixtures, and families with a kink in S or a width of their own
 CELLS, FINE_CELLS = 16, 64
@@ -32,7 +29,7 @@ CELLS, FINE_CELLS = 16, 64
 ETA_MIN, ETA_MAX = 0.1, 80.0
 _ROWS, _COLUMNS = 160, 128
 _ROW_AT = np.linspace(ETA_MIN**0.25, ETA_MAX**0.25, _ROWS)
-_REACH = 3.4                                      # the unit gamma's survival at (√η + 3.4)² is below 1e-7
+_REACH = 3.4  # the unit gamma's survival at (√η + 3.4)² is below 1e-7
 _COLUMN_STEP = math.sqrt(math.sqrt(ETA_MAX) + _REACH) / (_COLUMNS - 1)
 
 
@@ -73,7 +70,7 @@ def _unit_gamma() -> Array:
     eta = (_ROW_AT**4)[:, None]
     s = np.arange(_COLUMNS) * _COLUMN_STEP
     x = s**4
-    upper = special.gammaincc(eta, x)             # Q on its own: 1 − P would lose the tail
+    upper = special.gammaincc(eta, x)  # Q on its own: 1 − P would lose the tail
     return np.stack([x * upper + eta * special.gammainc(eta + 1.0, x), 4.0 * s**3 * upper * _COLUMN_STEP], axis=1)
 
 
@@ -93,7 +90,7 @@ def _closed_form(limited, survival, top: Array) -> tuple[Array, Array]:
     """A table from closed forms limited(φ), survival(φ), with φ (draws, nodes)."""
     nodes = _nodes(FINE_CELLS)
     out = np.empty((len(top), len(nodes) - 1, 4))
-    with np.errstate(all="ignore"):               # a draw with numbers that make no sense gets NaN, not a warning
+    with np.errstate(all="ignore"):  # a draw with numbers that make no sense gets NaN, not a warning
         phi = nodes * top[:, None]
         _cubics(limited(phi), survival(phi), np.diff(nodes), top, out)
     return out, top
@@ -109,7 +106,7 @@ def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inv
         top[d] = 0.0
         for i in range(components):
             end = t[d, i] * (math.sqrt(eta[d, i]) + reach) ** 2
-            if not end <= top[d]:                 # so that NaN is passed on
+            if not end <= top[d]:  # so that NaN is passed on
                 top[d] = end
         for j in range(nodes):
             limited[d, j] = survival[d, j] = 0.0
@@ -127,8 +124,12 @@ def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inv
             last = min(int(math.sqrt(math.sqrt(eta[d, i]) + reach) / column_step) + 1, columns - 1)
             for m in range(2):
                 for j in range(last + 1):
-                    row[m, j] = (a * unit[first, m, j] + b * unit[first + 1, m, j]
-                                 + c * unit[first + 2, m, j] + e * unit[first + 3, m, j])
+                    row[m, j] = (
+                        a * unit[first, m, j]
+                        + b * unit[first + 1, m, j]
+                        + c * unit[first + 2, m, j]
+                        + e * unit[first + 3, m, j]
+                    )
             stride = math.sqrt(math.sqrt(top[d] / t[d, i])) / column_step
             value_scale = g[d, i] * t[d, i]
             slope_scale = g[d, i] / (4.0 * column_step**4 * stride**3)
@@ -167,16 +168,30 @@ class Gammas:
 
     def _arrays(self, numbers: Numbers) -> tuple[Array, Array, Array]:
         each = range(1, self.components + 1)
-        t, eta, g = (np.stack([numbers[f"{p}{i}{u}"] for i in each], axis=1)
-                     for p, u in (("t", "_N"), ("eta", ""), ("g", "")))
+        t, eta, g = (
+            np.stack([numbers[f"{p}{i}{u}"] for i in each], axis=1) for p, u in (("t", "_N"), ("eta", ""), ("g", ""))
+        )
         return t, eta, g
 
     def table(self, numbers: Numbers) -> tuple[Array, Array]:
         t, eta, g = self._arrays(numbers)
         nodes = _nodes(CELLS)
         limited, survival, top = np.empty((len(t), len(nodes))), np.empty((len(t), len(nodes))), np.empty(len(t))
-        _gamma_nodes(t, eta, g, _unit_gamma(), _ROW_AT[0], _ROW_AT[1] - _ROW_AT[0], _COLUMN_STEP, _REACH,
-                     nodes**0.25, nodes**-0.75, top, limited, survival)
+        _gamma_nodes(
+            t,
+            eta,
+            g,
+            _unit_gamma(),
+            _ROW_AT[0],
+            _ROW_AT[1] - _ROW_AT[0],
+            _COLUMN_STEP,
+            _REACH,
+            nodes**0.25,
+            nodes**-0.75,
+            top,
+            limited,
+            survival,
+        )
         out = np.empty((len(t), len(nodes) - 1, 4))
         _cubics(limited, survival, np.diff(nodes), top, out)
         return out, top
@@ -255,7 +270,7 @@ class Gaussian:
         return self._limited(far, numbers)[:, 0]
 
     def _limited(self, phi: Array, numbers: Numbers) -> Array:
-        def partial(z: Array) -> Array:           # ∫ survival of the unit normal up to z, less a constant
+        def partial(z: Array) -> Array:  # ∫ survival of the unit normal up to z, less a constant
             return z * special.ndtr(-z) - np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
 
         z, sd, kept = self._scaled(phi, numbers)
@@ -301,7 +316,7 @@ class PowerLaw:
         def limited(phi: Array) -> Array:
             return phi - (1.0 - share) * top * np.minimum(phi / top, 1.0) ** (power + 1.0) / (power + 1.0)
 
-        def survival(phi: Array) -> Array:        # one-sided at φ_max: the last node belongs to the table's inside
+        def survival(phi: Array) -> Array:  # one-sided at φ_max: the last node belongs to the table's inside
             return 1.0 - (1.0 - share) * np.minimum(phi / top, 1.0) ** power
 
         return _closed_form(limited, survival, top[:, 0].copy())

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from . import pointwise
-
-Array = NDArray[np.float64]
-Numbers = Mapping[str, Array]
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.physics import pointwise
 
 
 class Stiffness(Protocol):

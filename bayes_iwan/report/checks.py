@@ -12,17 +12,22 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.special import logsumexp
 
-from ..campaign import Loop
-from ..inference.likelihood import paper_weights
-from ..inference.pareto import smooth_log_weights
-from .loops import test_name
-from .predictive import Predictive, predict
-from .style import BLUE, ORANGE, RED, styled, subplots
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.comparison.pareto import smooth_log_weights
+from bayes_iwan.inference.likelihood import paper_weights
+from bayes_iwan.report.loops import test_name
+from bayes_iwan.report.predictive import Predictive, predict
+from bayes_iwan.report.style import BLUE, ORANGE, RED, styled, subplots
 
-Array = NDArray[np.float64]
-
-REGIONS = ("after lower\nreversal", "stretching,\nmid-stroke", "before upper\nreversal", "after upper\nreversal",
-           "shortening,\nmid-stroke", "before lower\nreversal")
+REGIONS = (
+    "after lower\nreversal",
+    "stretching,\nmid-stroke",
+    "before upper\nreversal",
+    "after upper\nreversal",
+    "shortening,\nmid-stroke",
+    "before lower\nreversal",
+)
 
 
 def region_of(displacement_mm: Array) -> NDArray[np.int64]:
@@ -69,15 +74,32 @@ def regions_figure(posterior: Any, checks: RegionChecks | None = None) -> Figure
     n = len(checks.loops)
     figure, axes = subplots(1, 1, 7.2, 0.3 * n + 1.2)
     ax = axes[0, 0]
-    colours = LinearSegmentedColormap.from_list("p", [(0.0, RED), (0.05, ORANGE), (0.12, "#FFFFFF"), (0.88, "#FFFFFF"),
-                                                      (1.0, BLUE)])
-    ax.pcolormesh(np.arange(len(REGIONS) + 1), np.arange(n + 1), checks.p_value, cmap=colours, vmin=0, vmax=1,
-                  edgecolors="white", linewidth=1.0, alpha=0.55)
+    colours = LinearSegmentedColormap.from_list(
+        "p", [(0.0, RED), (0.05, ORANGE), (0.12, "#FFFFFF"), (0.88, "#FFFFFF"), (1.0, BLUE)]
+    )
+    ax.pcolormesh(
+        np.arange(len(REGIONS) + 1),
+        np.arange(n + 1),
+        checks.p_value,
+        cmap=colours,
+        vmin=0,
+        vmax=1,
+        edgecolors="white",
+        linewidth=1.0,
+        alpha=0.55,
+    )
     for t in range(n):
         for r in range(len(REGIONS)):
             value = checks.p_value[t, r]
-            ax.text(r + 0.5, t + 0.5, f"{value:.2f}" if value >= 0.01 else "< 0.01", ha="center", va="center",
-                    fontsize=7.5, weight="bold" if value < 0.05 or value > 0.95 else "normal")
+            ax.text(
+                r + 0.5,
+                t + 0.5,
+                f"{value:.2f}" if value >= 0.01 else "< 0.01",
+                ha="center",
+                va="center",
+                fontsize=7.5,
+                weight="bold" if value < 0.05 or value > 0.95 else "normal",
+            )
     ax.set_xticks(np.arange(len(REGIONS)) + 0.5, REGIONS)
     ax.set_yticks(np.arange(n) + 0.5, [test_name(x) for x in checks.loops])
     ax.set_ylim(n, 0)
@@ -112,9 +134,9 @@ def loo_pit(posterior: Any, n: int = 600) -> LooPit:
     log_p = problem.likelihood.pointwise(residual, numbers)
     if problem.likelihood.name == "correlated":
         rows = problem.likelihood.rows(residual, numbers)
-        parts = rows.reshape(len(z), 2, -1)       # real parts, imaginary parts; padding is zero in every draw
+        parts = rows.reshape(len(z), 2, -1)  # real parts, imaginary parts; padding is zero in every draw
         used = np.any(parts[:, 0] != 0.0, axis=0)
-        oscillating = np.any(parts[:, 1][:, used] != 0.0, axis=0)           # a mean has no imaginary part
+        oscillating = np.any(parts[:, 1][:, used] != 0.0, axis=0)  # a mean has no imaginary part
         probability = special.ndtr(parts[:, :, used][:, :, oscillating])
         log_p = log_p[:, oscillating]
     else:
@@ -157,7 +179,7 @@ def loo_pit_figure(posterior: Any, result: LooPit | None = None) -> Figure:
     left.set_title("a. histogram (grey: 95 % of each bar)", loc="left")
     left.set_xlabel("LOO-PIT")
     left.set_ylabel("density")
-    bound = 1.358 / np.sqrt(n)                    # Kolmogorov's 95 % point
+    bound = 1.358 / np.sqrt(n)  # Kolmogorov's 95 % point
     right.fill_between([0, 1], [-bound, -bound], [bound, bound], color="#777777", alpha=0.2, linewidth=0)
     right.step(np.r_[0, pit, 1], np.r_[0, np.arange(1, n + 1) / n, 1] - np.r_[0, pit, 1], where="post", color=BLUE)
     right.axhline(0.0, color="#777777", linewidth=0.7)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..inference.compare import Comparison
-from .page import Page
-from .style import BLUE, ORANGE, styled, subplots
-from .tables import Table
+from bayes_iwan.comparison.families import Comparison
+from bayes_iwan.report.page import Page
+from bayes_iwan.report.style import BLUE, ORANGE, styled, subplots
+from bayes_iwan.report.tables import Table
 
 
 @styled
@@ -23,10 +23,18 @@ def ranking_figure(comparison: Comparison) -> Figure:
     left, right = axes[0]
     at = np.arange(n)
     left.axvline(0.0, color="#777777", linewidth=0.7)
-    left.errorbar([r.difference for r in rows], at, xerr=[r.difference_se for r in rows], linestyle="none", marker="o",
-                  color=BLUE, elinewidth=1.2, markersize=4.5)
+    left.errorbar(
+        [r.difference for r in rows],
+        at,
+        xerr=[r.difference_se for r in rows],
+        linestyle="none",
+        marker="o",
+        color=BLUE,
+        elinewidth=1.2,
+        markersize=4.5,
+    )
     spread = abs(min(r.difference for r in rows))
-    if spread > 1500.0:                            # poor families would squeeze the good ones into one point
+    if spread > 1500.0:  # poor families would squeeze the good ones into one point
         left.set_xscale("symlog", linthresh=10.0)
         left.set_xlim(-1.8 * spread, 10.0)
         ticks = [0.0, *(-(10.0**k) for k in range(1, int(np.log10(spread)) + 1))]
@@ -50,17 +58,33 @@ def tests_figure(comparison: Comparison) -> Figure:
     entries = [e for e in comparison.entries if e.tests is not None]
     best = entries[0]
     files = [x.file.removesuffix(".gz").removesuffix(".csv") for x in best.posterior.problem.loops]
-    table = np.array([e.tests.pointwise - best.tests.pointwise for e in entries if e.tests is not None
-                      and best.tests is not None])
+    table = np.array(
+        [e.tests.pointwise - best.tests.pointwise for e in entries if e.tests is not None and best.tests is not None]
+    )
     figure, axes = subplots(1, 1, 7.6, 0.36 * len(entries) + 1.4)
     ax = axes[0, 0]
     reach = max(float(np.quantile(np.abs(table), 0.9)), 1.0)
-    ax.pcolormesh(np.arange(len(files) + 1), np.arange(len(entries) + 1), table, cmap="PuOr", vmin=-reach, vmax=reach,
-                  edgecolors="white", linewidth=1.0, alpha=0.6)
+    ax.pcolormesh(
+        np.arange(len(files) + 1),
+        np.arange(len(entries) + 1),
+        table,
+        cmap="PuOr",
+        vmin=-reach,
+        vmax=reach,
+        edgecolors="white",
+        linewidth=1.0,
+        alpha=0.6,
+    )
     for i in range(len(entries)):
         for j in range(len(files)):
-            ax.text(j + 0.5, i + 0.5, f"{table[i, j]:+.1f}".replace("-", "−") if i else "0", ha="center", va="center",
-                    fontsize=7.5)
+            ax.text(
+                j + 0.5,
+                i + 0.5,
+                f"{table[i, j]:+.1f}".replace("-", "−") if i else "0",
+                ha="center",
+                va="center",
+                fontsize=7.5,
+            )
     ax.set_xticks(np.arange(len(files)) + 0.5, files, rotation=30, ha="right")
     ax.set_yticks(np.arange(len(entries)) + 0.5, [e.family.label for e in entries])
     ax.set_ylim(len(entries), 0)
@@ -73,11 +97,43 @@ def tests_figure(comparison: Comparison) -> Figure:
 
 def comparison_table(comparison: Comparison) -> Table:
     """The ranking for compare.csv."""
-    columns = ("rank", "family", "label", "ranked_by", "elpd", "elpd_se", "difference", "difference_se", "elpd_loo",
-               "loo_pareto_k_holds", "elpd_tests_left_out", "residual_share", "parameters", "seconds", "converged")
-    rows = tuple((i + 1, r.name, r.label, comparison.by, r.elpd, r.elpd_se, r.difference, r.difference_se, r.loo,
-                  r.loo_holds, r.left_out, r.residual_share, r.parameters, r.seconds, r.converged)
-                 for i, r in enumerate(comparison.rows()))
+    columns = (
+        "rank",
+        "family",
+        "label",
+        "ranked_by",
+        "elpd",
+        "elpd_se",
+        "difference",
+        "difference_se",
+        "elpd_loo",
+        "loo_pareto_k_holds",
+        "elpd_tests_left_out",
+        "residual_share",
+        "parameters",
+        "seconds",
+        "converged",
+    )
+    rows = tuple(
+        (
+            i + 1,
+            r.name,
+            r.label,
+            comparison.by,
+            r.elpd,
+            r.elpd_se,
+            r.difference,
+            r.difference_se,
+            r.loo,
+            r.loo_holds,
+            r.left_out,
+            r.residual_share,
+            r.parameters,
+            r.seconds,
+            r.converged,
+        )
+        for i, r in enumerate(comparison.rows())
+    )
     return Table("compare", "Model families ranked", columns, rows)
 
 
@@ -85,42 +141,80 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
     """Write compare.html and compare.csv into out_dir; returns the page's path."""
     out = Path(out_dir)
     comparison_table(comparison).write_csv(out)
-    page = Page(f"Model families compared: {comparison.campaign or 'loops'}",
-                f"{len(comparison.entries)} families, ranked by expected log predictive density")
+    page = Page(
+        f"Model families compared: {comparison.campaign or 'loops'}",
+        f"{len(comparison.entries)} families, ranked by expected log predictive density",
+    )
     rows = comparison.rows()
     section = page.section("Ranking")
-    how = ("one datum at a time left out (ArviZ PSIS-LOO; its Pareto k hold for every family)" if comparison.by == "loo"
-           else "whole tests left out, parameters learnt from the others alone (the Pareto k of leaving out single "
-                "data do not hold for every family, or tests were asked for)")
-    section.text(f"Ranked by {how}. Differences are from the best family, with the standard error of the difference; "
-                 "less than two standard errors, or less than 4, decides nothing.")
-    section.figure(ranking_figure(comparison), "Left: difference from the best family (more negative: predicts worse). "
-                   "Right: what the median prediction misses.", "Ranking of families with standard errors, and bars of "
-                   "residual share.")
+    how = (
+        "one datum at a time left out (ArviZ PSIS-LOO; its Pareto k hold for every family)"
+        if comparison.by == "loo"
+        else "whole tests left out, parameters learnt from the others alone (the Pareto k of leaving out single "
+        "data do not hold for every family, or tests were asked for)"
+    )
+    section.text(
+        f"Ranked by {how}. Differences are from the best family, with the standard error of the difference; "
+        "less than two standard errors, or less than 4, decides nothing."
+    )
+    section.figure(
+        ranking_figure(comparison),
+        "Left: difference from the best family (more negative: predicts worse). "
+        "Right: what the median prediction misses.",
+        "Ranking of families with standard errors, and bars of residual share.",
+    )
 
     def signed(x: float) -> str:
         return "–" if not np.isfinite(x) else f"{x:+.1f}".replace("-", "−")
 
-    section.table(("family", "difference", "± SE", "LOO by datum", "tests left out", "residual / friction",
-                   "parameters", "time (s)", "sampling"),
-                  [(r.label, *((signed(r.difference), f"{r.difference_se:.1f}") if r is not rows[0] else ("0", "–")),
-                    signed(r.loo) + ("" if r.loo_holds else " (k too high)"), signed(r.left_out),
-                    f"{100 * r.residual_share:.2g} %", r.parameters, f"{r.seconds:.0f}",
-                    "converged" if r.converged else "short") for r in rows],
-                  "Expected log predictive density, both ways")
+    section.table(
+        (
+            "family",
+            "difference",
+            "± SE",
+            "LOO by datum",
+            "tests left out",
+            "residual / friction",
+            "parameters",
+            "time (s)",
+            "sampling",
+        ),
+        [
+            (
+                r.label,
+                *((signed(r.difference), f"{r.difference_se:.1f}") if r is not rows[0] else ("0", "–")),
+                signed(r.loo) + ("" if r.loo_holds else " (k too high)"),
+                signed(r.left_out),
+                f"{100 * r.residual_share:.2g} %",
+                r.parameters,
+                f"{r.seconds:.0f}",
+                "converged" if r.converged else "short",
+            )
+            for r in rows
+        ],
+        "Expected log predictive density, both ways",
+    )
     if not all(r.converged for r in rows):
-        section.note("Where sampling is \"short\", the run ended before its targets; the density's own error is then "
-                     "some units larger than the standard error says.")
-    section.text("Density and residual need not rank alike. Each family carries a smooth misfit of its own size and "
-                 "length, learnt from the tests: one that is large but smooth and alike in all tests costs less "
-                 "than a smaller one with sharp features.")
+        section.note(
+            'Where sampling is "short", the run ended before its targets; the density\'s own error is then '
+            "some units larger than the standard error says."
+        )
+    section.text(
+        "Density and residual need not rank alike. Each family carries a smooth misfit of its own size and "
+        "length, learnt from the tests: one that is large but smooth and alike in all tests costs less "
+        "than a smaller one with sharp features."
+    )
     answers = comparison.answers()
     if answers:
-        page.section("The paper's reasoning").table(("question", "answer"), answers,
-                                                    "What the paper argues by eye, by evidence")
+        page.section("The paper's reasoning").table(
+            ("question", "answer"), answers, "What the paper argues by eye, by evidence"
+        )
     if comparison.entries[0].tests is not None and len(comparison.entries) > 1:
         section = page.section("Where families gain and lose")
-        section.figure(tests_figure(comparison), "Log predictive density of each test when it is left out, less that "
-                       "of the best family. Orange: worse, violet: better.",
-                       "Families by tests, differences as numbers.")
+        section.figure(
+            tests_figure(comparison),
+            "Log predictive density of each test when it is left out, less that "
+            "of the best family. Orange: worse, violet: better.",
+            "Families by tests, differences as numbers.",
+        )
     return page.write(out / "compare.html")

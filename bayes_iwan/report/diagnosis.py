@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..gap.diagnosis import BASES, Diagnosis, diagnose_folder, write_json
-from ..gap.findings import pictures
-from ..gap.residuals import residual_of
-from ..gap.where import along_cycle
-from ..inference.config import read_config
-from . import gap_figures
-from .diagnosis_page import write_diagnosis_page, write_figures
+from bayes_iwan.gap.diagnosis import BASES, Diagnosis, diagnose_folder, write_json
+from bayes_iwan.gap.findings import pictures
+from bayes_iwan.gap.residuals import residual_of
+from bayes_iwan.gap.where import along_cycle
+from bayes_iwan.inference.config import read_config
+from bayes_iwan.report import gap_figures
+from bayes_iwan.report.diagnosis_page import write_diagnosis_page, write_figures
 
 
 def diagnosis_figures(found: Diagnosis, answer: dict[str, Any]) -> dict[str, Figure]:
@@ -30,23 +30,38 @@ def diagnosis_figures(found: Diagnosis, answer: dict[str, Any]) -> dict[str, Fig
         cause = " + ".join(lead.names)
         left = residual_of(found.data, lead.fit)
         after = along_cycle(left, left.value)
-        out["before_after"] = gap_figures.before_after_figure(drawn["names"], drawn["residual_N"], after,
-                                                              drawn["expected_N"], cause)
+        out["before_after"] = gap_figures.before_after_figure(
+            drawn["names"], drawn["residual_N"], after, drawn["expected_N"], cause
+        )
         out["moved"] = gap_figures.moved_figure(lead.moved)
-    out["headline"] = gap_figures.headline_figure(answer["probabilities"], drawn["names"][worst],
-                                                  drawn["residual_N"][worst], drawn["expected_N"][worst],
-                                                  None if after is None else after[worst],
-                                                  "" if after is None else verdict["cause"].replace("_", " "))
+    out["headline"] = gap_figures.headline_figure(
+        answer["probabilities"],
+        drawn["names"][worst],
+        drawn["residual_N"][worst],
+        drawn["expected_N"][worst],
+        None if after is None else after[worst],
+        "" if after is None else verdict["cause"].replace("_", " "),
+    )
     if found.explanations:
-        out["shrink"] = gap_figures.shrink_figure([(" + ".join(x.names), *x.shrink,
-                                                    None if x.unseen is None else x.unseen.shrink)
-                                                   for x in found.explanations])
+        out["shrink"] = gap_figures.shrink_figure(
+            [
+                (" + ".join(x.names), *x.shrink, None if x.unseen is None else x.unseen.shrink)
+                for x in found.explanations
+            ]
+        )
     return out
 
 
-def diagnose_campaign(campaign: str | Path, out: str | Path, *, seed: int = 0, quick: bool = False,
-                      base: str = "generalized", config: str | Path | None = None,
-                      effects_file: str | Path | None = None) -> dict[str, Any]:
+def diagnose_campaign(
+    campaign: str | Path,
+    out: str | Path,
+    *,
+    seed: int = 0,
+    quick: bool = False,
+    base: str = "generalized",
+    config: str | Path | None = None,
+    effects_file: str | Path | None = None,
+) -> dict[str, Any]:
     """Diagnose a campaign folder and write everything into `out`; returns what `diagnosis.json` holds.
 
     base : a name of :data:`bayes_iwan.gap.diagnosis.BASES`; config : TOML file as for `identify`; effects_file : a

@@ -10,52 +10,83 @@ from typing import Any
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from .page import Page, Section
-from .style import save
+from bayes_iwan.report.page import Page, Section
+from bayes_iwan.report.style import save
 
 #: caption and description of each figure, in the order in which they stand
 _CAPTIONS = {
-    "headline": ("Left: how probable each cause is. Right: what the model misses in the test where it misses most, "
-                 "along one cycle; the grey band is what a right model would leave.",
-                 "Bars of probabilities and the residual force of one test with and without the likeliest cause"),
-    "gap_loops": ("Measured loops of every test. Red and thick: the measured force is above the model's there; blue: "
-                  "below; thin and grey: nothing is missed. After each name the gap as a share of the friction force.",
-                  "Hysteresis loops coloured by measured minus predicted force"),
-    "gap_map": ("The same along the cycle (across) for every test (down), divided by what a right model would leave "
-                "(its standard deviation from noise, from small misfits and after a refit).",
-                "Colour map of the missed force over phase and test"),
-    "gap_regions": ("Parts of the loop. A point right of the dashed line: more is missed there than in the loop as a "
-                    "whole. Grey and open: no more than a right model would leave.",
-                    "Points with intervals: gap in each part of the loop"),
-    "gap_harmonics": ("Harmonics of what is missed, test by test. Left: in step with the displacement, where a missing "
-                      "stiffness or mass shows; right: in step with the velocity, where missing damping shows.",
-                      "Stems of residual harmonics for all tests, in phase and in quadrature"),
-    "gap_growth": ("Gap of each test against frequency and amplitude, with 90 % intervals. Open marks: no more than a "
-                   "right model would leave.", "Gap against frequency and against amplitude, logarithmic"),
-    "gap_cycles": ("Gap in successive blocks of cycles. Level lines: what is missing does not change along the record.",
-                   "Gap against cycle number for every test"),
-    "probabilities": ("Probability of each cause. “None”: the model needs nothing more. “Unknown”: something is "
-                      "missing that is not in the catalogue.", "Bar chart of the probability of each cause"),
-    "before_after": ("What is missed along the cycle without the likeliest cause and with it, all numbers fitted anew.",
-                     "Residual force along the cycle of every test with and without the cause"),
-    "shrink": ("How much smaller the gap becomes with each cause. The diamond counts: tests that the fit has not seen.",
-               "Shrink of the gap by cause with intervals, on fitted and on unseen tests"),
-    "moved": ("Change of the specimen's own numbers once the cause is in the model. Long stems: these had been bent to "
-              "imitate the cause.", "Change of each parameter in standard deviations"),
+    "headline": (
+        "Left: how probable each cause is. Right: what the model misses in the test where it misses most, "
+        "along one cycle; the grey band is what a right model would leave.",
+        "Bars of probabilities and the residual force of one test with and without the likeliest cause",
+    ),
+    "gap_loops": (
+        "Measured loops of every test. Red and thick: the measured force is above the model's there; blue: "
+        "below; thin and grey: nothing is missed. After each name the gap as a share of the friction force.",
+        "Hysteresis loops coloured by measured minus predicted force",
+    ),
+    "gap_map": (
+        "The same along the cycle (across) for every test (down), divided by what a right model would leave "
+        "(its standard deviation from noise, from small misfits and after a refit).",
+        "Colour map of the missed force over phase and test",
+    ),
+    "gap_regions": (
+        "Parts of the loop. A point right of the dashed line: more is missed there than in the loop as a "
+        "whole. Grey and open: no more than a right model would leave.",
+        "Points with intervals: gap in each part of the loop",
+    ),
+    "gap_harmonics": (
+        "Harmonics of what is missed, test by test. Left: in step with the displacement, where a missing "
+        "stiffness or mass shows; right: in step with the velocity, where missing damping shows.",
+        "Stems of residual harmonics for all tests, in phase and in quadrature",
+    ),
+    "gap_growth": (
+        "Gap of each test against frequency and amplitude, with 90 % intervals. Open marks: no more than a "
+        "right model would leave.",
+        "Gap against frequency and against amplitude, logarithmic",
+    ),
+    "gap_cycles": (
+        "Gap in successive blocks of cycles. Level lines: what is missing does not change along the record.",
+        "Gap against cycle number for every test",
+    ),
+    "probabilities": (
+        "Probability of each cause. “None”: the model needs nothing more. “Unknown”: something is "
+        "missing that is not in the catalogue.",
+        "Bar chart of the probability of each cause",
+    ),
+    "before_after": (
+        "What is missed along the cycle without the likeliest cause and with it, all numbers fitted anew.",
+        "Residual force along the cycle of every test with and without the cause",
+    ),
+    "shrink": (
+        "How much smaller the gap becomes with each cause. The diamond counts: tests that the fit has not seen.",
+        "Shrink of the gap by cause with intervals, on fitted and on unseen tests",
+    ),
+    "moved": (
+        "Change of the specimen's own numbers once the cause is in the model. Long stems: these had been bent to "
+        "imitate the cause.",
+        "Change of each parameter in standard deviations",
+    ),
 }
 
 
-def write_diagnosis_page(diagnosis: Mapping[str, Any], figures: Mapping[str, Figure], path: str | os.PathLike[str],
-                         about: Mapping[str, Mapping[str, Any]] | None = None) -> Path:
+def write_diagnosis_page(
+    diagnosis: Mapping[str, Any],
+    figures: Mapping[str, Figure],
+    path: str | os.PathLike[str],
+    about: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Path:
     """Write the page; whole or not at all.
 
     diagnosis : what `diagnosis.json` holds; figures : by name (see `_CAPTIONS`), those missing are left out; about :
     by effect, what it is: physics, signature, reference, bench.
     """
     d, about = diagnosis, about or {}
-    page = Page(f"Diagnosis: {d.get('campaign', 'campaign')}",
-                "What the model misses, the likeliest cause and the next test",
-                f"bayes_iwan, seed {d['seed']}. Every number here is in diagnosis.json.")
+    page = Page(
+        f"Diagnosis: {d.get('campaign', 'campaign')}",
+        "What the model misses, the likeliest cause and the next test",
+        f"bayes_iwan, seed {d['seed']}. Every number here is in diagnosis.json.",
+    )
     _answer(page.section("Answer"), d, figures)
     _where(page.section("Where the model misses"), d, figures)
     _which(page.section("Which cause"), d, figures, about)
@@ -66,8 +97,9 @@ def write_diagnosis_page(diagnosis: Mapping[str, Any], figures: Mapping[str, Fig
     return page.write(path)
 
 
-def write_figures(figures: Mapping[str, Figure], folder: str | os.PathLike[str],
-                  kinds: Sequence[str] = ("png", "svg")) -> list[Path]:
+def write_figures(
+    figures: Mapping[str, Figure], folder: str | os.PathLike[str], kinds: Sequence[str] = ("png", "svg")
+) -> list[Path]:
     """Every figure as files NAME.png and NAME.svg (or .pdf) in a folder."""
     return [save(figure, Path(folder) / f"{name}.{kind}") for name, figure in figures.items() for kind in kinds]
 
@@ -95,24 +127,64 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         section.html(Markup("<ul>{}</ul>").format(items))
     names = [n for n in ("gap_loops", "gap_map", "gap_regions", "gap_harmonics", "gap_growth", "gap_cycles")]
     _draw(section, figures, *(n for n in names if "headline" in figures or n != "gap_loops"))
-    rows = [("all tests", "", "", _force(gap["before_rms_N"]), _range(gap["before_interval_N"]),
-             _percent(gap["before_share"]), "")]
-    rows += [(t["file"], f"{t['frequency_hz']:.3g}", f"{t['amplitude_mm']:.3g}", _force(t["gap_rms_N"]),
-              _range(t.get("interval_N")), _percent(t["share"]), "yes" if t["significant"] else "no")
-             for t in w["tests"]]
-    section.table(("test", "Hz", "mm", "gap (RMS)", "90 % interval", "share of friction", "stands out"), rows,
-                  "The gap of each test", fold=len(rows) > 16)
-    section.table(("part of the loop", "gap (RMS)", "share of the gap", "share of the time", "stands out"),
-                  [(r["region"], _force(r["gap_rms_N"]), _percent(r["share_of_gap"]), _percent(r.get("share_of_time")),
-                    "yes" if r["significant"] else "no") for r in w["regions"]], "Parts of the loop", fold=True)
-    section.table(("harmonic", "with displacement", "with velocity", "stands out"),
-                  [(str(h["order"]), _force(h["in_phase_N"]), _force(h["quadrature_N"]),
-                    "yes" if h["significant"] else "no") for h in w["harmonics"]],
-                  "Harmonics of what is missed (RMS over tests)", fold=True)
+    rows = [
+        (
+            "all tests",
+            "",
+            "",
+            _force(gap["before_rms_N"]),
+            _range(gap["before_interval_N"]),
+            _percent(gap["before_share"]),
+            "",
+        )
+    ]
+    rows += [
+        (
+            t["file"],
+            f"{t['frequency_hz']:.3g}",
+            f"{t['amplitude_mm']:.3g}",
+            _force(t["gap_rms_N"]),
+            _range(t.get("interval_N")),
+            _percent(t["share"]),
+            "yes" if t["significant"] else "no",
+        )
+        for t in w["tests"]
+    ]
+    section.table(
+        ("test", "Hz", "mm", "gap (RMS)", "90 % interval", "share of friction", "stands out"),
+        rows,
+        "The gap of each test",
+        fold=len(rows) > 16,
+    )
+    section.table(
+        ("part of the loop", "gap (RMS)", "share of the gap", "share of the time", "stands out"),
+        [
+            (
+                r["region"],
+                _force(r["gap_rms_N"]),
+                _percent(r["share_of_gap"]),
+                _percent(r.get("share_of_time")),
+                "yes" if r["significant"] else "no",
+            )
+            for r in w["regions"]
+        ],
+        "Parts of the loop",
+        fold=True,
+    )
+    section.table(
+        ("harmonic", "with displacement", "with velocity", "stands out"),
+        [
+            (str(h["order"]), _force(h["in_phase_N"]), _force(h["quadrature_N"]), "yes" if h["significant"] else "no")
+            for h in w["harmonics"]
+        ],
+        "Harmonics of what is missed (RMS over tests)",
+        fold=True,
+    )
 
 
-def _which(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure],
-           about: Mapping[str, Mapping[str, Any]]) -> None:
+def _which(
+    section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure], about: Mapping[str, Mapping[str, Any]]
+) -> None:
     verdict = d["verdict"]
     _draw(section, figures, "probabilities")
     for effect in d["effects"]:
@@ -122,11 +194,21 @@ def _which(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         section.text(*(told[k] for k in ("physics",) if told.get(k)))
         if told.get("signature"):
             section.text(f"In the loops: {told['signature']}.")
-        rows = [(p, _number(v["mean"]), _number(v["sd"]),
-                 f"{_number(v['q05'])} to {_number(v['q95'])}" if "q05" in v else "–", v["unit"])
-                for p, v in (effect.get("all_parameters") or effect["parameters"]).items()]
-        section.table(("number", "mean", "sd", "90 % interval", "unit"), rows, f"{_words(name)}: fitted together with "
-                      "the specimen's own numbers")
+        rows = [
+            (
+                p,
+                _number(v["mean"]),
+                _number(v["sd"]),
+                f"{_number(v['q05'])} to {_number(v['q95'])}" if "q05" in v else "–",
+                v["unit"],
+            )
+            for p, v in (effect.get("all_parameters") or effect["parameters"]).items()
+        ]
+        section.table(
+            ("number", "mean", "sd", "90 % interval", "unit"),
+            rows,
+            f"{_words(name)}: fitted together with the specimen's own numbers",
+        )
         if told.get("reference"):
             section.text(f"Source: {told['reference']}.")
     if not d["effects"]:
@@ -135,20 +217,33 @@ def _which(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
 
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     gap = d["gap"]
-    section.text(f"Shrink is 1 − gap after / gap before, the gap before being {_force(gap['before_rms_N'])} RMS. What "
-                 "a cause does on the tests that it was fitted to flatters it; the tests left out of the fit judge it. "
-                 f"The ceiling is {100 * gap['ceiling_shrink']:.0f} %: so far a smooth discrepancy, free of any "
-                 "cause, closes the gap, and no added effect can be expected to close it further.")
+    section.text(
+        f"Shrink is 1 − gap after / gap before, the gap before being {_force(gap['before_rms_N'])} RMS. What "
+        "a cause does on the tests that it was fitted to flatters it; the tests left out of the fit judge it. "
+        f"The ceiling is {100 * gap['ceiling_shrink']:.0f} %: so far a smooth discrepancy, free of any "
+        "cause, closes the gap, and no added effect can be expected to close it further."
+    )
     _draw(section, figures, "shrink", "before_after")
     rows = []
     for e in d["effects"]:
         unseen = e.get("shrink_held_out")
-        rows.append((_words(" + ".join([e["name"], *e.get("with", [])])), _force(e["gap_after_rms_N"]),
-                     _percent(e["shrink"]), " to ".join(_percent(x) for x in e.get("shrink_interval") or []) or "–",
-                     _percent(unseen), _force(e.get("gap_after_held_out_rms_N")), e.get("held_out_by") or "–"))
+        rows.append(
+            (
+                _words(" + ".join([e["name"], *e.get("with", [])])),
+                _force(e["gap_after_rms_N"]),
+                _percent(e["shrink"]),
+                " to ".join(_percent(x) for x in e.get("shrink_interval") or []) or "–",
+                _percent(unseen),
+                _force(e.get("gap_after_held_out_rms_N")),
+                e.get("held_out_by") or "–",
+            )
+        )
     if rows:
-        section.table(("cause", "gap after", "shrink", "90 % interval", "shrink, unseen tests", "gap after, unseen",
-                       "unseen"), rows, "How far each cause shrinks the gap")
+        section.table(
+            ("cause", "gap after", "shrink", "90 % interval", "shrink, unseen tests", "gap after, unseen", "unseen"),
+            rows,
+            "How far each cause shrinks the gap",
+        )
 
 
 def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
@@ -156,20 +251,27 @@ def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
     if lead is None or not lead.get("moved"):
         section.text("No cause is named, so the identified numbers stand as they are.")
         return
-    section.text("A model without the cause bends its own numbers to imitate it. These are the specimen's numbers "
-                 f"without and with {_words(lead['name'])}.")
+    section.text(
+        "A model without the cause bends its own numbers to imitate it. These are the specimen's numbers "
+        f"without and with {_words(lead['name'])}."
+    )
     _draw(section, figures, "moved")
-    section.table(("number", "without", "with", "sd", "unit"),
-                  [(n, _number(m["before"]), _number(m["after"]), _number(m["sd"]), m["unit"])
-                   for n, m in lead["moved"].items()], "Identified numbers without and with the cause")
+    section.table(
+        ("number", "without", "with", "sd", "unit"),
+        [(n, _number(m["before"]), _number(m["after"]), _number(m["sd"]), m["unit"]) for n, m in lead["moved"].items()],
+        "Identified numbers without and with the cause",
+    )
 
 
 def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[str, Any]]) -> None:
     verdict, following = d["verdict"], d["next_test"]
     apart = [n for n in verdict["cannot_tell_apart"] if n != verdict["cause"]]
     section.heading_below("Cannot be told apart")
-    section.text(f"These tests do not separate {_words(verdict['cause'])} from {_listed(apart)}."
-                 if apart else "No other cause explains these tests nearly as well.")
+    section.text(
+        f"These tests do not separate {_words(verdict['cause'])} from {_listed(apart)}."
+        if apart
+        else "No other cause explains these tests nearly as well."
+    )
     section.heading_below("Next test")
     if following is None:
         section.text("None is needed.")
@@ -185,32 +287,51 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
             section.note(f"Run {test}: it separates {pair}, with {odds}.")
     section.heading_below("Not testable with these data")
     hidden = verdict["not_testable"]
-    section.text(f"Had one of these been there, these tests would not have shown it: {_listed(hidden)}. They are not "
-                 "ruled out." if hidden else "Every effect of the catalogue would have shown at its usual size.")
+    section.text(
+        f"Had one of these been there, these tests would not have shown it: {_listed(hidden)}. They are not ruled out."
+        if hidden
+        else "Every effect of the catalogue would have shown at its usual size."
+    )
     section.heading_below("What no loop test can see")
-    section.note(d.get("cannot_be_seen") or "A gain error of the displacement channel is absorbed whole by the "
-                 "stiffnesses: no loop test can see it. Check the sensor against a known displacement.", "warning")
-    benches = [(_words(n), a["bench"]) for n, a in about.items()
-               if a.get("bench") and n in (verdict["cause"], verdict.get("second_cause"), *apart)]
+    section.note(
+        d.get("cannot_be_seen")
+        or "A gain error of the displacement channel is absorbed whole by the "
+        "stiffnesses: no loop test can see it. Check the sensor against a known displacement.",
+        "warning",
+    )
+    benches = [
+        (_words(n), a["bench"])
+        for n, a in about.items()
+        if a.get("bench") and n in (verdict["cause"], verdict.get("second_cause"), *apart)
+    ]
     if benches:
         section.table(("cause", "what on the bench would show it"), benches, "At the bench")
 
 
 def _settings(section: Section, d: Mapping[str, Any]) -> None:
     gap = d["gap"]
-    section.text("Residual: measured − predicted force. Gap: its RMS with the records' own repeatability taken off, so "
-                 "that a perfect model reads zero within its interval; as a share it is divided by the RMS friction "
-                 "force. The mean force of a test is left out: it hangs on where the specimen rests, which a dynamic "
-                 "displacement channel does not tell.",
-                 "A place “stands out” when it misses more than a right model would leave there, so much that no "
-                 "such finding at all is expected in 19 of 20 campaigns; "
-                 f"{d['where'].get('looks', 'all')} looks are allowed for.")
+    section.text(
+        "Residual: measured − predicted force. Gap: its RMS with the records' own repeatability taken off, so "
+        "that a perfect model reads zero within its interval; as a share it is divided by the RMS friction "
+        "force. The mean force of a test is left out: it hangs on where the specimen rests, which a dynamic "
+        "displacement channel does not tell.",
+        "A place “stands out” when it misses more than a right model would leave there, so much that no "
+        "such finding at all is expected in 19 of 20 campaigns; "
+        f"{d['where'].get('looks', 'all')} looks are allowed for.",
+    )
     rows = [("seed", str(d["seed"])), ("quick run", "yes" if d.get("quick") else "no")]
-    rows += [(label, _force(gap[key])) for key, label in
-             (("residual_rms_N", "residual, RMS, noise included"), ("noise_rms_N", "noise, RMS"),
-              ("averaged_loop_rms_N", "gap in the averaged loops"), ("along_record_rms_N", "gap along the records"),
-              ("mains_rms_N", "gap at the mains' lines"), ("mean_force_rms_N", "gap of the mean forces (not counted)"))
-             if gap.get(key) is not None]
+    rows += [
+        (label, _force(gap[key]))
+        for key, label in (
+            ("residual_rms_N", "residual, RMS, noise included"),
+            ("noise_rms_N", "noise, RMS"),
+            ("averaged_loop_rms_N", "gap in the averaged loops"),
+            ("along_record_rms_N", "gap along the records"),
+            ("mains_rms_N", "gap at the mains' lines"),
+            ("mean_force_rms_N", "gap of the mean forces (not counted)"),
+        )
+        if gap.get(key) is not None
+    ]
     rows += [(f"model: {k}", str(v)) for k, v in (d.get("base") or {}).items()]
     section.table(("setting", "value"), rows, "Settings")
 

@@ -6,18 +6,16 @@ import math
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from ..campaign import Loop
-from ..inference.per_frequency import Frequencies
-from ..inference.posterior import Posterior
-from .loops import test_name
-from .marginals import interval, number, symbol_of
-from .predictive import loop_numbers
-from .style import BLACK, GREEN, MODEL, RED, band, styled, subplots
-from .tables import Table, spread
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.comparison.frequencies import Frequencies
+from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.report.loops import test_name
+from bayes_iwan.report.marginals import interval, number, symbol_of
+from bayes_iwan.report.predictive import loop_numbers
+from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, styled, subplots
+from bayes_iwan.report.tables import Table, spread
 
 
 def _draws(posterior: Posterior, name: str) -> Array:
@@ -26,8 +24,12 @@ def _draws(posterior: Posterior, name: str) -> Array:
 
 def _alone(frequencies: Frequencies) -> list[tuple[Loop, Posterior]]:
     """Tests by frequency and amplitude, each with the posterior of its own frequency."""
-    return [(loop, frequencies.alone[name]) for name, loops in frequencies.groups.items() if name in frequencies.alone
-            for loop in sorted(loops, key=lambda x: x.amplitude_mm)]
+    return [
+        (loop, frequencies.alone[name])
+        for name, loops in frequencies.groups.items()
+        if name in frequencies.alone
+        for loop in sorted(loops, key=lambda x: x.amplitude_mm)
+    ]
 
 
 @styled
@@ -48,8 +50,16 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         ax.axhspan(joint[1], joint[3], color=MODEL, alpha=0.3, linewidth=0)
         for x, name in zip(places, frequencies.groups):
             if name not in frequencies.alone:
-                ax.errorbar(x, check.estimate[x], yerr=1.645 * check.error[x], color="#555555", marker="s",
-                            markerfacecolor="white", markersize=4.5, elinewidth=1.0)
+                ax.errorbar(
+                    x,
+                    check.estimate[x],
+                    yerr=1.645 * check.error[x],
+                    color="#555555",
+                    marker="s",
+                    markerfacecolor="white",
+                    markersize=4.5,
+                    elinewidth=1.0,
+                )
                 continue
             posterior = frequencies.alone[name]
             low, first, middle, third, high = np.quantile(_draws(posterior, check.name), [0.05, 0.25, 0.5, 0.75, 0.95])
@@ -60,13 +70,17 @@ def wander_figure(frequencies: Frequencies) -> Figure:
         p = f"{check.p_value:.2f}" if check.p_value >= 0.01 else "< 0.01"
         unit = f" ({check.unit})" if check.unit not in ("", "-") else ""
         ax.set_title(f"{symbol_of(frequencies.joint, check.name)}{unit}", loc="left")
-        ax.set_title(("✗ " if bad else "") + f"p {'=' if p[0] != '<' else ''} {p}".replace("  ", " "), loc="right",
-                     fontsize=7.5, color=RED if bad else GREEN)
+        ax.set_title(
+            ("✗ " if bad else "") + f"p {'=' if p[0] != '<' else ''} {p}".replace("  ", " "),
+            loc="right",
+            fontsize=7.5,
+            color=RED if bad else GREEN,
+        )
         ax.set_xticks(places, [f"{f:.3g}" for f in hz], rotation=45 if many else 0)
         ax.set_xlim(-0.5, len(hz) - 0.5)
         ax.grid(axis="x", visible=False)
         ax.locator_params(axis="y", nbins=4)
-    for ax in axes.ravel()[len(checks):]:
+    for ax in axes.ravel()[len(checks) :]:
         ax.remove()
     figure.supxlabel("frequency (Hz); band: all tests together, 50 and 90 %; points: each frequency alone", fontsize=9)
     return figure
@@ -78,8 +92,10 @@ def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
     rows = []
     for check in frequencies.checks:
         unit = f" ({check.unit})" if check.unit not in ("", "-") else ""
-        cells = [symbol_of(frequencies.joint, check.name) + unit,
-                 "{} [{}, {}]".format(*interval(_draws(frequencies.joint, check.name)))]
+        cells = [
+            symbol_of(frequencies.joint, check.name) + unit,
+            "{} [{}, {}]".format(*interval(_draws(frequencies.joint, check.name))),
+        ]
         for i, name in enumerate(frequencies.groups):
             if name in frequencies.alone:
                 cells.append("{} [{}, {}]".format(*interval(_draws(frequencies.alone[name], check.name))))
@@ -113,7 +129,7 @@ def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
         ax.set_xlim(0, 1)
         ax.set_xticks([0, 0.5, 1.0], ["0", "0.5", "1"])
         ax.locator_params(axis="y", nbins=4)
-    for ax in axes.ravel()[len(tests):]:
+    for ax in axes.ravel()[len(tests) :]:
         ax.remove()
     figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)", fontsize=9)
     figure.supylabel("force − joint median (N)", fontsize=9)
@@ -123,16 +139,28 @@ def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
 def loop_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
     """Columns and rows: energy, stiffness, loss factor of each test: measured, from all tests, from its frequency."""
     rows = []
-    for name, title in (("dissipated_energy_mJ", "energy (mJ)"), ("equivalent_stiffness_N_mm", "stiffness (N/mm)"),
-                        ("loss_factor", "loss factor")):
+    for name, title in (
+        ("dissipated_energy_mJ", "energy (mJ)"),
+        ("equivalent_stiffness_N_mm", "stiffness (N/mm)"),
+        ("loss_factor", "loss factor"),
+    ):
         for loop, posterior in _alone(frequencies):
             measured = loop_numbers(loop.displacement_mm, loop.force_N)
-            value = {"dissipated_energy_mJ": measured.energy_mJ, "loss_factor": measured.loss_factor,
-                     "equivalent_stiffness_N_mm": measured.stiffness_N_mm}[name]
+            value = {
+                "dissipated_energy_mJ": measured.energy_mJ,
+                "loss_factor": measured.loss_factor,
+                "equivalent_stiffness_N_mm": measured.stiffness_N_mm,
+            }[name]
             draws = [_draws(p, f"{name}[{loop.file}]") for p in (frequencies.joint, posterior)]
             width = float(np.ptp(np.quantile(draws[0], [0.05, 0.95])))
-            rows.append([test_name(loop), title, number(float(value), width),
-                         *("{} [{}, {}]".format(*interval(d)) for d in draws)])
+            rows.append(
+                [
+                    test_name(loop),
+                    title,
+                    number(float(value), width),
+                    *("{} [{}, {}]".format(*interval(d)) for d in draws),
+                ]
+            )
     return ["test", "quantity", "measured", "all tests", "its frequency alone"], rows
 
 
@@ -142,8 +170,18 @@ def frequencies_table(frequencies: Frequencies) -> Table:
     p = {c.name: c.p_value for c in frequencies.checks}
     for label, posterior in (("all", frequencies.joint), *frequencies.alone.items()):
         for name, quantity in posterior.quantities().items():
-            rows.append((label, name, quantity.unit, *spread(np.asarray(quantity.values, dtype=float)),
-                         float(p.get(name, float("nan")))))
-    return Table("per_frequency", "Each frequency alone and all together",
-                 ("frequency", "name", "unit", "mean", "sd", "q05", "q25", "median", "q75", "q95", "agreement_p"),
-                 tuple(rows))
+            rows.append(
+                (
+                    label,
+                    name,
+                    quantity.unit,
+                    *spread(np.asarray(quantity.values, dtype=float)),
+                    float(p.get(name, float("nan"))),
+                )
+            )
+    return Table(
+        "per_frequency",
+        "Each frequency alone and all together",
+        ("frequency", "name", "unit", "mean", "sd", "q05", "q25", "median", "q75", "q95", "agreement_p"),
+        tuple(rows),
+    )

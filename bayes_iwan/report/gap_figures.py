@@ -17,9 +17,8 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from .style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, points, series, styled, subplots
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, points, series, styled, subplots
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
 _DIVERGING = "RdBu_r"
@@ -41,8 +40,13 @@ def _strength(residual: Array) -> float:
 
 
 @styled
-def gap_loops_figure(names: Sequence[str], displacement_mm: Array, force_N: Array, residual_N: Array,
-                     shares: Sequence[float] | None = None) -> Figure:
+def gap_loops_figure(
+    names: Sequence[str],
+    displacement_mm: Array,
+    force_N: Array,
+    residual_N: Array,
+    shares: Sequence[float] | None = None,
+) -> Figure:
     """Every test's measured loop, its colour and thickness telling what the model misses there; (T, n) arrays."""
     figure, axes = _panels(len(names))
     limit = _strength(residual_N)
@@ -54,8 +58,12 @@ def gap_loops_figure(names: Sequence[str], displacement_mm: Array, force_N: Arra
         ax.plot(u, f, color="#BBBBBB", linewidth=0.8, zorder=1)
         pieces = np.stack([np.stack([u[:-1], f[:-1]], axis=1), np.stack([u[1:], f[1:]], axis=1)], axis=1)
         between = 0.5 * (r[:-1] + r[1:])
-        lines = LineCollection(list(pieces), colors=colours(norm(between)), zorder=2,
-                               linewidths=0.8 + 4.0 * np.minimum(np.abs(between) / limit, 1.0))
+        lines = LineCollection(
+            list(pieces),
+            colors=colours(norm(between)),
+            zorder=2,
+            linewidths=0.8 + 4.0 * np.minimum(np.abs(between) / limit, 1.0),
+        )
         ax.add_collection(lines)
         share = "" if shares is None else f": {_percent(shares[t])}"
         ax.set_title(f"{names[t]}{share}", loc="left")
@@ -74,8 +82,9 @@ def _mappable(norm: TwoSlopeNorm) -> Any:
 
 
 @styled
-def gap_map_figure(names: Sequence[str], residual_N: Array, expected_N: Array, displacement_mm: Array,
-                   sticking: Array | None = None) -> Figure:
+def gap_map_figure(
+    names: Sequence[str], residual_N: Array, expected_N: Array, displacement_mm: Array, sticking: Array | None = None
+) -> Figure:
     """What is missed along the cycle (across) in each test (down), in units of what a right model would leave.
 
     Above: the displacement. sticking (T, n) marks where half of the elements have begun to slip.
@@ -90,8 +99,14 @@ def gap_map_figure(names: Sequence[str], residual_N: Array, expected_N: Array, d
     top.plot(phase, u.mean(axis=0), color=BLACK)
     top.set_ylabel("u / A")
     top.set_yticks([-1, 0, 1])
-    mesh = ax.pcolormesh(np.arange(n + 1) / n, np.arange(tests + 1), ratio, cmap=_DIVERGING,
-                         norm=TwoSlopeNorm(0.0, -limit, limit), rasterized=True)
+    mesh = ax.pcolormesh(
+        np.arange(n + 1) / n,
+        np.arange(tests + 1),
+        ratio,
+        cmap=_DIVERGING,
+        norm=TwoSlopeNorm(0.0, -limit, limit),
+        rasterized=True,
+    )
     if sticking is not None:
         for t in range(tests):
             slipping = np.flatnonzero((sticking[t] < 0.5) & (np.roll(sticking[t], 1) >= 0.5))
@@ -117,13 +132,21 @@ def gap_harmonics_figure(names: Sequence[str], in_phase_N: Array, quadrature_N: 
     offsets = np.linspace(-0.34, 0.34, len(names))
     reach = 2.0 * expected_N[:, 1:].max(axis=0)
     shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
-    for ax, values, title in ((axes[0, 0], in_phase_N, "with the displacement (stiffness)"),
-                              (axes[0, 1], quadrature_N, "with the velocity (damping)")):
+    for ax, values, title in (
+        (axes[0, 0], in_phase_N, "with the displacement (stiffness)"),
+        (axes[0, 1], quadrature_N, "with the velocity (damping)"),
+    ):
         ax.bar(orders, 2.0 * reach, 0.86, bottom=-reach, color="#D9D9D9", label="a right model leaves (2 sd)", zorder=0)
         for t, name in enumerate(names):
             ax.vlines(orders + offsets[t], 0.0, values[t, 1:], color=shades[t], linewidth=1.0)
-            ax.plot(orders + offsets[t], values[t, 1:], linestyle="none", color=shades[t],
-                    **{"marker": _TEST_MARKERS[t % 10], "markersize": 3.2}, label=name)
+            ax.plot(
+                orders + offsets[t],
+                values[t, 1:],
+                linestyle="none",
+                color=shades[t],
+                **{"marker": _TEST_MARKERS[t % 10], "markersize": 3.2},
+                label=name,
+            )
         ax.axhline(0.0, color=BLACK, linewidth=0.6)
         ax.set_title(title, loc="left")
         ax.set_xticks(orders)
@@ -137,14 +160,22 @@ def gap_harmonics_figure(names: Sequence[str], in_phase_N: Array, quadrature_N: 
 
 
 @styled
-def gap_growth_figure(frequency_hz: Array, amplitude_mm: Array, gap_N: Array, low_N: Array, high_N: Array,
-                      significant: Array | None = None) -> Figure:
+def gap_growth_figure(
+    frequency_hz: Array,
+    amplitude_mm: Array,
+    gap_N: Array,
+    low_N: Array,
+    high_N: Array,
+    significant: Array | None = None,
+) -> Figure:
     """The gap of each test against frequency and against amplitude, with 90 % intervals (T,); open: no finding."""
     figure, axes = subplots(1, 2, 7.0, 3.0, sharey=True)
     found = np.ones(len(gap_N), dtype=bool) if significant is None else np.asarray(significant)
     floor = max(float(np.min(np.where(gap_N > 0, gap_N, np.inf))), 1e-9) if np.any(gap_N > 0) else 1e-6
-    pairs = ((axes[0, 0], frequency_hz, amplitude_mm, "frequency (Hz)", "mm"),
-             (axes[0, 1], amplitude_mm, frequency_hz, "amplitude (mm)", "Hz"))
+    pairs = (
+        (axes[0, 0], frequency_hz, amplitude_mm, "frequency (Hz)", "mm"),
+        (axes[0, 1], amplitude_mm, frequency_hz, "amplitude (mm)", "Hz"),
+    )
     for ax, x, other, label, unit in pairs:
         groups = _groups(other)
         for i, (value, members) in enumerate(groups):
@@ -152,8 +183,14 @@ def gap_growth_figure(frequency_hz: Array, amplitude_mm: Array, gap_N: Array, lo
             y = np.maximum(gap_N[at], 0.5 * floor)
             style = points(i)
             ax.plot(x[at], y, color=style["color"], linewidth=0.8, linestyle=series(i)["linestyle"])
-            ax.errorbar(x[at], y, np.maximum([y - np.maximum(low_N[at], 0.3 * floor), high_N[at] - y], 0.0),
-                        linestyle="none", color=style["color"], elinewidth=0.8)
+            ax.errorbar(
+                x[at],
+                y,
+                np.maximum([y - np.maximum(low_N[at], 0.3 * floor), high_N[at] - y], 0.0),
+                linestyle="none",
+                color=style["color"],
+                elinewidth=0.8,
+            )
             for k, t in enumerate(at):
                 ax.plot(x[t], y[k], linestyle="none", markerfacecolor=style["color"] if found[t] else "white", **style)
             ax.plot([], [], label=f"{value:.3g} {unit}", linestyle=series(i)["linestyle"], **style)
@@ -176,8 +213,13 @@ def _groups(values: Array) -> list[tuple[float, NDArray[np.int64]]]:
 
 
 @styled
-def gap_cycles_figure(names: Sequence[str], cycle: Sequence[Array], along_N: Sequence[Array], low_N: Sequence[Array],
-                      high_N: Sequence[Array]) -> Figure:
+def gap_cycles_figure(
+    names: Sequence[str],
+    cycle: Sequence[Array],
+    along_N: Sequence[Array],
+    low_N: Sequence[Array],
+    high_N: Sequence[Array],
+) -> Figure:
     """The gap block by block along each record, with 90 % intervals; a missing cause that evolves shows as a slope."""
     figure, axes = subplots(1, 1, 6.4, 3.3)
     ax = axes[0, 0]
@@ -212,8 +254,12 @@ def gap_regions_figure(regions: Sequence[tuple[str, float, float, float, float, 
 
 
 @styled
-def probabilities_figure(probabilities: Mapping[str, float], cannot_tell_apart: Sequence[str] = (),
-                         not_testable: Sequence[str] = (), most: int = 10) -> Figure:
+def probabilities_figure(
+    probabilities: Mapping[str, float],
+    cannot_tell_apart: Sequence[str] = (),
+    not_testable: Sequence[str] = (),
+    most: int = 10,
+) -> Figure:
     """Probability of each cause, "none" and "unknown" among them; hatched: cannot be told apart from the leader."""
     ranked = sorted(probabilities.items(), key=lambda x: -x[1])
     keep = [x for x in ranked if x[0] in ("none", "unknown") or x[1] >= 0.005][:most]
@@ -223,10 +269,23 @@ def probabilities_figure(probabilities: Mapping[str, float], cannot_tell_apart: 
     y = np.arange(len(keep))[::-1]
     for i, (k, (name, p)) in enumerate(zip(y, keep)):
         colour = {"none": GREEN, "unknown": ORANGE}.get(name, BLUE)
-        ax.barh(k, p, 0.68, color=colour, alpha=0.85, hatch="///" if i and name in cannot_tell_apart else None,
-                edgecolor="white")
-        ax.annotate(f"{p:.2f}" if p >= 0.005 else "< 0.01", (p, k), xytext=(3, 0), textcoords="offset points",
-                    va="center", fontsize=7.5)
+        ax.barh(
+            k,
+            p,
+            0.68,
+            color=colour,
+            alpha=0.85,
+            hatch="///" if i and name in cannot_tell_apart else None,
+            edgecolor="white",
+        )
+        ax.annotate(
+            f"{p:.2f}" if p >= 0.005 else "< 0.01",
+            (p, k),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7.5,
+        )
     ax.set_yticks(y, [_words(name) for name, _ in keep])
     ax.set_xlim(0.0, 1.08)
     ax.set_xticks(np.linspace(0, 1, 6))
@@ -243,13 +302,18 @@ def probabilities_figure(probabilities: Mapping[str, float], cannot_tell_apart: 
 
 @styled
 def before_after_figure(names: Sequence[str], before_N: Array, after_N: Array, expected_N: Array, cause: str) -> Figure:
-    """Residual along the cycle with the base model and with the cause in it, (T, n); grey: what a right model leaves.
-    """
+    """Residual along the cycle with the base model and with the cause in it, (T, n); grey: a right model."""
     figure, axes = _panels(len(names), height=1.7)
     phase = np.arange(before_N.shape[1]) / before_N.shape[1]
     for t, ax in enumerate(axes):
-        ax.fill_between(phase, -2 * expected_N[t], 2 * expected_N[t], color="#D9D9D9", linewidth=0,
-                        label="a right model leaves (2 sd)")
+        ax.fill_between(
+            phase,
+            -2 * expected_N[t],
+            2 * expected_N[t],
+            color="#D9D9D9",
+            linewidth=0,
+            label="a right model leaves (2 sd)",
+        )
         ax.plot(phase, before_N[t], color=RED, linestyle=(0, (5, 1.5)), label="without the cause")
         ax.plot(phase, after_N[t], color=BLUE, label=f"with {_words(cause)}")
         ax.set_title(names[t], loc="left")
@@ -263,8 +327,14 @@ def before_after_figure(names: Sequence[str], before_N: Array, after_N: Array, e
 
 
 @styled
-def headline_figure(probabilities: Mapping[str, float], name: str, before_N: Array, expected_N: Array,
-                    after_N: Array | None = None, cause: str = "") -> Figure:
+def headline_figure(
+    probabilities: Mapping[str, float],
+    name: str,
+    before_N: Array,
+    expected_N: Array,
+    after_N: Array | None = None,
+    cause: str = "",
+) -> Figure:
     """The answer in one picture: the likeliest causes, and the worst test's residual (n,) with and without one."""
     figure, axes = subplots(1, 2, 7.6, 2.7, width_ratios=[1.0, 1.25])
     ax, right = axes[0]
@@ -272,16 +342,23 @@ def headline_figure(probabilities: Mapping[str, float], name: str, before_N: Arr
     y = np.arange(len(keep))[::-1]
     ax.barh(y, [p for _, p in keep], 0.66, color=[{"none": GREEN, "unknown": ORANGE}.get(n, BLUE) for n, _ in keep])
     for k, (_, p) in zip(y, keep):
-        ax.annotate(f"{p:.2f}" if p >= 0.005 else "< 0.01", (p, k), xytext=(3, 0), textcoords="offset points",
-                    va="center", fontsize=7.5)
+        ax.annotate(
+            f"{p:.2f}" if p >= 0.005 else "< 0.01",
+            (p, k),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7.5,
+        )
     ax.set_yticks(y, [n.replace("_", " ") for n, _ in keep])
     ax.set_xlim(0.0, 1.15)
     ax.set_xticks([0.0, 0.5, 1.0])
     ax.set_title("probability of each cause", loc="left")
     ax.grid(axis="y", visible=False)
     phase = np.arange(len(before_N)) / len(before_N)
-    right.fill_between(phase, -2 * expected_N, 2 * expected_N, color="#D9D9D9", linewidth=0,
-                       label="a right model leaves (2 sd)")
+    right.fill_between(
+        phase, -2 * expected_N, 2 * expected_N, color="#D9D9D9", linewidth=0, label="a right model leaves (2 sd)"
+    )
     right.plot(phase, before_N, color=RED, linestyle=(0, (5, 1.5)), label="model alone")
     if after_N is not None:
         right.plot(phase, after_N, color=BLUE, label=f"with {_words(cause) if cause else 'the likeliest cause'}")
@@ -296,8 +373,9 @@ def headline_figure(probabilities: Mapping[str, float], name: str, before_N: Arr
 
 
 @styled
-def shrink_figure(rows: Sequence[tuple[str, float, float, float, float | None]],
-                  ceiling: float | None = None) -> Figure:
+def shrink_figure(
+    rows: Sequence[tuple[str, float, float, float, float | None]], ceiling: float | None = None
+) -> Figure:
     """Shrink of the gap by cause: (name, value, low, high, on tests left out or None), shares of one."""
     rows = [r for r in rows if all(math.isfinite(x) for x in r[1:4])]
     figure, axes = subplots(1, 1, 6.2, 0.36 * max(len(rows), 1) + 1.0)
@@ -346,23 +424,25 @@ def figures_of_gap(pictures: Mapping[str, Any]) -> dict[str, Figure]:
     """All figures of the gap itself, by name, from `bayes_iwan.gap.findings.pictures`."""
     p = pictures
     out = {
-        "gap_loops": gap_loops_figure(p["names"], p["displacement_mm"], p["force_N"], p["residual_N"],
-                                      list(p["gap_N"] / p["friction_N"])),
+        "gap_loops": gap_loops_figure(
+            p["names"], p["displacement_mm"], p["force_N"], p["residual_N"], list(p["gap_N"] / p["friction_N"])
+        ),
         "gap_map": gap_map_figure(p["names"], p["residual_N"], p["expected_N"], p["displacement_mm"], p["sticking"]),
         "gap_regions": gap_regions_figure(p["regions"]),
         "gap_harmonics": gap_harmonics_figure(p["names"], p["in_phase_N"], p["quadrature_N"], p["expected_harmonic_N"]),
-        "gap_growth": gap_growth_figure(p["frequency_hz"], p["amplitude_mm"], p["gap_N"], p["gap_low_N"],
-                                        p["gap_high_N"], p["significant"]),
+        "gap_growth": gap_growth_figure(
+            p["frequency_hz"], p["amplitude_mm"], p["gap_N"], p["gap_low_N"], p["gap_high_N"], p["significant"]
+        ),
     }
     if any(len(x) > 1 for x in p["cycle"]):
-        out["gap_cycles"] = gap_cycles_figure(p["names"], p["cycle"], p["along_N"], p["along_low_N"],
-                                              p["along_high_N"])
+        out["gap_cycles"] = gap_cycles_figure(p["names"], p["cycle"], p["along_N"], p["along_low_N"], p["along_high_N"])
     return out
 
 
 def _words(name: str) -> str:
     return {"none": "none: the model suffices", "unknown": "unknown: not in the catalogue"}.get(
-        name, name.replace("_", " "))
+        name, name.replace("_", " ")
+    )
 
 
 def _percent(share: float) -> str:

@@ -8,19 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from ..inference.per_frequency import Frequencies, compare_frequencies
-from . import checks, frequencies, laws, loops, marginals, sampling, tables, trends
-from .marginals import OPEN, contraction, interval, number
-from .page import Page, Section
-from .predictive import Predictive, predict
-from .viewer import add_viewer
+from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
+from bayes_iwan.report import checks, frequencies, laws, loops, marginals, sampling, tables, trends
+from bayes_iwan.report.marginals import OPEN, contraction, interval, number
+from bayes_iwan.report.page import Page, Section
+from bayes_iwan.report.predictive import Predictive, predict
+from bayes_iwan.report.viewer import add_viewer
 
 #: share of the friction force above which a misfit is called large
 LARGE_MISFIT = 0.03
 
 
-def identification_report(posterior: Any, out_dir: str | os.PathLike[str], *, seed: int = 0,
-                          by_frequency: Frequencies | None = None, pdf: bool = False) -> Path:
+def identification_report(
+    posterior: Any,
+    out_dir: str | os.PathLike[str],
+    *,
+    seed: int = 0,
+    by_frequency: Frequencies | None = None,
+    pdf: bool = False,
+) -> Path:
     """Write report.html, and CSV tables and parameters.tex below tables/, into out_dir; returns the page's path.
 
     by_frequency : each frequency alone; taken from out_dir/per_test where `identify(..., per_test=True)` has been.
@@ -31,8 +37,9 @@ def identification_report(posterior: Any, out_dir: str | os.PathLike[str], *, se
     p = predict(posterior, n=400, seed=seed)
     convergence, loop_rows = tables.convergence_table(posterior), tables.loops_table(p)
     parameters, quantities = tables.parameters_table(posterior), tables.quantities_table(posterior)
-    tables.write_tables([parameters, tables.paper_table(posterior), quantities, loop_rows, convergence], posterior,
-                        out / "tables")
+    tables.write_tables(
+        [parameters, tables.paper_table(posterior), quantities, loop_rows, convergence], posterior, out / "tables"
+    )
     page = Page(f"Identification of {posterior.campaign.name}", _subtitle(posterior), _footer(posterior))
     _summary(page.section("Summary"), posterior, p, loop_rows)
     _quantities(page.section("What the loops determine"), posterior)
@@ -50,8 +57,11 @@ def identification_report(posterior: Any, out_dir: str | os.PathLike[str], *, se
 
 def _subtitle(posterior: Any) -> str:
     model = posterior.problem.model
-    parts = [posterior.campaign.description, f"model: {model.slip} slip forces, {model.grip} normal force, "
-             f"{model.stiffness} stiffness", f"likelihood: {posterior.problem.likelihood.name}"]
+    parts = [
+        posterior.campaign.description,
+        f"model: {model.slip} slip forces, {model.grip} normal force, {model.stiffness} stiffness",
+        f"likelihood: {posterior.problem.likelihood.name}",
+    ]
     return " · ".join(x for x in parts if x)
 
 
@@ -67,73 +77,104 @@ def _summary(section: Section, posterior: Any, p: Predictive, loop_rows: tables.
     share = np.array([r[4] for r in loop_rows.rows if r[2] != "held-out"])
     tests = f"{len(fitted)} test{'s' if len(fitted) != 1 else ''}" + (f", {held} more held out" if held else "")
     missed = f"{float(np.sqrt(np.mean(rms**2))):.2g}"
-    section.text(f"{tests}; {posterior.ndim} sampled numbers, {posterior.z.shape[0] * posterior.z.shape[1]} draws "
-                 f"kept. After fitting, the median prediction misses the measured loops by {missed} "
-                 f"N RMS, {100 * float(np.sqrt(np.mean(share**2))):.2g} % of the friction force (worst test "
-                 f"{100 * float(share.max()):.2g} %).")
-    section.note("The chains have converged." if posterior.converged else "The chains have NOT converged; read every "
-                 "interval below as too narrow. Sampling " + posterior.message.removeprefix("not converged: ") + ".",
-                 "good" if posterior.converged else "warning")
+    section.text(
+        f"{tests}; {posterior.ndim} sampled numbers, {posterior.z.shape[0] * posterior.z.shape[1]} draws "
+        f"kept. After fitting, the median prediction misses the measured loops by {missed} "
+        f"N RMS, {100 * float(np.sqrt(np.mean(share**2))):.2g} % of the friction force (worst test "
+        f"{100 * float(share.max()):.2g} %)."
+    )
+    section.note(
+        "The chains have converged."
+        if posterior.converged
+        else "The chains have NOT converged; read every "
+        "interval below as too narrow. Sampling " + posterior.message.removeprefix("not converged: ") + ".",
+        "good" if posterior.converged else "warning",
+    )
     open_ = [q.symbol for q, c in zip(posterior.problem.prior.free, contraction(posterior.flat_z(4000))) if c < OPEN]
     if open_:
         section.text(f"Not determined by these loops (posterior about as wide as the prior): {', '.join(open_)}.")
     warnings = [(x.file, w) for x in posterior.campaign.tests for w in x.warnings]
     if warnings:
         section.table(("record", "what was noticed"), warnings, "Warnings about the records")
-    section.text("A gain error of the displacement or force channel cannot be seen in loops: the stiffnesses and slip "
-                 "forces would absorb all of it; so would the stiffnesses a compliance of the fixture in series. The "
-                 "intervals hold if the model does, and do not include any of these.")
+    section.text(
+        "A gain error of the displacement or force channel cannot be seen in loops: the stiffnesses and slip "
+        "forces would absorb all of it; so would the stiffnesses a compliance of the fixture in series. The "
+        "intervals hold if the model does, and do not include any of these."
+    )
 
 
 def _quantities(section: Section, posterior: Any) -> None:
-    section.figure(marginals.prior_posterior_figure(posterior),
-                   "Each sampled number against its prior. Grey: the prior's 50 and 90 % intervals; blue: the "
-                   "posterior's; red with an open circle: hardly determined (contraction below 0.5). Contraction is "
-                   "one minus the posterior's variance over the prior's, on the prior's scale.",
-                   "Point and interval of every sampled number on the scale of its prior, with median, 90 % interval "
-                   "and contraction; the same numbers are in the table of parameters.")
+    section.figure(
+        marginals.prior_posterior_figure(posterior),
+        "Each sampled number against its prior. Grey: the prior's 50 and 90 % intervals; blue: the "
+        "posterior's; red with an open circle: hardly determined (contraction below 0.5). Contraction is "
+        "one minus the posterior's variance over the prior's, on the prior's scale.",
+        "Point and interval of every sampled number on the scale of its prior, with median, 90 % interval "
+        "and contraction; the same numbers are in the table of parameters.",
+    )
     draws, labels = marginals.identifiable(posterior)
-    section.table(("quantity", "median", "90 % from", "to"), [(labels[n], *interval(x)) for n, x in draws.items()],
-                  "Identifiable quantities: median and 90 % interval (φ 25 %: a quarter of the elements slip below it)")
-    section.figure(marginals.corner_figure(draws, labels),
-                   "Joint posterior of the identifiable quantities; contours hold 50 and 90 %.",
-                   "Corner plot: marginal histograms on the diagonal, pairwise contours below it.", png=True)
+    section.table(
+        ("quantity", "median", "90 % from", "to"),
+        [(labels[n], *interval(x)) for n, x in draws.items()],
+        "Identifiable quantities: median and 90 % interval (φ 25 %: a quarter of the elements slip below it)",
+    )
+    section.figure(
+        marginals.corner_figure(draws, labels),
+        "Joint posterior of the identifiable quantities; contours hold 50 and 90 %.",
+        "Corner plot: marginal histograms on the diagonal, pairwise contours below it.",
+        png=True,
+    )
 
 
 def _loops(page: Page, posterior: Any, p: Predictive) -> None:
     section = page.section("Loops, measured and predicted")
     add_viewer(page, section, p)
-    section.figure(loops.loops_figure(posterior, friction=True, predictive=p),
-                   "Friction force (force less the median parallel spring) of every test: measured cycles and the "
-                   "bands in which 50 and 90 % of further cycles are expected.",
-                   "One hysteresis loop a test; the dotted measured average lies on the model's median line.")
-    section.figure(loops.residuals_figure(posterior, predictive=p),
-                   "Residual, measured − median prediction, along the cycle. Bands: where an averaged loop was "
-                   "expected, with the noise and the smooth misfit that the likelihood allows. The drifting zero of "
-                   "the force is taken off test by test.",
-                   "Residual against phase, one panel a test, with expected bands around zero.")
-    section.figure(loops.loops_figure(posterior, friction=False, predictive=p),
-                   "Total force of every test, as above.", "One loop of total force a test.")
-    section.figure(loops.frequencies_figure(posterior, p), "Friction loops at one amplitude at each frequency, test "
-                   "and model (the paper's Fig. 12), 90 % bands of the model.",
-                   "Friction loops of all frequencies over each other, measured and predicted.")
+    section.figure(
+        loops.loops_figure(posterior, friction=True, predictive=p),
+        "Friction force (force less the median parallel spring) of every test: measured cycles and the "
+        "bands in which 50 and 90 % of further cycles are expected.",
+        "One hysteresis loop a test; the dotted measured average lies on the model's median line.",
+    )
+    section.figure(
+        loops.residuals_figure(posterior, predictive=p),
+        "Residual, measured − median prediction, along the cycle. Bands: where an averaged loop was "
+        "expected, with the noise and the smooth misfit that the likelihood allows. The drifting zero of "
+        "the force is taken off test by test.",
+        "Residual against phase, one panel a test, with expected bands around zero.",
+    )
+    section.figure(
+        loops.loops_figure(posterior, friction=False, predictive=p),
+        "Total force of every test, as above.",
+        "One loop of total force a test.",
+    )
+    section.figure(
+        loops.frequencies_figure(posterior, p),
+        "Friction loops at one amplitude at each frequency, test "
+        "and model (the paper's Fig. 12), 90 % bands of the model.",
+        "Friction loops of all frequencies over each other, measured and predicted.",
+    )
 
 
 def _laws(section: Section, posterior: Any) -> None:
-    section.figure(laws.slip_density_figure(posterior),
-                   "How the elements' slip forces are distributed (the paper's Fig. 8), with 50 and 90 % bands; grey: "
-                   "the prior. Loops determine the cumulative form better than the density.",
-                   "Density and cumulative distribution of slip forces with uncertainty bands.")
+    section.figure(
+        laws.slip_density_figure(posterior),
+        "How the elements' slip forces are distributed (the paper's Fig. 8), with 50 and 90 % bands; grey: "
+        "the prior. Loops determine the cumulative form better than the density.",
+        "Density and cumulative distribution of slip forces with uncertainty bands.",
+    )
     if posterior.problem.model.stiffness != "constant":
-        section.figure(laws.stiffness_figure(posterior),
-                       "Stiffness of the elements against the relative normal force (the paper's Fig. 9). Only the "
-                       "shaded range was visited by the tests; outside it the curve is the law's extrapolation.",
-                       "Rising curve of stiffness against relative normal force with bands.")
+        section.figure(
+            laws.stiffness_figure(posterior),
+            "Stiffness of the elements against the relative normal force (the paper's Fig. 9). Only the "
+            "shaded range was visited by the tests; outside it the curve is the law's extrapolation.",
+            "Rising curve of stiffness against relative normal force with bands.",
+        )
     if posterior.problem.model.grip != "constant":
-        section.figure(laws.grip_figure(posterior),
-                       "Relative normal force along the largest stroke, out and back (the paper's Fig. 10), 90 % "
-                       "bands.",
-                       "Relative normal force against displacement for each frequency, one panel a direction.")
+        section.figure(
+            laws.grip_figure(posterior),
+            "Relative normal force along the largest stroke, out and back (the paper's Fig. 10), 90 % bands.",
+            "Relative normal force against displacement for each frequency, one panel a direction.",
+        )
 
 
 def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
@@ -142,93 +183,153 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
         return
     section.note(found.statement(), "good" if found.overall >= 0.05 else "warning")
     missing = [name for name in found.groups if name not in found.alone]
-    text = ("Band: all tests together, 50 and 90 %. Points with bars: each frequency alone. p: how often loops drawn "
-            "from the joint posterior wander by more than the measured ones; low values: the frequencies disagree.")
+    text = (
+        "Band: all tests together, 50 and 90 %. Points with bars: each frequency alone. p: how often loops drawn "
+        "from the joint posterior wander by more than the measured ones; low values: the frequencies disagree."
+    )
     if missing:
-        text += (" Squares: quick estimates, one least-squares step from the joint fit, 90 % interval; identify with "
-                 "--per-test for the posteriors themselves.")
+        text += (
+            " Squares: quick estimates, one least-squares step from the joint fit, 90 % interval; identify with "
+            "--per-test for the posteriors themselves."
+        )
     if short := [f"{name} {alone.message}." for name, alone in found.alone.items() if not alone.converged]:
-        section.note("Alone, these frequencies have not converged; read their intervals as too narrow. "
-                     + " ".join(short), "warning")
-    section.figure(frequencies.wander_figure(found), text, "Quantities against frequency, one panel each, over the "
-                   "joint posterior's band.")
-    section.table(*frequencies.wander_rows(found), "Quantities from all tests and from each frequency alone: median "
-                  "and 90 % interval" + (" (~: quick estimates)" if missing else ""))
+        section.note(
+            "Alone, these frequencies have not converged; read their intervals as too narrow. " + " ".join(short),
+            "warning",
+        )
+    section.figure(
+        frequencies.wander_figure(found),
+        text,
+        "Quantities against frequency, one panel each, over the joint posterior's band.",
+    )
+    section.table(
+        *frequencies.wander_rows(found),
+        "Quantities from all tests and from each frequency alone: median "
+        "and 90 % interval" + (" (~: quick estimates)" if missing else ""),
+    )
     if found.alone:
-        section.figure(frequencies.alone_loops_figure(found), "Loops predicted from each test's frequency alone (blue: "
-                       "median, 50 and 90 % bands) and from all tests (red, dashed: 90 %), less the median from all "
-                       "tests. Grey: the measured loop. Bands that part say that the frequency wants other numbers.",
-                       "One panel a test: bands of the loop from its frequency alone around the joint prediction.")
-        section.table(*frequencies.loop_rows(found), "Energy, stiffness and loss factor of each test: measured, "
-                      "predicted from all tests, predicted from the tests of its own frequency alone")
+        section.figure(
+            frequencies.alone_loops_figure(found),
+            "Loops predicted from each test's frequency alone (blue: "
+            "median, 50 and 90 % bands) and from all tests (red, dashed: 90 %), less the median from all "
+            "tests. Grey: the measured loop. Bands that part say that the frequency wants other numbers.",
+            "One panel a test: bands of the loop from its frequency alone around the joint prediction.",
+        )
+        section.table(
+            *frequencies.loop_rows(found),
+            "Energy, stiffness and loss factor of each test: measured, "
+            "predicted from all tests, predicted from the tests of its own frequency alone",
+        )
     frequencies.frequencies_table(found).write_csv(out / "tables")
 
 
 def _trends(section: Section, posterior: Any, p: Predictive, rows: tables.Table) -> None:
-    section.figure(trends.trends_figure(posterior, p),
-                   "Lines: predicted with 90 % bands; points: measured, with the 90 % range in which a repeated "
-                   "measurement is expected. Loss factor: imaginary over real part of the complex stiffness at the "
-                   "fundamental.",
-                   "Dissipated energy, equivalent stiffness and loss factor against amplitude and against frequency.")
+    section.figure(
+        trends.trends_figure(posterior, p),
+        "Lines: predicted with 90 % bands; points: measured, with the 90 % range in which a repeated "
+        "measurement is expected. Loss factor: imaginary over real part of the complex stiffness at the "
+        "fundamental.",
+        "Dissipated energy, equivalent stiffness and loss factor against amplitude and against frequency.",
+    )
     shown = []
     for row in rows.rows:
         cells = [row[1] + (" (held out)" if row[2] == "held-out" else "")]
         for at in (5, 11, 17):
             measured, middle, low, high = row[at : at + 4]
-            cells += [number(measured, high - low), f"{number(middle, high - low)} [{number(low, high - low)}, "
-                      f"{number(high, high - low)}]"]
+            cells += [
+                number(measured, high - low),
+                f"{number(middle, high - low)} [{number(low, high - low)}, {number(high, high - low)}]",
+            ]
         shown.append((*cells, f"{100 * row[4]:.2f} %"))
-    section.table(("test", "energy, measured (mJ)", "predicted [90 %]", "stiffness, measured (N/mm)",
-                   "predicted [90 %]", "loss factor, measured", "predicted [90 %]", "residual / friction"), shown,
-                  "Measured and predicted, test by test (intervals of the model alone, without noise)")
+    section.table(
+        (
+            "test",
+            "energy, measured (mJ)",
+            "predicted [90 %]",
+            "stiffness, measured (N/mm)",
+            "predicted [90 %]",
+            "loss factor, measured",
+            "predicted [90 %]",
+            "residual / friction",
+        ),
+        shown,
+        "Measured and predicted, test by test (intervals of the model alone, without noise)",
+    )
 
 
 def _checks(section: Section, posterior: Any, p: Predictive, loop_rows: tables.Table) -> None:
     share = max(float(r[4]) for r in loop_rows.rows)
     if share > LARGE_MISFIT:
-        section.note(f"The model misses the friction force of its worst test by {100 * share:.2g} %. The checks below "
-                     "ask only whether that misfit is as smooth and as large as the likelihood has learnt it to be, "
-                     "not whether it is small.", "warning")
+        section.note(
+            f"The model misses the friction force of its worst test by {100 * share:.2g} %. The checks below "
+            "ask only whether that misfit is as smooth and as large as the likelihood has learnt it to be, "
+            "not whether it is small.",
+            "warning",
+        )
     result = checks.region_checks(posterior, p)
     fitted = [t for t, x in enumerate(p.loops) if x.role != "held-out"]
     low = int(np.sum(result.p_value[fitted] < 0.05))
     cells = result.p_value[fitted].size
-    section.note(f"{low} of {cells} loop regions miss by more than 95 % of the model's own replicates would "
-                 f"(by chance about {0.05 * cells:.0f}).", "good" if low <= 0.1 * cells else "warning")
-    section.figure(checks.regions_figure(posterior, result),
-                   "Posterior predictive p-values by test and part of the loop. Orange and bold: the model misses "
-                   "there by more than noise and the admitted smooth misfit explain. Blue: by less than "
-                   "expected.",
-                   "A table of p-values, tests by six loop regions.")
-    section.figure(checks.loo_pit_figure(posterior),
-                   "Leave-one-out probability integral transform of the likelihood's data, mean forces left aside. "
-                   "Within the grey bands the predictive distribution is calibrated; a hump means too wide, a trough "
-                   "too narrow intervals.",
-                   "Histogram of LOO-PIT values and their distribution function less the uniform one.")
+    section.note(
+        f"{low} of {cells} loop regions miss by more than 95 % of the model's own replicates would "
+        f"(by chance about {0.05 * cells:.0f}).",
+        "good" if low <= 0.1 * cells else "warning",
+    )
+    section.figure(
+        checks.regions_figure(posterior, result),
+        "Posterior predictive p-values by test and part of the loop. Orange and bold: the model misses "
+        "there by more than noise and the admitted smooth misfit explain. Blue: by less than "
+        "expected.",
+        "A table of p-values, tests by six loop regions.",
+    )
+    section.figure(
+        checks.loo_pit_figure(posterior),
+        "Leave-one-out probability integral transform of the likelihood's data, mean forces left aside. "
+        "Within the grey bands the predictive distribution is calibrated; a hump means too wide, a trough "
+        "too narrow intervals.",
+        "Histogram of LOO-PIT values and their distribution function less the uniform one.",
+    )
 
 
 def _sampling(section: Section, posterior: Any, convergence: tables.Table, run: sampling.History) -> None:
-    section.figure(sampling.traces_figure(posterior, run=run), "Traces and ranks of the six numbers that mix worst. "
-                   "Ensembles that agree have flat rank lines near 1.", "Trace and rank plots of six numbers.")
-    section.figure(sampling.tau_figure(posterior, run), "Autocorrelation time estimated from growing parts of the run. "
-                   "It should level off below the dashed line.", "Autocorrelation time against run length.")
-    section.table(("number", "R-hat", "ESS, bulk", "ESS, tail", "τ (steps)"),
-                  [(r[0], f"{r[1]:.3f}", f"{r[2]:.0f}", f"{r[3]:.0f}", f"{r[4]:.0f}") for r in convergence.rows],
-                  "Convergence of every number", fold=len(convergence.rows) > 12)
+    section.figure(
+        sampling.traces_figure(posterior, run=run),
+        "Traces and ranks of the six numbers that mix worst. Ensembles that agree have flat rank lines near 1.",
+        "Trace and rank plots of six numbers.",
+    )
+    section.figure(
+        sampling.tau_figure(posterior, run),
+        "Autocorrelation time estimated from growing parts of the run. It should level off below the dashed line.",
+        "Autocorrelation time against run length.",
+    )
+    section.table(
+        ("number", "R-hat", "ESS, bulk", "ESS, tail", "τ (steps)"),
+        [(r[0], f"{r[1]:.3f}", f"{r[2]:.0f}", f"{r[3]:.0f}", f"{r[4]:.0f}") for r in convergence.rows],
+        "Convergence of every number",
+        fold=len(convergence.rows) > 12,
+    )
     t = posterior.timings
     if "sampling_s" in t:
-        section.text(f"{t.get('steps', 0):.0f} steps of {posterior.z.shape[0]} ensembles with {posterior.walkers} "
-                     f"walkers each, {t.get('evaluations', 0):.3g} evaluations; point estimate "
-                     f"{t.get('point_s', 0):.3g} s, sampling {t['sampling_s']:.3g} s.")
+        section.text(
+            f"{t.get('steps', 0):.0f} steps of {posterior.z.shape[0]} ensembles with {posterior.walkers} "
+            f"walkers each, {t.get('evaluations', 0):.3g} evaluations; point estimate "
+            f"{t.get('point_s', 0):.3g} s, sampling {t['sampling_s']:.3g} s."
+        )
 
 
 def _priors(section: Section, posterior: Any) -> None:
     prior = posterior.problem.prior
-    section.table(("parameter", "symbol", "unit", "prior", "meaning"),
-                  [(q.name, q.symbol, q.unit, q.prior_text(), q.description) for q in prior.parameters],
-                  "Priors used")
+    section.table(
+        ("parameter", "symbol", "unit", "prior", "meaning"),
+        [(q.name, q.symbol, q.unit, q.prior_text(), q.description) for q in prior.parameters],
+        "Priors used",
+    )
     paper = tables.paper_table(posterior)
-    section.table(("number", "unit", "median", "90 % from", "to"),
-                  [(r[1], r[2], number(r[7], r[9] - r[5]), number(r[5], r[9] - r[5]), number(r[9], r[9] - r[5]))
-                   for r in paper.rows],
-                  "The paper's numbers (single gamma components and k̃ₙ, λ near β = 0 are hardly determined one by one)")
+    section.table(
+        ("number", "unit", "median", "90 % from", "to"),
+        [
+            (r[1], r[2], number(r[7], r[9] - r[5]), number(r[5], r[9] - r[5]), number(r[9], r[9] - r[5]))
+            for r in paper.rows
+        ],
+        "The paper's numbers (single gamma components and k̃ₙ, λ near β = 0 are hardly determined one by one)",
+    )

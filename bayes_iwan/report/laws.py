@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from ..physics import sine_motion
-from .style import PRIOR, band, series, styled, subplots
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.physics import sine_motion
+from bayes_iwan.report.style import PRIOR, band, series, styled, subplots
 
 
 def _numbers(posterior: Any, n: int = 400) -> dict[str, Array]:
@@ -108,7 +106,7 @@ def grip_figure(posterior: Any) -> Figure:
     numbers = _numbers(posterior)
     amplitude = problem.scales.length_mm
     frequencies = sorted({round(float(f), 3) for f in problem.motion.frequency_hz})
-    if len(frequencies) > 4:                      # lines beyond that cannot be told apart
+    if len(frequencies) > 4:  # lines beyond that cannot be told apart
         frequencies = [frequencies[i] for i in np.linspace(0, len(frequencies) - 1, 4).astype(int)]
     samples = 128
     motion = sine_motion(np.full(len(frequencies), amplitude), np.array(frequencies), samples)
@@ -120,8 +118,15 @@ def grip_figure(posterior: Any) -> Figure:
     for ax, branch, title in zip(axes[0], (up, down), ("a. stretching (u rising)", "b. shortening (u falling)")):
         for i, f in enumerate(frequencies):
             style = series(i)
-            band(ax, u[branch], alpha[:, i, branch], style["color"], levels=(0.9,), line=style["linestyle"],
-                 label=f"{f:.3g} Hz")
+            band(
+                ax,
+                u[branch],
+                alpha[:, i, branch],
+                style["color"],
+                levels=(0.9,),
+                line=style["linestyle"],
+                label=f"{f:.3g} Hz",
+            )
         ax.axhline(1.0, color="#777777", linewidth=0.6)
         ax.set_title(title, loc="left")
         ax.set_xlabel("displacement u (mm)")

@@ -13,11 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from ..campaign import Loop
-from .predictive import Predictive, measured_cycles, predict
-from .style import BLACK, MODEL, band, series, styled, subplots
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.report.predictive import Predictive, measured_cycles, predict
+from bayes_iwan.report.style import BLACK, MODEL, band, series, styled, subplots
 
 
 def test_name(loop: Loop, role: bool = True) -> str:
@@ -65,28 +64,41 @@ def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = Tr
     line = np.polyfit(p.displacement_mm[t], p.spring_N[t], 1) if friction else np.zeros(2)
     if cycles:
         for u, force in measured_cycles(loop, 12):
-            ax.plot(u, force - p.zero_N[t] - np.polyval(line, u), color="#9A9A9A", linewidth=0.5, rasterized=True,
-                    zorder=1)
+            ax.plot(
+                u, force - p.zero_N[t] - np.polyval(line, u), color="#9A9A9A", linewidth=0.5, rasterized=True, zorder=1
+            )
     off = np.polyval(line, p.displacement_mm[t])
     for branch in _branches(p.displacement_mm[t]):
         u = p.displacement_mm[t, branch]
         band(ax, u, p.cycle_N[:, t, branch] - off[branch], color, median=False)
     closed = np.r_[np.arange(len(off)), 0]
     ax.plot(p.displacement_mm[t, closed], (np.median(p.force_N[:, t], axis=0) - off)[closed], color=color)
-    ax.plot(p.displacement_mm[t, closed], (p.measured_N[t] - off)[closed], color=BLACK, linestyle=(0, (1.2, 1.6)),
-            linewidth=1.1)
+    ax.plot(
+        p.displacement_mm[t, closed],
+        (p.measured_N[t] - off)[closed],
+        color=BLACK,
+        linestyle=(0, (1.2, 1.6)),
+        linewidth=1.1,
+    )
 
 
 def _key(figure: Figure, entries: Sequence[tuple[str, dict[str, Any]]]) -> None:
-    handles: list[Any] = [Patch(label=label, **style) if "alpha" in style else Line2D([], [], label=label, **style)
-                          for label, style in entries]
+    handles: list[Any] = [
+        Patch(label=label, **style) if "alpha" in style else Line2D([], [], label=label, **style)
+        for label, style in entries
+    ]
     most = 5 if figure.get_figwidth() > 6.5 else 3
     figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), most))
 
 
 @styled
-def loops_figure(posterior: Any, friction: bool = False, loops: Sequence[Loop] | None = None, cycles: bool = True,
-                 predictive: Predictive | None = None) -> Figure:
+def loops_figure(
+    posterior: Any,
+    friction: bool = False,
+    loops: Sequence[Loop] | None = None,
+    cycles: bool = True,
+    predictive: Predictive | None = None,
+) -> Figure:
     """Every test's measured cycles with the 50 and 90 % posterior predictive bands of one more cycle.
 
     friction : the total force less the median parallel spring, for measured and predicted alike.
@@ -100,17 +112,20 @@ def loops_figure(posterior: Any, friction: bool = False, loops: Sequence[Loop] |
     figure.supxlabel("displacement u (mm)", fontsize=9)
     figure.supylabel("friction force (N)" if friction else "force (N)", fontsize=9)
     entries = [("measured cycles", {"color": "#9A9A9A", "linewidth": 0.8})] if cycles else []
-    entries += [("measured, average", {"color": BLACK, "linestyle": (0, (1.2, 1.6))}),
-                ("model, median", {"color": MODEL}),
-                ("50 % of cycles", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
-                ("90 %", {"color": MODEL, "alpha": 0.22, "linewidth": 0})]
+    entries += [
+        ("measured, average", {"color": BLACK, "linestyle": (0, (1.2, 1.6))}),
+        ("model, median", {"color": MODEL}),
+        ("50 % of cycles", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
+        ("90 %", {"color": MODEL, "alpha": 0.22, "linewidth": 0}),
+    ]
     _key(figure, entries)
     return figure
 
 
 @styled
-def residuals_figure(posterior: Any, loops: Sequence[Loop] | None = None,
-                     predictive: Predictive | None = None) -> Figure:
+def residuals_figure(
+    posterior: Any, loops: Sequence[Loop] | None = None, predictive: Predictive | None = None
+) -> Figure:
     """Measured − median prediction along the cycle, with the bands in which an averaged loop was to be expected."""
     p = predict(posterior, loops) if predictive is None else predictive
     figure, axes = _panels(p.loops, 1.65, share_x=True)
@@ -126,8 +141,14 @@ def residuals_figure(posterior: Any, loops: Sequence[Loop] | None = None,
         ax.locator_params(axis="y", nbins=5)
     figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)", fontsize=9)
     figure.supylabel("residual: measured − predicted force (N)", fontsize=9)
-    _key(figure, [("residual", {"color": BLACK}), ("50 % expected", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
-                  ("90 % expected", {"color": MODEL, "alpha": 0.22, "linewidth": 0})])
+    _key(
+        figure,
+        [
+            ("residual", {"color": BLACK}),
+            ("50 % expected", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
+            ("90 % expected", {"color": MODEL, "alpha": 0.22, "linewidth": 0}),
+        ],
+    )
     return figure
 
 
@@ -169,13 +190,24 @@ def frequencies_figure(posterior: Any, predictive: Predictive | None = None, mod
         u, off = p.displacement_mm[t], p.spring_N[t]
         closed = np.r_[np.arange(len(u)), 0]
         name = f"{p.loops[t].record.frequency_hz:g} Hz"
-        ax.plot(u[closed], (p.measured_N[t] - off)[closed], color=style["color"], linewidth=1.3, label=f"{name}, test",
-                linestyle="-" if model else style["linestyle"])
+        ax.plot(
+            u[closed],
+            (p.measured_N[t] - off)[closed],
+            color=style["color"],
+            linewidth=1.3,
+            label=f"{name}, test",
+            linestyle="-" if model else style["linestyle"],
+        )
         if model:
             for branch in _branches(u):
                 band(ax, u[branch], p.force_N[:, t, branch] - off[branch], style["color"], levels=(0.9,), median=False)
-            ax.plot(u[closed], (np.median(p.force_N[:, t], axis=0) - off)[closed], color=style["color"],
-                    linestyle=(0, (4, 2)), label=f"{name}, model")
+            ax.plot(
+                u[closed],
+                (np.median(p.force_N[:, t], axis=0) - off)[closed],
+                color=style["color"],
+                linestyle=(0, (4, 2)),
+                label=f"{name}, model",
+            )
     ax.set_xlabel("displacement u (mm)")
     ax.set_ylabel("friction force (N)")
     ax.set_title(f"amplitude {p.loops[chosen[0]].record.amplitude_mm:g} mm", loc="left")

@@ -11,13 +11,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from ..inference.defaults import PAPER_UNITS, paper_numbers
-from ..inference.per_frequency import determined_names
-from .style import MODEL, PRIOR, RC, RED, styled, subplots
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.comparison.frequencies import determined_names
+from bayes_iwan.inference.defaults import PAPER_UNITS, paper_numbers
+from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, styled, subplots
 
 #: below this contraction the data have hardly said anything of a number
 OPEN = 0.5
@@ -36,7 +34,7 @@ def number(x: float, spread: float | None = None) -> str:
         return f"{x:.4g}".replace("-", "−")
     places = int(1 - np.floor(np.log10(spread)))
     text = f"{x:.{min(max(places, 0), 8)}f}" if 1e-4 < max(abs(x), spread) < 1e6 else f"{x:.3g}"
-    if not float(text):                           # no "−0.000"
+    if not float(text):  # no "−0.000"
         text = text.lstrip("-")
     return text.replace("-", "−")
 
@@ -103,13 +101,23 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
     shown = [labels.get(k, k) if labels else k for k in names]
     ranges = [_range(x) for x in table]
     size = min(0.95 * n + 1.0, 14.0)
-    with mpl.rc_context({**RC, "axes.grid": False, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5}), \
-            warnings.catch_warnings():
-        warnings.simplefilter("ignore")           # corner's own notes on sparse contours
+    with (
+        mpl.rc_context({**RC, "axes.grid": False, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5}),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")  # corner's own notes on sparse contours
         figure = Figure(figsize=(size, size))
-        grid = figure.add_gridspec(n, n, left=0.9 / size, right=1 - 0.15 / size, bottom=0.8 / size,
-                                   top=1 - 0.25 / size, wspace=0.06, hspace=0.06)
-        for i in range(n):                        # the lower triangle alone: empty axes cost as much as full ones
+        grid = figure.add_gridspec(
+            n,
+            n,
+            left=0.9 / size,
+            right=1 - 0.15 / size,
+            bottom=0.8 / size,
+            top=1 - 0.25 / size,
+            wspace=0.06,
+            hspace=0.06,
+        )
+        for i in range(n):  # the lower triangle alone: empty axes cost as much as full ones
             for j in range(i + 1):
                 ax = figure.add_subplot(grid[i, j])
                 if i == j:
@@ -118,8 +126,18 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
                     ax.spines["left"].set_visible(False)
                     ax.set_title(shown[i], fontsize=8, pad=3)
                 else:
-                    corner.hist2d(table[j], table[i], ax=ax, bins=24, range=[ranges[j], ranges[i]], smooth=1.0,
-                                  levels=(0.5, 0.9), plot_datapoints=False, fill_contours=True, color=MODEL)
+                    corner.hist2d(
+                        table[j],
+                        table[i],
+                        ax=ax,
+                        bins=24,
+                        range=[ranges[j], ranges[i]],
+                        smooth=1.0,
+                        levels=(0.5, 0.9),
+                        plot_datapoints=False,
+                        fill_contours=True,
+                        color=MODEL,
+                    )
                     ax.set_ylim(ranges[i])
                 ax.set_xlim(ranges[j])
                 ax.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
@@ -173,7 +191,7 @@ def paper_corner(posterior: Any, names: Sequence[str] | None = None) -> Figure:
     model = posterior.problem.model
     draws = paper_numbers(model, posterior.problem.numbers(posterior.flat_z(4000)))
     chosen = {n: draws[n] for n in (draws if names is None else names)}
-    for n in ("kn_1_mm", "lambda_s_m"):           # heavy tails as β → 0: show what 98 % of draws do
+    for n in ("kn_1_mm", "lambda_s_m"):  # heavy tails as β → 0: show what 98 % of draws do
         if n in chosen:
             chosen[n] = np.clip(chosen[n], *np.quantile(chosen[n], [0.01, 0.99]))
     labels = {n: paper_symbol(n) + (f" ({PAPER_UNITS[n]})" if n in PAPER_UNITS else "") for n in chosen}

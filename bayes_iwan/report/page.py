@@ -18,11 +18,12 @@ from markupsafe import Markup, escape
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
-from ..files import replacing, write_whole
-from .style import RC
+from bayes_iwan.files import replacing, write_whole
+from bayes_iwan.report.style import RC
 
-_ENVIRONMENT = Environment(loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True,
-                           lstrip_blocks=True)
+_ENVIRONMENT = Environment(
+    loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+)
 
 
 def template(name: str, **values: Any) -> Markup:
@@ -68,16 +69,32 @@ class Section:
         name = f"{self.anchor}-f{len(self.figures)}"
         width = figure.get_size_inches()[0]
         picture = _png(figure, alt, dpi) if png else _svg(figure, name, alt)
-        self.body.append(template("figure.html", picture=picture, caption=caption, width=round(96 * width),
-                                  wide=width > 5.5))
+        self.body.append(
+            template("figure.html", picture=picture, caption=caption, width=round(96 * width), wide=width > 5.5)
+        )
         return self
 
-    def table(self, columns: Sequence[str], rows: Sequence[Sequence[Any]], caption: str,
-              row_heads: bool = True, fold: bool = False) -> Section:
+    def table(
+        self,
+        columns: Sequence[str],
+        rows: Sequence[Sequence[Any]],
+        caption: str,
+        row_heads: bool = True,
+        fold: bool = False,
+    ) -> Section:
         """A table; the first column heads its row. fold : closed until the reader opens it."""
         numeric = [bool(rows) and all(_numeric(row[i]) for row in rows) for i in range(len(columns))]
-        self.body.append(template("table.html", columns=list(zip(columns, numeric)), rows=rows, caption=caption,
-                                  row_heads=row_heads, fold=fold, numeric=numeric))
+        self.body.append(
+            template(
+                "table.html",
+                columns=list(zip(columns, numeric)),
+                rows=rows,
+                caption=caption,
+                row_heads=row_heads,
+                fold=fold,
+                numeric=numeric,
+            )
+        )
         return self
 
 
@@ -117,8 +134,11 @@ class Page:
     def write_pdf(self, path: str | os.PathLike[str]) -> Path:
         """The page's figures with their captions, one a page; tables are in the HTML page and the CSV files."""
         path = Path(path)
-        with mpl.rc_context(RC), replacing(path) as temporary, \
-                PdfPages(temporary, metadata={"Title": self.title, "CreationDate": None}) as pdf:
+        with (
+            mpl.rc_context(RC),
+            replacing(path) as temporary,
+            PdfPages(temporary, metadata={"Title": self.title, "CreationDate": None}) as pdf,
+        ):
             for section in self.sections:
                 for figure, caption in section.figures:
                     width = figure.get_size_inches()[0]
@@ -148,8 +168,10 @@ def _svg(figure: Figure, name: str, alt: str) -> Markup:
     assert head is not None
     box = re.search(r'viewBox="[^"]+"', head.group(0))
     assert box is not None
-    start = (f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box.group(0)} '
-             f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(alt)}</title>')
+    start = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box.group(0)} '
+        f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(alt)}</title>'
+    )
     return Markup(start + re.sub(r"\n\s*", "\n", text[head.end() :]))
 
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..campaign import Loop
-from ..inference.defaults import loop_energy_mJ, motion_of
-from ..inference.likelihood import make_likelihood
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.likelihood import make_likelihood
+from bayes_iwan.inference.scales import loop_energy_mJ
+from bayes_iwan.physics.motion import motion_of
 
 
 @dataclass(frozen=True)
@@ -60,8 +59,9 @@ def predict(posterior: Any, loops: Sequence[Loop] | None = None, n: int = 300, s
     spring = float(np.median(numbers["kp_N_mm"])) * u + float(np.median(numbers["force_zero_N"]))
     measured = np.stack([x.force_N for x in chosen])
     zero = np.mean(measured - np.median(force, axis=0), axis=1)
-    return Predictive(chosen, u, measured - zero[:, None], force, loop,
-                      loop + rng.standard_normal(loop.shape) * scatter, spring, zero)
+    return Predictive(
+        chosen, u, measured - zero[:, None], force, loop, loop + rng.standard_normal(loop.shape) * scatter, spring, zero
+    )
 
 
 def _resolved(noise_N: Array, loops: Sequence[Loop]) -> Array:

@@ -7,15 +7,20 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..inference.compare import Comparison, compare
-from ..inference.per_frequency import compare_frequencies
-from ..inference.results import load
-from .comparison import comparison_report
-from .identification import identification_report
+from bayes_iwan.comparison.families import Comparison, compare
+from bayes_iwan.comparison.frequencies import compare_frequencies
+from bayes_iwan.inference.results import load
+from bayes_iwan.report.comparison import comparison_report
+from bayes_iwan.report.identification import identification_report
 
 
-def report_run(folder: str | os.PathLike[str], *, campaign: str | os.PathLike[str] | None = None, pdf: bool = False,
-               per_frequency: bool = False) -> Path:
+def report_run(
+    folder: str | os.PathLike[str],
+    *,
+    campaign: str | os.PathLike[str] | None = None,
+    pdf: bool = False,
+    per_frequency: bool = False,
+) -> Path:
     """report.html (and report.pdf) of a folder that `identify` wrote; returns the page's path.
 
     campaign : the campaign's folder if it has moved. per_frequency : identify each frequency alone by short runs
@@ -26,10 +31,16 @@ def report_run(folder: str | os.PathLike[str], *, campaign: str | os.PathLike[st
     return identification_report(posterior, folder, by_frequency=found, pdf=pdf)
 
 
-def compare_campaign(campaign: str | os.PathLike[str], out: str | os.PathLike[str], *,
-                     families: Sequence[str] | None = None,
-                     config: Mapping[str, Any] | str | os.PathLike[str] | None = None, seed: int = 0, by: str = "auto",
-                     progress: bool = True) -> Comparison:
+def compare_campaign(
+    campaign: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    families: Sequence[str] | None = None,
+    config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    seed: int = 0,
+    by: str = "auto",
+    progress: bool = True,
+) -> Comparison:
     """Fit families to a campaign, rank them, write out/compare.html and out/compare.csv."""
     result = compare(campaign, families, config=config, seed=seed, by=by, progress=progress)
     comparison_report(result, out)

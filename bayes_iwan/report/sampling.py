@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
-from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from ..inference.checkpoint import CheckpointError, read_checkpoint
-from ..inference.convergence import longest_autocorrelation_time
-from .style import series, styled, subplots
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.report.style import series, styled, subplots
+from bayes_iwan.sampling.checkpoint import CheckpointError, read_checkpoint
+from bayes_iwan.sampling.convergence import longest_autocorrelation_time
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ def history(posterior: Any, folder: str | os.PathLike[str] | None = None) -> His
     path = None if folder is None else Path(folder) / "chains.h5"
     ensembles = posterior.z.shape[0]
     if path is not None and path.is_file():
-        with contextlib.suppress(CheckpointError):    # the posterior stands without the file it was drawn through
+        with contextlib.suppress(CheckpointError):  # the posterior stands without the file it was drawn through
             _, names, snapshot = read_checkpoint(path, ("production",))
             draws = snapshot.draws["production"]
             if tuple(names[: posterior.ndim]) == posterior.names and len(draws) >= 4:
@@ -76,8 +74,13 @@ def traces_figure(posterior: Any, names: Sequence[str] | None = None, run: Histo
             row[0].fill_between(steps, low, high, color=style["color"], alpha=0.13, linewidth=0)
             row[0].plot(steps, middle, color=style["color"], linestyle=style["linestyle"], linewidth=0.9)
             height, _ = np.histogram(ranks[e], bins=bins, range=(0, 1))
-            row[1].stairs(height * bins / height.sum(), np.linspace(0, 1, bins + 1), color=style["color"],
-                          linestyle=style["linestyle"], linewidth=1.0)
+            row[1].stairs(
+                height * bins / height.sum(),
+                np.linspace(0, 1, bins + 1),
+                color=style["color"],
+                linestyle=style["linestyle"],
+                linewidth=1.0,
+            )
         row[1].axhline(1.0, color="#777777", linewidth=0.6)
         row[1].set_ylim(0.0, 2.0)
         row[0].set_ylabel(parameter.symbol, rotation=0, ha="right", va="center")
@@ -95,8 +98,9 @@ def tau_figure(posterior: Any, run: History | None = None) -> Figure:
     run = history(posterior) if run is None else run
     stored = run.z.shape[1]
     lengths = np.unique(np.geomspace(max(4, stored // 30), stored, 10).astype(int))
-    tau = run.thin * np.array([[longest_autocorrelation_time(run.z[:, :n, :, i]) for i in range(posterior.ndim)]
-                               for n in lengths])
+    tau = run.thin * np.array(
+        [[longest_autocorrelation_time(run.z[:, :n, :, i]) for i in range(posterior.ndim)] for n in lengths]
+    )
     steps = run.thin * lengths
     figure, axes = subplots(1, 1, 5.4, 3.0)
     ax = axes[0, 0]

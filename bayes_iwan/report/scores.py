@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from ..files import write_whole
-from ..gap.scoring import score
-from ..gap.scoring_figures import figures
-from ..gap.stored import find_shrink
-from .diagnosis_page import write_figures
+from bayes_iwan.files import write_whole
+from bayes_iwan.gap.saved_fits import find_shrink
+from bayes_iwan.report.diagnosis_page import write_figures
+from bayes_iwan.report.score_figures import figures
+from bayes_iwan.validation.scoring import score
 
 
-def write_score(directory: str | Path, truth: str | Path, *, answers: str | Path | None = None,
-                out: str | Path | None = None) -> str:
+def write_score(
+    directory: str | Path, truth: str | Path, *, answers: str | Path | None = None, out: str | Path | None = None
+) -> str:
     """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table."""
     result = score(directory, truth, answers=answers, find_shrink=find_shrink)
     table = result.table()

@@ -14,13 +14,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ..files import replacing
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.files import replacing
 
 #: Okabe & Ito's palette; never the only sign: lines differ in dash and markers in shape too
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
-    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7")
+    "#000000",
+    "#E69F00",
+    "#56B4E9",
+    "#009E73",
+    "#F0E442",
+    "#0072B2",
+    "#D55E00",
+    "#CC79A7",
+)
 MEASURED, MODEL, PRIOR = BLACK, BLUE, "#8A8A8A"
 _SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
@@ -82,8 +89,16 @@ def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
 
 
-def band(axes: Axes, x: Array, draws: Array, color: str = MODEL, levels: Sequence[float] = (0.9, 0.5),
-         line: Any = "-", label: str | None = None, median: bool = True) -> None:
+def band(
+    axes: Axes,
+    x: Array,
+    draws: Array,
+    color: str = MODEL,
+    levels: Sequence[float] = (0.9, 0.5),
+    line: Any = "-",
+    label: str | None = None,
+    median: bool = True,
+) -> None:
     """Central intervals of draws (draws, len(x)) at each x, wide ones pale, and the median."""
     for level, shade in zip(levels, (0.22, 0.42)):
         low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)

@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..files import write_whole
-from ..inference.defaults import PAPER_UNITS, paper_numbers
-from .loops import test_name
-from .marginals import contraction, interval, paper_symbol
-from .predictive import Predictive, loop_numbers
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.files import write_whole
+from bayes_iwan.inference.defaults import PAPER_UNITS, paper_numbers
+from bayes_iwan.report.loops import test_name
+from bayes_iwan.report.marginals import contraction, interval, paper_symbol
+from bayes_iwan.report.predictive import Predictive, loop_numbers
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
@@ -39,8 +37,9 @@ class Table:
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(self.columns)
-        writer.writerows([("" if np.isnan(x) else f"{x:.9g}") if isinstance(x, float) else x for x in row]
-                         for row in self.rows)
+        writer.writerows(
+            [("" if np.isnan(x) else f"{x:.9g}") if isinstance(x, float) else x for x in row] for row in self.rows
+        )
         return out.getvalue()
 
     def write_csv(self, folder: str | os.PathLike[str]) -> Path:
@@ -63,10 +62,16 @@ def parameters_table(posterior: Any) -> Table:
     prior = posterior.problem.prior
     z = posterior.flat_z()
     values, shrunk = prior.values(z), contraction(z)
-    rows = tuple((p.name, p.symbol, p.unit, p.description, *spread(values[p.name]), p.prior_text(), float(c))
-                 for p, c in zip(prior.free, shrunk))
-    return Table("parameters", "Sampled parameters", ("name", "symbol", "unit", "description", *_STATISTICS, "prior",
-                                                      "contraction"), rows)
+    rows = tuple(
+        (p.name, p.symbol, p.unit, p.description, *spread(values[p.name]), p.prior_text(), float(c))
+        for p, c in zip(prior.free, shrunk)
+    )
+    return Table(
+        "parameters",
+        "Sampled parameters",
+        ("name", "symbol", "unit", "description", *_STATISTICS, "prior", "contraction"),
+        rows,
+    )
 
 
 def paper_table(posterior: Any) -> Table:
@@ -78,8 +83,9 @@ def paper_table(posterior: Any) -> Table:
 
 def quantities_table(posterior: Any) -> Table:
     """Everything the posterior reports, the paper's numbers included."""
-    rows = tuple((name, q.unit, *spread(np.asarray(q.values, dtype=float)))
-                 for name, q in posterior.quantities().items())
+    rows = tuple(
+        (name, q.unit, *spread(np.asarray(q.values, dtype=float))) for name, q in posterior.quantities().items()
+    )
     return Table("quantities", "Reported quantities", ("name", "unit", *_STATISTICS), rows)
 
 
@@ -91,11 +97,18 @@ def loops_table(p: Predictive) -> Table:
     rms = np.sqrt(np.mean(p.residual_N() ** 2, axis=1))
     share = rms / np.sqrt(np.mean(friction**2, axis=1))
     columns = ["file", "test", "role", "rms_residual_N", "residual_share_of_friction"]
-    rows: list[list[Any]] = [[x.file, test_name(x, role=False), x.role, float(rms[t]), float(share[t])]
-                             for t, x in enumerate(p.loops)]
+    rows: list[list[Any]] = [
+        [x.file, test_name(x, role=False), x.role, float(rms[t]), float(share[t])] for t, x in enumerate(p.loops)
+    ]
     for name in ("energy_mJ", "stiffness_N_mm", "loss_factor"):
-        columns += [f"{name}_measured", f"{name}_median", f"{name}_q05", f"{name}_q95", f"{name}_repeat_q05",
-                    f"{name}_repeat_q95"]
+        columns += [
+            f"{name}_measured",
+            f"{name}_median",
+            f"{name}_q05",
+            f"{name}_q95",
+            f"{name}_repeat_q05",
+            f"{name}_repeat_q95",
+        ]
         for t, row in enumerate(rows):
             row.append(float(getattr(measured, name)[t]))
             row += [float(q) for q in np.quantile(getattr(model, name)[:, t], [0.5, 0.05, 0.95])]
@@ -105,8 +118,9 @@ def loops_table(p: Predictive) -> Table:
 
 def convergence_table(posterior: Any) -> Table:
     """ESS, R-hat and autocorrelation time of every sampled and derived number."""
-    rows = tuple((r.name, float(r.r_hat), float(r.ess_bulk), float(r.ess_tail), float(r.tau))
-                 for r in posterior.convergence)
+    rows = tuple(
+        (r.name, float(r.r_hat), float(r.ess_bulk), float(r.ess_tail), float(r.tau)) for r in posterior.convergence
+    )
     return Table("convergence", "Convergence", ("name", "r_hat", "ess_bulk", "ess_tail", "tau_steps"), rows)
 
 
@@ -117,9 +131,20 @@ def shown_interval(draws: Array, unit: str = "") -> str:
 
 
 _TEX_SYMBOL: Mapping[str, str] = {
-    "kp": "k_p", "F₀": "F_0", "k(1)": "k(1)", "ε": r"\varepsilon", "E[φ]": r"\mathrm{E}[\phi]", "β": r"\beta",
-    "k̃ₙβℓ^β": r"\tilde k_n\beta\ell^\beta", "λk̃ₙℓ^βv": r"\lambda\tilde k_n\ell^\beta v", "σ": r"\sigma",
-    "ℓ": r"\ell", "μ": r"\mu", "φmax": r"\phi_{\max}", "χ": r"\chi"}
+    "kp": "k_p",
+    "F₀": "F_0",
+    "k(1)": "k(1)",
+    "ε": r"\varepsilon",
+    "E[φ]": r"\mathrm{E}[\phi]",
+    "β": r"\beta",
+    "k̃ₙβℓ^β": r"\tilde k_n\beta\ell^\beta",
+    "λk̃ₙℓ^βv": r"\lambda\tilde k_n\ell^\beta v",
+    "σ": r"\sigma",
+    "ℓ": r"\ell",
+    "μ": r"\mu",
+    "φmax": r"\phi_{\max}",
+    "χ": r"\chi",
+}
 
 
 def _tex_symbol(symbol: str) -> str:
@@ -132,10 +157,27 @@ def _tex_symbol(symbol: str) -> str:
 
 
 def _tex_text(text: str) -> str:
-    for mark, command in (("\\", r"\textbackslash{}"), ("&", r"\&"), ("%", r"\%"), ("#", r"\#"), ("_", r"\_"),
-                          ("^", r"\^{}"), ("−", "$-$"), ("α", r"$\alpha$"), ("β", r"$\beta$"), ("φ", r"$\phi$"),
-                          ("η", r"$\eta$"), ("∝", r"$\propto$"), ("–", "--"), ("ℓ", r"$\ell$"), ("χ", r"$\chi$"),
-                          ("σ", r"$\sigma$"), ("λ", r"$\lambda$"), ("μ", r"$\mu$"), ("≥", r"$\geq$")):
+    for mark, command in (
+        ("\\", r"\textbackslash{}"),
+        ("&", r"\&"),
+        ("%", r"\%"),
+        ("#", r"\#"),
+        ("_", r"\_"),
+        ("^", r"\^{}"),
+        ("−", "$-$"),
+        ("α", r"$\alpha$"),
+        ("β", r"$\beta$"),
+        ("φ", r"$\phi$"),
+        ("η", r"$\eta$"),
+        ("∝", r"$\propto$"),
+        ("–", "--"),
+        ("ℓ", r"$\ell$"),
+        ("χ", r"$\chi$"),
+        ("σ", r"$\sigma$"),
+        ("λ", r"$\lambda$"),
+        ("μ", r"$\mu$"),
+        ("≥", r"$\geq$"),
+    ):
         text = text.replace(mark, command)
     return text
 
@@ -144,8 +186,12 @@ def latex_table(posterior: Any) -> str:
     """A table of the sampled parameters for the booktabs package: symbol, meaning, median, 90 % interval, unit."""
     prior = posterior.problem.prior
     values = prior.values(posterior.flat_z())
-    lines = [r"\begin{tabular}{llrll}", r"\toprule", r"Parameter & Meaning & Median & 90\,\% interval & Unit \\",
-             r"\midrule"]
+    lines = [
+        r"\begin{tabular}{llrll}",
+        r"\toprule",
+        r"Parameter & Meaning & Median & 90\,\% interval & Unit \\",
+        r"\midrule",
+    ]
     for p in prior.free:
         middle, low, high = (x.replace("−", "-") for x in interval(values[p.name]))
         unit = "--" if p.unit == "-" else _tex_text(p.unit)

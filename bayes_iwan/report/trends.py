@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from ..physics import sine_motion
-from .predictive import LoopNumbers, Predictive, loop_numbers, predict
-from .style import band, points, series, styled, subplots
+from bayes_iwan.arrays import Array
+from bayes_iwan.physics import sine_motion
+from bayes_iwan.report.predictive import LoopNumbers, Predictive, loop_numbers, predict
+from bayes_iwan.report.style import band, points, series, styled, subplots
 
-Array = NDArray[np.float64]
-
-_WHAT = (("energy_mJ", "dissipated energy (mJ/cycle)"), ("stiffness_N_mm", "equivalent stiffness (N/mm)"),
-         ("loss_factor", "loss factor (-)"))
+_WHAT = (
+    ("energy_mJ", "dissipated energy (mJ/cycle)"),
+    ("stiffness_N_mm", "equivalent stiffness (N/mm)"),
+    ("loss_factor", "loss factor (-)"),
+)
 
 
 def _model_numbers(posterior: Any, amplitude_mm: Array, frequency_hz: Array, n: int) -> LoopNumbers:
@@ -63,12 +64,21 @@ def trends_figure(posterior: Any, predictive: Predictive | None = None, n: int =
                 low, high = np.quantile(getattr(again, name)[:, near], [0.05, 0.95], axis=0)
                 middle = getattr(measured, name)[near]
                 half = 0.5 * (high - low)
-                ax.errorbar(x[near], middle, yerr=half, linestyle="none", markersize=4.5, elinewidth=0.9,
-                            label=f"{float(np.median(nominal[near])):g} {unit}" if row == 0 else None, **points(i))
+                ax.errorbar(
+                    x[near],
+                    middle,
+                    yerr=half,
+                    linestyle="none",
+                    markersize=4.5,
+                    elinewidth=0.9,
+                    label=f"{float(np.median(nominal[near])):g} {unit}" if row == 0 else None,
+                    **points(i),
+                )
                 ax.set_ylabel(title if column == 0 else "")
         axes[-1, column].set_xlabel(label)
-        axes[0, column].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=1.2,
-                               handletextpad=0.2)
+        axes[0, column].legend(
+            loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=1.2, handletextpad=0.2
+        )
     for ax in axes[:, 0]:
         ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
     return figure

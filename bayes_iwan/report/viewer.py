@@ -6,13 +6,11 @@ import json
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .loops import test_name
-from .page import Page, Section, asset, template
-from .predictive import Predictive, measured_cycles
-
-Array = NDArray[np.float64]
+from bayes_iwan.arrays import Array
+from bayes_iwan.report.loops import test_name
+from bayes_iwan.report.page import Page, Section, asset, template
+from bayes_iwan.report.predictive import Predictive, measured_cycles
 
 DRAWS, CYCLES = 16, 8
 
@@ -33,15 +31,23 @@ def viewer_data(p: Predictive) -> dict[str, Any]:
         for u, force in measured_cycles(loop, CYCLES):
             step = max(1, len(u) // 160)
             cycles.append([_rounded(u[::step], far), _rounded(force[::step] - p.zero_N[t], places)])
-        tests.append({
-            "name": test_name(loop), "file": loop.file, "u": _rounded(p.displacement_mm[t], far),
-            "slope": float(slope), "zero": float(zero), "measured": _rounded(p.measured_N[t], places),
-            "model": [_rounded(q, places) for q in np.quantile(p.force_N[:, t], [0.05, 0.25, 0.5, 0.75, 0.95], axis=0)],
-            "cycle": [_rounded(q, places) for q in np.quantile(p.cycle_N[:, t], [0.05, 0.25, 0.75, 0.95], axis=0)],
-            "loop": [_rounded(q, places) for q in np.quantile(p.loop_N[:, t], [0.05, 0.25, 0.75, 0.95], axis=0)],
-            "draws": [_rounded(x, places) for x in p.force_N[picked, t]],
-            "cycles": cycles,
-        })
+        tests.append(
+            {
+                "name": test_name(loop),
+                "file": loop.file,
+                "u": _rounded(p.displacement_mm[t], far),
+                "slope": float(slope),
+                "zero": float(zero),
+                "measured": _rounded(p.measured_N[t], places),
+                "model": [
+                    _rounded(q, places) for q in np.quantile(p.force_N[:, t], [0.05, 0.25, 0.5, 0.75, 0.95], axis=0)
+                ],
+                "cycle": [_rounded(q, places) for q in np.quantile(p.cycle_N[:, t], [0.05, 0.25, 0.75, 0.95], axis=0)],
+                "loop": [_rounded(q, places) for q in np.quantile(p.loop_N[:, t], [0.05, 0.25, 0.75, 0.95], axis=0)],
+                "draws": [_rounded(x, places) for x in p.force_N[picked, t]],
+                "cycles": cycles,
+            }
+        )
     return {"tests": tests}
 
 

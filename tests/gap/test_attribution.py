@@ -123,9 +123,14 @@ def test_terms_of_the_paper_count_for_the_first_taken_in():
         return SimpleNamespace(log_z=log_z)
 
     whole = fit(needs(SMALL, 300.0))
-    found = SimpleNamespace(base=fit(needs(0.1)), singles={"one": (fit(needs(0.09, 20.0)),), "two": ()},
-                            pairs={("one", "two"): whole}, effects={"one": (None,), "two": (None,)},
-                            data=SimpleNamespace(unsteady_nats=0.0), unlisted={})
+    found = SimpleNamespace(
+        base=fit(needs(0.1)),
+        singles={"one": (fit(needs(0.09, 20.0)),), "two": ()},
+        pairs={("one", "two"): whole},
+        effects={"one": (None,), "two": (None,)},
+        data=SimpleNamespace(unsteady_nats=0.0),
+        unlisted={},
+    )
     terms = Terms(found.base, (Step("two", whole, 10.0), Step("one", whole, 290.0)), {}, {})
     a = terms.attribution(found)
     assert (a.cause, a.second_cause) == ("two", "one") and a.probability > 0.8

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayes_iwan.effects.channels import ForceDrift, MainsHum
 from bayes_iwan.gap.data import MAINS_HZ, TREND_HARMONICS, TRUSTED_BAND, gap_data, predicted
-from bayes_iwan.gap.effects_channels import ForceDrift, MainsHum
 from bayes_iwan.gap.evidence import base_problem, extended
-from bayes_iwan.inference import defaults
+from bayes_iwan.inference.scales import scales_of
 
 TESTS = [(8.0, 0.4), (8.0, 0.9), (20.0, 0.4), (20.0, 0.9)]
 
@@ -17,6 +17,7 @@ TESTS = [(8.0, 0.4), (8.0, 0.9), (20.0, 0.4), (20.0, 0.9)]
 def data_of(kit):
     def make(**options):
         return gap_data(kit.made_up(kit.specimen_force, TESTS, **options).loops(**kit.small))
+
     return make
 
 
@@ -87,7 +88,7 @@ def test_mains_frequency_and_line_are_found(hz, data_of):
     np.testing.assert_allclose(data.mains_hz[:, which], hz, atol=0.02)
     np.testing.assert_array_equal(data.mains_hz[:, 1 - which], MAINS_HZ[1 - which])
     for t in range(len(TESTS)):
-        error = data.mains_N[t, which] - 0.05 * np.exp(1j * (0.4 + t))              # c + i s of c·cos + s·sin
+        error = data.mains_N[t, which] - 0.05 * np.exp(1j * (0.4 + t))  # c + i s of c·cos + s·sin
         assert abs(error) < max(4.5 * data.mains_noise_N[t, which], 0.005)
         assert abs(data.mains_N[t, 1 - which]) < 6.0 * data.mains_noise_N[t, 1 - which]
 
@@ -109,7 +110,7 @@ def test_no_hum_leaves_the_nominal_frequencies(noisy):
 def test_line_at_a_harmonic_says_nothing(kit):
     made = kit.made_up(kit.specimen_force, [(10.0, 0.4), (8.0, 0.9), (10.02, 0.4)], noise_N=0.02, cycles=40)
     data = gap_data(made.loops(**kit.small))
-    assert data.mains_possible == (False, False)                 # the test at 8 Hz would show it
+    assert data.mains_possible == (False, False)  # the test at 8 Hz would show it
     hidden = gap_data(kit.made_up(kit.specimen_force, [(10.0, 0.4), (10.0, 0.9)]).loops(**kit.small))
     assert hidden.mains_possible == (True, True)
     assert np.isinf(data.mains_noise_N[0]).all() and np.isfinite(data.mains_noise_N[1]).all()
@@ -126,7 +127,7 @@ def test_mains_beside_a_harmonic_are_found_as_a_harmonic_that_turns(kit):
         return 0.05 * np.cos(2.0 * np.pi * mains[test] * time - test)
 
     data = gap_data(kit.made_up(kit.specimen_force, tests, noise_N=0.005, cycles=40, extra=humming).loops(**kit.small))
-    assert np.isinf(data.mains_noise_N[2:]).all()                # not as a line
+    assert np.isinf(data.mains_noise_N[2:]).all()  # not as a line
     np.testing.assert_allclose(data.mains_hz[:, 0], mains, atol=0.015)
 
 
@@ -151,8 +152,9 @@ def test_predicted_hum_is_what_a_hum_does_to_the_data(data_of, kit):
     humming = replace(humming, mains_hz=np.tile([50.1, 60.0], (len(TESTS), 1)))
     numbers = {}
     for t, file in enumerate(files(humming)):
-        numbers |= {f"mains_hum.{part}[{file}]": 0.05 * wave(0.4 + t)
-                    for part, wave in (("cosine", np.cos), ("sine", np.sin))}
+        numbers |= {
+            f"mains_hum.{part}[{file}]": 0.05 * wave(0.4 + t) for part, wave in (("cosine", np.cos), ("sine", np.sin))
+        }
     mean, trend, lines = difference(MainsHum(kit.scales, files(humming)), numbers, humming, kit)
     # a sample at the very end of a record may count in the whole loop and not in a block: a thousandth of the hum
     np.testing.assert_allclose(mean, humming.harmonics_N - still.harmonics_N, atol=5e-5)
@@ -168,7 +170,7 @@ def files(data):
 
 def difference(effect, numbers, data, kit):
     """What the effect adds to harmonics, trends and lines at these numbers."""
-    base = base_problem(data, kit.config, defaults.scales_of(data.loops))
+    base = base_problem(data, kit.config, scales_of(data.loops))
     problem = extended(base, [effect])
     z = np.zeros((2, problem.ndim))
     for name, value in numbers.items():

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import read_campaign, write_campaign
-from bayes_iwan.gap.catalogue import NAMES
+from bayes_iwan.effects.base import EffectError
+from bayes_iwan.effects.catalogue import NAMES
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.diagnosis import BASES, _finite, diagnose_loops, write_json
-from bayes_iwan.gap.effects import EffectError
 from bayes_iwan.gap.gap_size import gap_size
 from bayes_iwan.gap.residuals import residual_of
-from bayes_iwan.gap.stored import LOOPS, find_shrink, stored_fits
+from bayes_iwan.gap.saved_fits import LOOPS, find_shrink, stored_fits
 from bayes_iwan.gap.words import sentences
 from bayes_iwan.physics import Model, sine_motion
 
@@ -57,7 +57,7 @@ def test_held_out_forces_change_nothing_of_fit_and_verdict(viscous, altered):
 def test_gap_on_held_out_tests_is_judged_there(viscous, altered):
     told = viscous.explanations[0].unseen
     assert told.by == "held-out tests" and told.shrink > 0.7 and told.low <= told.shrink <= told.high
-    assert altered.explanations[0].unseen.shrink < 0.3             # a gain error is nothing that damping explains
+    assert altered.explanations[0].unseen.shrink < 0.3  # a gain error is nothing that damping explains
 
 
 def strict(value):
@@ -68,15 +68,38 @@ def strict(value):
 @pytest.mark.parametrize("effect, plan", [("viscous_damping", "held out"), (None, "grid")])
 def test_json_has_every_key_and_only_numbers_that_are_numbers(effect, plan, kit):
     d = strict(kit.diagnosed(effect, plan).as_dict())
-    assert {"schema", "seed", "quick", "campaign", "base", "verdict", "probabilities", "gap", "where", "effects",
-            "next_test", "expected_nats", "cannot_be_seen", "sentences"} <= set(d)
+    assert {
+        "schema",
+        "seed",
+        "quick",
+        "campaign",
+        "base",
+        "verdict",
+        "probabilities",
+        "gap",
+        "where",
+        "effects",
+        "next_test",
+        "expected_nats",
+        "cannot_be_seen",
+        "sentences",
+    } <= set(d)
     assert set(d["verdict"]) == {"cause", "probability", "cannot_tell_apart", "second_cause", "not_testable"}
     assert set(d["probabilities"]) == {"none", "unknown", *NAMES}
     assert sum(d["probabilities"].values()) == pytest.approx(1.0, abs=1e-9)
     assert d["probabilities"][d["verdict"]["cause"]] == d["verdict"]["probability"] == max(d["probabilities"].values())
     gap = d["gap"]
-    assert {"before_rms_N", "after_rms_N", "noise_rms_N", "before_share", "after_share", "shrink", "shrink_interval",
-            "ceiling_shrink", "held_out"} <= set(gap)
+    assert {
+        "before_rms_N",
+        "after_rms_N",
+        "noise_rms_N",
+        "before_share",
+        "after_share",
+        "shrink",
+        "shrink_interval",
+        "ceiling_shrink",
+        "held_out",
+    } <= set(gap)
     assert 0 <= gap["before_interval_N"][0] <= gap["before_rms_N"] <= gap["before_interval_N"][1]
     assert 0.0 <= gap["ceiling_shrink"] <= 1.0
     if effect is None:
@@ -89,9 +112,20 @@ def test_json_has_every_key_and_only_numbers_that_are_numbers(effect, plan, kit)
         assert held["shrink"] == d["effects"][0]["shrink_held_out"]
     assert {"tests", "regions", "harmonics"} <= set(d["where"])
     for e in d["effects"]:
-        assert {"name", "with", "parameters", "log_evidence", "gap_after_rms_N", "shrink", "shrink_interval",
-                "shrink_expected", "shrink_held_out", "held_out_by", "moved"} <= set(e)
-        assert e["shrink_expected"] == e["shrink"]               # none of these has numbers of single records
+        assert {
+            "name",
+            "with",
+            "parameters",
+            "log_evidence",
+            "gap_after_rms_N",
+            "shrink",
+            "shrink_interval",
+            "shrink_expected",
+            "shrink_held_out",
+            "held_out_by",
+            "moved",
+        } <= set(e)
+        assert e["shrink_expected"] == e["shrink"]  # none of these has numbers of single records
         for number in e["parameters"].values():
             assert set(number) == {"mean", "sd", "q05", "q95", "unit"} and number["q05"] <= number["q95"]
     assert all(s.endswith(".") and "nan" not in s.lower().split() for s in d["sentences"])
@@ -118,6 +152,7 @@ def test_nothing_to_fit_is_said(kit):
 
 # ---- fits that outlive the process
 
+
 @pytest.fixture(scope="module")
 def folder(viscous, tmp_path_factory):
     path = tmp_path_factory.mktemp("diagnosis")
@@ -130,8 +165,9 @@ def folder(viscous, tmp_path_factory):
 def further(kit, tmp_path_factory):
     """Tests that the diagnosis has not seen, as a campaign folder."""
     path = tmp_path_factory.mktemp("further")
-    records = [replace(r, role="fit") for r in kit.rig_records("viscous_damping", "held out").records
-               if r.role == "held-out"]
+    records = [
+        replace(r, role="fit") for r in kit.rig_records("viscous_damping", "held out").records if r.role == "held-out"
+    ]
     write_campaign(path, name="further", description="", tests=records)
     return path
 
@@ -156,12 +192,21 @@ def test_stored_fits_of_other_causes(folder, further, tmp_path):
 
 # ---- from a base that lacks the paper's terms
 
+
 @pytest.fixture(scope="module")
 def classical(kit):
     """A specimen of one gamma with varying normal force, diagnosed from the classical Iwan model."""
     model = Model(kit.reference, slip="gamma1", grip="hunt_crossley_no_speed", stiffness="constant")
-    true = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0,
-            "grip_slope": 0.35, "beta": 0.8}
+    true = {
+        "kp_N_mm": 5.5,
+        "force_zero_N": 0.0,
+        "k1_N_mm": 14.0,
+        "t1_N": 0.6,
+        "eta1": 2.0,
+        "g1": 1.0,
+        "grip_slope": 0.35,
+        "beta": 0.8,
+    }
     numbers = {n: np.array([v]) for n, v in true.items()}
 
     def force(amplitude, frequency, samples):
@@ -179,7 +224,7 @@ def test_classical_base_names_the_term_that_it_lacks(classical):
     assert d["terms"][0]["name"] == "varying_normal_force"
     assert d["terms"][0]["log_evidence_gain"] > 8 and d["terms"][-1]["shrink_from_base"] > 0.8
     slope = d["effects"][0]["parameters"]["slope"]
-    scale = classical.found.found.scales.length_mm / 0.9            # the kit's reference length is 0.9 mm
+    scale = classical.found.found.scales.length_mm / 0.9  # the kit's reference length is 0.9 mm
     assert slope["mean"] == pytest.approx(0.35 * scale**0.8, abs=4 * slope["sd"] + 0.05)
 
 

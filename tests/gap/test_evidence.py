@@ -19,7 +19,7 @@ def toy():
 
 @pytest.mark.parametrize("share, length", [(5e-4, 0.03), (0.02, 0.1), (0.4, 0.03)])
 def test_linear_gaussian_evidence_is_exact(toy, share, length):
-    data = toy.residual + toy.jacobian @ toy.z                                       # what a model at z = 0 misses
+    data = toy.residual + toy.jacobian @ toy.z  # what a model at z = 0 misses
     spectrum = discrepancy_spectrum(np.array([share]), np.array([length]), 6)[0]
     covariance = np.diag(1.0 + spectrum[toy.order] * toy.eigen) + toy.jacobian @ toy.jacobian.T
     exact = stats.multivariate_normal(cov=covariance).logpdf(data) + 0.5 * len(data) * np.log(2.0 * np.pi)
@@ -44,7 +44,8 @@ def test_integral_over_the_discrepancy(kit):
     whole = fit.log_evidence(np.full(len(SHARES), -np.log(len(SHARES))))
     assert whole == pytest.approx(np.log(np.mean(np.exp(fit.log_z - fit.log_z.max()))) + fit.log_z.max())
     assert fit.log_evidence(np.where(np.arange(len(SHARES)) == 2, 0.0, -np.inf)) == pytest.approx(
-        np.logaddexp.reduce(fit.log_z[2]) - np.log(len(LENGTHS)))
+        np.logaddexp.reduce(fit.log_z[2]) - np.log(len(LENGTHS))
+    )
 
 
 def test_distinct_optima_best_first():
@@ -62,11 +63,11 @@ def test_idle_evolving_effect_costs_what_the_steady_model_pays(name, kit):
     z = np.zeros((1, problem.ndim))
     z[0, [problem.names.index(n) for n in found.base.problem.names]] = found.base.z
     if not effect.signed and effect.strength_name in problem.names:
-        z[0, problem.names.index(effect.strength_name)] = -8.0                       # a thousandth of the typical
+        z[0, problem.names.index(effect.strength_name)] = -8.0  # a thousandth of the typical
     idle, base = rows.residual(z)[0], steady.residual(found.base.z[None])[0]
     np.testing.assert_allclose(idle[: len(base)], base, atol=0.5)
     assert rows.constant == 0.0
-    assert -0.5 * np.sum(idle[len(base):] ** 2) == pytest.approx(steady.constant, rel=0.03)
+    assert -0.5 * np.sum(idle[len(base) :] ** 2) == pytest.approx(steady.constant, rel=0.03)
 
 
 @pytest.mark.parametrize("name, most", [("friction_fade", 12.0), ("force_drift", 12.0)])

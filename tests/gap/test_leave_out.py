@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from bayes_iwan.effects.channels import MainsHum
 from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.effects_channels import MainsHum
 from bayes_iwan.gap.evidence import extended
 from bayes_iwan.gap.leave_out import for_loops, groups_of, refitted
 

@@ -6,14 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_iwan.gap import catalogue
+from bayes_iwan.effects import catalogue
+from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.gap.attribution import Table, attribute
 from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.effects_paper import missing_terms
 from bayes_iwan.gap.evidence import Rows, extended, fit_model
 from bayes_iwan.gap.paper_terms import evidence_of, select_terms
 from bayes_iwan.gap.search import SINGLE_MOST, _key, _singles_again, candidates, fit_base, ordered, start_points
 from bayes_iwan.inference import defaults
+from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.physics import Model, sine_motion
 
 FOUND = {"viscous_damping": "c_N_s_mm", "channel_delay": "delay_s"}
@@ -75,12 +76,15 @@ def test_effects_with_a_number_for_each_test_promise_what_a_step_of_these_gains(
     gain = {}
     for name, extra in (("hum", humming), ("quiet", None)):
         loops = kit.made_up(kit.specimen_force, tests, noise_N=0.01, cycles=24, extra=extra).loops(**kit.small)
-        data, scales = gap_data(loops), defaults.scales_of(loops)
+        data, scales = gap_data(loops), scales_of(loops)
         base = fit_base(data, kit.config, scales, np.random.default_rng(0))
-        effects = {"mains_hum": tuple(catalogue.calibrated(k, scales, data, base.problem, base.z)
-                                      for k in catalogue.variants()["mains_hum"])}
+        effects = {
+            "mains_hum": tuple(
+                catalogue.calibrated(k, scales, data, base.problem, base.z) for k in catalogue.variants()["mains_hum"]
+            )
+        }
         gain[name] = [c.gain for c in candidates(data, base, effects)]
-    assert max(gain["hum"]) > 100.0 and len(gain["hum"]) == 1    # 50 Hz alone: no line stands at 60
+    assert max(gain["hum"]) > 100.0 and len(gain["hum"]) == 1  # 50 Hz alone: no line stands at 60
     assert gain["quiet"] == []
 
 
@@ -93,10 +97,15 @@ def test_single_effect_that_missed_its_optimum_is_refitted_from_its_pairs(kit):
     found = kit.diagnosed("viscous_damping", "held out").found
     best = found.singles["viscous_damping"][0]
     missed = replace(best, z=np.zeros_like(best.z), log_z=best.log_z - 500.0)
-    idle = fit_model(found.data, extended(found.base.problem, ordered((*best.effects, *found.effects["moving_mass"]))),
-                     _together_from(best, found), iterations=5)
-    again = _singles_again(found.data, found.singles | {"viscous_damping": (missed,)},
-                           {("moving_mass", "viscous_damping"): idle})
+    idle = fit_model(
+        found.data,
+        extended(found.base.problem, ordered((*best.effects, *found.effects["moving_mass"]))),
+        _together_from(best, found),
+        iterations=5,
+    )
+    again = _singles_again(
+        found.data, found.singles | {"viscous_damping": (missed,)}, {("moving_mass", "viscous_damping"): idle}
+    )
     assert again["viscous_damping"][0].log_z.max() > best.log_z.max() - 1.0
     untouched = _singles_again(found.data, found.singles, {})
     assert untouched == found.singles
@@ -111,8 +120,8 @@ def _together_from(single, found):
 
 def test_strengths_are_brought_to_the_specimens_scale(kit):
     """At its median strength an effect moves the prior share of the friction force."""
-    from bayes_iwan.gap.catalogue import friction_rms_N
-    from bayes_iwan.gap.effects import TYPICAL_SHARE
+    from bayes_iwan.effects.base import TYPICAL_SHARE
+    from bayes_iwan.gap.strength import friction_rms_N
     from bayes_iwan.inference.likelihood import harmonics_of
 
     found = kit.diagnosed(None).found
@@ -122,8 +131,10 @@ def test_strengths_are_brought_to_the_specimens_scale(kit):
         values = {n: v for n, v in problem.prior.values(np.zeros((1, problem.ndim))).items()}
         values |= found.base.problem.prior.values(found.base.z[None])
         values[effect.strength_name] = np.array([effect.strength_value])
-        force = [m.force(defaults.model_numbers(m, values), found.data.steady_motion)
-                 for m in (problem.model, found.base.problem.model)]
+        force = [
+            m.force(defaults.model_numbers(m, values), found.data.steady_motion)
+            for m in (problem.model, found.base.problem.model)
+        ]
         c = harmonics_of(force[0] - force[1], 17)[0]
         moved = np.sqrt(np.mean(np.abs(c[:, 0]) ** 2 + 0.5 * np.sum(np.abs(c[:, 1:]) ** 2, axis=1)))
         share = moved / friction_rms_N(found.base.problem, found.base.z)
@@ -161,8 +172,18 @@ GAMMA1 = {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}
 def varying(kit):
     """A specimen of one gamma whose normal force varies with displacement and speed, and its stiffness with it."""
     model = Model(kit.reference, slip="gamma1")
-    true = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "stiffness_bend": 1.5, "t1_N": 0.6, "eta1": 2.0,
-            "g1": 1.0, "grip_slope": 0.35, "grip_rate": 0.15, "beta": 0.8}
+    true = {
+        "kp_N_mm": 5.5,
+        "force_zero_N": 0.0,
+        "k1_N_mm": 14.0,
+        "stiffness_bend": 1.5,
+        "t1_N": 0.6,
+        "eta1": 2.0,
+        "g1": 1.0,
+        "grip_slope": 0.35,
+        "grip_rate": 0.15,
+        "beta": 0.8,
+    }
     numbers = {n: np.array([v]) for n, v in true.items()}
 
     def force(amplitude, frequency, samples):
@@ -170,7 +191,7 @@ def varying(kit):
 
     campaign = kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01)
     data = gap_data(campaign.loops(**kit.small))
-    return SimpleNamespace(campaign=campaign, data=data, scales=defaults.scales_of(data.loops))
+    return SimpleNamespace(campaign=campaign, data=data, scales=scales_of(data.loops))
 
 
 def test_terms_that_the_base_lacks_are_taken_in_one_after_the_other(varying):
@@ -195,10 +216,11 @@ def test_terms_that_are_not_needed_are_not_taken_in(kit):
     def force(amplitude, frequency, samples):
         return model.force(numbers, sine_motion(amplitude, frequency, samples))[0, 0]
 
-    data = gap_data(kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01)
-                    .loops(**kit.small))
+    data = gap_data(
+        kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01).loops(**kit.small)
+    )
     kinds = {e.name: (e,) for e in missing_terms(GAMMA1)}
-    terms = select_terms(data, defaults.scales_of(data.loops), {"model": GAMMA1}, kinds, np.random.default_rng(1))
+    terms = select_terms(data, scales_of(data.loops), {"model": GAMMA1}, kinds, np.random.default_rng(1))
     assert terms.steps == () and terms.fit is terms.bare
 
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Record, average
+from bayes_iwan.effects.specimen import ViscousDamping
 from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.effects_specimen import ViscousDamping
 from bayes_iwan.gap.evidence import extended, fit_model
 from bayes_iwan.gap.findings import pictures, sentences, size_sentence, where_json
 from bayes_iwan.gap.gap_size import gap_size, shrink
 from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.search import fit_base
 from bayes_iwan.gap.where import where
-from bayes_iwan.inference import defaults
+from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.physics import Model, Reference, sine_motion
 
 CONFIG = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
@@ -34,8 +34,9 @@ def made_loops(added=None, seed=0, tests=TESTS, noise=0.01):
     for f, a in tests:
         motion = sine_motion(a, f, SAMPLES)
         force = np.tile(model.force(numbers, motion)[0, 0], CYCLES)
-        u, v, acceleration = (np.tile(x[0, 0], CYCLES) for x in
-                              (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2))
+        u, v, acceleration = (
+            np.tile(x[0, 0], CYCLES) for x in (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)
+        )
         time = np.arange(force.size) / (SAMPLES * f)
         if added is not None:
             force = force + added(u, v, acceleration, f * time)
@@ -46,7 +47,7 @@ def made_loops(added=None, seed=0, tests=TESTS, noise=0.01):
 
 def fitted(loops):
     data = gap_data(loops)
-    return data, fit_base(data, CONFIG, defaults.scales_of(loops), np.random.default_rng(0))
+    return data, fit_base(data, CONFIG, scales_of(loops), np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +80,8 @@ def test_a_perfect_model_reads_zero_within_its_interval(plain):
         unbiased.append((size.all.residual_N**2 - size.all.noise_N**2) / size.all.noise_N**2)
         unseen = gap_data(made_loops(seed=500 + seed, tests=[(15.0, 0.45), (50.0, 1.0)]))
         zero_unseen += gap_size(residual_of(unseen, fit), seed=seed, draws=200).all.low_N == 0.0
-    assert zero >= 10                  # 95 % each; below 10 of 12 once in 50 such tests
-    assert zero_unseen >= 9            # fewer numbers: the noise's own standard error is uncertain too
+    assert zero >= 10  # 95 % each; below 10 of 12 once in 50 such tests
+    assert zero_unseen >= 9  # fewer numbers: the noise's own standard error is uncertain too
     assert abs(np.mean(unbiased)) < 0.1
 
 
@@ -100,7 +101,7 @@ def test_a_known_gap_is_found_with_an_interval_that_covers_it(plain):
         found = gap_size(residual_of(data, fit), seed=seed, draws=200)
         covered += found.all.low_N <= size_N / np.sqrt(2.0) <= found.all.high_N
         inside += [g.rms_N for g in found.tests]
-    assert covered >= 6                # 90 % each; below 6 of 8 once in 200 such tests
+    assert covered >= 6  # 90 % each; below 6 of 8 once in 200 such tests
     np.testing.assert_allclose(inside, size_N / np.sqrt(2.0), rtol=0.1)
 
 
@@ -127,7 +128,7 @@ def test_cubic_stiffness_shows_a_third_harmonic_in_phase_whatever_the_frequency(
     found, _ = looked(lambda u, v, a, n: 0.5 * u**3)
     law = next(x for x in found.laws if x.order == 3)
     assert law.part == "in phase"
-    assert law.force_N == pytest.approx(0.5 / 4.0, rel=0.2)      # cos³ = ¾ cos θ + ¼ cos 3θ
+    assert law.force_N == pytest.approx(0.5 / 4.0, rel=0.2)  # cos³ = ¾ cos θ + ¼ cos 3θ
     assert law.amplitude_power[1] <= 3.0 <= law.amplitude_power[2]
     assert abs(law.frequency_power[0]) < 0.2
     third = {kind: found.of(kind)[2] for kind in ("in phase", "quadrature")}
@@ -165,7 +166,7 @@ def test_fading_friction_shows_along_the_record():
     assert all(x.significant for x in found.of("trend"))
     assert next(x for x in found.of("record") if x.name == "quadrature").significant
     assert not next(x for x in found.of("record") if x.name == "mean").significant
-    assert np.all(found.change_N[:, 2] < -0.05)              # less dissipation at the end
+    assert np.all(found.change_N[:, 2] < -0.05)  # less dissipation at the end
     assert size.along.low_N > 0.0 and size.along.rms_N > size.loop.rms_N
     assert all(rms[0] > rms[2] for rms in size.along_N)
     assert "change along the record" in " ".join(sentences(found))
@@ -198,7 +199,7 @@ def test_small_misfits_of_the_typical_size_are_false_alarms_in_one_of_twenty_at_
     for seed, value in enumerate(draws):
         found = where(replace(residual, value=value), seed=seed, simulations=150)
         alarms += any(x.significant for x in found.looks) or bool(found.laws)
-    assert alarms <= 4                 # 5 % each: more than 4 of 20 once in 400
+    assert alarms <= 4  # 5 % each: more than 4 of 20 once in 400
 
 
 def test_a_named_cause_shrinks_the_gap_and_another_set_of_tests_is_refused(viscous):
@@ -228,7 +229,7 @@ def test_two_frequencies_leave_the_power_of_an_elastic_force_open():
     found, _ = looked(lambda u, v, a, n: 0.01 * a)
     law = found.laws[0]
     assert (law.order, law.part) == (1, "in phase")
-    assert law.frequency_power is None               # the parallel spring takes up the difference
+    assert law.frequency_power is None  # the parallel spring takes up the difference
     assert law.amplitude_power[1] <= 1.0 <= law.amplitude_power[2]
     assert "stiffer" not in " ".join(sentences(found)) and "softer" not in " ".join(sentences(found))
 
@@ -245,4 +246,4 @@ def test_json_and_pictures_are_plain(viscous):
     assert branches["microslip"] + branches["gross slip"] == pytest.approx(1.0, abs=0.02)
     drawn = pictures(residual, found, size)
     assert drawn["residual_N"].shape == drawn["displacement_mm"].shape == (len(TESTS), 64)
-    assert where(residual, simulations=100).looks == found.looks         # the same seed, the same answer
+    assert where(residual, simulations=100).looks == found.looks  # the same seed, the same answer

@@ -26,21 +26,24 @@ def test_a_file_is_read(tmp_path):
     assert got["model"]["slip"] == "uniform" and got["parameters"] == {"beta": {"fixed": 0.5}}
 
 
-@pytest.mark.parametrize("given, says", [
-    ({"sampeling": {}}, "unknown table 'sampeling'; did you mean 'sampling'"),
-    ({"sampling": {"walkrs": 64}}, r"\[sampling\]: unknown key 'walkrs'; did you mean 'walkers'"),
-    ({"sampling": {"zzz": 64}}, "use budget_s, draws, ensembles"),
-    ({"sampling": {"walkers": 0}}, "whole number of at least 1, not 0"),
-    ({"sampling": {"walkers": 6.5}}, "whole number"),
-    ({"sampling": {"ess": "many"}}, "positive number, not 'many'"),
-    ({"sampling": {"budget_s": float("inf")}}, "positive number"),
-    ({"search": {"objective": "eq9"}}, "choose one of eq8, squared, likelihood"),
-    ({"search": {"second_opinion": 1}}, "true or false"),
-    ({"model": {"slip": 3}}, "text in quotes"),
-    ({"model": "gamma3"}, r"write \[model\]"),
-    ({"parameters": {"beta": 0.5}}, r"\[parameters.beta\] and e.g. fixed = 0.5"),
-    ({"loops": {"n_phase": 64}}, "64 phases cannot show 50 harmonics"),
-])
+@pytest.mark.parametrize(
+    "given, says",
+    [
+        ({"sampeling": {}}, "unknown table 'sampeling'; did you mean 'sampling'"),
+        ({"sampling": {"walkrs": 64}}, r"\[sampling\]: unknown key 'walkrs'; did you mean 'walkers'"),
+        ({"sampling": {"zzz": 64}}, "use budget_s, draws, ensembles"),
+        ({"sampling": {"walkers": 0}}, "whole number of at least 1, not 0"),
+        ({"sampling": {"walkers": 6.5}}, "whole number"),
+        ({"sampling": {"ess": "many"}}, "positive number, not 'many'"),
+        ({"sampling": {"budget_s": float("inf")}}, "positive number"),
+        ({"search": {"objective": "eq9"}}, "choose one of eq8, squared, likelihood"),
+        ({"search": {"second_opinion": 1}}, "true or false"),
+        ({"model": {"slip": 3}}, "text in quotes"),
+        ({"model": "gamma3"}, r"write \[model\]"),
+        ({"parameters": {"beta": 0.5}}, r"\[parameters.beta\] and e.g. fixed = 0.5"),
+        ({"loops": {"n_phase": 64}}, "64 phases cannot show 50 harmonics"),
+    ],
+)
 def test_what_is_wrong_is_named(given, says):
     with pytest.raises(ConfigError, match=says):
         complete(given)

@@ -10,13 +10,13 @@ import pytest
 
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.inference import results
-from bayes_iwan.inference.checkpoint import CheckpointError
 from bayes_iwan.inference.config import ConfigError, complete
 from bayes_iwan.inference.identify import by_frequency, identify, identify_problem
 from bayes_iwan.inference.point import find_point, goal_share, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.results import ResultsError
 from bayes_iwan.physics import Model
+from bayes_iwan.sampling.checkpoint import CheckpointError
 
 SMALL = {
     "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"},
@@ -82,15 +82,24 @@ def test_files_are_what_was_promised(run):
         assert names.count(name) == 1, name
     kp = table[1 + names.index("kp_N_mm")]
     x = posterior.values()["kp_N_mm"]
-    np.testing.assert_allclose([float(c) for c in kp[2:7]], [x.mean(), x.std(ddof=1), *np.quantile(x, [.05, .5, .95])],
-                               rtol=1e-6)
+    np.testing.assert_allclose(
+        [float(c) for c in kp[2:7]], [x.mean(), x.std(ddof=1), *np.quantile(x, [0.05, 0.5, 0.95])], rtol=1e-6
+    )
     point = json.loads((out / "point.json").read_text())
     assert point["objective"]["kind"] == "eq8" and point["objective"]["share_of_friction_force"] < 0.02
     assert point["most_probable"]["numbers"]["kp_N_mm"] == pytest.approx(5.5, rel=0.01)
     assert len(point["search"]["best"]) > 3 and point["second_opinion"]["method"] == "differential evolution"
     with h5py.File(out / "posterior.nc") as file:
-        for group in ("posterior", "prior", "posterior_predictive", "prior_predictive", "log_likelihood",
-                      "observed_data", "constant_data", "sample_stats"):
+        for group in (
+            "posterior",
+            "prior",
+            "posterior_predictive",
+            "prior_predictive",
+            "log_likelihood",
+            "observed_data",
+            "constant_data",
+            "sample_stats",
+        ):
             assert len(file[group]) > 0, group
         assert file["posterior/kp_N_mm"].shape == posterior.z.shape[:2]
         assert json.loads(file.attrs["config"])["sampling"]["walkers"] == 24 and file.attrs["seed"] == 1
@@ -161,12 +170,15 @@ def test_ctrl_c_keeps_what_was_drawn(folder, tmp_path, monkeypatch):
     assert late.interrupted and not late.converged and (tmp_path / "late" / "summary.csv").exists()
 
 
-@pytest.mark.parametrize("change, part", [
-    ({"parameters": {"force_zero_N": {"fixed": 0.0}, "kp_N_mm": {"lower": 1.0}}}, "prior"),
-    ({"parameters": {}}, "names"),
-    ({"likelihood": {"kind": "laplace"}}, "likelihood"),
-    ({"loops": {"n_harmonics": 40}}, "data"),
-])
+@pytest.mark.parametrize(
+    "change, part",
+    [
+        ({"parameters": {"force_zero_N": {"fixed": 0.0}, "kp_N_mm": {"lower": 1.0}}}, "prior"),
+        ({"parameters": {}}, "names"),
+        ({"likelihood": {"kind": "laplace"}}, "likelihood"),
+        ({"loops": {"n_harmonics": 40}}, "data"),
+    ],
+)
 def test_resuming_something_else_is_refused(run, folder, change, part):
     _, out = run
     with pytest.raises(CheckpointError, match=part):
@@ -176,7 +188,10 @@ def test_resuming_something_else_is_refused(run, folder, change, part):
 def test_each_frequency_alone(folder, tmp_path, small_loops):
     groups = by_frequency(small_loops)
     assert {k: [x.file for x in v] for k, v in groups.items()} == {
-        "f10Hz": ["f10_a0.3.csv", "f10_a1.csv"], "f15Hz": ["f15_a0.6.csv"], "f20Hz": ["f20_a1.csv"]}
+        "f10Hz": ["f10_a0.3.csv", "f10_a1.csv"],
+        "f15Hz": ["f15_a0.6.csv"],
+        "f20Hz": ["f20_a1.csv"],
+    }
     assert by_frequency([replace(x, role="held-out") for x in small_loops]) == {}
     identify(folder, tmp_path, config=SMALL, seed=2, per_test=True, progress=False)
     for name in groups:

@@ -87,7 +87,7 @@ def test_correlated_is_a_multivariate_normal(problem):
     numbers = {"noise_scale": np.array([1.3]), "discrepancy_share": share, "discrepancy_length": length}
     spectrum = discrepancy_spectrum(share, length, 51)[0]
     near = like.level[:, None] * like.level * between_tests(problem.loops, like.BETWEEN)
-    noise = np.exp(like.rotation[3])              # (H, tests): of the records, floors included
+    noise = np.exp(like.rotation[3])  # (H, tests): of the records, floors included
     c = harmonics_of(r[0], 51)
     total = 0.0
     for h in range(51):
@@ -120,8 +120,11 @@ def test_replicates_follow_the_likelihood(problem, known, kind):
     else:
         w = paper_weights(p.motion.displacement_mm[0], p.motion.amplitude_mm)
         w /= w.mean(axis=1, keepdims=True)
-        entropy = np.sum(101 / 128 * (np.log(2 * 0.02 / w) + 1 if kind == "laplace"
-                                      else 0.5 * np.log(2 * np.pi * np.e * 0.02**2 / w)))
+        entropy = np.sum(
+            101
+            / 128
+            * (np.log(2 * 0.02 / w) + 1 if kind == "laplace" else 0.5 * np.log(2 * np.pi * np.e * 0.02**2 / w))
+        )
     assert np.mean(got) == pytest.approx(entropy, abs=4 * np.std(got) / np.sqrt(len(got)))
 
 
@@ -149,11 +152,14 @@ def test_weights_of_another_size_are_no_more_information(problem, known, kind, m
 
 def test_harmonics_that_sampling_cannot_resolve_do_not_count(problem):
     """A loop whose noise is infinite above harmonic 10 says nothing there: its residuals may be anything."""
-    loops = tuple(replace(x, noise_N=np.where(np.arange(51) > 10, np.inf, x.noise_N)) if k == 1 else x
-                  for k, x in enumerate(problem.loops))
+    loops = tuple(
+        replace(x, noise_N=np.where(np.arange(51) > 10, np.inf, x.noise_N)) if k == 1 else x
+        for k, x in enumerate(problem.loops)
+    )
     p = make_problem(loops)
-    numbers = {k: np.array([v]) for k, v in (("noise_scale", 1.0), ("discrepancy_share", 0.01),
-                                             ("discrepancy_length", 0.06))}
+    numbers = {
+        k: np.array([v]) for k, v in (("noise_scale", 1.0), ("discrepancy_share", 0.01), ("discrepancy_length", 0.06))
+    }
     r = 0.01 * np.random.default_rng(4).standard_normal((1, 4, 128))
     odd = r.copy()
     odd[0, 1] += np.cos(2 * np.pi * 20 * np.arange(128) / 128)
@@ -165,8 +171,10 @@ def test_harmonics_that_sampling_cannot_resolve_do_not_count(problem):
 
 def test_replicates_have_no_noise_where_there_are_no_data(problem, known):
     """Harmonics that a loop's sampling cannot resolve stay the model's own; all others err as the records say."""
-    loops = tuple(replace(x, noise_N=np.where(np.arange(51) > 10, np.inf, x.noise_N)) if k == 1 else x
-                  for k, x in enumerate(problem.loops))
+    loops = tuple(
+        replace(x, noise_N=np.where(np.arange(51) > 10, np.inf, x.noise_N)) if k == 1 else x
+        for k, x in enumerate(problem.loops)
+    )
     p = make_problem(loops)
     z = np.repeat(known.true_z(p, noise_scale=1.0, discrepancy_share=1e-5), 400, axis=0)
     force = p.predict(z)

@@ -59,9 +59,16 @@ def test_draws_from_the_prior_have_its_quantiles(problem):
 
 
 def test_fixed_tied_and_changed(known):
-    problem = make_problem(known.loops(), {"parameters": {
-        "beta": {"fixed": 0.5}, "eta3": {"tied": "eta2"},
-        "kp_N_mm": {"prior": {"dist": "norm", "loc": 5.45, "scale": 0.1}, "lower": 5.4}}})
+    problem = make_problem(
+        known.loops(),
+        {
+            "parameters": {
+                "beta": {"fixed": 0.5},
+                "eta3": {"tied": "eta2"},
+                "kp_N_mm": {"prior": {"dist": "norm", "loc": 5.45, "scale": 0.1}, "lower": 5.4},
+            }
+        },
+    )
     assert "beta" not in problem.names and "eta3" not in problem.names
     assert problem.ndim == make_problem(known.loops()).ndim - 2
     v = problem.prior.values(problem.prior.draw(np.random.default_rng(0), 500))
@@ -70,14 +77,17 @@ def test_fixed_tied_and_changed(known):
     assert "tied to eta2" in problem.fingerprint()["prior"]
 
 
-@pytest.mark.parametrize("tables, says", [
-    ({"kq": {"fixed": 1.0}}, "no such parameter"),
-    ({"beta": {"fixd": 1.0}}, "unknown key 'fixd'"),
-    ({"beta": {"prior": {"dist": "poisson", "mu": 1.0}}}, "continuous"),
-    ({"beta": {"prior": {"dist": "norm", "mean": 1.0}}}, "norm"),
-    ({"beta": {"prior": {"dist": "norm", "loc": 0.0, "scale": -1.0}}}, "norm"),
-    ({"beta": {"lower": 9.0, "upper": 9.5, "prior": {"dist": "uniform"}}}, "no weight"),
-])
+@pytest.mark.parametrize(
+    "tables, says",
+    [
+        ({"kq": {"fixed": 1.0}}, "no such parameter"),
+        ({"beta": {"fixd": 1.0}}, "unknown key 'fixd'"),
+        ({"beta": {"prior": {"dist": "poisson", "mu": 1.0}}}, "continuous"),
+        ({"beta": {"prior": {"dist": "norm", "mean": 1.0}}}, "norm"),
+        ({"beta": {"prior": {"dist": "norm", "loc": 0.0, "scale": -1.0}}}, "norm"),
+        ({"beta": {"lower": 9.0, "upper": 9.5, "prior": {"dist": "uniform"}}}, "no weight"),
+    ],
+)
 def test_what_is_wrong_is_named(problem, tables, says):
     with pytest.raises(ParameterError, match=says):
         configured(problem.prior.parameters, tables)

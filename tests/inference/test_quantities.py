@@ -14,7 +14,7 @@ def test_energy_stiffness_and_loss_of_a_viscoelastic_loop():
     """F = k u + c u̇ at amplitude A: energy π c ω A², stiffness k, loss factor c ω / k."""
     motion = sine_motion([0.5, 1.0], [10.0, 20.0])
     omega = 2 * np.pi * motion.frequency_hz[:, None]
-    force = (7.0 * motion.displacement_mm + 0.01 * 1e3 * motion.velocity_m_s)
+    force = 7.0 * motion.displacement_mm + 0.01 * 1e3 * motion.velocity_m_s
     energy, stiffness, loss = loop_quantities(motion, force)
     np.testing.assert_allclose(energy[0], np.pi * 0.01 * omega[:, 0] * np.array([0.25, 1.0]), rtol=2e-3)
     np.testing.assert_allclose(stiffness[0], 7.0, rtol=1e-9)
@@ -40,7 +40,7 @@ def test_every_quantity_at_known_numbers(problem, known):
     q = quantities(problem, known.true_z(problem))
     n = {name: x.values[0] for name, x in q.items()}
     for name, value in known.numbers().items():
-        if name in n and name not in ("grip_slope", "grip_rate"):     # these hang on the campaign's own scales
+        if name in n and name not in ("grip_slope", "grip_rate"):  # these hang on the campaign's own scales
             assert n[name] == pytest.approx(float(value[0]), rel=1e-4, abs=1e-4), name
     assert n["ki_N_mm"] == pytest.approx(19.62, rel=1e-4) and n["ku_N_mm"] == pytest.approx(30.37, rel=1e-4)
     assert n["kn_1_mm"] == pytest.approx(0.6, rel=1e-3) and n["lambda_s_m"] == pytest.approx(1.1, rel=1e-3)

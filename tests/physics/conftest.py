@@ -80,46 +80,61 @@ def columns(**numbers):
 
 def gamma_numbers(t, eta, g):
     """Names of :class:`Gammas` from arrays (draws, components)."""
-    return {f"{name}{i + 1}{unit}": np.ascontiguousarray(np.atleast_2d(values)[:, i], dtype=float)
-            for name, unit, values in (("t", "_N", t), ("eta", "", eta), ("g", "", g))
-            for i in range(np.shape(np.atleast_2d(values))[1])}
+    return {
+        f"{name}{i + 1}{unit}": np.ascontiguousarray(np.atleast_2d(values)[:, i], dtype=float)
+        for name, unit, values in (("t", "_N", t), ("eta", "", eta), ("g", "", g))
+        for i in range(np.shape(np.atleast_2d(values))[1])
+    }
 
 
 #: by family, numbers of one draw and the same distribution from scipy
 FAMILY_CASES = {
     "gamma1": (gamma_numbers([[0.6]], [[2.0]], [[1.0]]), stats.gamma(2.0, scale=0.6).sf),
-    "gamma2": (gamma_numbers([[0.2, 0.1]], [[0.5, 30.0]], [[0.3, 0.7]]),
-               lambda f: 0.3 * stats.gamma(0.5, scale=0.2).sf(f) + 0.7 * stats.gamma(30.0, scale=0.1).sf(f)),
-    "gamma3": (gamma_numbers([[0.24, 0.36, 0.5]], [[0.95, 5.1, 4.4]], [[0.41, 0.53, 0.06]]),
-               lambda f: 0.41 * stats.gamma(0.95, scale=0.24).sf(f) + 0.53 * stats.gamma(5.1, scale=0.36).sf(f)
-               + 0.06 * stats.gamma(4.4, scale=0.5).sf(f)),
+    "gamma2": (
+        gamma_numbers([[0.2, 0.1]], [[0.5, 30.0]], [[0.3, 0.7]]),
+        lambda f: 0.3 * stats.gamma(0.5, scale=0.2).sf(f) + 0.7 * stats.gamma(30.0, scale=0.1).sf(f),
+    ),
+    "gamma3": (
+        gamma_numbers([[0.24, 0.36, 0.5]], [[0.95, 5.1, 4.4]], [[0.41, 0.53, 0.06]]),
+        lambda f: (
+            0.41 * stats.gamma(0.95, scale=0.24).sf(f)
+            + 0.53 * stats.gamma(5.1, scale=0.36).sf(f)
+            + 0.06 * stats.gamma(4.4, scale=0.5).sf(f)
+        ),
+    ),
     "uniform": (columns(slip_mean_N=1.2, slip_width=0.7), stats.uniform(1.2 * 0.3, 1.2 * 1.4).sf),
     "gaussian": (columns(slip_centre_N=1.0, slip_sd_N=0.6), stats.truncnorm(-1.0 / 0.6, np.inf, 1.0, 0.6).sf),
-    "power_law": (columns(slip_max_N=2.0, slip_chi=-0.4, slip_end_share=0.2),
-                  lambda f: np.where(f < 2.0, 1.0 - 0.8 * np.minimum(f / 2.0, 1.0) ** 0.6, 0.0)),
+    "power_law": (
+        columns(slip_max_N=2.0, slip_chi=-0.4, slip_end_share=0.2),
+        lambda f: np.where(f < 2.0, 1.0 - 0.8 * np.minimum(f / 2.0, 1.0) ** 0.6, 0.0),
+    ),
 }
 
 
 def wild_motion(rng, samples, kind):
     """Displacements (samples,), mm, that no test would impose: jumps, repeated values, walks on a grid."""
     n = np.arange(samples)
-    return [lambda: 0.25 * np.cumsum(rng.integers(-2, 3, samples)),
-            lambda: 0.2 * np.cumsum(rng.standard_normal(samples)),
-            lambda: rng.standard_normal(samples),
-            lambda: np.round(2.0 * np.sin(0.07 * n) * np.exp(-n / 150), 1),
-            lambda: np.repeat(rng.standard_normal(samples // 5 + 1), 5)[:samples],
-            lambda: rng.uniform(0.1, 3.0) * np.sin(2 * np.pi * n / rng.integers(16, 100))][kind]()
+    return [
+        lambda: 0.25 * np.cumsum(rng.integers(-2, 3, samples)),
+        lambda: 0.2 * np.cumsum(rng.standard_normal(samples)),
+        lambda: rng.standard_normal(samples),
+        lambda: np.round(2.0 * np.sin(0.07 * n) * np.exp(-n / 150), 1),
+        lambda: np.repeat(rng.standard_normal(samples // 5 + 1), 5)[:samples],
+        lambda: rng.uniform(0.1, 3.0) * np.sin(2 * np.pi * n / rng.integers(16, 100)),
+    ][kind]()
 
 
 def wild_factor(rng, samples, kind):
     """Positive factors (samples,) around one for α or k: constant, walking, jumping, waving."""
     n = np.arange(samples)
-    return [lambda: np.ones(samples),
-            lambda: np.exp(0.1 * np.cumsum(rng.standard_normal(samples)) * np.exp(-2.0 * n / samples)),
-            lambda: np.exp(0.7 * rng.standard_normal(samples)),
-            lambda: np.where(rng.random(samples) < 0.1, rng.uniform(0.05, 5.0, samples), 1.0),
-            lambda: 1.2 + np.sin(n * rng.uniform(0.02, 0.5)),
-            lambda: np.repeat(rng.uniform(0.05, 4.0, samples // 7 + 1), 7)[:samples]][kind]()
+    return [
+        lambda: np.ones(samples),
+        lambda: np.exp(0.1 * np.cumsum(rng.standard_normal(samples)) * np.exp(-2.0 * n / samples)),
+        lambda: np.exp(0.7 * rng.standard_normal(samples)),
+        lambda: np.where(rng.random(samples) < 0.1, rng.uniform(0.05, 5.0, samples), 1.0),
+        lambda: 1.2 + np.sin(n * rng.uniform(0.02, 0.5)),
+        lambda: np.repeat(rng.uniform(0.05, 4.0, samples // 7 + 1), 7)[:samples],
+    ][kind]()
 
 
 def table_1(reference: Reference, draws: int = 1, spread: float = 0.0, seed: int = 0):
@@ -136,9 +151,16 @@ def table_1(reference: Reference, draws: int = 1, spread: float = 0.0, seed: int
 @pytest.fixture(scope="session")
 def truth():
     return SimpleNamespace(
-        jenkins=jenkins_samples, gamma_limited=gamma_limited, limited_by_sum=limited_by_sum, columns=columns,
-        gamma_numbers=gamma_numbers, family_cases=FAMILY_CASES, wild_motion=wild_motion, wild_factor=wild_factor,
-        table_1=table_1)
+        jenkins=jenkins_samples,
+        gamma_limited=gamma_limited,
+        limited_by_sum=limited_by_sum,
+        columns=columns,
+        gamma_numbers=gamma_numbers,
+        family_cases=FAMILY_CASES,
+        wild_motion=wild_motion,
+        wild_factor=wild_factor,
+        table_1=table_1,
+    )
 
 
 @pytest.fixture(scope="session")

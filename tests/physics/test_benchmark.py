@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.physics import Model, sine_motion
-from bayes_iwan.physics.rivals import BoucWen
+from bayes_iwan.physics.bouc_wen import BoucWen
 
 DRAWS = 64
 

@@ -9,7 +9,7 @@ from bayes_iwan.physics.elements import element_force, equal_probability_sliders
 from bayes_iwan.physics.sliders import friction
 from bayes_iwan.physics.slip_force import FAMILIES
 
-K, LARGEST = 10.0, 2.0                     # N/mm; uniform slip forces up to 2 N
+K, LARGEST = 10.0, 2.0  # N/mm; uniform slip forces up to 2 N
 
 
 def slider_force(truth, u, alpha, k):
@@ -23,15 +23,21 @@ def branch(truth, amplitude, alpha_of_u, k_of_alpha, samples=400):
     """Load to `amplitude`, then walk back: (u, α, k) of the branch and the sliders' force there."""
     u = np.r_[np.linspace(0.0, amplitude, 200), np.linspace(amplitude, -amplitude, samples)[1:]]
     alpha = alpha_of_u(u)
-    alpha[:200] = alpha[199]               # loaded at constant α, so that everything below k u is slipping
+    alpha[:200] = alpha[199]  # loaded at constant α, so that everything below k u is slipping
     k = k_of_alpha(alpha)
     force = slider_force(truth, u, alpha, k)
     return u[199:], alpha[199:], k[199:], force[199:]
 
 
 def by_equation_3(u, alpha, k, force_0):
-    return branch_force(u, alpha, k, force_0, lambda f: np.minimum(f, LARGEST) / LARGEST,
-                        lambda f: np.minimum(f, LARGEST) ** 2 / (2.0 * LARGEST))
+    return branch_force(
+        u,
+        alpha,
+        k,
+        force_0,
+        lambda f: np.minimum(f, LARGEST) / LARGEST,
+        lambda f: np.minimum(f, LARGEST) ** 2 / (2.0 * LARGEST),
+    )
 
 
 def test_equation_3_where_its_predicate_holds(truth):
@@ -41,20 +47,28 @@ def test_equation_3_where_its_predicate_holds(truth):
     for _ in range(200):
         a, b, c = rng.uniform(-1.0, 1.0, 3)
         amplitude, waves = rng.uniform(0.02, 0.5), rng.uniform(5.0, 60.0)
-        u, alpha, k, force = branch(truth, amplitude, lambda u: np.exp(a * u / 0.5 + b * c * np.sin(waves * u)),  # noqa: B023
-                                    lambda alpha: 12.0 * (1.0 - np.exp(-1.5 * alpha)))
+        u, alpha, k, force = branch(
+            truth,
+            amplitude,
+            lambda u: np.exp(a * u / 0.5 + b * c * np.sin(waves * u)),  # noqa: B023
+            lambda alpha: 12.0 * (1.0 - np.exp(-1.5 * alpha)),
+        )
         slipped_to = min(amplitude * k[0] / alpha[0], LARGEST)
         holds = branch_holds(u, alpha, k, slipped_to, LARGEST)
         error = np.abs(by_equation_3(u, alpha, k, force[0]) - force)
         assert np.all(error[holds] < 1e-6)
         held, broke = held + holds.sum(), broke + (~holds).sum()
         wrong += np.sum(error[~holds] > 1e-4)
-    assert held > 20_000 and broke > 2_000 and wrong > 0.5 * broke       # and where it does not, it matters
+    assert held > 20_000 and broke > 2_000 and wrong > 0.5 * broke  # and where it does not, it matters
 
 
-@pytest.mark.parametrize(("cause", "alpha_of_u"), [
-    ("elements stick again", lambda u: 1.0 + 6.0 / (1.0 + np.exp((u - 0.15) / 0.01))),
-    ("elements slip on", lambda u: 1.0 - 0.7 / (1.0 + np.exp((u - 0.28) / 0.003)))])
+@pytest.mark.parametrize(
+    ("cause", "alpha_of_u"),
+    [
+        ("elements stick again", lambda u: 1.0 + 6.0 / (1.0 + np.exp((u - 0.15) / 0.01))),
+        ("elements slip on", lambda u: 1.0 - 0.7 / (1.0 + np.exp((u - 0.28) / 0.003))),
+    ],
+)
 def test_predicate_says_no(cause, alpha_of_u, truth):
     """α rising fast makes elements stick again; falling fast it lets them slip on as they did before."""
     u, alpha, k, force = branch(truth, 0.3, alpha_of_u, lambda alpha: np.full_like(alpha, K))
@@ -78,7 +92,8 @@ def test_predicate_wants_a_monotone_branch_of_slipped_elements(truth):
 def test_front_of_equation_3(truth):
     """φ* as printed in Eq. (3), k k₀|u − u₀| / (k α₀ + k₀ α)."""
     assert slip_front(np.array([1.0, 0.5]), np.array([1.0, 2.0]), np.array([10.0, 16.0]))[1] == pytest.approx(
-        16.0 * 10.0 * 0.5 / (16.0 * 1.0 + 10.0 * 2.0))
+        16.0 * 10.0 * 0.5 / (16.0 * 1.0 + 10.0 * 2.0)
+    )
 
 
 def uniform_model(reference):
@@ -98,8 +113,11 @@ def backbone(u):
 @pytest.mark.parametrize("amplitude", [0.05, 0.15, 0.2, 0.5])
 def test_masings_rule(amplitude, truth, reference):
     """Constant α: first loading is the backbone, the branches after it are the backbone twice enlarged."""
-    u = np.r_[np.linspace(0.0, amplitude, 80), np.linspace(amplitude, -amplitude, 159)[1:],
-              np.linspace(-amplitude, amplitude, 159)[1:]]
+    u = np.r_[
+        np.linspace(0.0, amplitude, 80),
+        np.linspace(amplitude, -amplitude, 159)[1:],
+        np.linspace(-amplitude, amplitude, 159)[1:],
+    ]
     motion = record_motion(np.arange(len(u)), u)
     force = uniform_model(reference).friction_force(uniform_numbers(truth), motion)[0, 0]
     np.testing.assert_allclose(force[:80], backbone(u[:80]), atol=1e-9)
@@ -133,8 +151,11 @@ def test_element_model_is_the_same_physics(truth):
     force = element_force(u, np.ones(299), np.full(299, K), phi, np.full(20_000, 1 / 20_000))
     np.testing.assert_allclose(force[:100], backbone(u[:100]), atol=1e-7)
     np.testing.assert_allclose(force[100:], backbone(0.15) - 2 * backbone((0.15 - u[100:]) / 2), atol=1e-7)
-    np.testing.assert_allclose(equal_probability_sliders(lambda f: np.clip(1 - f / LARGEST, 0, 1), 100, LARGEST),
-                               (np.arange(100) + 0.5) / 100 * LARGEST, atol=1e-4)
+    np.testing.assert_allclose(
+        equal_probability_sliders(lambda f: np.clip(1 - f / LARGEST, 0, 1), 100, LARGEST),
+        (np.arange(100) + 0.5) / 100 * LARGEST,
+        atol=1e-4,
+    )
     with pytest.raises(ValueError, match=r"must be \(samples,\)"):
         element_force(u, np.ones(3), np.full(299, K), phi, phi)
     with pytest.raises(ValueError, match=r"must be \(elements,\)"):

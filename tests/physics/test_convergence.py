@@ -23,8 +23,9 @@ def shifted(samples, phase):
     a, omega = base.amplitude_mm[:, None], 2.0 * np.pi * base.frequency_hz[:, None]
     u = a * (np.sin(p) + 0.05 * np.sin(3.0 * p + 1.0))
     v = 1e-3 * omega * a * (np.cos(p) + 0.15 * np.cos(3.0 * p + 1.0))
-    return Motion(u[None], v[None], -1e-3 * omega**2 * u[None], np.max(u, axis=1), base.frequency_hz, base.cycle,
-                  base.test)
+    return Motion(
+        u[None], v[None], -1e-3 * omega**2 * u[None], np.max(u, axis=1), base.frequency_hz, base.cycle, base.test
+    )
 
 
 def draws(truth, reference, how):
@@ -32,8 +33,11 @@ def draws(truth, reference, how):
     numbers = truth.table_1(reference, draws=24, spread=0.3)
     if how == "strongly varying":
         rng = np.random.default_rng(1)
-        numbers |= {"grip_slope": rng.uniform(-0.35, 0.35, 24), "grip_rate": rng.uniform(0.0, 0.5, 24),
-                    "beta": rng.uniform(0.05, 1.5, 24)}
+        numbers |= {
+            "grip_slope": rng.uniform(-0.35, 0.35, 24),
+            "grip_rate": rng.uniform(0.0, 0.5, 24),
+            "beta": rng.uniform(0.05, 1.5, 24),
+        }
     return numbers
 
 
@@ -43,7 +47,7 @@ def sampling_error(model, numbers, samples):
     for phase in (0.0, 0.31 / samples, 0.77 / samples):
         fine = model.friction_force(numbers, shifted(4096, phase))
         coarse = model.friction_force(numbers, shifted(samples, phase))
-        errors.append(rms(coarse - fine[..., ::4096 // samples]) / rms(fine))
+        errors.append(rms(coarse - fine[..., :: 4096 // samples]) / rms(fine))
     return np.stack(errors, axis=-1)
 
 
@@ -55,7 +59,7 @@ def test_128_samples_a_cycle_are_plenty(how, bound, truth, reference):
     if how == "strongly varying":
         assert alpha.min() < 0.5 and alpha.max() > 1.7
     assert np.max(sampling_error(model, numbers, 128)) < bound
-    assert np.quantile(sampling_error(model, numbers, 64), 0.95) < 1e-3       # half the default nearly would do
+    assert np.quantile(sampling_error(model, numbers, 64), 0.95) < 1e-3  # half the default nearly would do
 
 
 def test_order_in_samples(truth, reference):
@@ -75,8 +79,12 @@ def test_missed_turning_points_would_be_first_order_news(truth, reference):
     k = model.stiffness_law.k(numbers, alpha)
     phi = equal_probability_sliders(lambda f: model.slip_family.survival(f, numbers)[0], 3000, 12.0)
     exact = model.friction_force(numbers, fine)[0, :, ::32]
-    literal = np.array([element_force(u, a, kk, phi, np.full(3000, 1 / 3000), passes=2)
-                        for u, a, kk in zip(motion.displacement_mm[0], alpha[0], k[0])])
+    literal = np.array(
+        [
+            element_force(u, a, kk, phi, np.full(3000, 1 / 3000), passes=2)
+            for u, a, kk in zip(motion.displacement_mm[0], alpha[0], k[0])
+        ]
+    )
     ours = model.friction_force(numbers, motion)[0]
     assert np.max(rms(literal - exact) / rms(exact)) > 5e-4
     assert np.max(rms(ours - exact)) < 0.05 * np.max(rms(literal - exact))

@@ -6,24 +6,11 @@ import pytest
 
 from bayes_iwan.physics import Model, ModelError, record_motion, sine_motion
 from bayes_iwan.physics.motion import Y_FLOOR, Motion
-from bayes_iwan.physics.normal_force import (
-    ALPHA_FLOOR,
-    LAWS,
-    Reference,
-    from_paper_hunt_crossley,
-    paper_hunt_crossley,
-)
+from bayes_iwan.physics.normal_force import ALPHA_FLOOR, LAWS, Reference, from_paper_hunt_crossley, paper_hunt_crossley
 from bayes_iwan.physics.pointwise import _expm1
-from bayes_iwan.physics.stiffness import (
-    LAWS as STIFFNESS_LAWS,
-)
-from bayes_iwan.physics.stiffness import (
-    bend_of_elasticity,
-    elasticity,
-    from_paper_stiffness,
-    paper_stiffness,
-)
-from bayes_iwan.physics.threads import ALONE
+from bayes_iwan.physics.stiffness import LAWS as STIFFNESS_LAWS
+from bayes_iwan.physics.stiffness import bend_of_elasticity, elasticity, from_paper_stiffness, paper_stiffness
+from bayes_iwan.threads import ALONE
 
 AMPLITUDES, FREQUENCIES = np.repeat([0.3, 0.6, 1.0], 3), np.tile([10.0, 15.0, 20.0], 3)
 
@@ -35,6 +22,7 @@ def energy(force, motion):
 
 
 # --- the paper
+
 
 def test_table_1_gives_the_papers_figures(truth, reference):
     """k(1) = 14.45 N/mm; friction loops at A = 1 mm enclose 4.70, 5.00 and 5.31 N·mm at 10, 15 and 20 Hz."""
@@ -68,9 +56,14 @@ def test_eq_12_as_printed(truth, reference):
 @pytest.mark.parametrize("slip", ["gamma3", "uniform", "gaussian", "power_law"])
 def test_scale_degeneracy(slip, truth, reference):
     """c·min(ku, f) = min(cku, cf): weights times c do what slip forces and stiffness times c do. So Σg = 1."""
-    numbers = truth.table_1(reference, draws=2, spread=0.2) if slip == "gamma3" else (
-        {n: v for n, v in truth.table_1(reference).items() if n[0] not in "teg" or n.startswith("grip")}
-        | truth.family_cases[slip][0])
+    numbers = (
+        truth.table_1(reference, draws=2, spread=0.2)
+        if slip == "gamma3"
+        else (
+            {n: v for n, v in truth.table_1(reference).items() if n[0] not in "teg" or n.startswith("grip")}
+            | truth.family_cases[slip][0]
+        )
+    )
     model, motion = Model(reference, slip=slip), sine_motion(AMPLITUDES, FREQUENCIES)
     forces = ("t1_N", "t2_N", "t3_N", "slip_mean_N", "slip_centre_N", "slip_sd_N", "slip_max_N", "k1_N_mm")
     scaled = {name: 3.7 * value if name in forces else value for name, value in numbers.items()}
@@ -78,8 +71,10 @@ def test_scale_degeneracy(slip, truth, reference):
     np.testing.assert_allclose(model.friction_force(scaled, motion), 3.7 * force, rtol=1e-10, atol=1e-10)
     if slip == "gamma3":
         factor = {"g": 3.7, "t": 1.0 / 3.7, "k1_N_mm": 1.0 / 3.7}
-        heavier = {name: value * factor.get(name, factor.get(name[0], 1.0) if name[1].isdigit() else 1.0)
-                   for name, value in numbers.items()}
+        heavier = {
+            name: value * factor.get(name, factor.get(name[0], 1.0) if name[1].isdigit() else 1.0)
+            for name, value in numbers.items()
+        }
         np.testing.assert_allclose(model.friction_force(heavier, motion), force, rtol=1e-10, atol=1e-10)
 
 
@@ -93,6 +88,7 @@ def test_labels_do_not_matter(truth, reference):
 
 # --- maps to the paper's numbers
 
+
 def test_paper_numbers_there_and_back():
     reference = Reference(length_mm=0.7, speed_m_s=0.11)
     kn, lam, beta = np.array([1.79, -0.3, 2.0]), np.array([1.58, 0.2, 5.0]), np.array([0.0062, 1.5, 0.4])
@@ -100,7 +96,7 @@ def test_paper_numbers_there_and_back():
     for name, value in (("kn_1_mm", kn), ("lambda_s_m", lam), ("beta", beta)):
         np.testing.assert_allclose(back[name], value, rtol=1e-13)
     flat = paper_hunt_crossley({"grip_slope": np.zeros(1), "grip_rate": np.ones(1), "beta": np.ones(1)}, reference)
-    assert np.isnan(flat["lambda_s_m"][0])                    # λ = rate/slope is not defined there
+    assert np.isnan(flat["lambda_s_m"][0])  # λ = rate/slope is not defined there
     ki, ku = np.array([19.62, 3.0, 100.0]), np.array([30.37, 50.0, 20.0])
     back = paper_stiffness(from_paper_stiffness(ki, ku))
     np.testing.assert_allclose(back["ki_N_mm"], ki, rtol=1e-13)
@@ -118,6 +114,7 @@ def test_elasticity_there_and_back():
 
 
 # --- laws of the normal force
+
 
 def test_hunt_crossley_is_a_logarithm_as_beta_vanishes(reference):
     """k̃ₙ(y^β − A^β) → k̃ₙβ ln(y/A): only slope and rate are left, without cancellation, at β = 0 too."""
@@ -152,11 +149,14 @@ def test_polynomials_nest_and_keep_their_floor(reference):
     numbers = {f"a{d}": rng.normal(size=4) * 0.4 for d in range(1, 7)}
     x = motion.displacement_mm / reference.length_mm
     direct = 1.0 + sum(numbers[f"a{d}"][:, None, None] * x**d for d in range(1, 7))
-    np.testing.assert_allclose(LAWS["polynomial6"].alpha(numbers, motion, reference, 4),
-                               np.maximum(direct, ALPHA_FLOOR), rtol=1e-12)
+    np.testing.assert_allclose(
+        LAWS["polynomial6"].alpha(numbers, motion, reference, 4), np.maximum(direct, ALPHA_FLOOR), rtol=1e-12
+    )
     numbers |= {f"a{d}": np.zeros(4) for d in (4, 5, 6)}
-    np.testing.assert_array_equal(LAWS["polynomial6"].alpha(numbers, motion, reference, 4),
-                                  LAWS["polynomial3"].alpha(numbers, motion, reference, 4))
+    np.testing.assert_array_equal(
+        LAWS["polynomial6"].alpha(numbers, motion, reference, 4),
+        LAWS["polynomial3"].alpha(numbers, motion, reference, 4),
+    )
     np.testing.assert_array_equal(LAWS["constant"].alpha({}, motion, reference, 4), np.ones((4, 9, 128)))
     assert np.all(LAWS["polynomial1"].alpha({"a1": np.full(1, 5.0)}, motion, reference, 1) >= ALPHA_FLOOR)
 
@@ -169,6 +169,7 @@ def test_vectorised_exponential():
 
 # --- motion
 
+
 def test_loop_is_the_last_cycle_of_a_record(truth, reference):
     """Every grip law: the steady loop equals the third cycle of a record that starts from rest."""
     n = 128
@@ -178,13 +179,20 @@ def test_loop_is_the_last_cycle_of_a_record(truth, reference):
         numbers = truth.table_1(reference) | {f"a{d}": np.array([0.2 / d]) for d in range(1, 7)}
         loop = sine_motion(0.8, 15.0, samples=n)
         record = record_motion(t, 0.8 * np.sin(2 * np.pi * 15.0 * t), amplitude_mm=0.8, frequency_hz=15.0)
-        exact = Motion(record.displacement_mm, np.tile(loop.velocity_m_s, 4)[..., :3 * n + 1],
-                       record.acceleration_m_s2, record.amplitude_mm, record.frequency_hz, record.cycle, record.test,
-                       periodic=False)
+        exact = Motion(
+            record.displacement_mm,
+            np.tile(loop.velocity_m_s, 4)[..., : 3 * n + 1],
+            record.acceleration_m_s2,
+            record.amplitude_mm,
+            record.frequency_hz,
+            record.cycle,
+            record.test,
+            periodic=False,
+        )
         force = model.force(numbers, loop)[0, 0]
-        np.testing.assert_allclose(model.force(numbers, exact)[0, 0, 2 * n:3 * n], force, atol=1e-10)
+        np.testing.assert_allclose(model.force(numbers, exact)[0, 0, 2 * n : 3 * n], force, atol=1e-10)
         # velocity by central differences is good to 0.04 % of its amplitude
-        np.testing.assert_allclose(model.force(numbers, record)[0, 0, 2 * n:3 * n], force, atol=2e-3)
+        np.testing.assert_allclose(model.force(numbers, record)[0, 0, 2 * n : 3 * n], force, atol=2e-3)
 
 
 def test_sine_motion_is_consistent():
@@ -192,17 +200,23 @@ def test_sine_motion_is_consistent():
     assert motion.displacement_mm.shape == (1, 2, 64) and (motion.loops, motion.samples) == (2, 64)
     np.testing.assert_allclose(motion.frequency_hz, 12.0)
     t = np.arange(64) / (64 * 12.0)
-    np.testing.assert_allclose(motion.velocity_m_s[0, 1, 1:-1],
-                               1e-3 * np.gradient(motion.displacement_mm[0, 1], t)[1:-1], atol=2e-4)
+    np.testing.assert_allclose(
+        motion.velocity_m_s[0, 1, 1:-1], 1e-3 * np.gradient(motion.displacement_mm[0, 1], t)[1:-1], atol=2e-4
+    )
     np.testing.assert_allclose(motion.acceleration_m_s2, -1e-3 * (2 * np.pi * 12.0) ** 2 * motion.displacement_mm)
-    moved = motion.moved(*(np.repeat(x, 3, axis=0) * np.arange(1, 4)[:, None, None] for x in (
-        motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)))
+    moved = motion.moved(
+        *(
+            np.repeat(x, 3, axis=0) * np.arange(1, 4)[:, None, None]
+            for x in (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)
+        )
+    )
     part = moved.of_draws(slice(1, 2))
     np.testing.assert_array_equal(part.displacement_mm[0], 2 * motion.displacement_mm[0])
     assert motion.of_draws(slice(1, 2)) is motion
 
 
 # --- batches
+
 
 @pytest.fixture
 def restored_threads():
@@ -222,11 +236,12 @@ def test_draws_do_not_feel_their_batch(truth, reference):
     nb.set_num_threads(min(2, nb.config.NUMBA_NUM_THREADS))
     np.testing.assert_array_equal(model.force(numbers, motion), together)
     for d in (0, 77, 149):
-        alone = model.force({name: value[d:d + 1] for name, value in numbers.items()}, motion)
+        alone = model.force({name: value[d : d + 1] for name, value in numbers.items()}, motion)
         np.testing.assert_array_equal(alone[0], together[d])
-    each = motion.moved(*(np.repeat(x, 150, axis=0) for x in (
-        motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)))
-    np.testing.assert_array_equal(model.force(numbers, each), together)      # a motion for every draw
+    each = motion.moved(
+        *(np.repeat(x, 150, axis=0) for x in (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2))
+    )
+    np.testing.assert_array_equal(model.force(numbers, each), together)  # a motion for every draw
 
 
 @pytest.mark.usefixtures("restored_threads")
@@ -268,8 +283,9 @@ def test_parts_of_the_force_add_up(truth, reference):
     friction = model.friction_force(numbers, motion)
     spring = numbers["kp_N_mm"][:, None, None] * motion.displacement_mm
     np.testing.assert_allclose(model.specimen_force(numbers, motion), friction + spring, atol=1e-13)
-    np.testing.assert_allclose(model.force(numbers, motion),
-                               friction + spring + numbers["force_zero_N"][:, None, None], atol=1e-13)
+    np.testing.assert_allclose(
+        model.force(numbers, motion), friction + spring + numbers["force_zero_N"][:, None, None], atol=1e-13
+    )
 
 
 def test_unknown_parts_are_named(reference):
@@ -286,6 +302,7 @@ def test_names_are_what_the_force_reads(slip, truth, reference):
     for grip in LAWS:
         for stiffness in STIFFNESS_LAWS:
             model = Model(reference, slip=slip, grip=grip, stiffness=stiffness)
-            every = (truth.table_1(reference) | truth.family_cases[slip][0]
-                     | {f"a{d}": np.array([0.1]) for d in range(1, 7)})
+            every = (
+                truth.table_1(reference) | truth.family_cases[slip][0] | {f"a{d}": np.array([0.1]) for d in range(1, 7)}
+            )
             assert np.all(np.isfinite(model.force({n: every[n] for n in model.names}, sine_motion(0.5, 10.0))))

@@ -10,8 +10,9 @@ from bayes_iwan.physics.slip_force import FAMILIES
 def friction(table, top, u, alpha, k, closed=False, asymmetry=0.0):
     out = np.empty((1, 1, len(u)))
     zero = np.zeros(1)
-    sliders.friction(u[None, None], alpha[None, None], k[None, None], zero + asymmetry, closed, table, top, zero, zero,
-                     out)
+    sliders.friction(
+        u[None, None], alpha[None, None], k[None, None], zero + asymmetry, closed, table, top, zero, zero, out
+    )
     return out[0, 0]
 
 
@@ -46,7 +47,7 @@ def test_random_gammas_and_directions_on_random_motions(truth):
         phi = nodes(top[0])
         u = truth.wild_motion(rng, 200, case % 6)
         alpha, k = (truth.wild_factor(rng, 200, rng.integers(6)) for _ in range(2))
-        asymmetry = (0.0, 0.3, -0.7)[case % 3]    # friction that depends on the direction
+        asymmetry = (0.0, 0.3, -0.7)[case % 3]  # friction that depends on the direction
         expected = truth.jenkins(u, alpha, k, phi, truth.gamma_limited(t, eta, g, phi), asymmetry=asymmetry)
         error = friction(table, top, u, alpha, k, asymmetry=asymmetry) - expected
         assert np.max(np.abs(error)) < 1e-4 * np.sum(g * t * eta) * alpha.max() * max(1.0, np.max(k[1:] / k[:-1]))
@@ -64,7 +65,7 @@ def test_at_rest_a_falling_grip_lets_elements_slip(truth):
     u = np.r_[np.linspace(0.0, 1.0, 20), np.ones(20)]
     alpha = np.r_[np.ones(20), np.linspace(1.0, 0.3, 10), np.linspace(0.3, 2.0, 10)]
     force = friction(table, top, u, alpha, np.full(40, 5.0))
-    assert force[19] == pytest.approx(1.0, abs=1e-6)                    # k u = 5 is beyond every slip force
+    assert force[19] == pytest.approx(1.0, abs=1e-6)  # k u = 5 is beyond every slip force
     np.testing.assert_allclose(force[20:30], alpha[20:30], rtol=1e-6)
     np.testing.assert_allclose(force[30:], 0.3, rtol=1e-6)
 
@@ -76,8 +77,9 @@ def test_a_middle_piece_slips_first(truth):
     u = np.array([1.0, 0.6, 0.6, 0.6, 0.7, 0.5])
     alpha = np.array([1.0, 1.0, 0.9, 0.4, 1.5, 0.2])
     k = np.full(6, 3.0)
-    np.testing.assert_allclose(friction(table, top, u, alpha, k), truth.jenkins(u, alpha, k, phi, limited(
-        np.minimum(phi, 2.0))), atol=2e-6)
+    np.testing.assert_allclose(
+        friction(table, top, u, alpha, k), truth.jenkins(u, alpha, k, phi, limited(np.minimum(phi, 2.0))), atol=2e-6
+    )
 
 
 def test_forgotten_reversals_are_forgotten_exactly(truth):

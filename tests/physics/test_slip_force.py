@@ -35,7 +35,7 @@ def test_family_against_scipy(family, truth):
     inside = phi[(phi > 0.01) & (phi < 1.9)]
     steps = np.diff(survival(inside)) / np.diff(inside)
     middle = 0.5 * (inside[1:] + inside[:-1])
-    smooth = np.abs(np.gradient(steps)) < 1e-2          # but at a jump of the density
+    smooth = np.abs(np.gradient(steps)) < 1e-2  # but at a jump of the density
     np.testing.assert_allclose(law.density(middle, numbers)[0][smooth], -steps[smooth], atol=5e-3)
 
 
@@ -67,16 +67,24 @@ def test_gamma_tables_over_the_whole_prior_range(spread, truth):
         assert np.max(np.abs(error)) < 3e-5 * np.sum(g[d] * t[d] * eta[d]), (t[d], eta[d], g[d])
 
 
-@pytest.mark.parametrize(("family", "names", "bound"), [
-    ("uniform", [{"slip_mean_N": 1.2, "slip_width": w} for w in (1.0, 0.5, 0.1, 0.05)], 2e-5),
-    ("gaussian", [{"slip_centre_N": c, "slip_sd_N": s} for c, s in ((1, 0.03), (1, 3), (-2, 1))], 2e-5),
-    ("power_law", [{"slip_max_N": 2.0, "slip_chi": c, "slip_end_share": s} for c, s in ((-0.9, 0), (5, 0.5))], 2e-5)])
+@pytest.mark.parametrize(
+    ("family", "names", "bound"),
+    [
+        ("uniform", [{"slip_mean_N": 1.2, "slip_width": w} for w in (1.0, 0.5, 0.1, 0.05)], 2e-5),
+        ("gaussian", [{"slip_centre_N": c, "slip_sd_N": s} for c, s in ((1, 0.03), (1, 3), (-2, 1))], 2e-5),
+        (
+            "power_law",
+            [{"slip_max_N": 2.0, "slip_chi": c, "slip_end_share": s} for c, s in ((-0.9, 0), (5, 0.5))],
+            2e-5,
+        ),
+    ],
+)
 def test_tables_of_narrow_and_singular_distributions(family, names, bound, truth):
     law = FAMILIES[family]
     for numbers in (truth.columns(**case) for case in names):
         table, top = law.table(numbers)
         phi = np.linspace(0.0, 1.0, 3001) * top[0]
-        exact = truth.limited_by_sum(lambda f: law.survival(f, numbers)[0], phi)       # noqa: B023
+        exact = truth.limited_by_sum(lambda f: law.survival(f, numbers)[0], phi)  # noqa: B023
         assert np.max(np.abs(read(phi, table[0], top[0]) - exact)) < bound * law.mean(numbers)[0], numbers
 
 
@@ -87,8 +95,19 @@ def test_mean_of_the_paper(truth, reference):
     assert Gammas(3).mean(numbers)[0] == pytest.approx(total, rel=1e-7)
 
 
-@pytest.mark.parametrize(("name", "value"), [("eta1", 0.09), ("eta2", 81.0), ("t1_N", -0.2), ("t3_N", 0.0),
-                                             ("g2", np.nan), ("t2_N", np.nan), ("t2_N", np.inf), ("eta3", np.nan)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("eta1", 0.09),
+        ("eta2", 81.0),
+        ("t1_N", -0.2),
+        ("t3_N", 0.0),
+        ("g2", np.nan),
+        ("t2_N", np.nan),
+        ("t2_N", np.inf),
+        ("eta3", np.nan),
+    ],
+)
 def test_numbers_outside_the_tables_give_no_force(name, value, truth, reference):
     """No crash and no finite nonsense, and the draws beside it are untouched."""
     numbers = truth.table_1(reference, draws=3)

@@ -9,15 +9,25 @@ import pytest
 
 from bayes_iwan.campaign import Campaign, Record, average
 from bayes_iwan.inference import config
-from bayes_iwan.inference.convergence import diagnose
 from bayes_iwan.inference.point import Point, laplace_scale, most_probable
 from bayes_iwan.inference.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.problem import make_problem
 from bayes_iwan.physics import Model, Reference, sine_motion
+from bayes_iwan.sampling.convergence import diagnose
 
 RATE = 1280.0
-TRUTH = {"kp_N_mm": 5.4, "force_zero_N": 0.0, "k1_N_mm": 15.0, "stiffness_bend": 0.6, "t1_N": 0.5, "eta1": 2.2,
-         "g1": 1.0, "grip_slope": 0.3, "grip_rate": 0.07, "beta": 0.6}
+TRUTH = {
+    "kp_N_mm": 5.4,
+    "force_zero_N": 0.0,
+    "k1_N_mm": 15.0,
+    "stiffness_bend": 0.6,
+    "t1_N": 0.5,
+    "eta1": 2.2,
+    "g1": 1.0,
+    "grip_slope": 0.3,
+    "grip_rate": 0.07,
+    "beta": 0.6,
+}
 SETTINGS = config.complete({"model": {"slip": "gamma1"}})
 
 
@@ -57,10 +67,38 @@ def made_posterior(records, settings=SETTINGS, draws=1024, path=Path(".")):
     z, lp = z[:keep].reshape(4, -1, problem.ndim), lp[:keep].reshape(4, -1)
     c = diagnose(np.moveaxis(z.reshape(4, 8, -1, problem.ndim), 1, 2), problem.names)
     rows = tuple(ConvergenceRow(*x) for x in zip(c.names, c.ess_bulk, c.ess_tail, c.r_hat, c.tau_steps))
-    point = Point("eq8", optima[0], float(problem.goal(optima[:1])[0]), 0.01, optima[0], float(log_prob[0]), 0.0,
-                  optima, log_prob, None, None, 1, 0.1)
-    return Posterior(problem, campaign, loops, z, lp, 8, 1, point, 1, True, "made for tests", settings,
-                     {"python": "3"}, {"point_s": 1.0, "sampling_s": 2.0, "steps": 100.0, "evaluations": 1e4}, rows)
+    point = Point(
+        "eq8",
+        optima[0],
+        float(problem.goal(optima[:1])[0]),
+        0.01,
+        optima[0],
+        float(log_prob[0]),
+        0.0,
+        optima,
+        log_prob,
+        None,
+        None,
+        1,
+        0.1,
+    )
+    return Posterior(
+        problem,
+        campaign,
+        loops,
+        z,
+        lp,
+        8,
+        1,
+        point,
+        1,
+        True,
+        "made for tests",
+        settings,
+        {"python": "3"},
+        {"point_s": 1.0, "sampling_s": 2.0, "steps": 100.0, "evaluations": 1e4},
+        rows,
+    )
 
 
 TESTS = ((10.0, 0.4, "fit"), (10.0, 1.0, "fit"), (20.0, 0.4, "fit"), (20.0, 1.0, "fit"), (15.0, 0.7, "held-out"))
@@ -74,8 +112,10 @@ def posterior():
 @pytest.fixture(scope="session")
 def wandering():
     """Loops whose parallel spring changes with frequency, which the model cannot follow."""
+
     def change(numbers, f):
         return {**numbers, "kp_N_mm": numbers["kp_N_mm"] * (1.04 if f > 15 else 1.0)}
+
     return made_posterior(made_records(TESTS[:4], change=change))
 
 
@@ -87,5 +127,3 @@ def page(posterior, tmp_path_factory):
     out = tmp_path_factory.mktemp("report")
     identification_report(posterior, out, pdf=True)
     return out
-
-

@@ -14,7 +14,8 @@ from bayes_iwan.report import predict
 
 BROWSER = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p), None)
 pytestmark = pytest.mark.skipif(
-    BROWSER is None, reason="no Chromium here; to run these tests: apt-get update && apt-get install -y chromium")
+    BROWSER is None, reason="no Chromium here; to run these tests: apt-get update && apt-get install -y chromium"
+)
 
 # runs in the page after its own scripts; what it finds goes into an element that --dump-dom brings back
 CHECK = """
@@ -78,11 +79,26 @@ document.addEventListener("securitypolicyviolation", (e) => window.pageErrors.pu
 def browse(path, folder, *options):
     """Run Chromium on a local file; returns its stdout and stderr."""
     run = subprocess.run(
-        [str(BROWSER), "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-component-update",
-         "--disable-background-networking", "--no-first-run", f"--user-data-dir={folder / 'profile'}",
-         "--enable-logging=stderr", "--virtual-time-budget=20000", *options, path.as_uri()],
-        capture_output=True, text=True, timeout=180, check=False,
-        env={**os.environ, "LC_ALL": "C.UTF-8"})
+        [
+            str(BROWSER),
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-component-update",
+            "--disable-background-networking",
+            "--no-first-run",
+            f"--user-data-dir={folder / 'profile'}",
+            "--enable-logging=stderr",
+            "--virtual-time-budget=20000",
+            *options,
+            path.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
+        env={**os.environ, "LC_ALL": "C.UTF-8"},
+    )
     return run.stdout, run.stderr
 
 
@@ -112,8 +128,12 @@ def test_an_outside_request_would_be_seen(page, tmp_path):
     text = (page / "report.html").read_text(encoding="utf-8")
     path = tmp_path / "bad.html"
     check = CHECK.replace('get("v-test").options', "[]")
-    path.write_text(text.replace("<head>", "<head>" + EARLY, 1)
-                    .replace("</body>", '<img src="https://example.org/a.png">' + check + "</body>"), encoding="utf-8")
+    path.write_text(
+        text.replace("<head>", "<head>" + EARLY, 1).replace(
+            "</body>", '<img src="https://example.org/a.png">' + check + "</body>"
+        ),
+        encoding="utf-8",
+    )
     out, _ = browse(path, tmp_path, "--dump-dom")
     assert '"resources":["https://example.org/a.png"]' in out
 

@@ -25,42 +25,106 @@ def pictures(miss=0.1):
     quadrature[:, 1] = size
     return {
         "names": [f"{f:g} Hz, {a:g} mm" for f in (5, 30) for a in (0.3, 1.0)],
-        "frequency_hz": np.array([5.0, 5.0, 30.0, 30.0]), "amplitude_mm": np.array([0.3, 1.0, 0.3, 1.0]),
-        "displacement_mm": u, "force_N": 5 * u + np.cos(2 * np.pi * PHASE), "residual_N": residual,
-        "expected_N": np.full((T, N), 0.01), "sticking": 0.5 + 0.5 * np.cos(4 * np.pi * PHASE) * np.ones((T, 1)),
-        "in_phase_N": harmonics, "quadrature_N": quadrature, "expected_harmonic_N": np.full((T, 8), 0.01),
-        "gap_N": size / np.sqrt(2), "gap_low_N": 0.6 * size, "gap_high_N": 0.8 * size,
-        "significant": np.array([False, True, True, True]), "friction_N": np.ones(T),
-        "cycle": (np.array([2.0, 8.0, 14.0]),) * T, "along_N": tuple(np.full(3, s) for s in size),
+        "frequency_hz": np.array([5.0, 5.0, 30.0, 30.0]),
+        "amplitude_mm": np.array([0.3, 1.0, 0.3, 1.0]),
+        "displacement_mm": u,
+        "force_N": 5 * u + np.cos(2 * np.pi * PHASE),
+        "residual_N": residual,
+        "expected_N": np.full((T, N), 0.01),
+        "sticking": 0.5 + 0.5 * np.cos(4 * np.pi * PHASE) * np.ones((T, 1)),
+        "in_phase_N": harmonics,
+        "quadrature_N": quadrature,
+        "expected_harmonic_N": np.full((T, 8), 0.01),
+        "gap_N": size / np.sqrt(2),
+        "gap_low_N": 0.6 * size,
+        "gap_high_N": 0.8 * size,
+        "significant": np.array([False, True, True, True]),
+        "friction_N": np.ones(T),
+        "cycle": (np.array([2.0, 8.0, 14.0]),) * T,
+        "along_N": tuple(np.full(3, s) for s in size),
         "along_low_N": tuple(np.full(3, 0.9 * s) for s in size),
         "along_high_N": tuple(np.full(3, 1.1 * s) for s in size),
-        "regions": [("rising displacement", 0.1, 0.09, 0.11, 0.5, 0.5, True),
-                    ("near the lower end", 0.02, 0.0, 0.03, 0.05, 0.3, False)],
+        "regions": [
+            ("rising displacement", 0.1, 0.09, 0.11, 0.5, 0.5, True),
+            ("near the lower end", 0.02, 0.0, 0.03, 0.05, 0.3, False),
+        ],
     }
 
 
 def diagnosis(cause="viscous_damping"):
     moved = {"kp_N_mm": {"before": 5.0, "after": 5.5, "sd": 0.1, "unit": "N/mm"}}
-    effect = {"name": "viscous_damping", "parameters": {"c_N_s_mm": {"mean": 0.00151, "sd": 0.0001, "unit": "N·s/mm"}},
-              "log_evidence": 40.0, "gap_after_rms_N": 0.013, "shrink": 0.93, "shrink_interval": [0.9, 0.95],
-              "shrink_held_out": 0.88, "gap_after_held_out_rms_N": 0.017, "moved": moved}
-    tests = [{"file": f"t{i}.csv", "frequency_hz": 5.0, "amplitude_mm": 1.0, "gap_rms_N": 0.1,
-              "interval_N": [0.09, 0.11], "share": 0.05, "significant": i > 0} for i in range(T)]
+    effect = {
+        "name": "viscous_damping",
+        "parameters": {"c_N_s_mm": {"mean": 0.00151, "sd": 0.0001, "unit": "N·s/mm"}},
+        "log_evidence": 40.0,
+        "gap_after_rms_N": 0.013,
+        "shrink": 0.93,
+        "shrink_interval": [0.9, 0.95],
+        "shrink_held_out": 0.88,
+        "gap_after_held_out_rms_N": 0.017,
+        "moved": moved,
+    }
+    tests = [
+        {
+            "file": f"t{i}.csv",
+            "frequency_hz": 5.0,
+            "amplitude_mm": 1.0,
+            "gap_rms_N": 0.1,
+            "interval_N": [0.09, 0.11],
+            "share": 0.05,
+            "significant": i > 0,
+        }
+        for i in range(T)
+    ]
     return {
-        "schema": 1, "seed": 42, "quick": True, "campaign": "a <rope> & spring",
-        "verdict": {"cause": cause, "probability": 0.93, "cannot_tell_apart": ["maxwell_branch"], "second_cause": None,
-                    "not_testable": ["series_compliance", "mains_hum"]},
+        "schema": 1,
+        "seed": 42,
+        "quick": True,
+        "campaign": "a <rope> & spring",
+        "verdict": {
+            "cause": cause,
+            "probability": 0.93,
+            "cannot_tell_apart": ["maxwell_branch"],
+            "second_cause": None,
+            "not_testable": ["series_compliance", "mains_hum"],
+        },
         "probabilities": {"viscous_damping": 0.93, "maxwell_branch": 0.05, "none": 0.001, "unknown": 0.019},
-        "gap": {"before_rms_N": 0.19, "before_interval_N": [0.18, 0.2], "before_share": 0.057, "noise_rms_N": 0.002,
-                "after_rms_N": 0.01, "after_share": 0.003, "shrink": 0.95, "shrink_interval": [0.9, 0.97],
-                "ceiling_shrink": 0.98, "held_out": None},
-        "where": {"tests": tests, "looks": 61, "sentences": ["It grows with <frequency>."],
-                  "regions": [{"region": "gross slip", "gap_rms_N": 0.2, "share_of_gap": 0.8, "share_of_time": 0.6,
-                               "significant": True}],
-                  "harmonics": [{"order": 1, "in_phase_N": 0.01, "quadrature_N": 0.18, "significant": True}]},
+        "gap": {
+            "before_rms_N": 0.19,
+            "before_interval_N": [0.18, 0.2],
+            "before_share": 0.057,
+            "noise_rms_N": 0.002,
+            "after_rms_N": 0.01,
+            "after_share": 0.003,
+            "shrink": 0.95,
+            "shrink_interval": [0.9, 0.97],
+            "ceiling_shrink": 0.98,
+            "held_out": None,
+        },
+        "where": {
+            "tests": tests,
+            "looks": 61,
+            "sentences": ["It grows with <frequency>."],
+            "regions": [
+                {
+                    "region": "gross slip",
+                    "gap_rms_N": 0.2,
+                    "share_of_gap": 0.8,
+                    "share_of_time": 0.6,
+                    "significant": True,
+                }
+            ],
+            "harmonics": [{"order": 1, "in_phase_N": 0.01, "quadrature_N": 0.18, "significant": True}],
+        },
         "effects": [effect],
-        "next_test": {"frequency_hz": 60.0, "amplitude_mm": 1.2, "cycles": 40,
-                      "separates": ["viscous_damping", "maxwell_branch"], "expected_log_odds": 8.1, "bench": ""},
+        "next_test": {
+            "frequency_hz": 60.0,
+            "amplitude_mm": 1.2,
+            "cycles": 40,
+            "separates": ["viscous_damping", "maxwell_branch"],
+            "expected_log_odds": 8.1,
+            "bench": "",
+        },
         "sentences": ["The model misses 0.19 N.", "The likeliest cause is viscous damping.", "Run 60 Hz at 1.2 mm."],
     }
 
@@ -69,13 +133,21 @@ def diagnosis(cause="viscous_damping"):
 def figures():
     p, d = pictures(), diagnosis()
     out = gap_figures.figures_of_gap(p)
-    out["headline"] = gap_figures.headline_figure(d["probabilities"], p["names"][3], p["residual_N"][3],
-                                                  p["expected_N"][3], 0.05 * p["residual_N"][3], "viscous_damping")
+    out["headline"] = gap_figures.headline_figure(
+        d["probabilities"],
+        p["names"][3],
+        p["residual_N"][3],
+        p["expected_N"][3],
+        0.05 * p["residual_N"][3],
+        "viscous_damping",
+    )
     out["probabilities"] = gap_figures.probabilities_figure(d["probabilities"], ["maxwell_branch"])
-    out["before_after"] = gap_figures.before_after_figure(p["names"], p["residual_N"], 0.05 * p["residual_N"],
-                                                          p["expected_N"], "viscous_damping")
-    out["shrink"] = gap_figures.shrink_figure([("viscous_damping", 0.93, 0.9, 0.95, 0.88),
-                                               ("delay", 0.2, 0.1, 0.3, None)])
+    out["before_after"] = gap_figures.before_after_figure(
+        p["names"], p["residual_N"], 0.05 * p["residual_N"], p["expected_N"], "viscous_damping"
+    )
+    out["shrink"] = gap_figures.shrink_figure(
+        [("viscous_damping", 0.93, 0.9, 0.95, 0.88), ("delay", 0.2, 0.1, 0.3, None)]
+    )
     out["moved"] = gap_figures.moved_figure(d["effects"][0]["moved"])
     return out
 
@@ -130,10 +202,18 @@ def test_page_stands_alone_and_leads_with_the_answer(tmp_path, figures):
     assert len(parts.ids) == len(set(parts.ids))
     assert parts.headings[:3] == ["Answer", "Where the model misses", "Which cause"]
     answer = text.index(" ".join(d["sentences"]))
-    assert answer < text.index("<svg") < text.index("It grows with")      # sentences, then one picture, then the rest
+    assert answer < text.index("<svg") < text.index("It grows with")  # sentences, then one picture, then the rest
     assert "a &lt;rope&gt; &amp; spring" in text and "<rope>" not in text and "<frequency>" not in text
-    for told in ("series compliance and mains hum", "60 Hz at 1.2 mm",
-                 "0.00151", "88 %", "5.5", "seed 42", "61 looks", "displacement channel"):
+    for told in (
+        "series compliance and mains hum",
+        "60 Hz at 1.2 mm",
+        "0.00151",
+        "88 %",
+        "5.5",
+        "seed 42",
+        "61 looks",
+        "displacement channel",
+    ):
         assert told in text, told
     assert text.count("<svg") == len(figures)
 
@@ -171,7 +251,7 @@ def test_figures_show_what_they_are_given(figures):
     assert sum(bool(ax.collections) and ax.get_title(loc="left") != "" for ax in loops) == T
     colours = loops[T - 1].collections[0].get_colors()
     top, bottom = colours[0], colours[N // 2]
-    assert top[0] > top[2] and bottom[2] > bottom[0]           # red where measured is above the model, else blue
+    assert top[0] > top[2] and bottom[2] > bottom[0]  # red where measured is above the model, else blue
     cells = figures["gap_map"].axes[1].collections[0].get_array()
     assert cells.size == T * N and abs(float(cells.max())) == pytest.approx(40.0)
     stems = figures["gap_harmonics"].axes

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference import loo, per_frequency
-from bayes_iwan.inference.compare import SHORT, CompareError, compare
-from bayes_iwan.inference.pareto import fit_generalized_pareto, smooth_log_weights
-from bayes_iwan.inference.per_frequency import compare_frequencies
+from bayes_iwan.comparison import frequencies as per_frequency
+from bayes_iwan.comparison import loo
+from bayes_iwan.comparison.families import SHORT, CompareError, compare
+from bayes_iwan.comparison.frequencies import compare_frequencies
+from bayes_iwan.comparison.pareto import fit_generalized_pareto, smooth_log_weights
 from bayes_iwan.inference.problem import make_problem
 from bayes_iwan.report.checks import loo_pit
 from bayes_iwan.report.comparison import comparison_report, ranking_figure
@@ -20,9 +21,10 @@ from bayes_iwan.report.frequencies import frequencies_table, wander_figure, wand
 
 from .conftest import TRUTH, made_posterior, made_records
 
-TINY = {"search": {"members": 40, "evaluations": 600, "second_opinion": False, "starts": 4},
-        "sampling": {"ensembles": 2, "walkers": 32, "budget_s": 4.0, "r_hat": 1.1, "ess": 50.0, "taus": 5.0,
-                     "draws": 1024}}
+TINY = {
+    "search": {"members": 40, "evaluations": 600, "second_opinion": False, "starts": 4},
+    "sampling": {"ensembles": 2, "walkers": 32, "budget_s": 4.0, "r_hat": 1.1, "ess": 50.0, "taus": 5.0, "draws": 1024},
+}
 
 
 def test_one_specimen_agrees_with_itself(posterior):
@@ -75,7 +77,7 @@ def test_smoothed_weights_are_arviz_s():
 def test_loo_of_a_normal_mean_is_exact():
     rng = np.random.default_rng(1)
     y = rng.standard_normal(40)
-    mean = y.mean() + rng.standard_normal((2, 4000)) / np.sqrt(len(y))      # posterior under a flat prior, unit noise
+    mean = y.mean() + rng.standard_normal((2, 4000)) / np.sqrt(len(y))  # posterior under a flat prior, unit noise
     found = loo.psis_loo(stats.norm.logpdf(y, mean[..., None], 1.0))
     others = (y.sum() - y) / (len(y) - 1)
     exact = stats.norm.logpdf(y, others, np.sqrt(1 + 1 / (len(y) - 1)))
@@ -96,8 +98,9 @@ def test_left_out_tests_by_weights_and_by_moves(posterior, monkeypatch):
 
 @pytest.fixture(scope="module")
 def comparison(posterior):
-    return compare(posterior.problem.loops, ["constant_grip", "gamma1"], config=TINY, seed=2, by="tests",
-                   progress=False)
+    return compare(
+        posterior.problem.loops, ["constant_grip", "gamma1"], config=TINY, seed=2, by="tests", progress=False
+    )
 
 
 def test_the_family_that_made_the_loops_wins(comparison):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from bayes_iwan import report
-from bayes_iwan.inference.per_frequency import compare_frequencies
+from bayes_iwan.comparison.frequencies import compare_frequencies
 from bayes_iwan.report import laws, loops, marginals, sampling, trends
 from bayes_iwan.report.frequencies import alone_loops_figure
 from bayes_iwan.report.page import Page
@@ -69,11 +69,15 @@ def test_tick_labels_do_not_overlap(drawn, name):
             continue
         for axis, along in ((ax.xaxis, "x"), (ax.yaxis, "y")):
             # rotated labels' boxes may touch where the texts do not
-            labels = [t for t in axis.get_ticklabels()
-                      if t.get_visible() and t.get_text() and not t.get_rotation() % 90]
+            labels = [
+                t for t in axis.get_ticklabels() if t.get_visible() and t.get_text() and not t.get_rotation() % 90
+            ]
             low, high = sorted(axis.get_view_interval())
-            boxes = [t.get_window_extent() for t in labels
-                     if low <= (t.get_position()[0] if along == "x" else t.get_position()[1]) <= high]
+            boxes = [
+                t.get_window_extent()
+                for t in labels
+                if low <= (t.get_position()[0] if along == "x" else t.get_position()[1]) <= high
+            ]
             spans = sorted((b.x0, b.x1) if along == "x" else (b.y0, b.y1) for b in boxes)
             assert all(a[1] <= b[0] + 1.5 for a, b in pairwise(spans)), (name, [t.get_text() for t in labels])
 
@@ -95,7 +99,7 @@ def test_bands_hold_the_measured_loop(posterior):
     p = report.predict(posterior, n=400)
     low, high = np.quantile(p.loop_N, [0.05, 0.95], axis=0)
     inside = np.mean((p.measured_N >= low) & (p.measured_N <= high))
-    assert inside > 0.75        # the band counts an unknown place of rest (ZERO_FLOOR), which made loops do not have
+    assert inside > 0.75  # the band counts an unknown place of rest (ZERO_FLOOR), which made loops do not have
     wide = np.quantile(p.cycle_N, 0.95, axis=0) - np.quantile(p.cycle_N, 0.05, axis=0)
     assert np.all(wide.mean(axis=1) > (high - low).mean(axis=1))
 

@@ -102,7 +102,7 @@ def test_text_is_escaped(tmp_path):
     section.figure(figure, "<q>", '"quoted" <alt>')
     page.script(Markup("1;"), "data", json.dumps({"a": "</script>"}))
     html = page.write(tmp_path / "page.html").read_text()
-    for bad in ("<script>alert", "<b>bold", "<i>", "<u>", "<q>", "<alt>", "</script>\"}"):
+    for bad in ("<script>alert", "<b>bold", "<i>", "<u>", "<q>", "<alt>", '</script>"}'):
         assert bad not in html, bad
     assert "<em>yes</em>" in html
     Outline(html)

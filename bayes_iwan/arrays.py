@@ -1,0 +1,13 @@
+"""The two array types that every room speaks of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: real numbers in double precision, of any shape
+Array = NDArray[np.float64]
+#: values by name, (draws,) each
+Numbers = Mapping[str, Array]

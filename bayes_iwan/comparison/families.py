@@ -1,0 +1,300 @@
+"""Model families fitted to one campaign and ranked by how well they predict what they have not seen."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
+from bayes_iwan.comparison.rivals import rival_problem
+from bayes_iwan.inference import config as configuration
+from bayes_iwan.inference.identify import identify_problem
+from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.problem import Problem, make_problem
+
+
+class CompareError(ValueError):
+    """A comparison that cannot be made; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """A model family: what to call it, what differs from the campaign's [model] table, or how to build its problem."""
+
+    name: str
+    label: str
+    model: Mapping[str, str]
+    build: Callable[[Sequence[Loop], Mapping[str, Any]], Problem] | None = None
+
+    def problem(self, loops: Sequence[Loop], settings: Mapping[str, Any]) -> Problem:
+        if self.build is not None:
+            return self.build(loops, settings)
+        mine = {**settings, "model": {**settings.get("model", {}), **self.model}}
+        own = set(make_problem(loops, {k: v for k, v in mine.items() if k != "parameters"}).prior.names)
+        # a configuration's parameters may belong to another family: those that this one lacks do not apply to it
+        mine["parameters"] = {k: v for k, v in settings.get("parameters", {}).items() if k in own}
+        return make_problem(loops, mine)
+
+
+_SLIP = {
+    "gamma3": "three gammas (the paper's)",
+    "gamma2": "two-gamma",
+    "gamma1": "one-gamma",
+    "uniform": "uniform",
+    "gaussian": "Gaussian",
+    "power_law": "power-law",
+}
+_PAPER = {"slip": "gamma3", "grip": "hunt_crossley", "stiffness": "saturating"}
+
+FAMILIES: dict[str, Family] = {
+    f.name: f
+    for f in (
+        *(
+            Family(
+                name,
+                f"{label} slip forces" if name != "gamma3" else "the paper's model: three gammas, Eqs. 11, 12",
+                {**_PAPER, "slip": name},
+            )
+            for name, label in _SLIP.items()
+        ),
+        Family("no_speed", "normal force without speed", {**_PAPER, "grip": "hunt_crossley_no_speed"}),
+        Family("polynomial2", "normal force a quadratic in u", {**_PAPER, "grip": "polynomial2"}),
+        Family("polynomial3", "normal force a cubic in u", {**_PAPER, "grip": "polynomial3"}),
+        Family(
+            "constant_grip",
+            "constant normal force (classical Iwan)",
+            {**_PAPER, "grip": "constant", "stiffness": "constant"},
+        ),
+        Family("constant_stiffness", "element stiffness constant", {**_PAPER, "stiffness": "constant"}),
+        Family("bouc_wen", "Bouc–Wen", {}, partial(rival_problem, "bouc_wen")),
+        Family(
+            "generalized_bouc_wen",
+            "generalized Bouc–Wen, asymmetric",
+            {},
+            partial(rival_problem, "generalized_bouc_wen"),
+        ),
+    )
+}
+
+#: what the paper argues by eye, as pairs of families: (question, the richer or paper's choice, the alternative)
+QUESTIONS: tuple[tuple[str, str, str], ...] = (
+    ("Are three gammas better than two?", "gamma3", "gamma2"),
+    ("Are three gammas better than one?", "gamma3", "gamma1"),
+    ("Are three gammas better than a uniform distribution?", "gamma3", "uniform"),
+    ("Are three gammas better than a Gaussian distribution?", "gamma3", "gaussian"),
+    ("Are three gammas better than a power law?", "gamma3", "power_law"),
+    ("Does the speed term of the normal force pay?", "gamma3", "no_speed"),
+    ("Does a normal force that varies pay at all?", "gamma3", "constant_grip"),
+    ("Is Eq. (11) better than a cubic polynomial?", "gamma3", "polynomial3"),
+    ("Does a stiffness that depends on the normal force pay?", "gamma3", "constant_stiffness"),
+    ("Is the generalized Iwan model better than Bouc–Wen?", "gamma3", "bouc_wen"),
+    ("Is it better than an asymmetric generalized Bouc–Wen model?", "gamma3", "generalized_bouc_wen"),
+)
+
+#: short runs: a comparison needs predictive densities to a fraction of their standard error, not tails of parameters
+SHORT: dict[str, dict[str, Any]] = {
+    "search": {"members": 100, "evaluations": 4000, "second_opinion": False, "starts": 16},
+    "sampling": {
+        "ensembles": 2,
+        "walkers": 64,
+        "budget_s": 20.0,
+        "r_hat": 1.03,
+        "ess": 150.0,
+        "taus": 20.0,
+        "draws": 4096,
+    },
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One family's fit. residual_share : RMS residual of the median prediction over RMS friction force.
+
+    loo : ArviZ's, datum by datum. tests : whole tests left out (None with fewer than three tests).
+    """
+
+    family: Family
+    posterior: Posterior
+    parameters: int
+    residual_share: float
+    loo: Loo
+    tests: Loo | None
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the ranking. difference : elpd − that of the best, with the standard error of the difference."""
+
+    name: str
+    label: str
+    elpd: float
+    elpd_se: float
+    difference: float
+    difference_se: float
+    loo: float
+    loo_holds: bool
+    left_out: float
+    residual_share: float
+    parameters: int
+    seconds: float
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Families ranked, best first. by : "loo" or "tests", which of the two densities ranks them."""
+
+    campaign: str
+    by: str
+    entries: tuple[Entry, ...]
+
+    def _pointwise(self, entry: Entry) -> Array:
+        return entry.loo.pointwise if self.by == "loo" or entry.tests is None else entry.tests.pointwise
+
+    def difference(self, first: Entry, second: Entry) -> tuple[float, float]:
+        """elpd(first) − elpd(second) and its standard error over the data or tests they share."""
+        d = self._pointwise(first) - self._pointwise(second)
+        return float(d.sum()), float(np.sqrt(len(d)) * d.std(ddof=1)) if len(d) > 1 else float("nan")
+
+    def __getitem__(self, name: str) -> Entry:
+        for entry in self.entries:
+            if entry.family.name == name:
+                return entry
+        raise KeyError(name)
+
+    def rows(self) -> tuple[Row, ...]:
+        best = self.entries[0]
+        out = []
+        for e in self.entries:
+            ranked = e.loo if self.by == "loo" or e.tests is None else e.tests
+            difference, se = self.difference(e, best) if e is not best else (0.0, 0.0)
+            out.append(
+                Row(
+                    e.family.name,
+                    e.family.label,
+                    ranked.elpd,
+                    ranked.se,
+                    difference,
+                    se,
+                    e.loo.elpd,
+                    e.loo.holds,
+                    float("nan") if e.tests is None else e.tests.elpd,
+                    e.residual_share,
+                    e.parameters,
+                    e.seconds,
+                    e.posterior.converged,
+                )
+            )
+        return tuple(out)
+
+    def answers(self) -> tuple[tuple[str, str], ...]:
+        """The paper's questions, those whose families were fitted, each with an answer and the figure behind it."""
+        names = {e.family.name for e in self.entries}
+        out = []
+        for question, first, second in QUESTIONS:
+            if first in names and second in names:
+                d, se = self.difference(self[first], self[second])
+                if d > max(4.0, 2.0 * se):
+                    word = "Yes"
+                elif d < -max(4.0, 2.0 * se):
+                    word = "No, on the contrary"
+                else:
+                    word = "These tests do not tell"
+                out.append(
+                    (
+                        question,
+                        f"{word}: difference of expected log predictive density {d:+.1f} ± {se:.1f}".replace("-", "−"),
+                    )
+                )
+        return tuple(out)
+
+
+def compare(
+    campaign: Campaign | str | os.PathLike[str] | Sequence[Loop],
+    families: Sequence[str] | None = None,
+    *,
+    config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    seed: int = 0,
+    by: str = "auto",
+    progress: bool = True,
+) -> Comparison:
+    """Fit the named families (default: all) to a campaign and rank them.
+
+    campaign : a campaign, its folder, or loops. config : as for `identify`; its [model] table is each family's own,
+    its [search] and [sampling] tables replace :data:`SHORT` where given. by : "loo" ranks by ArviZ's
+    leave-one-datum-out density, "tests" by whole tests left out, "auto" by the first if its Pareto k hold for every
+    family, else by the second.
+    Raises CompareError for unknown families or rankings.
+    """
+    known = FAMILIES
+    names = list(known) if families is None else list(families)
+    for name in names:
+        if name not in known:
+            raise CompareError(f"no family {name!r}; there are {', '.join(known)}")
+    if len(set(names)) < 2:
+        raise CompareError("a comparison needs at least two families")
+    if by not in ("auto", "loo", "tests"):
+        raise CompareError(f"by = {by!r}: choose auto, loo or tests")
+    given = configuration.read_config(config) if isinstance(config, str | os.PathLike) else config
+    if given is None or "search" not in given:
+        given = {**(given or {}), **SHORT}
+    settings = configuration.complete(given)
+    title, loops = _loops(campaign, settings)
+    entries = []
+    with tqdm(total=len(names), disable=None if progress else True, unit="family") as bar:
+        for name in names:
+            bar.set_description(name)
+            entries.append(_entry(known[name], loops, settings, seed))
+            bar.update()
+    if by == "auto":
+        by = "loo" if all(e.loo.holds for e in entries) or entries[0].tests is None else "tests"
+    if by == "tests" and entries[0].tests is None:
+        raise CompareError("ranking by tests left out needs at least three tests that are fitted")
+    unranked = Comparison(title, by, tuple(entries))
+    order = sorted(entries, key=lambda e: -float(unranked._pointwise(e).sum()))
+    return Comparison(title, by, tuple(order))
+
+
+def _loops(campaign: Any, settings: Mapping[str, Any]) -> tuple[str, tuple[Loop, ...]]:
+    if isinstance(campaign, Sequence) and not isinstance(campaign, str | bytes):
+        return "", tuple(campaign)
+    source = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    return source.name, source.loops(**settings["loops"])
+
+
+def _entry(family: Family, loops: Sequence[Loop], settings: Mapping[str, Any], seed: int) -> Entry:
+    began = time.monotonic()
+    problem = family.problem(loops, settings)
+    posterior = identify_problem(problem, seed, config=settings, loops=problem.loops, progress=False)
+    z = posterior.flat_z(1000)
+    chains = 2
+    pointwise = np.concatenate([problem.pointwise(z[i : i + 250]) for i in range(0, len(z), 250)])
+    kept = len(pointwise) // chains * chains
+    loo = psis_loo(pointwise[:kept].reshape(chains, -1, pointwise.shape[1]))
+    tests = leave_tests_out(posterior, seed=seed) if len(problem.loops) > 2 else None
+    return Entry(family, posterior, problem.ndim, residual_share(posterior), loo, tests, time.monotonic() - began)
+
+
+def residual_share(posterior: Posterior, n: int = 200) -> float:
+    """RMS residual of the median prediction over RMS friction force, tests weighing alike."""
+    problem = posterior.problem
+    numbers = problem.numbers(posterior.flat_z(n))
+    spring = float(np.median(numbers["kp_N_mm"])) if "kp_N_mm" in numbers else None
+    predicted = np.median(problem.predict(posterior.flat_z(n)), axis=0)
+    shares = []
+    for t, loop in enumerate(problem.loops):
+        slope = spring if spring is not None else np.polyfit(loop.displacement_mm, loop.force_N, 1)[0]
+        friction = loop.force_N - slope * loop.displacement_mm
+        friction = friction - friction.mean()
+        shares.append(np.mean((loop.force_N - predicted[t]) ** 2) / np.mean(friction**2))
+    return float(np.sqrt(np.mean(shares)))

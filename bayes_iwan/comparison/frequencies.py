@@ -1,0 +1,245 @@
+"""Each frequency alone beside all together: do the numbers that should be constant wander with frequency?
+
+Parameters that wander are the first sign of a missing effect. Whether they wander by more than errors allow is asked
+of the joint posterior itself: loops are drawn from it, refitted frequency by frequency, and the spread of each
+quantity among the frequencies is compared with the spread that the measured loops give (a posterior predictive check).
+Refits are one Gauss–Newton step from the joint optimum, for drawn and measured loops alike.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.identify import by_frequency, identify_problem
+from bayes_iwan.inference.likelihood import make_likelihood
+from bayes_iwan.inference.parameters import Z_LIMIT
+from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.quantities import quantities
+from bayes_iwan.inference.results import ResultsError, load
+
+#: settings of the short runs for one frequency alone; results of `identify(..., per_test=True)` come first
+SHORT: dict[str, dict[str, Any]] = {
+    "search": {"members": 60, "evaluations": 1500, "second_opinion": False, "starts": 8},
+    "sampling": {
+        "ensembles": 2,
+        "walkers": 64,
+        "budget_s": 20.0,
+        "r_hat": 1.05,
+        "ess": 100.0,
+        "taus": 15.0,
+        "draws": 2048,
+    },
+}
+#: in a linear refit a step of z beyond this is cut: the linearisation means nothing there
+_REACH = 4.0
+#: contraction below which a quantity is not determined and says nothing about agreement
+_DETERMINED = 0.5
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """One quantity, frequency by frequency.
+
+    p_value : chance that frequencies would differ by more than measured if one set of numbers held for all.
+    estimate, error : (frequencies,) each frequency alone, by one Gauss–Newton step from the joint optimum, and its
+    standard error: quick, and right where the posterior is near Gaussian.
+    """
+
+    name: str
+    unit: str
+    p_value: float
+    estimate: Array
+    error: Array
+
+
+@dataclass(frozen=True)
+class Frequencies:
+    """The joint posterior, its frequencies, and the checks.
+
+    groups : loops by frequency, lowest first. alone : posteriors of those frequencies that were identified alone.
+    checks : one for each quantity that the loops determine; overall : of the worst of them, with the number of
+    quantities looked at allowed for. NaN where there is one frequency only.
+    """
+
+    joint: Posterior
+    groups: Mapping[str, tuple[Loop, ...]]
+    alone: Mapping[str, Posterior]
+    checks: tuple[Agreement, ...]
+    overall: float
+
+    @property
+    def hz(self) -> Array:
+        """Mean frequency of each group."""
+        return np.array([np.mean([x.frequency_hz for x in loops]) for loops in self.groups.values()])
+
+    def statement(self) -> str:
+        """What the checks say, in words."""
+        if len(self.groups) < 2:
+            return "All tests are of one frequency: whether numbers wander with frequency cannot be seen."
+        worst = min(self.checks, key=lambda c: c.p_value)
+        if self.overall < 0.05:
+            named = ", ".join(c.name for c in sorted(self.checks, key=lambda c: c.p_value) if c.p_value < 0.05)
+            return (
+                f"The frequencies do not agree (posterior check p = {_p(self.overall)}): {named or worst.name} "
+                "changes with frequency by more than the joint model allows. An effect is missing."
+            )
+        return (
+            f"The frequencies agree: differences between them are such as the joint model expects (posterior check "
+            f"p = {_p(self.overall)}; the furthest apart is {worst.name}, p = {_p(worst.p_value)})."
+        )
+
+
+def _p(value: float) -> str:
+    return f"{value:.2f}" if value >= 0.01 else "< 0.01"
+
+
+def compare_frequencies(
+    joint: Posterior,
+    folder: str | os.PathLike[str] | None = None,
+    *,
+    run: bool = False,
+    seed: int = 0,
+    settings: Mapping[str, Mapping[str, Any]] | None = None,
+    replicates: int = 1000,
+) -> Frequencies:
+    """Each frequency of a joint posterior's fitted tests alone, and the checks whether they agree.
+
+    folder : results of `identify(..., per_test=True)`, taken where they are of these data, this model and these
+    priors. run : identify the frequencies that are not there by short runs (`settings`, default :data:`SHORT`);
+    otherwise these have estimates only.
+    """
+    groups = by_frequency(joint.problem.loops)
+    alone: dict[str, Posterior] = {}
+    for name, loops in groups.items():
+        if len(groups) == 1:
+            alone[name] = joint
+        elif folder is not None and (stored := _stored(joint, Path(folder) / "per_test" / name, loops)) is not None:
+            alone[name] = stored
+        elif run:
+            chosen = {**joint.config, **(SHORT if settings is None else settings)}
+            alone[name] = identify_problem(
+                _problem(joint, loops), seed, config=chosen, campaign=joint.campaign, loops=loops, progress=False
+            )
+    if len(groups) == 1:
+        return Frequencies(joint, groups, alone, (), float("nan"))
+    checks, overall = agreement(joint, groups, replicates, seed)
+    return Frequencies(joint, groups, alone, checks, overall)
+
+
+def _stored(joint: Posterior, folder: Path, loops: Sequence[Loop]) -> Posterior | None:
+    """What `folder` holds of these loops alone, unless it is left from another campaign, model or prior."""
+    try:
+        found = load(folder, None if joint.campaign is None else joint.campaign.path)
+    except ResultsError:
+        return None
+    return found if found.problem.fingerprint() == _problem(joint, loops).fingerprint() else None
+
+
+def _problem(joint: Posterior, loops: Sequence[Loop]) -> Problem:
+    problem = joint.problem
+    return make_problem(loops, joint.config, effects=problem.model.effects, scales=problem.scales)
+
+
+def agreement(
+    joint: Posterior, groups: Mapping[str, Sequence[Loop]], replicates: int = 1000, seed: int = 0
+) -> tuple[tuple[Agreement, ...], float]:
+    """The posterior check: p-values by quantity, and of the worst one among all."""
+    problem = joint.problem
+    rng = np.random.default_rng([seed, 51])
+    best = joint.flat_z()[int(np.argmax(joint.log_prob))]
+    if np.isfinite(joint.point.log_prob) and joint.point.log_prob > np.max(joint.log_prob):
+        best = joint.point.z
+    noise = {p.name for p in problem.likelihood.parameters}
+    physical = np.array([i for i, name in enumerate(problem.names) if name not in noise])
+    z = joint.flat_z(replicates)
+    at_best = problem.predict(best[None])[0]
+    force = problem.predict(z)
+    likelihood = make_likelihood(problem.likelihood.name, problem.loops, problem.scales)
+    drawn = likelihood.replicate(force, problem.numbers(z), rng) - at_best
+    measured = (problem.measured_N - at_best)[None]
+
+    names, units, gradient = _gradients(joint, best, physical)
+    files = [x.file for x in problem.loops]
+    steps, spread = [], []
+    for loops in groups.values():
+        part = _problem(joint, loops)
+        tests = [files.index(x.file) for x in loops]
+        numbers = part.numbers(best[None])
+
+        def rows(residual: Array, part: Problem = part, numbers: Numbers = numbers) -> Array:
+            repeated = {k: np.repeat(v, len(residual)) for k, v in numbers.items()}
+            return part.likelihood.rows(residual, repeated)
+
+        eye = np.zeros((len(physical), problem.ndim))
+        eye[np.arange(len(physical)), physical] = 1e-3
+        slope = (part.predict(best + eye) - part.predict(best - eye)) / 2e-3
+        jacobian = rows(slope)  # (physical, m): d(prediction) whitened
+        information = jacobian @ jacobian.T + np.eye(len(physical))
+        every = np.concatenate([measured, drawn])[:, tests]
+        right = rows(every) @ jacobian.T - best[physical]
+        steps.append(np.clip(np.linalg.solve(information, right.T).T, -_REACH, _REACH))
+        spread.append(np.einsum("qi,ij,qj->q", gradient, np.linalg.inv(information), gradient))
+    q = np.einsum("fdi,qi->fdq", np.array(steps), gradient)
+    weight = 1.0 / np.array(spread)[:, None, :]
+    mean = np.sum(weight * q, axis=0) / np.sum(weight, axis=0)
+    t = np.sum(weight * (q - mean) ** 2, axis=0)  # (1 + replicates, quantities)
+    # ranks among all, the measured one included: no p-value is ever zero
+    p = _upper_ranks(t)
+    worst = p.min(axis=1)
+    overall = float(np.mean(worst <= worst[0]))
+    moved = np.repeat(best[None], len(groups), axis=0)
+    moved[:, physical] = np.clip(best[physical] + np.array(steps)[:, 0], -Z_LIMIT, Z_LIMIT)
+    found = quantities(problem, moved, problem.loops[:1])
+    estimates, errors = np.stack([found[n].values for n in names], axis=1), np.sqrt(np.array(spread))
+    return tuple(
+        Agreement(n, u, float(p[0, i]), estimates[:, i], errors[:, i]) for i, (n, u) in enumerate(zip(names, units))
+    ), overall
+
+
+def _upper_ranks(t: Array) -> Array:
+    """Share of rows at or above each row's value, column by column."""
+    order = np.sort(t, axis=0)
+    return np.stack(
+        [1.0 - np.searchsorted(order[:, j], t[:, j], side="left") / len(t) for j in range(t.shape[1])], axis=1
+    )
+
+
+def determined_names(joint: Posterior) -> tuple[str, ...]:
+    """Scalars of the joint posterior that loops determine: physical parameters and slip-force quantiles."""
+    problem = joint.problem
+    noise = {p.name for p in problem.likelihood.parameters}
+    variance = dict(zip(problem.names, np.var(joint.flat_z(4000), axis=0)))
+    shapes = ("eta", "share_", "slip_ratio")
+    chosen = [
+        p.name
+        for p in problem.prior.free
+        if p.name not in noise
+        and not p.name.startswith(shapes)
+        and p.name != "force_zero_N"
+        and 1.0 - variance[p.name] > _DETERMINED
+    ]
+    chosen += [n for n in joint.quantities() if n.startswith("slip_force_q") and "25" <= n[12:14] <= "75"]
+    return tuple(chosen)
+
+
+def _gradients(joint: Posterior, z: Array, physical: NDArray[np.int64]) -> tuple[list[str], list[str], Array]:
+    """Names and units of the determined quantities, and their gradients over physical z (quantities, physical)."""
+    eye = np.zeros((len(physical), len(z)))
+    eye[np.arange(len(physical)), physical] = 1e-3
+    found = quantities(joint.problem, np.concatenate([z[None], z + eye, z - eye]), joint.problem.loops[:1])
+    names = [n for n in determined_names(joint) if n in found]
+    values = np.stack([found[n].values for n in names])
+    n = len(physical)
+    gradient = (values[:, 1 : n + 1] - values[:, n + 1 :]) / 2e-3
+    keep = np.flatnonzero(np.any(gradient != 0.0, axis=1) & np.all(np.isfinite(gradient), axis=1))
+    return [names[i] for i in keep], [found[names[i]].unit for i in keep], gradient[keep]

@@ -1,0 +1,197 @@
+"""What an effect is: a physical cause outside the base model, at one station of the model's line.
+
+An effect brings its own named parameters, and a neutral value of its strength at which it vanishes, so every extended
+model contains the base model. Write your own in one file: subclass :class:`Effect`, override one station, and hand
+the file to `bayes-iwan diagnose --effects FILE` (`analyses/own_effect.py` is an example).
+
+Priors of strengths are not in physical units: a strength is given the prior share of the friction force that it moves
+(:data:`TYPICAL_SHARE`), and turned into the effect's own unit on the fitted base model (:mod:`.strength`). So no
+effect is favoured because its unit happens to suit the specimen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import fft, stats
+
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.inference.parameters import Parameter
+from bayes_iwan.inference.scales import Scales
+from bayes_iwan.physics import Motion
+
+#: prior of an effect's strength: the RMS force it moves over the RMS friction force has this median, ×/÷ e^0.9
+TYPICAL_SHARE = 0.08
+SHARE_SPREAD = 0.9
+
+
+class EffectError(ValueError):
+    """A user's effect that cannot be used; the message names the file and the mend."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A parameter other than the strength: symbol, unit, description and prior (frozen scipy.stats), bounds."""
+
+    symbol: str
+    unit: str
+    description: str
+    prior: Any
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect for one campaign. Subclasses set the class variables and override one station (or more).
+
+    tests : files of the fitted tests, for effects with a number of their own in each
+    strength_value : median size of the strength, in its unit, for a typical share of the friction force; None until
+        :func:`bayes_iwan.gap.strength.calibrated` has found it on a fitted base model.
+    """
+
+    scales: Scales
+    tests: tuple[str, ...] = ()
+    strength_value: float | None = None
+    cache: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    name: ClassVar[str]
+    strength: ClassVar[tuple[str, str, str, str]]  # name, symbol, unit, description of the strength
+    signed: ClassVar[bool] = False  # may the strength be negative?
+    limit: ClassVar[float] = np.inf  # largest |strength|
+    evolving: ClassVar[bool] = False  # does it change from cycle to cycle?
+    spread: ClassVar[float] = SHARE_SPREAD  # sd of the strength's logarithm in its prior
+    law_error: ClassVar[float] = 0.035  # relative error of a strength: nature's law is not quite ours
+    sudden: ClassVar[bool] = False  # nothing below a threshold: a first step tells little of it
+    order: ClassVar[int] = 0  # specimen 0, rig 1, force channel 2, in the order of the signal
+    physics: ClassVar[str]  # one paragraph
+    reference: ClassVar[str]
+    signature: ClassVar[str]  # what to expect in the loops
+    look_alikes: ClassVar[tuple[str, ...]] = ()
+    bench: ClassVar[str] = ""  # what on the bench would tell it from its look-alikes
+
+    def first_guess(self) -> float:
+        """Any strength of the right order, from the campaign's scales: where calibration starts."""
+        raise NotImplementedError
+
+    def possible(self, data: Any) -> bool:
+        """Do the records allow it at all? data : the campaign's :class:`bayes_iwan.gap.data.GapData`."""
+        return True
+
+    def shapes(self) -> dict[str, Shape]:
+        """The other parameters by name."""
+        return {}
+
+    @property
+    def strength_name(self) -> str:
+        """Full name of the strength among all parameters."""
+        return f"{self.name}.{self.strength[0]}"
+
+    @property
+    def neutral(self) -> float:
+        """The strength at which the effect vanishes."""
+        return 0.0
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Strength first, then shapes, named `<effect>.<parameter>`."""
+        typical = self.first_guess() if self.strength_value is None else self.strength_value
+        if self.signed:  # a symmetric prior of much the same reach
+            prior, low = stats.norm(scale=1.6 * typical), -self.limit
+        else:
+            prior, low = stats.lognorm(s=self.spread, scale=typical), 0.0
+        own = Parameter(self.strength_name, *self.strength[1:], prior, low, self.limit)
+        return (
+            own,
+            *(
+                Parameter(f"{self.name}.{n}", s.symbol, s.unit, s.description, s.prior, s.lower, s.upper)
+                for n, s in self.shapes().items()
+            ),
+        )
+
+    def get(self, numbers: Numbers, name: str) -> Array:
+        """A parameter as (draws, 1, 1)."""
+        return numbers[f"{self.name}.{name}"][:, None, None]
+
+    # the stations: each returns what it was given unless overridden
+    def motion(self, motion: Motion, numbers: Numbers) -> Motion:
+        """What the specimen does, from what was measured."""
+        return motion
+
+    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+        """The relative normal force α (the stiffness k(α) follows it)."""
+        return alpha
+
+    def stiffness(self, k: Array, alpha: Array, numbers: Numbers) -> Array:
+        """The elements' stiffness k(α), N/mm."""
+        return k
+
+    def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+        """What the elements can carry, relative to rest, at that normal force (the stiffness does not follow it)."""
+        return alpha
+
+    def asymmetry(self, numbers: Numbers) -> Array | float:
+        """What the elements carry more where u rises and less where it falls, as a share, (draws,)."""
+        return 0.0
+
+    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+        """The force that the cell records, from the specimen's."""
+        return force_N
+
+    def around(self, inner: Callable[[Motion], Array], motion: Motion, numbers: Numbers) -> Array:
+        """Anything in series, which needs the force back: inner(motion) is the specimen's force."""
+        return inner(motion)
+
+    def recorded(self, data: Any, numbers: Numbers) -> Array | None:
+        """What the effect adds along whole records, as block harmonics (draws, tests, blocks, H + 1), or None.
+
+        For what does not repeat with the cycle (`evolving`): a drift, a hum.
+        data : :class:`bayes_iwan.gap.data.GapData`.
+        """
+        return None
+
+    def lines(self, data: Any, numbers: Numbers) -> Array | None:
+        """What it adds at 50 and 60 Hz, c + i s of c·cos + s·sin, (draws, tests, 2), or None."""
+        return None
+
+    def reported(self, values: Mapping[str, Array], force_N: Callable[[], Array]) -> dict[str, tuple[Array, str]]:
+        """What a user is told: name -> (draws, unit). values: all sampled values; force_N() : the predicted force
+        (draws, tests, samples) of the model without this effect."""
+        return {p.name.split(".", 1)[1]: (values[p.name], p.unit) for p in self.parameters}
+
+    def size(self, strength: Array) -> Array:
+        """|strength|, for reports and calibration."""
+        return np.abs(strength)
+
+
+def folded(loops: Any, signals: Callable[[int, Array], Array]) -> Array:
+    """(T, blocks, H + 1): a signal on each record's samples averaged as its force was; zero where a test has fewer
+    blocks. signals(t, time_s) : the signal of test t at the times of its record."""
+    blocks = max(len(x.block_cycle) for x in loops)
+    out = np.zeros((len(loops), blocks, loops[0].harmonics_N.shape[0]), dtype=complex)
+    for t, loop in enumerate(loops):
+        out[t, : len(loop.block_cycle)] = loop.fold(signals(t, loop.record.time_s))
+    return out
+
+
+def filtered(signal: Array, frequency_hz: Array, response: Callable[[Array], Any]) -> Array:
+    """A steady loop through a linear filter: signal (…, loops, samples), response(f in Hz (loops, H)) gives its
+    complex response (…, loops, H)."""
+    n = signal.shape[-1]
+    f = frequency_hz[:, None] * np.arange(n // 2 + 1)
+    return fft.irfft(fft.rfft(signal, axis=-1) * response(f), n=n, axis=-1)
+
+
+def moved_by(motion: Motion, displacement_mm: Array) -> Motion:
+    """The motion with another displacement (draws, loops, samples); how it changes the speeds is taken by central
+    differences over the period, so that no change of displacement is no change of speed."""
+    dt = (1.0 / (motion.frequency_hz * motion.samples))[:, None]
+    change = displacement_mm - motion.displacement_mm
+    ahead, behind = np.roll(change, -1, axis=-1), np.roll(change, 1, axis=-1)
+    velocity = motion.velocity_m_s + 1e-3 * (ahead - behind) / (2.0 * dt)
+    return motion.moved(
+        displacement_mm, velocity, motion.acceleration_m_s2 + 1e-3 * (ahead - 2.0 * change + behind) / dt**2
+    )

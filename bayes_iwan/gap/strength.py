@@ -1,0 +1,58 @@
+"""Strengths of effects brought to the fitted specimen's scale."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.effects.base import TYPICAL_SHARE, Effect
+from bayes_iwan.effects.catalogue import ordered
+from bayes_iwan.gap.data import GapData
+from bayes_iwan.inference.defaults import model_numbers
+from bayes_iwan.inference.likelihood import harmonics_of
+from bayes_iwan.inference.problem import Problem
+from bayes_iwan.inference.scales import Scales
+
+
+def calibrated(kind: type[Effect], scales: Scales, data: GapData, base: Problem, z: Array) -> Effect:
+    """An effect whose strength has the prior share of the friction force on the base model fitted at z (ndim,).
+
+    The share is that of the RMS change of force, its mean included, over the RMS friction force of all tests.
+    """
+    files = tuple(x.file for x in data.loops)
+    effect = kind(scales, files)
+    guess = effect.first_guess()
+    trial = np.minimum(guess * np.logspace(-3.0, 3.0, 61), 0.999 * kind.limit)
+    trial = np.unique(trial)
+    values = {n: np.full(len(trial), v[0]) for n, v in base.prior.values(z[None]).items()}
+    for p in effect.parameters:
+        values[p.name] = np.full(len(trial), float(p.value(np.zeros(1))[0]))
+    if effect.strength_name not in values:  # strengths that are no single number: hums
+        return replace(effect, strength_value=float(TYPICAL_SHARE * np.sqrt(2.0) * friction_rms_N(base, z)))
+    values[effect.strength_name] = trial
+    model = replace(base.model, effects=ordered((*cast(tuple[Effect, ...], base.model.effects), effect)))
+    numbers = model_numbers(model, values)
+    plain = harmonics_of(base.model.force(numbers, data.steady_motion), data.harmonics_N.shape[1])
+    added = effect.recorded(data, numbers)
+    if added is not None:
+        change = added.mean(axis=2)
+    else:
+        motion = data.block_motion if effect.evolving else data.steady_motion
+        moved = harmonics_of(model.force(numbers, motion), data.harmonics_N.shape[1])
+        change = moved - plain[:, motion.test]
+    power = np.abs(change[..., 0]) ** 2 + 0.5 * np.sum(np.abs(change[..., 1:]) ** 2, axis=-1)
+    share = np.sqrt(power.mean(axis=1)) / friction_rms_N(base, z)
+    share = np.maximum.accumulate(np.where(np.isfinite(share), share, 0.0))
+    if share[-1] <= 1e-9:
+        return replace(effect, strength_value=float(guess))
+    grows = np.r_[True, np.diff(share) > 0] & (share > 0)
+    at = np.exp(np.interp(np.log(TYPICAL_SHARE), np.log(share[grows]), np.log(trial[grows])))
+    return replace(effect, strength_value=float(min(at, 0.5 * kind.limit)))
+
+
+def friction_rms_N(problem: Problem, z: Array) -> float:
+    """RMS friction force over all fitted tests at z (ndim,), N."""
+    return float(np.sqrt(np.mean(problem.model.friction_force(problem.numbers(z[None]), problem.motion) ** 2)))

@@ -1,0 +1,55 @@
+"""What a campaign's loops themselves say of the orders of magnitude."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.physics import Reference
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What the loops themselves say of the orders of magnitude; used for priors and for relative errors."""
+
+    length_mm: float  # largest amplitude
+    speed_m_s: float  # largest speed
+    force_N: float  # largest RMS force about its mean
+    slip_N: float  # largest dissipated energy / (4 amplitude): the mean slip force, were all to slip
+    soft_N_mm: float  # secant stiffness of the largest amplitude
+    stiff_N_mm: float  # stiffness after reversals, at least
+
+    @property
+    def reference(self) -> Reference:
+        return Reference(self.length_mm, self.speed_m_s)
+
+
+def loop_energy_mJ(displacement_mm: Array, force_N: Array) -> Array:
+    """Dissipated energy ∮F du in mJ (N·mm) along the last axis of periodic samples (…, samples)."""
+    step = np.roll(displacement_mm, -1, axis=-1) - np.roll(displacement_mm, 1, axis=-1)
+    return 0.5 * np.sum(force_N * step, axis=-1)
+
+
+def scales_of(loops: Sequence[Loop]) -> Scales:
+    """Scales from the loops that are fitted."""
+    energy = np.array([float(loop_energy_mJ(x.displacement_mm, x.force_N)) for x in loops])
+    amplitude = np.array([x.amplitude_mm for x in loops])
+    secant = np.array([np.ptp(x.force_N) / np.ptp(x.displacement_mm) for x in loops])
+    slip = float(np.max(np.maximum(energy, 0.0) / (4.0 * amplitude)))
+    force = max(float(np.std(x.force_N)) for x in loops)
+    slip = max(slip, 1e-3 * force)
+    large, small = int(np.argmax(amplitude)), int(np.argmin(amplitude))
+    # after a reversal the force drops by up to twice the slip force within a fraction of the stroke
+    stiff = max(1.5 * secant[small], 4.0 * slip / amplitude[large])
+    return Scales(
+        float(amplitude.max()),
+        max(float(np.max(np.abs(x.velocity_m_s))) for x in loops),
+        force,
+        slip,
+        float(secant[large]),
+        float(stiff),
+    )

@@ -1,0 +1,294 @@
+"""Global search: a real-coded genetic algorithm and, as a second opinion, scipy's differential evolution.
+
+Both work on whole populations through a batch objective, and both may end with a least-squares polish from
+several of the best members. The objective is minimised; +inf (or NaN) marks an x where the model does not
+exist.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import differential_evolution
+from scipy.stats import qmc
+from tqdm import tqdm
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.optimize.least_squares import BatchResiduals, LeastSquaresFit, least_squares_batch
+
+BatchObjective = Callable[[Array], Array]
+
+
+class SearchError(ValueError):
+    """The bounds or the objective cannot be searched."""
+
+
+@dataclass(frozen=True)
+class GlobalOptimum:
+    """What a global search found.
+
+    x is the best vector of all, objective its value; population and population_objective hold the last
+    population sorted from best to worst (a sampler may start from it); best and median are the history, one
+    value a generation; stopped says which rule ended the search ("stall", "evaluations" or "time"); polish is
+    the least-squares fit from the best members, None if no residuals were given.
+    """
+
+    method: str
+    seed: int
+    x: Array  # (ndim,)
+    objective: float
+    population: Array  # (members, ndim)
+    population_objective: Array  # (members,)
+    best: Array  # (generations,)
+    median: Array  # (generations,)
+    n_evaluations: int
+    stopped: str
+    polish: LeastSquaresFit | None = None
+
+
+def genetic_search(
+    objective: BatchObjective,
+    bounds: ArrayLike,
+    *,
+    seed: int,
+    members: int = 200,
+    max_evaluations: int = 60_000,
+    stall: int = 60,
+    stall_tolerance: float = 1e-4,
+    budget_s: float | None = None,
+    crossover: float = 0.9,
+    crossover_index: float = 5.0,
+    mutation_index: float = 20.0,
+    elite: int = 4,
+    residuals: BatchResiduals | None = None,
+    polish_starts: int = 12,
+    progress: bool = True,
+) -> GlobalOptimum:
+    """Minimise `objective` in a box by a real-coded genetic algorithm.
+
+    Parameters
+    ----------
+    objective : maps (n, ndim) to (n,), lower is better.
+    bounds : (ndim, 2), finite.
+    members : size of the population. The first one is drawn as a Sobol' sequence of four times as many points.
+    stall, stall_tolerance : stop when the best objective fell by less than this share of itself (or by less
+        than this share of its distance to the median, if that is less) over so many generations.
+    max_evaluations, budget_s : other ends; time is only looked at between generations.
+    crossover, crossover_index : probability and distribution index of simulated binary crossover (Deb &
+        Agrawal 1995); mutation_index : that of polynomial mutation (Deb & Goyal 1996), one number a child on
+        average. elite : members that survive unchanged.
+    residuals : maps (n, ndim) to (n, m); if given, the best and the most spread of the good members are
+        polished by `least_squares_batch`, and the outcome is kept where it lowers the objective.
+
+    Raises
+    ------
+    SearchError : unusable bounds, or no finite objective in the whole first population.
+    """
+    lower, upper = _box(bounds)
+    ndim = len(lower)
+    rng = np.random.default_rng(seed)
+    call = _Objective(objective, ndim)
+    began = time.monotonic()
+
+    first = qmc.Sobol(ndim, rng=rng).random_base2(int(np.ceil(np.log2(4 * members))))
+    x = lower + first * (upper - lower)
+    f = call(x)
+    if not np.isfinite(f).any():
+        raise SearchError(
+            f"the objective is not finite at any of {len(x)} points spread over the bounds; "
+            "narrow the bounds to where the model exists"
+        )
+    order = np.argsort(f, kind="stable")[:members]
+    x, f = x[order], f[order]
+    best, median = [f[0]], [np.median(f)]
+    stopped = "evaluations"
+    with tqdm(total=max_evaluations, desc="genetic search", disable=None if progress else True) as bar:
+        while call.count + members - elite <= max_evaluations:
+            children = _offspring(x, members - elite, lower, upper, rng, crossover, crossover_index, mutation_index)
+            g = call(children)
+            x = np.concatenate([x[:elite], children])
+            f = np.concatenate([f[:elite], g])
+            order = np.argsort(f, kind="stable")
+            x, f = x[order], f[order]
+            best.append(f[0])
+            median.append(np.median(f))
+            bar.update(members - elite)
+            bar.set_postfix(best=f"{f[0]:.5g}", refresh=False)
+            if _stalled(best, median, stall, stall_tolerance):
+                stopped = "stall"
+                break
+            if budget_s is not None and time.monotonic() - began > budget_s:
+                stopped = "time"
+                break
+    found = GlobalOptimum(
+        method="genetic",
+        seed=seed,
+        x=x[0].copy(),
+        objective=float(f[0]),
+        population=x,
+        population_objective=f,
+        best=np.array(best),
+        median=np.array(median),
+        n_evaluations=call.count,
+        stopped=stopped,
+    )
+    return _polished(found, call, residuals, np.column_stack([lower, upper]), polish_starts)
+
+
+def differential_evolution_search(
+    objective: BatchObjective,
+    bounds: ArrayLike,
+    *,
+    seed: int,
+    members: int = 150,
+    max_evaluations: int = 60_000,
+    residuals: BatchResiduals | None = None,
+    polish_starts: int = 12,
+    progress: bool = True,
+) -> GlobalOptimum:
+    """The same search by `scipy.optimize.differential_evolution`, over whole populations ("best1bin" there)."""
+    lower, upper = _box(bounds)
+    ndim = len(lower)
+    call = _Objective(objective, ndim)
+    best: list[float] = []
+    median: list[float] = []
+    rng = np.random.default_rng(seed)
+    first = qmc.Sobol(ndim, rng=rng).random_base2(int(np.ceil(np.log2(members))))[:members]
+    first = lower + first * (upper - lower)
+    generations = max(1, max_evaluations // members - 1)
+    with tqdm(total=generations, desc="differential evolution", disable=None if progress else True) as bar:
+
+        def note(intermediate_result) -> None:  # scipy passes its result by this very name
+            values = np.asarray(intermediate_result.population_energies)
+            best.append(float(values.min()))
+            median.append(float(np.median(values)))
+            bar.update(1)
+
+        outcome = differential_evolution(
+            lambda columns: call(columns.T),
+            np.column_stack([lower, upper]),
+            maxiter=generations,
+            init=first,
+            rng=rng,
+            vectorized=True,
+            updating="deferred",
+            polish=False,
+            tol=1e-6,
+            callback=note,
+        )
+    values = np.asarray(outcome.population_energies)
+    if not np.isfinite(values).any():
+        raise SearchError("the objective is not finite anywhere that was tried; narrow the bounds")
+    order = np.argsort(values, kind="stable")
+    found = GlobalOptimum(
+        method="differential evolution",
+        seed=seed,
+        x=np.asarray(outcome.x, dtype=float),
+        objective=float(outcome.fun),
+        population=np.asarray(outcome.population)[order],
+        population_objective=values[order],
+        best=np.array(best),
+        median=np.array(median),
+        n_evaluations=call.count,
+        stopped="stall" if outcome.success else "evaluations",
+    )
+    return _polished(found, call, residuals, np.column_stack([lower, upper]), polish_starts)
+
+
+class _Objective:
+    """The objective with its shape checked, its rows counted and NaN read as "not possible"."""
+
+    def __init__(self, function: BatchObjective, ndim: int) -> None:
+        self.function, self.ndim, self.count = function, ndim, 0
+
+    def __call__(self, x: Array) -> Array:
+        values = np.asarray(self.function(np.ascontiguousarray(x)), dtype=float)
+        if values.shape != (len(x),):
+            raise SearchError(f"objective(x) returned shape {values.shape} for x of shape {x.shape}")
+        self.count += len(x)
+        return np.where(np.isnan(values), np.inf, values)
+
+
+def _box(bounds: ArrayLike) -> tuple[Array, Array]:
+    box = np.asarray(bounds, dtype=float)
+    if box.ndim != 2 or box.shape[1] != 2 or not np.isfinite(box).all() or not (box[:, 0] < box[:, 1]).all():
+        raise SearchError(f"bounds must be finite, of shape (ndim, 2), with lower < upper; got shape {box.shape}")
+    return box[:, 0], box[:, 1]
+
+
+def _offspring(
+    x: Array,
+    n: int,
+    lower: Array,
+    upper: Array,
+    rng: np.random.Generator,
+    crossover: float,
+    crossover_index: float,
+    mutation_index: float,
+) -> Array:
+    """(n, ndim) children of members x sorted from best to worst: tournament, SBX, polynomial mutation."""
+    members, ndim = x.shape
+    pairs = -(-n // 2)
+    # The population is sorted, so the better of two members is the one with the lower index.
+    parents = rng.integers(members, size=(2, pairs, 2)).min(axis=2)
+    a, b = x[parents[0]], x[parents[1]]
+
+    u = rng.random((pairs, ndim))
+    power = 1.0 / (crossover_index + 1.0)
+    spread = np.where(u <= 0.5, (2 * u) ** power, (2 * np.maximum(1 - u, 1e-16)) ** -power)
+    mixed = (rng.random((pairs, 1)) < crossover) & (rng.random((pairs, ndim)) < 0.5)
+    spread = np.where(mixed, spread, 1.0)
+    middle, half = 0.5 * (a + b), 0.5 * (a - b)
+    children = np.concatenate([middle + spread * half, middle - spread * half])[:n]
+
+    u = rng.random(children.shape)
+    power = 1.0 / (mutation_index + 1.0)
+    shift = np.where(u < 0.5, (2 * u) ** power - 1.0, 1.0 - (2 * (1 - u)) ** power)
+    hit = rng.random(children.shape) < 1.0 / ndim
+    children = children + np.where(hit, shift * (upper - lower), 0.0)
+    # Reflecting at the bounds keeps the population from gluing itself to them, as clipping would.
+    width = upper - lower
+    folded = np.abs((children - lower) % (2 * width))
+    return lower + np.where(folded > width, 2 * width - folded, folded)
+
+
+def _stalled(best: Sequence[float], median: Sequence[float], stall: int, tolerance: float) -> bool:
+    if len(best) <= stall:
+        return False
+    fell = best[-1 - stall] - best[-1]
+    spread = median[-1] - best[-1]
+    return bool(fell <= tolerance * min(abs(best[-1]), spread) or spread <= 1e-12 * abs(best[-1]))
+
+
+def _polished(
+    found: GlobalOptimum, call: _Objective, residuals: BatchResiduals | None, bounds: Array, starts: int
+) -> GlobalOptimum:
+    """`found` after least squares from the best member and others spread over the better half."""
+    if residuals is None:
+        return found
+    half = found.population[np.isfinite(found.population_objective)]
+    half = half[: max(1, len(half) // 2)]
+    begin = np.concatenate([found.x[None], _spread(half, bounds[:, 1] - bounds[:, 0], starts - 1)])
+    fit = least_squares_batch(residuals, begin, bounds)
+    values = call(fit.x)
+    k = int(np.argmin(values))
+    n = found.n_evaluations + fit.n_evaluations + len(begin)
+    if values[k] < found.objective:
+        found = replace(found, x=fit.x[k].copy(), objective=float(values[k]))
+    return replace(found, polish=fit, n_evaluations=n)
+
+
+def _spread(x: Array, width: Array, n: int) -> Array:
+    """n rows of x far from each other (greedy farthest-point choice), the first row left out."""
+    chosen: list[int] = []
+    far = np.full(len(x), np.inf)
+    last = 0
+    for _ in range(min(n, len(x) - 1)):
+        far = np.minimum(far, (((x - x[last]) / width) ** 2).sum(axis=1))
+        last = int(np.argmax(far))
+        chosen.append(last)
+    return x[chosen]

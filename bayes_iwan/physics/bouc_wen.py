@@ -1,0 +1,194 @@
+"""Rival models for comparison: Bouc–Wen, and its generalisation to asymmetric loops.
+
+    F = kp u + z + force zero,      dz/du = k [1 − ψ |z/Z|ⁿ],
+
+with ψ constant while the signs of u, u̇ and z are. Wen (1976): ψ = (1 − σ) + σ sgn(u̇ z), 0.5 ≤ σ for a model that
+dissipates. Song and Der Kiureghian (J. Eng. Mech. 132, 2006, 610–618):
+
+    ψ = sgn(u̇ z) + b₂ sgn(u u̇) + b₃ sgn(u z) + b₄ sgn(u̇) + b₅ sgn(z) + b₆ sgn(u),
+
+their β₁ being taken up by Z (:meth:`GeneralizedBoucWen.published`). Wen's model is b₃ = −b₂ = 1 − σ, b₄ = b₅ = b₆ = 0
+wherever a loop goes. Neither knows of speed or of a normal force: that is the point of comparing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.physics import sliders
+from bayes_iwan.physics.motion import Motion
+from bayes_iwan.threads import over_draws
+
+#: longest Runge–Kutta step, in units of the relaxation length Z/(k n |ψ|)
+STEP = 0.5
+#: z is at rest on its asymptote within this share of k
+SATURATED = 1e-6
+#: a steady loop closes within this share of Z, or there is none
+CLOSED = 1e-6
+
+_jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+
+
+@_jit
+def _slope(z, k, size, n, psi, row):
+    ratio = abs(z) / size
+    return k * (1.0 - psi[row + (1 if z > 0.0 else 0)] * (ratio * ratio if n == 2.0 else ratio**n))
+
+
+@_jit
+def _advance(z, start, end, k, size, n, psi):
+    """z after u has gone from start to end, which lie on one side of u = 0 (NaN where z runs away)."""
+    du = 1.0 if end > start else -1.0
+    row = (4 if start + end > 0.0 else 0) + (2 if du > 0.0 else 0)
+    left = abs(end - start)
+    stiff = max(abs(psi[row]), abs(psi[row + 1])) * k * n / size
+    while left > 0.0:
+        f = _slope(z, k, size, n, psi, row)
+        ratio = abs(z) / size
+        if not ratio < 1e3:
+            return math.nan
+        if abs(f) < SATURATED * k:
+            return z
+        rate = stiff * (ratio ** (n - 1.0) if ratio > 1.0 else 1.0)
+        step = left if left * rate <= STEP else STEP / rate
+        if z * du < 0.0 and 1e-3 < ratio and abs(z) < abs(f) * step:
+            step = abs(z / f)  # |z|ⁿ has a kink at zero: end a step there
+        h = du * step
+        f2 = _slope(z + 0.5 * h * f, k, size, n, psi, row)
+        f3 = _slope(z + 0.5 * h * f2, k, size, n, psi, row)
+        f4 = _slope(z + h * f3, k, size, n, psi, row)
+        z += h / 6.0 * (f + 2.0 * f2 + 2.0 * f3 + f4)
+        left -= step
+    return z
+
+
+@_jit
+def _cycle(z, last, at, where, off, k, size, n, psi, out):
+    """z after one pass, with z at the samples in out; `last` is the displacement before the first entry."""
+    for i in range(at.size):
+        now = at[i]
+        if last * now < 0.0:  # ψ jumps as u passes zero
+            z = _advance(_advance(z, last, 0.0, k, size, n, psi), 0.0, now, k, size, n, psi)
+        elif now != last:
+            z = _advance(z, last, now, k, size, n, psi)
+        last = now
+        if off[i] == 0.0:
+            out[where[i]] = z
+    return z
+
+
+@_jit
+def _steady(at, where, off, k, size, n, psi, out):
+    """The closed loop into out: the fixed point of one cycle's map z → P(z), by the secant method; NaN if none.
+
+    Small loops forget their start only over hundreds of cycles, so they are not walked one by one.
+    """
+    z = _cycle(0.0, 0.0, at, where, off, k, size, n, psi, out)
+    other, other_gap = z, math.nan
+    for _ in range(60):
+        gap = _cycle(z, at[-1], at, where, off, k, size, n, psi, out) - z
+        if not math.isfinite(gap):
+            break
+        # P grows with z and contracts: 1/(1 − P') lies between 1 and the many cycles it would take
+        stretch = (z - other) / (other_gap - gap)
+        known = math.isfinite(stretch)
+        stretch = min(max(stretch, 1.0), 1e4) if known else 1.0
+        if abs(gap) * (stretch if known else 1e2) <= CLOSED * size:
+            return
+        other, other_gap = z, gap
+        z = min(max(z + gap * stretch, -10.0 * size), 10.0 * size)
+    out[:] = math.nan
+
+
+@_jit
+def _loops(at, where, off, closed, k, size, n, psi, out):
+    """All draws of one way: k, size (Z), n (draws,), psi (draws, 8), out (draws, samples)."""
+    for d in range(k.size):
+        if not (0.0 < k[d] < math.inf and 0.0 < size[d] < math.inf and 0.0 < n[d] < math.inf):
+            out[d, :] = math.nan
+        elif closed:
+            _steady(at, where, off, k[d], size[d], n[d], psi[d], out[d])
+        else:
+            _cycle(0.0, 0.0, at, where, off, k[d], size[d], n[d], psi[d], out[d])
+
+
+def _signs() -> tuple[Array, Array, Array]:
+    """sgn u, sgn u̇, sgn z of the eight entries of ψ."""
+    u, du, z = (np.array([-1.0, 1.0])[(np.arange(8) >> bit) & 1] for bit in (2, 1, 0))
+    return u, du, z
+
+
+def _force(shape: Array, numbers: Numbers, motion: Motion) -> Array:
+    out = np.empty((len(shape), motion.loops, motion.samples))
+    k, size, n = (np.ascontiguousarray(numbers[name], dtype=float) for name in ("bw_k_N_mm", "bw_force_N", "bw_n"))
+    u = motion.displacement_mm
+
+    def some_draws(part: slice) -> None:
+        each = [part] if u.shape[0] == 1 else [slice(d, d + 1) for d in range(part.start, min(part.stop, len(shape)))]
+        for draws in each:
+            for j in range(motion.loops):
+                way = sliders.way(u[0 if u.shape[0] == 1 else draws.start, j], motion.periodic)
+                z = np.empty((len(k[draws]), motion.samples))
+                _loops(*way, motion.periodic, k[draws], size[draws], n[draws], shape[draws], z)
+                out[draws, j] = z
+
+    over_draws(some_draws, len(shape), 20 * motion.loops * motion.samples)
+    out += numbers["kp_N_mm"][:, None, None] * u
+    out += numbers["force_zero_N"][:, None, None]
+    return out
+
+
+@dataclass(frozen=True)
+class BoucWen:
+    """Wen's model: initial stiffness k, ultimate force Z, exponent n and share σ of the hysteretic part.
+
+    ``force(numbers, motion)`` gives the steady loops (periodic motion) or the force from rest (a record), shape
+    (draws, loops, samples) in N, as :meth:`bayes_iwan.physics.Model.force` does; NaN where no steady loop exists.
+    """
+
+    name = "bouc_wen"
+    names = ("kp_N_mm", "force_zero_N", "bw_k_N_mm", "bw_force_N", "bw_n", "bw_share")
+    units = ("N/mm", "N", "N/mm", "N", "-", "-")
+
+    def shape(self, numbers: Numbers) -> Array:
+        """ψ by phase, (draws, 8); the phase is 4 (u > 0) + 2 (u̇ > 0) + (z > 0)."""
+        _, du, z = _signs()
+        share = numbers["bw_share"][:, None]
+        return (1.0 - share) + share * du * z
+
+    def force(self, numbers: Numbers, motion: Motion) -> Array:
+        """Force in N, (draws, loops, samples)."""
+        return _force(self.shape(numbers), numbers, motion)
+
+
+@dataclass(frozen=True)
+class GeneralizedBoucWen:
+    """Song and Der Kiureghian's model: as :class:`BoucWen`, with b₂ … b₆ in the place of the share."""
+
+    name = "generalized_bouc_wen"
+    names = ("kp_N_mm", "force_zero_N", "bw_k_N_mm", "bw_force_N", "bw_n", "bw_b2", "bw_b3", "bw_b4", "bw_b5", "bw_b6")
+    units = ("N/mm", "N", "N/mm", "N", "-", "-", "-", "-", "-", "-")
+
+    def shape(self, numbers: Numbers) -> Array:
+        """ψ by phase, (draws, 8); the phase is 4 (u > 0) + 2 (u̇ > 0) + (z > 0)."""
+        u, du, z = _signs()
+        b = {i: numbers[f"bw_b{i}"][:, None] for i in range(2, 7)}
+        return du * z + b[2] * u * du + b[3] * u * z + b[4] * du + b[5] * z + b[6] * u
+
+    def force(self, numbers: Numbers, motion: Motion) -> Array:
+        """Force in N, (draws, loops, samples)."""
+        return _force(self.shape(numbers), numbers, motion)
+
+    def published(self, numbers: Numbers) -> dict[str, Array]:
+        """A = k (N/mm) and β₁ … β₆ (N^(1−n)/mm) of ż = u̇ (A − |z|ⁿ ψ), as printed."""
+        unit = numbers["bw_k_N_mm"] / numbers["bw_force_N"] ** numbers["bw_n"]
+        others = {f"beta{i}": unit * numbers[f"bw_b{i}"] for i in range(2, 7)}
+        return {"A": numbers["bw_k_N_mm"], "beta1": unit, **others}
+
+
+RIVALS: dict[str, BoucWen | GeneralizedBoucWen] = {r.name: r for r in (BoucWen(), GeneralizedBoucWen())}

@@ -1,0 +1,242 @@
+"""A virtual rig: specimen, shaker, fixture and sensors, simulated independently of the model that is fitted.
+
+It is for two things: to plan a campaign (`rig_planning.simulate_campaign`: would these tests show that effect?),
+and to make cases with a sealed truth (`gap.withheld`). It shares no code with `bayes_iwan.physics`:
+individual Jenkins elements are integrated in time (`rig_kernel`), under a shaker that yields and distorts, from
+rest through run-in, and are seen through sensors of their own (`rig_sensors`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from bayes_iwan.campaign import Record
+from bayes_iwan.rig import faults as fx
+from bayes_iwan.rig.faults import Effect
+from bayes_iwan.rig.kernel import Numbers, march
+from bayes_iwan.rig.sensors import Sensors, measure
+from bayes_iwan.rig.specimen import RigError, Specimen
+
+Floats = np.ndarray[Any, np.dtype[np.float64]]
+
+
+@dataclass(frozen=True)
+class PlannedTest:
+    """One test to be run: nominal frequency and amplitude, recorded cycles, cycles of run-in, role."""
+
+    frequency_hz: float
+    amplitude_mm: float
+    cycles: int = 40
+    run_in: int = 8
+    role: str = "fit"
+
+    def __post_init__(self) -> None:
+        if not (0.1 <= self.frequency_hz <= 200 and 1e-3 <= self.amplitude_mm <= 50):
+            raise RigError(
+                f"a test at {self.frequency_hz:g} Hz and {self.amplitude_mm:g} mm is beyond the rig: "
+                "use 0.1 to 200 Hz and 0.001 to 50 mm"
+            )
+        if self.cycles < 1 or self.run_in < 3:
+            raise RigError("a test needs at least 1 recorded cycle and 3 cycles of run-in")
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Shaker, fixture and sensors.
+
+    Attributes: compliance of the shaker (upstream of the displacement sensor: it distorts the motion) and of the
+    sound fixture (between the sensor and the specimen); the drive's second and third harmonics as shares of the
+    amplitude; the largest relative error of the frequency, the RMS error of the amplitude, the RMS of its slow
+    wander; sensors; sampling rate.
+    """
+
+    shaker_compliance_mm_N: float = 2e-3
+    fixture_compliance_mm_N: float = 5e-5
+    second_harmonic: float = 0.01
+    third_harmonic: float = 0.005
+    frequency_error: float = 0.003
+    amplitude_error: float = 0.003
+    wander: float = 5e-4
+    sensors: Sensors = field(default_factory=Sensors)
+    sample_rate_hz: float = 1280.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """One simulated test: samples as recorded, what was planned, and the frequency that was really run."""
+
+    test: PlannedTest
+    true_frequency_hz: float
+    time_s: Floats
+    displacement_mm: Floats
+    force_N: Floats
+
+    def record(self, file: str) -> Record:
+        """The run as a campaign's record."""
+        return Record(
+            file=file,
+            frequency_hz=self.test.frequency_hz,
+            amplitude_mm=self.test.amplitude_mm,
+            role=self.test.role,
+            extras={},
+            time_s=self.time_s,
+            displacement_mm=self.displacement_mm,
+            force_N=self.force_N,
+            warnings=(),
+        )
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """Steps a cycle and the number of sliders."""
+
+    steps: int = 1500
+    sliders: int = 10_000
+
+
+# sliders that remember their slip speed cost several times as much, and need fewer: they blur one another
+FULL, RATED, COARSE = Fidelity(), Fidelity(steps=1000, sliders=150), Fidelity(steps=400, sliders=60)
+_RATED = {"stribeck_weakening", "rate_strengthening", "stiction_peak"}
+
+
+def _numbers(specimen: Specimen, setup: Setup, effects: tuple[Effect, ...], amplitude_mm: float) -> Numbers:
+    changes = fx.kernel_changes(effects)
+    extra = changes.pop("extra_compliance", 0.0)
+    return Numbers(
+        amplitude_mm=amplitude_mm,
+        parallel=specimen.parallel_N_mm,
+        contact=specimen.contact_N_mm,
+        curve=specimen.curve,
+        curve_power=specimen.curve_power,
+        kn=specimen.kn_1_mm,
+        beta=specimen.beta,
+        lam=specimen.lambda_s_m,
+        tip=specimen.tip,
+        link_compliance=setup.shaker_compliance_mm_N + setup.fixture_compliance_mm_N + extra,
+        **changes,
+    )
+
+
+def simulate_test(
+    specimen: Specimen,
+    test: PlannedTest,
+    *,
+    setup: Setup | None = None,
+    effects: tuple[Effect, ...] = (),
+    seed: int = 0,
+    index: int = 0,
+    fidelity: Fidelity = FULL,
+    clean: bool = False,
+) -> Run:
+    """Run one test from rest and record it.
+
+    `index` is the test's place in the campaign; `seed` and `index` settle everything random. The controller
+    first makes two short trial runs and sets drive and offset so that the displacement at the sensor has the
+    wanted amplitude and no offset. `clean` leaves noise and digitiser's steps out.
+
+    Raises `RigError` for unknown effects or a test beyond the rig.
+    """
+    fx.check(effects)
+    setup = setup or Setup()
+    if fidelity == FULL and any(e.name in _RATED for e in effects):
+        fidelity = RATED
+    rng = np.random.default_rng([seed, index, 0])
+    frequency = test.frequency_hz * (1 + setup.frequency_error * rng.uniform(-1, 1))
+    amplitude = test.amplitude_mm * (1 + setup.amplitude_error * rng.standard_normal())
+    start, phase2, phase3 = rng.uniform(0, 2 * np.pi, 3)
+    second, third = setup.second_harmonic * rng.uniform(0.3, 1), setup.third_harmonic * rng.uniform(0.3, 1)
+    beats = setup.wander * rng.standard_normal(6)
+    body = specimen.scaled(fx.stiffness_factor(effects, index)).coarse(fidelity.sliders)
+
+    def shape(t: Floats, run_in: float) -> Floats:
+        turn = 2 * np.pi * frequency * t + start
+        wave = np.sin(turn) + second * np.sin(2 * turn + phase2) + third * np.sin(3 * turn + phase3)
+        rise = np.clip((t * frequency + run_in) / min(3.0, run_in), 0.0, 1.0)
+        slow = 1.0 + sum(b * np.sin(2 * np.pi * (0.13 + 0.11 * i) * t + i) for i, b in enumerate(beats / np.sqrt(3)))
+        return np.asarray(np.sin(0.5 * np.pi * rise) ** 2 * slow * wave)
+
+    def march_through(
+        rate: float, begin: float, stop: float, run_in: float, size: float, offset: float,
+        own_amplitude: float, sliders: Specimen,
+    ) -> tuple[Floats, Floats, Floats, Floats]:  # fmt: skip
+        t = begin + np.arange(int(np.ceil((stop - begin) * rate)) + 1) / rate
+        drive = size * shape(t, run_in) + offset * np.clip((t - begin) * frequency, 0.0, 1.0)
+        numbers = _numbers(sliders, setup, effects, own_amplitude)
+        force, deformation, _ = march(
+            drive, t * frequency, 1 / rate, sliders.stiffness_share, sliders.slip_share_N, numbers
+        )
+        return t, drive - setup.shaker_compliance_mm_N * force, force, deformation
+
+    # the controller's trial runs: five cycles, coarse, looking at the last
+    size, offset, own = amplitude, 0.0, amplitude
+    for _ in range(2):
+        rate = 300 * frequency
+        t, seen, _, deformation = march_through(
+            rate, -5 / frequency, 0.0, 5.0, size, offset, own, body.coarse(COARSE.sliders)
+        )
+        last = t >= -1 / frequency - 1e-12
+        correction = amplitude / (0.5 * np.ptp(seen[last]))
+        size *= correction
+        own = max(float(deformation[last].max()) * correction, 1e-3 * amplitude)
+        offset -= seen[last][1:].mean()  # one whole cycle: its first sample is its last
+    # the analogue filters want a rate well above theirs, whatever the motion needs
+    slowest = 8 if fidelity.steps >= 1000 else 4
+    multiple = max(slowest, int(np.ceil(fidelity.steps * frequency / setup.sample_rate_hz)))
+    margin = 0.01
+    t, seen, force, _ = march_through(
+        multiple * setup.sample_rate_hz, -test.run_in / frequency, test.cycles / frequency + margin,
+        float(test.run_in), size, offset, own, body,
+    )  # fmt: skip
+    n = round(test.cycles / test.frequency_hz * setup.sample_rate_hz)
+    samples = np.arange(n) / setup.sample_rate_hz
+    u, f = measure(
+        t, seen, force, samples, setup.sensors, fx.chain(effects), np.random.default_rng([seed, index, 1]), clean
+    )
+    return Run(test, frequency, samples, u, f)
+
+
+def simulate_tests(
+    specimen: Specimen,
+    tests: Sequence[PlannedTest],
+    *,
+    setup: Setup | None = None,
+    effects: tuple[Effect, ...] = (),
+    seed: int = 0,
+    first_index: int = 0,
+    fidelity: Fidelity = FULL,
+    clean: bool = False,
+) -> tuple[Run, ...]:
+    """Run several tests of one campaign; see `simulate_test`."""
+    return tuple(
+        simulate_test(
+            specimen, test, setup=setup, effects=effects, seed=seed, index=first_index + i,
+            fidelity=fidelity, clean=clean,
+        )
+        for i, test in enumerate(tests)
+    )  # fmt: skip
+
+
+def with_noise(setup: Setup, share: float, friction_N: float, largest_mm: float) -> Setup:
+    """The setup with force noise of `share` of the friction force, and the displacement's in proportion."""
+    sensors = replace(setup.sensors, force_noise_N=share * friction_N, displacement_noise_mm=0.02 * share * largest_mm)
+    return replace(setup, sensors=sensors)
+
+
+def file_name(test: PlannedTest, taken: set[str]) -> str:
+    """A file name that says frequency and amplitude, as `f10_a0.3.csv`; numbered when repeated."""
+    stem = f"f{test.frequency_hz:g}_a{test.amplitude_mm:g}"
+    name, number = f"{stem}.csv", 2
+    while name in taken:
+        name, number = f"{stem}_{number}.csv", number + 1
+    taken.add(name)
+    return name
+
+
+def records(runs: Sequence[Run]) -> list[Record]:
+    """The runs as a campaign's records, with file names."""
+    taken: set[str] = set()
+    return [r.record(file_name(r.test, taken)) for r in runs]

@@ -1,0 +1,487 @@
+"""Every effect: vanishes at its neutral value, and does what its physics says in closed form."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from bayes_iwan.effects import catalogue
+from bayes_iwan.effects.base import Effect, EffectError
+from bayes_iwan.effects.paper import EFFECTS as PAPER
+from bayes_iwan.effects.paper import missing_terms
+from bayes_iwan.effects.user_file import load_effects
+from bayes_iwan.physics import Model, paper, sine_motion
+
+ISSUE = (
+    "viscous_damping maxwell_branch moving_mass quadratic_stiffness cubic_stiffness end_stop stribeck_weakening "
+    "rate_strengthening normal_force_lag friction_fade direction_dependent_friction rig_compliance free_play "
+    "channel_delay integration_highpass force_highpass force_lowpass force_drift mains_hum force_clipping"
+).split()
+EVERY = (*catalogue.BUILT_IN, *PAPER)
+ALSO_SHAPES = (*EVERY, *catalogue.UNLISTED)
+F_HZ, A_MM = 20.0, 0.9
+OMEGA = 2.0 * np.pi * F_HZ
+
+
+def motion(samples=128, cycle=0.0):
+    return replace(sine_motion([A_MM, 0.3], [F_HZ, 8.0], samples), cycle=np.full(2, cycle))
+
+
+def of(name, kit):
+    """The effect of that name for the kit's scales, with two tests."""
+    return next(e for e in ALSO_SHAPES if e.name == name)(kit.scales, ("a.csv", "b.csv"))
+
+
+def shapes_at_median(effect, draws=1):
+    return {p.name: np.full(draws, float(p.value(np.zeros(1))[0])) for p in effect.parameters}
+
+
+def with_strength(effect, value, draws=1, **shapes):
+    """Numbers of an effect: its strength (all of a hum's parts), given shapes, and medians of the rest."""
+    own = shapes_at_median(effect, draws)
+    for name in own:
+        if name == effect.strength_name or effect.strength_name not in own:
+            own[name] = np.broadcast_to(np.asarray(value, float), (draws,)).copy()
+    return own | {
+        f"{effect.name}.{n}": np.broadcast_to(np.asarray(v, float), (draws,)).copy() for n, v in shapes.items()
+    }
+
+
+def harmonics(force):
+    """c_h of Re Σ c_h exp(2πi h phase), phase 0 at the upward crossing."""
+    c = np.fft.rfft(force, axis=-1) * 2.0 / force.shape[-1]
+    c[..., 0] /= 2.0
+    return c
+
+
+def change(name, kit, strength, at=None, model=None, numbers=None, **shapes):
+    """Force with the effect and without, (loops, samples)."""
+    effect, at = of(name, kit), motion() if at is None else at
+    model = Model(kit.reference) if model is None else model
+    numbers = kit.numbers(model) if numbers is None else numbers
+    extended = replace(model, effects=(effect,))
+    return (extended.force(numbers | with_strength(effect, strength, **shapes), at)[0], model.force(numbers, at)[0])
+
+
+def work(force, at):
+    """∮F du, N·mm, by the spectral derivative of u: exact for what these loops hold."""
+    n = at.samples
+    slope = np.fft.irfft(2j * np.pi * np.arange(n // 2 + 1) * np.fft.rfft(at.displacement_mm[0]), n=n)
+    return np.mean(force * slope, axis=-1)
+
+
+# ---- the catalogue
+
+
+def test_names_are_those_agreed():
+    assert sorted(catalogue.NAMES) == sorted(ISSUE)
+
+
+@pytest.mark.parametrize("kind", EVERY, ids=lambda k: k.__name__)
+def test_every_effect_says_what_it_is(kind, kit):
+    effect = kind(kit.scales, ("a.csv",))
+    for text in (effect.physics, effect.reference, effect.signature, effect.bench):
+        assert len(text) > 10
+    assert effect.first_guess() > 0
+    for p in effect.parameters:
+        assert p.name.startswith(effect.name + ".") and p.unit and p.symbol and p.description
+    known = {e.name for e in EVERY}
+    assert set(effect.look_alikes) <= known - {effect.name}
+
+
+@pytest.mark.parametrize("kind", ALSO_SHAPES, ids=lambda k: k.__name__)
+@pytest.mark.parametrize("strength", [0.0, 1e-13])
+def test_neutral_value_gives_the_base_model(kind, strength, kit):
+    effect = kind(kit.scales, ("a.csv", "b.csv"))
+    model = Model(kit.reference)
+    numbers = kit.numbers(model, 3) | with_strength(effect, strength * effect.first_guess(), 3)
+    at = motion(80, cycle=17.0)
+    plain = model.force(numbers, at)
+    np.testing.assert_allclose(replace(model, effects=(effect,)).force(numbers, at), plain, atol=1e-9, rtol=0)
+
+
+@pytest.mark.parametrize("kind", ALSO_SHAPES, ids=lambda k: k.__name__)
+def test_draws_do_not_depend_on_their_batch(kind, kit):
+    effect = kind(kit.scales, ("a.csv", "b.csv"))
+    model = replace(Model(kit.reference), effects=(effect,))
+    sizes = effect.first_guess() * np.array([0.3, 1.0, 2.0, 4.0])
+    numbers = kit.numbers(model, 4, kp_N_mm=[3.0, 4.0, 5.0, 6.0]) | with_strength(effect, sizes, 4)
+    at = motion(48, cycle=5.0)
+    together = model.force(numbers, at)
+    alone = [model.force({n: v[i : i + 1] for n, v in numbers.items()}, at)[0] for i in range(4)]
+    np.testing.assert_array_equal(together, np.array(alone))
+
+
+def test_order_of_effects_is_that_of_the_signal(kit):
+    three = [of(n, kit) for n in ("force_clipping", "viscous_damping", "channel_delay")]
+    model, at = Model(kit.reference), motion()
+    numbers = kit.numbers(model)
+    for effect, size in zip(three, (0.3, 0.004, 2e-3)):
+        numbers |= with_strength(effect, size)
+    clipping, viscous, delay = three
+    by_hand = model.force(numbers, at)
+    for effect in (viscous, delay, clipping):
+        by_hand = effect.force(by_hand, at, numbers)
+    for some in permutations(three):
+        together = replace(model, effects=catalogue.ordered(some)).force(numbers, at)
+        np.testing.assert_allclose(together, by_hand, atol=1e-12)
+
+
+# ---- inside the specimen
+
+
+def test_viscous_damping_dissipates_pi_c_omega_a_squared(kit):
+    c = 0.003
+    extended, base = change("viscous_damping", kit, c)
+    expected = [np.pi * c * OMEGA * A_MM**2, np.pi * c * 2 * np.pi * 8.0 * 0.3**2]
+    np.testing.assert_allclose(work(extended - base, motion()), expected, rtol=1e-9)
+
+
+def test_moving_mass_does_no_work_and_pushes_by_m_omega_squared(kit):
+    m = 0.02
+    extended, base = change("moving_mass", kit, m)
+    np.testing.assert_allclose(work(extended - base, motion()), 0.0, atol=1e-12)
+    c = harmonics(extended - base)[0]
+    assert c[1] == pytest.approx(-1j * -m * OMEGA**2 * A_MM * 1e-3, rel=1e-9)  # u = A sin, so u ~ −iA
+    assert np.abs(np.delete(c, 1)).max() < 1e-12
+
+
+@pytest.mark.parametrize("ratio", [0.1, 1.0, 10.0])
+def test_maxwell_branch_has_its_knee_at_one_over_two_pi_tau(ratio, kit):
+    k, tau = 0.7, ratio / OMEGA
+    extended, base = change("maxwell_branch", kit, k, tau_s=tau)
+    stiffness = harmonics(extended - base)[0, 1] / (-1j * A_MM)
+    assert stiffness == pytest.approx(k * 1j * ratio / (1 + 1j * ratio), rel=1e-9)
+    if ratio == 1.0:
+        assert stiffness.imag == pytest.approx(0.5 * k)  # the largest loss
+
+
+def test_quadratic_and_cubic_stiffness(kit):
+    extended, base = change("quadratic_stiffness", kit, 0.4)
+    c = harmonics(extended - base)[0]
+    assert c[0].real == pytest.approx(0.5 * 0.4 * A_MM**2)
+    assert c[2] == pytest.approx(-0.5 * 0.4 * A_MM**2)
+    np.testing.assert_allclose(work(extended - base, motion()), 0.0, atol=1e-12)
+    extended, base = change("cubic_stiffness", kit, -0.5)
+    c = harmonics(extended - base)[0]
+    assert c[1] == pytest.approx(-1j * 0.75 * -0.5 * A_MM**3)
+    assert c[3] == pytest.approx(1j * 0.25 * -0.5 * A_MM**3)
+    np.testing.assert_allclose(work(extended - base, motion()), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_end_stop_acts_on_its_side_beyond_the_gap_only(side, kit):
+    extended, base = change("end_stop", kit, side * 20.0, gap_mm=0.7)
+    extra, u = (extended - base)[0], motion().displacement_mm[0, 0]
+    np.testing.assert_allclose(extra, side * 20.0 * np.maximum(side * u - 0.7, 0.0), atol=1e-12)
+    assert np.abs(extra).max() == pytest.approx(20.0 * 0.2)
+    np.testing.assert_array_equal((extended - base)[1], 0.0)  # 0.3 mm never reaches it
+
+
+# ---- on the friction: at full slip every element carries its slip force, E[φ] in all
+
+
+def full_slip(kit):
+    """Classical Iwan specimen moved so far that all elements slip in mid-stroke; mean slip force."""
+    model = Model(kit.reference, grip="constant", stiffness="constant")
+    numbers = kit.numbers(model, kp_N_mm=0.0, k1_N_mm=1000.0)
+    mean = float(sum(numbers[f"g{i}"] * numbers[f"t{i}_N"] * numbers[f"eta{i}"] for i in (1, 2, 3))[0])
+    return model, numbers, mean
+
+
+def mid_stroke(name, kit, strength, cycle=0.0, **shapes):
+    """Force at the upward and the downward crossing of the middle of a large stroke, over the mean slip force."""
+    model, numbers, mean = full_slip(kit)
+    at = replace(sine_motion(A_MM, F_HZ, 256), cycle=np.array([cycle]))
+    force, plain = change(name, kit, strength, at, model, numbers, **shapes)
+    assert plain[0, 0] == pytest.approx(mean, rel=1e-6) and plain[0, 128] == pytest.approx(-mean, rel=1e-6)
+    return force[0, 0] / mean, force[0, 128] / mean
+
+
+SPEED = 1e-3 * OMEGA * A_MM
+
+
+def test_stribeck_weakening_in_mid_stroke(kit):
+    up, down = mid_stroke("stribeck_weakening", kit, 0.3, v_s_m_s=0.05, memory_s=0.0)
+    expected = 1.0 - 0.3 * (1.0 - np.exp(-SPEED / 0.05))
+    assert (up, down) == (pytest.approx(expected, rel=1e-6), pytest.approx(-expected, rel=1e-6))
+
+
+def test_rate_strengthening_in_mid_stroke(kit):
+    up, down = mid_stroke("rate_strengthening", kit, 0.1, v0_m_s=0.01, memory_s=0.0)
+    expected = 1.0 + 0.1 * np.log1p(SPEED / 0.01)
+    assert (up, down) == (pytest.approx(expected, rel=1e-6), pytest.approx(-expected, rel=1e-6))
+
+
+@pytest.mark.parametrize("name", ["stribeck_weakening", "rate_strengthening"])
+def test_friction_remembers_the_slip_speed_of_the_last_moment(name, kit):
+    """Speed |cos| through a first-order lag: its harmonics 2, 4, … by their closed form."""
+    effect, at, tau = of(name, kit), motion(512), 0.004
+    speed = effect.speed_m_s(at, {f"{name}.memory_s": np.array([tau])})[0, 0]
+    h = np.arange(1, 40)
+    c = 4.0 / np.pi * (-1.0) ** (h + 1) / (4.0 * h**2 - 1.0) / (1.0 + 2j * h * OMEGA * tau)
+    phase = np.arange(512)[:, None] * 2.0 * np.pi / 512
+    expected = SPEED * (2.0 / np.pi + np.sum((c * np.exp(2j * h * phase)).real, axis=1))
+    np.testing.assert_allclose(speed, expected, atol=2e-3 * SPEED)
+
+
+@pytest.mark.parametrize("cycle", [0.0, 8.0, 400.0])
+def test_friction_fade_at_cycle_n(cycle, kit):
+    up, _ = mid_stroke("friction_fade", kit, 0.25, cycle, cycles=8.0)
+    assert up == pytest.approx(1.0 - 0.25 * (1.0 - np.exp(-cycle / 8.0)), rel=1e-6)
+
+
+def test_direction_dependent_friction_makes_a_mean_force(kit):
+    up, down = mid_stroke("direction_dependent_friction", kit, 0.2)
+    assert (up, down) == (pytest.approx(1.2, rel=1e-6), pytest.approx(-0.8, rel=1e-6))
+    assert 0.5 * (up + down) == pytest.approx(0.2, rel=1e-6)
+
+
+def test_direction_dependent_friction_against_elements_with_asymmetric_bounds(kit):
+    model = Model(kit.reference, slip="uniform", grip="constant", stiffness="constant")
+    numbers = {
+        "kp_N_mm": np.array([2.0]),
+        "force_zero_N": np.zeros(1),
+        "k1_N_mm": np.array([12.0]),
+        "slip_mean_N": np.array([2.0]),
+        "slip_width": np.array([0.6]),
+    }
+    at, a = sine_motion(A_MM, F_HZ, 128), 0.35
+    force, _ = change("direction_dependent_friction", kit, a, at, model, numbers)
+    phi = 2.0 * (1.0 + 0.6 * (2.0 * (np.arange(4000) + 0.5) / 4000 - 1.0))  # elements of equal weight
+    carried, before, u = np.zeros(4000), 0.0, at.displacement_mm[0, 0]
+    for _ in range(2):
+        expected = []
+        for x in u:
+            carried = np.clip(carried + 12.0 * (x - before), -phi * (1.0 - a), phi * (1.0 + a))
+            before = x
+            expected.append(2.0 * x + carried.mean())
+    np.testing.assert_allclose(force[0], expected, atol=2e-4)
+
+
+def test_normal_force_lag_filters_the_grip(kit):
+    effect, at = of("normal_force_lag", kit), motion()
+    tau = 0.4 / OMEGA
+    alpha = 1.0 + 0.3 * at.displacement_mm / A_MM
+    got = harmonics(effect.grip(alpha, at, with_strength(effect, tau))[0, 0])
+    before = harmonics(alpha[0, 0])
+    assert got[0] == pytest.approx(1.0)
+    assert got[1] == pytest.approx(before[1] / (1 + 0.4j), rel=1e-9)
+
+
+# ---- in series
+
+
+def test_rig_compliance_adds_to_the_elastic_specimens(kit):
+    model, numbers = kit.elastic(kit.reference)
+    compliance = 0.005
+    force, plain = change("rig_compliance", kit, compliance, None, model, numbers)
+    u = motion().displacement_mm[0]
+    np.testing.assert_allclose(plain, 10.0 * u, atol=1e-9)
+    np.testing.assert_allclose(force, u / (1.0 / 10.0 + compliance), atol=1e-5)
+
+
+def test_free_play_rests_at_zero_force_over_its_width(kit):
+    model, numbers = kit.elastic(kit.reference)
+    force, _ = change("free_play", kit, 0.2, None, model, numbers)
+    u = motion().displacement_mm[0]
+    np.testing.assert_allclose(force, 10.0 * np.sign(u) * np.maximum(np.abs(u) - 0.1, 0.0), atol=1e-9)
+
+
+def test_free_play_with_friction_is_flat_on_both_branches_at_every_amplitude(kit):
+    at = sine_motion([0.9, 0.5], [F_HZ, F_HZ], 512)
+    force, _ = change("free_play", kit, 0.15, at, Model(kit.reference, grip="constant", stiffness="constant"))
+    u, v = at.displacement_mm[0], at.velocity_m_s[0]
+    for loop in range(2):
+        for rising in (True, False):
+            rests = (np.abs(force[loop]) < 0.01) & ((v[loop] > 0) == rising)
+            assert np.ptp(u[loop, rests]) == pytest.approx(0.15, abs=0.015)
+
+
+# ---- measuring channels
+
+
+@pytest.mark.parametrize("tau", [1.5e-3, -1.5e-3])
+def test_channel_delay_turns_every_harmonic_by_h_omega_tau(tau, kit):
+    delayed, plain = (harmonics(x[0]) for x in change("channel_delay", kit, tau))
+    h = np.arange(20)
+    np.testing.assert_allclose(delayed[:20], plain[:20] * np.exp(-1j * h * OMEGA * tau), atol=1e-12)
+
+
+def test_force_lowpass_and_highpass_transfer_functions(kit):
+    h = np.arange(1, 20)
+    tau, corner = 8e-4, 0.9
+    low, plain = (harmonics(x[0]) for x in change("force_lowpass", kit, tau))
+    np.testing.assert_allclose(low[1:20], plain[1:20] / (1 + 1j * h * OMEGA * tau), atol=1e-12)
+    assert low[0] == pytest.approx(plain[0])
+    high, plain = (harmonics(x[0]) for x in change("force_highpass", kit, corner))
+    s = 1j * h * F_HZ / corner
+    np.testing.assert_allclose(high[1:20], plain[1:20] * s / (1 + s), atol=1e-12)
+    assert abs(high[0]) < 1e-5
+
+
+def test_integration_highpass_gives_back_the_true_motion(kit):
+    effect, true = of("integration_highpass", kit), motion()
+    corner = 1.2
+    f = true.frequency_hz[:, None] * np.arange(65)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gain = np.where(f > 0, f / (f - 1j * corner), 1.0)
+    seen = true.moved(
+        *(
+            np.fft.irfft(np.fft.rfft(x) * gain, n=128)
+            for x in (true.displacement_mm, true.velocity_m_s, true.acceleration_m_s2)
+        )
+    )
+    back = effect.motion(seen, with_strength(effect, corner))
+    for name in ("displacement_mm", "velocity_m_s", "acceleration_m_s2"):
+        np.testing.assert_allclose(getattr(back, name), getattr(true, name), atol=1e-9)
+
+
+def test_force_clipping_makes_flat_tops_at_one_force_in_every_test(kit):
+    force, plain = change("force_clipping", kit, 1.0 / 2.5)
+    np.testing.assert_array_equal(force, np.clip(plain, -2.5, 2.5))
+    assert (force[0] == 2.5).sum() > 5
+    numbers = {"force_clipping.inverse_limit_1_N": np.array([0.4])}
+    told = of("force_clipping", kit).reported(numbers, lambda: plain[None])
+    assert told["limit_N"] == (pytest.approx(2.5), "N")
+
+
+# ---- what the paper adds to the classical Iwan model
+
+# ---- shapes without a cause
+
+
+def test_speed_squared_dissipates_eight_thirds_c_omega_squared_a_cubed(kit):
+    at = motion()
+    with_it, without = change("speed_squared", kit, 40.0, at)
+    speed = 2e-3 * np.pi * at.frequency_hz * at.amplitude_mm  # m/s
+    np.testing.assert_allclose(work(with_it - without, at), 8.0 / 3.0 * 40.0 * speed**2 * at.amplitude_mm, rtol=1e-4)
+
+
+def test_both_ends_is_odd_elastic_and_absent_within_its_gap(kit):
+    at = motion(256)
+    with_it, without = change("both_ends", kit, 3.0, at, gap_mm=0.5)
+    added, u = with_it - without, at.displacement_mm[0]
+    assert np.abs(added[np.abs(u) <= 0.5]).max() < 1e-12 and np.abs(added[1]).max() < 1e-12
+    deep = np.maximum(np.abs(u[0]) - 0.5, 0.0)
+    np.testing.assert_allclose(added[0], 3.0 * np.sign(u[0]) * deep**1.5 / np.sqrt(kit.scales.length_mm), atol=1e-12)
+    assert abs(work(added, at)[0]) < 1e-3
+
+
+def test_break_away_lifts_friction_after_reversals_and_wears_off(kit):
+    model, at = Model(kit.reference, grip="constant", stiffness="constant"), motion(256)
+    with_it, without = change("break_away", kit, 0.4, at, model=model, slide_mm=0.15)
+    u, up = at.displacement_mm[0, 0], at.velocity_m_s[0, 0] > 0
+    added, friction = (with_it - without)[0], np.ptp(without[0] - kit.numbers(model)["kp_N_mm"][0] * u) / 2.0
+    assert np.abs(added[up & (u > 0.5 * A_MM)]).max() < 2e-4 * friction  # 1.3 mm after the reversal
+    assert added[up & (u > -0.7 * A_MM) & (u < -0.3 * A_MM)].max() > 0.01 * friction
+
+
+def test_tests_differ_and_change_each_by_its_own_elastic_force(kit):
+    for name, cycle, share in (("tests_differ", 3.0, 1.0), ("stiffness_changes", 10.0, 1.0 - np.exp(-1.0))):
+        at = motion(cycle=cycle)
+        effect, model = of(name, kit), Model(kit.reference)
+        numbers = kit.numbers(model)
+        own = dict(zip((p.name for p in effect.parameters), (np.array([0.3]), np.array([-0.2]))))
+        added = (replace(model, effects=(effect,)).force(numbers | own, at) - model.force(numbers, at))[0]
+        expected = share * np.array([[0.3], [-0.2]]) * at.displacement_mm[0] / at.amplitude_mm[:, None]
+        np.testing.assert_allclose(added, expected, atol=1e-12)
+        assert effect.evolving == (name == "stiffness_changes")
+
+
+def test_papers_terms_on_the_classical_model_are_the_papers_model(kit):
+    at = motion()
+    reference = replace(kit.reference)
+    whole = Model(reference)
+    true = kit.numbers(whole)
+    bend = true["stiffness_bend"]
+    classical = Model(
+        reference, grip="constant", stiffness="constant", effects=catalogue.ordered([e(kit.scales) for e in PAPER])
+    )
+    numbers = {n: v for n, v in true.items() if n not in ("beta", "grip_slope", "grip_rate", "stiffness_bend")} | {
+        "varying_normal_force.slope": true["grip_slope"],
+        "varying_normal_force.beta": true["beta"],
+        "speed_dependent_normal_force.rate": true["grip_rate"],
+        "speed_dependent_normal_force.beta": np.array([2.0]),
+        "stiffness_of_normal_force.elasticity": bend / np.expm1(bend),
+    }
+    np.testing.assert_allclose(classical.force(numbers, at), whole.force(true, at), atol=1e-9)
+
+
+def test_papers_terms_are_offered_only_where_the_base_lacks_them():
+    def names(model):
+        return [e.name for e in missing_terms(model)]
+
+    assert names({}) == [] and not {e.name for e in PAPER} & set(catalogue.variants())
+    assert names({"grip": "hunt_crossley_no_speed"}) == ["speed_dependent_normal_force"]
+    classical = {"grip": "constant", "stiffness": "constant"}
+    assert names(classical) == [e.name for e in PAPER]
+    assert {e.name for e in PAPER} < set(catalogue.variants(model=classical))
+
+
+# ---- a user's own effects
+
+GOOD = """
+from bayes_iwan.effects import Effect
+
+class Softening(Effect):
+    name = "softening"
+    strength = ("share", "s", "-", "share of the force that is lost")
+    physics = "force fades"
+    reference = "none"
+    signature = "smaller loops"
+
+    def first_guess(self):
+        return 0.1
+
+    def force(self, force_N, motion, numbers):
+        return force_N * (1.0 - self.get(numbers, "share"))
+"""
+
+
+def test_users_effect_is_loaded_and_acts(tmp_path, kit):
+    path = tmp_path / "own.py"
+    path.write_text(GOOD)
+    (kind,) = load_effects(path)
+    assert "softening" in catalogue.variants([kind])
+    effect = kind(kit.scales)
+    model, at = Model(kit.reference), motion(48)
+    numbers = kit.numbers(model) | {"softening.share": np.array([0.25])}
+    np.testing.assert_allclose(replace(model, effects=(effect,)).force(numbers, at), 0.75 * model.force(numbers, at))
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ("x = 1\n", "no subclass"),
+        ("def f(:\n", "cannot be run"),
+        ("import nothing_of_that_name\n", "nothing_of_that_name"),
+        (GOOD.replace('    signature = "smaller loops"\n', ""), "lacks signature"),
+        (GOOD.replace("def first_guess", "def another"), "lacks first_guess"),
+        (GOOD.replace('    strength = ("share", "s", "-", "share of the force that is lost")\n', ""), "lacks strength"),
+        (GOOD.replace('("share", "s", "-", "share of the force that is lost")', '"share"'), "strength"),
+        (GOOD.replace('"softening"', '"soft.ening"'), "name"),
+    ],
+)
+def test_bad_effect_files_are_named_with_the_mend(text, says, tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(text)
+    with pytest.raises(EffectError) as error:
+        load_effects(path)
+    assert str(path) in str(error.value) and says in str(error.value) and "\n" not in str(error.value)
+
+
+def test_missing_effect_file(tmp_path):
+    with pytest.raises(EffectError, match=r"gone\.py: no such file"):
+        load_effects(tmp_path / "gone.py")
+
+
+@pytest.mark.parametrize("name", ["viscous_damping", "none", "unknown"])
+def test_taken_names_are_refused(name):
+    with pytest.raises(EffectError, match="choose another name"):
+        catalogue.variants([type("Own", (Effect,), {"name": name})])
+
+
+def test_paper_table_is_what_the_kit_uses(kit):
+    assert set(kit.numbers(Model(kit.reference))) == set(paper.table_1(kit.reference))

@@ -1,0 +1,77 @@
+"""Global searches on functions with known optima: many modes, curved valleys, scales from 1 to 1e6."""
+
+import numpy as np
+import pytest
+
+from bayes_iwan.optimize.genetic import SearchError, differential_evolution_search, genetic_search
+
+NDIM = 10
+BOUNDS = np.tile([-5.12, 4.0], (NDIM, 1))
+
+
+def rastrigin(x):
+    return 10 * x.shape[1] + (x**2 - 10 * np.cos(2 * np.pi * x)).sum(axis=1)
+
+
+def ellipsoid(x):
+    return (10 ** (6 * np.arange(NDIM) / (NDIM - 1)) * (x - 0.3) ** 2).sum(axis=1)
+
+
+def rosenbrock_residuals(x):
+    return np.concatenate([10 * (x[:, 1:] - x[:, :-1] ** 2), 1 - x[:, :-1]], axis=1)
+
+
+def rosenbrock(x):
+    return (rosenbrock_residuals(x) ** 2).sum(axis=1)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_genetic_search_finds_the_global_one_of_ten_to_the_tenth_modes(seed):
+    found = genetic_search(rastrigin, BOUNDS, seed=seed, progress=False)
+    assert found.objective < 0.5  # the next best mode has 0.995
+    np.testing.assert_allclose(found.x, 0, atol=0.1)
+
+
+@pytest.mark.parametrize("search", [genetic_search, differential_evolution_search])
+def test_polish_ends_exactly_at_the_bottom_of_a_curved_valley(search):
+    found = search(rosenbrock, BOUNDS, seed=1, max_evaluations=6000, residuals=rosenbrock_residuals, progress=False)
+    np.testing.assert_allclose(found.x, 1, atol=1e-6)
+    assert found.objective < 1e-12 and found.polish is not None and found.polish.converged.any()
+
+
+def test_second_opinion_agrees_on_an_ill_conditioned_bowl():
+    found = differential_evolution_search(ellipsoid, BOUNDS, seed=0, max_evaluations=30_000, progress=False)
+    np.testing.assert_allclose(found.x, 0.3, atol=1e-2)
+    assert found.n_evaluations <= 30_000
+
+
+def test_result_tells_its_history_and_keeps_a_sorted_population_in_the_box():
+    found = genetic_search(rastrigin, BOUNDS, seed=3, max_evaluations=4000, progress=False)
+    assert (np.diff(found.best) <= 0).all() and (found.median >= found.best).all()
+    assert (np.diff(found.population_objective) >= 0).all() and found.population.shape == (200, NDIM)
+    assert ((found.population >= BOUNDS[:, 0]) & (found.population <= BOUNDS[:, 1])).all()
+    np.testing.assert_array_equal(rastrigin(found.population), found.population_objective)
+    assert found.stopped == "evaluations" and found.n_evaluations <= 4000 and found.seed == 3
+
+
+def test_same_seed_same_result_and_another_seed_another():
+    runs = [genetic_search(rastrigin, BOUNDS, seed=s, max_evaluations=3000, progress=False) for s in (5, 5, 6)]
+    np.testing.assert_array_equal(runs[0].population, runs[1].population)
+    assert (runs[0].population != runs[2].population).any()
+
+
+def test_stops_by_itself_when_nothing_gets_better():
+    found = genetic_search(lambda x: np.maximum((x**2).sum(axis=1), 1.0), BOUNDS, seed=0, progress=False)
+    assert found.stopped == "stall" and found.n_evaluations < 60_000
+
+
+def test_impossible_regions_are_avoided_and_an_impossible_box_is_refused():
+    def half(x):  # NaN and inf alike mean: no model here
+        return np.where(x[:, 0] < 0.5, np.nan, np.where(x[:, 1] < 0.5, np.inf, (x**2).sum(axis=1)))
+
+    found = genetic_search(half, BOUNDS, seed=0, max_evaluations=20_000, progress=False)
+    np.testing.assert_allclose(found.x[:2], 0.5, atol=0.05)
+    with pytest.raises(SearchError, match="not finite"):
+        genetic_search(lambda x: np.full(len(x), np.inf), BOUNDS, seed=0, progress=False)
+    with pytest.raises(SearchError, match="bounds"):
+        genetic_search(rastrigin, [[0, np.inf]], seed=0, progress=False)

@@ -1,0 +1,231 @@
+"""The rig's records: the measuring chain, sizes of effects, planned campaigns, random cases."""
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import read_campaign
+from bayes_iwan.rig import cases as rig_cases
+from bayes_iwan.rig import faults as rig_effects
+from bayes_iwan.rig import simulate as rig
+from bayes_iwan.rig import sizing as rig_sizing
+from bayes_iwan.rig.faults import Chain, Effect
+from bayes_iwan.rig.planning import simulate_campaign
+from bayes_iwan.rig.sensors import Sensors, coloured_noise, measure
+from bayes_iwan.rig.simulate import PlannedTest, Setup
+from bayes_iwan.rig.specimen import draw_specimen, paper_specimen
+
+PLAN = (PlannedTest(10.0, 0.3, cycles=12), PlannedTest(20.0, 0.8, cycles=12))
+
+
+@pytest.fixture(scope="module")
+def specimen():
+    return paper_specimen(seed=1)
+
+
+@pytest.fixture(scope="module")
+def sound(specimen):
+    return rig_sizing.surroundings(specimen, PLAN)
+
+
+# ---- the measuring chain, on a pure sine
+
+RATE = 25600.0
+FINE = np.arange(-2.0, 2.1, 1 / RATE)
+SAMPLES = np.arange(2560) / 1280.0
+HZ = 10.0
+
+
+def chained(chain, sensors=None, clean=True, force=None, seed=0):
+    x = np.sin(2 * np.pi * HZ * FINE)
+    return measure(
+        FINE, x, 2.0 * x if force is None else force, SAMPLES, sensors or Sensors(), chain,
+        np.random.default_rng(seed), clean,
+    )  # fmt: skip
+
+
+def phasor(y, hz=HZ):
+    return 2 * np.mean(y * np.exp(-2j * np.pi * hz * SAMPLES))
+
+
+def test_sound_chain_keeps_the_two_channels_together():
+    u, f = chained(Chain())
+    assert phasor(f) / phasor(u) == pytest.approx(2.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("delay_s", [4e-4, -4e-4])
+def test_delay_turns_the_force_and_is_positive_when_it_comes_late(delay_s):
+    u, f = chained(Chain(delay_s=delay_s))
+    assert np.angle(phasor(f) / phasor(u)) == pytest.approx(-2 * np.pi * HZ * delay_s, rel=1e-3)
+
+
+def test_first_order_corners():
+    for field, corner, index, expected in (
+        ("force_highpass_hz", 0.8, 1, 1 / (1 - 1j * 0.8 / HZ)),
+        ("force_lowpass_hz", 60.0, 1, 1 / (1 + 1j * HZ / 60.0)),
+        ("displacement_highpass_hz", 0.5, 0, 1 / (1 - 1j * 0.5 / HZ)),
+    ):
+        changed, sound = chained(Chain(**{field: corner})), chained(Chain())
+        assert phasor(changed[index]) / phasor(sound[index]) == pytest.approx(expected, rel=2e-3)
+
+
+def test_mass_drift_hum_and_clipping():
+    sound = chained(Chain())[1]
+    mass = chained(Chain(moving_mass_kg=0.05))[1]
+    assert abs(phasor(mass)) == pytest.approx(2.0 - 0.05e-3 * (2 * np.pi * HZ) ** 2, rel=1e-3)
+    drift = chained(Chain(drift_N_s=0.3))[1] - sound
+    assert np.polyfit(SAMPLES, drift, 1)[0] == pytest.approx(0.3, rel=1e-3)
+    hum = chained(Chain(hum_N=0.2, hum_hz=60.0))[1] - sound
+    assert np.sqrt(np.mean(hum**2)) == pytest.approx(0.2 / np.sqrt(2), rel=0.03)
+    spectrum = np.abs(np.fft.rfft(hum))
+    assert np.fft.rfftfreq(2560, 1 / 1280)[spectrum.argmax()] == pytest.approx(60.0, abs=0.5)
+    clipped = chained(Chain(clip_N=1.5))[1]
+    assert 1.5 < clipped.max() < 1.65  # the anti-alias filter rings a little at the corner
+
+
+def test_reading_lags_at_reversals_by_up_to_its_width():
+    u, sound = chained(Chain(reading_lag_mm=0.05))[0], chained(Chain())[0]
+    assert np.abs(u - sound).max() == pytest.approx(0.025 * 0.5, rel=0.1)  # half the mean of widths up to 0.05
+    rising = np.gradient(sound) > 1e-3
+    assert (sound - u)[rising & (np.abs(sound) < 0.5)].min() > 0
+
+
+def test_noise_has_its_rms_and_colour_and_steps_are_kept():
+    noise = coloured_noise(np.random.default_rng(0), 200_000, 0.02, 0.3, 0.2)
+    assert noise.std() == pytest.approx(0.02, rel=0.05)
+    lag_one = np.corrcoef(noise[1:], noise[:-1])[0, 1]
+    assert 0.3 < lag_one < 0.6
+    slow = noise.reshape(-1, 1000).mean(axis=1).std() / (0.02 / np.sqrt(1000))
+    assert slow > 3  # white noise gives 1
+    sensors = Sensors(force_noise_N=0.01, displacement_noise_mm=1e-4, force_step_N=0.003)
+    noisy = chained(Chain(), sensors, clean=False)[1]
+    assert (noisy - chained(Chain())[1]).std() == pytest.approx(0.01, rel=0.3)
+    np.testing.assert_allclose(noisy / 0.003, np.round(noisy / 0.003), atol=1e-6)
+
+
+# ---- whole tests
+
+
+def test_record_has_the_wanted_motion_and_follows_from_the_seed(specimen):
+    kwargs = {"setup": Setup(), "seed": 5}
+    a, b = (rig.simulate_test(specimen, PLAN[1], **kwargs) for _ in range(2))
+    np.testing.assert_array_equal(a.force_N, b.force_N)
+    other = rig.simulate_test(specimen, PLAN[1], setup=Setup(), seed=6)
+    assert np.abs(other.force_N - a.force_N).max() > 0.1  # starts elsewhere in the cycle
+    assert 0.5 * np.ptp(a.displacement_mm) == pytest.approx(0.8, rel=0.015)
+    assert abs(a.displacement_mm.max() + a.displacement_mm.min()) < 0.01
+    assert abs(a.true_frequency_hz / 20.0 - 1) <= 0.003 and a.true_frequency_hz != 20.0
+    assert len(a.time_s) == round(12 / 20 * 1280)
+    # distortion is there, and small
+    turn = 2j * np.pi * a.true_frequency_hz * a.time_s
+    second = abs(np.mean(a.displacement_mm * np.exp(-2 * turn))) / abs(np.mean(a.displacement_mm * np.exp(-turn)))
+    assert 0.001 < second < 0.03
+
+
+def test_run_in_is_over_when_the_record_starts(specimen):
+    r = rig.simulate_test(specimen, PlannedTest(10.0, 0.6, cycles=20), clean=True, setup=Setup(frequency_error=0))
+    cycles = r.force_N.reshape(20, 128)
+    assert np.abs(cycles[0] - cycles[-1]).max() < 0.02 * np.abs(cycles).max()
+
+
+@pytest.mark.parametrize(
+    "name", ["viscous_damping", "rig_compliance", "integration_highpass", "force_drift", "end_stop"]
+)
+def test_size_asked_for_is_the_size_at_full_fidelity(specimen, sound, name):
+    effect = rig_sizing.size_effect(name, 0.08, specimen, PLAN, np.random.default_rng(1), sound=sound)
+    assert effect.size == pytest.approx(0.08, rel=0.021)
+    changed = rig.simulate_tests(specimen, PLAN, effects=(effect,), clean=True)
+    base = rig.simulate_tests(specimen, PLAN, clean=True)
+    friction = rig_sizing.friction_rms_N(base, specimen.parallel_N_mm)
+    assert rig_sizing.force_change_N(changed, base) / friction == pytest.approx(0.08, rel=0.06)
+
+
+@pytest.mark.parametrize("name", sorted(rig_effects.KINDS))
+def test_every_effect_changes_the_force_and_more_so_when_stronger(specimen, sound, name):
+    others = rig_effects.KINDS[name].others(np.random.default_rng(3), sound[0])
+    sizes = [
+        rig_sizing.effect_size(specimen, PLAN, rig_effects.complete(name, others, sound[0], strength), sound=sound)
+        for strength in (0.02, 0.2)
+    ]
+    assert 0 < sizes[0] < 0.5 * sizes[1]
+
+
+def test_delay_has_the_size_that_its_phase_gives(specimen, sound):
+    """At equal displacement a delay τ changes the force by about ωτ times its RMS."""
+    effect = Effect("channel_delay", {"delay_s": 2e-4})
+    found = rig_sizing.effect_size(specimen, PLAN, effect, sound=sound) * sound[0].friction_rms_N
+    rates = [np.gradient(r.force_N, r.time_s) * 2e-4 for r in sound[1]]
+    assert found == pytest.approx(np.sqrt(np.mean([np.mean(r**2) for r in rates])), rel=0.05)
+
+
+def test_visible_share_of_what_a_specimen_can_and_cannot_imitate(specimen, sound):
+    names = ("rig_compliance", "mains_hum", "moving_mass")
+    effects = [
+        rig_effects.complete(n, rig_effects.KINDS[n].others(np.random.default_rng(5), sound[0]), sound[0], 0.1)
+        for n in names
+    ]
+    wide = tuple(PlannedTest(f, a, cycles=12) for f in (10.0, 20.0) for a in (0.3, 0.8))
+    soft, hum, mass = rig_sizing.visible_shares(specimen, wide, effects)
+    assert soft < 0.1 and hum > 0.85 and soft < mass < 1
+    # at one frequency a mass is a spring: nothing of it is left
+    alone = tuple(PlannedTest(15.0, a, cycles=12) for a in (0.3, 0.8))
+    (single,) = rig_sizing.visible_shares(specimen, alone, effects[2:])
+    assert single < 0.2 * mass
+
+
+def test_effect_too_weak_for_the_specimen_is_refused(specimen, sound):
+    with pytest.raises(rig.RigError, match="at most"):
+        rig_sizing.size_effect("normal_force_lag", 0.9, specimen, PLAN, np.random.default_rng(0), sound=sound)
+
+
+def test_planned_campaign_is_written_and_read_back(tmp_path):
+    campaign = simulate_campaign(PLAN, effect="viscous_damping", size=0.1, noise=0.004, seed=2)
+    campaign.write(tmp_path / "plan")
+    loops = read_campaign(tmp_path / "plan").loops()
+    assert [round(loop.amplitude_mm, 2) for loop in loops] == pytest.approx([0.3, 0.8], rel=0.02)
+    assert campaign.effects[0].size == pytest.approx(0.1, rel=0.03)
+    noise = 0.004 * campaign.friction_rms_N
+    assert 0.3 * noise < np.median(loops[0].force_scatter_N) < 3 * noise
+    with pytest.raises(rig.RigError, match="at least one test"):
+        simulate_campaign(())
+
+
+# ---- random cases
+
+
+def test_random_specimens_are_sensible_and_various():
+    rng = np.random.default_rng(0)
+    drawn = [draw_specimen(rng, (0.25, 0.8), 0.08) for _ in range(60)]
+    assert len({s.family for s in drawn}) == 7
+    for s in drawn:
+        assert s.stiffness_share.sum() == pytest.approx(1.0)
+        assert 0.35 < s.slip_share_N.sum() < 3.0 and 8 <= s.contact_N_mm <= 25 and 3 <= s.parallel_N_mm <= 9
+        assert np.all(s.slip_share_N > 0)
+
+
+def test_designs_stay_within_their_ranges():
+    rng = np.random.default_rng(1)
+    single = held = 0
+    for _ in range(300):
+        tests, unseen = rig_cases.draw_design(rng)
+        frequencies, amplitudes = {t.frequency_hz for t in tests}, {t.amplitude_mm for t in tests}
+        assert len(tests) == len(frequencies) * len(amplitudes) and 1 <= len(frequencies) <= 4
+        assert 2 <= len(amplitudes) <= 4 and all(5 <= f <= 30 for f in frequencies)
+        assert all(0.2 <= a <= 1.2 for a in amplitudes) and 20 <= tests[0].cycles <= 60
+        given = {(t.frequency_hz, t.amplitude_mm) for t in tests}
+        assert unseen and not given & {(t.frequency_hz, t.amplitude_mm) for t in unseen}
+        single += len(frequencies) == 1
+        held += any(t.role == "held-out" for t in tests)
+    assert 20 < single < 90 and 25 < held < 130
+
+
+def test_drawn_case_is_reproducible_and_has_what_it_says(monkeypatch):
+    monkeypatch.setattr(rig_cases, "draw_design", lambda rng: (PLAN, PLAN[:1]))
+    a, b = (rig_cases.draw_case(np.random.default_rng(8), effects=["rig_compliance"]) for _ in range(2))
+    assert a.effects == b.effects and a.seed == b.seed
+    assert 0.039 < a.effects[0].size < 0.205
+    first = rig.simulate_test(a.specimen, a.tests[0], setup=a.setup, effects=a.effects, seed=a.seed)
+    again = rig.simulate_test(b.specimen, b.tests[0], setup=b.setup, effects=b.effects, seed=b.seed)
+    np.testing.assert_array_equal(first.force_N, again.force_N)
+    assert a.setup.sensors.force_noise_N == pytest.approx(a.noise_share * a.friction_rms_N)
+    with pytest.raises(rig.RigError, match="no kind"):
+        rig_cases.draw_case(np.random.default_rng(0), "several")

@@ -1,0 +1,101 @@
+"""The diagnostics against ArviZ, against repeated runs, and on ensembles that have and have not converged."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from bayes_iwan.inference import arviz_adapter
+from bayes_iwan.sampling.convergence import (
+    autocorrelation_time,
+    diagnose,
+    ess_bulk,
+    ess_mean,
+    ess_tail,
+    longest_autocorrelation_time,
+    r_hat,
+)
+
+
+def autoregressive(phi, shape, rng):
+    """Stationary AR(1) series of unit variance along the second axis."""
+    noise = rng.standard_normal(shape) * np.sqrt(1 - phi**2)
+    noise[:, 0] /= np.sqrt(1 - phi**2)
+    return lfilter([1], [1, -phi], noise, axis=1)
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.6, 0.95, -0.4])
+def test_one_walker_an_ensemble_is_arvizs_number(phi):
+    x = autoregressive(phi, (4, 1000, 1), np.random.default_rng(0))
+    judge = arviz_adapter.summary(arviz_adapter.to_arviz({"x": x[..., 0]}))["x"]
+    assert r_hat(x) == pytest.approx(judge["r_hat"], abs=1e-6)
+    assert ess_bulk(x) == pytest.approx(judge["ess_bulk"], rel=0.01)
+    assert ess_tail(x) == pytest.approx(judge["ess_tail"], rel=0.02)
+
+
+def test_ess_is_the_variance_of_the_mean_over_repeated_runs_even_with_walkers_that_move_together():
+    rng = np.random.default_rng(1)
+    shared, phi = 0.5, 0.8
+    means, claimed = [], []
+    for _ in range(150):
+        own = autoregressive(phi, (4, 400, 8), rng)
+        common = autoregressive(phi, (4, 400, 1), rng)
+        x = np.sqrt(1 - shared) * own + np.sqrt(shared) * common
+        means.append(x.mean())
+        claimed.append(ess_mean(x))
+    true = 1.0 / np.var(means)
+    assert np.median(claimed) == pytest.approx(true, rel=0.25)
+    independent = 4 * 400 * 8 * (1 - phi) / (1 + phi)
+    assert true < 0.3 * independent  # so reading the walkers as independent would claim three times too much
+
+
+def test_autocorrelation_time_is_that_of_the_process():
+    x = autoregressive(0.9, (4, 3000, 16), np.random.default_rng(2))
+    assert autocorrelation_time(x) == pytest.approx(19.0, rel=0.1)
+
+
+def test_walkers_that_change_places_do_not_hide_the_ensembles_own_memory():
+    rng = np.random.default_rng(5)
+    x = autoregressive(0.95, (4, 4000, 16), rng)
+    mixed = rng.permuted(x, axis=2)
+    assert autocorrelation_time(mixed) < 2.0
+    assert longest_autocorrelation_time(mixed) == pytest.approx(39.0, rel=0.2)
+
+
+def test_a_walker_that_stands_still_lengthens_the_autocorrelation_time():
+    x = autoregressive(0.5, (4, 1000, 16), np.random.default_rng(3))
+    moving = autocorrelation_time(x)
+    x[0, :, 0] = 3.0
+    assert autocorrelation_time(x) > 5 * moving
+
+
+def test_one_ensemble_in_another_mode_is_flagged_though_its_walkers_agree():
+    rng = np.random.default_rng(4)
+    good = autoregressive(0.7, (4, 800, 16), rng)
+    stuck = good.copy()
+    stuck[2] += 2.0
+    result = diagnose(np.stack([good, stuck], axis=3), ("good", "stuck"), thin=2)
+    assert result.r_hat[0] < 1.01 < 1.1 < result.r_hat[1]
+    assert result.ess_bulk[0] > 1000 and result.ess_bulk[1] < 20
+    assert result.n_steps == 1600 and result.tau_steps[0] == pytest.approx(2 * 1.7 / 0.3, rel=0.15)
+    assert "R-hat of stuck" in result.shortfall(1.01, 400, 50) and "good" not in result.shortfall(1.01, 400, 50)
+
+
+def test_another_width_is_flagged_though_the_means_agree():
+    rng = np.random.default_rng(5)
+    x = autoregressive(0.3, (4, 800, 16), rng)
+    x[1] *= 2.0
+    assert r_hat(x) > 1.05
+
+
+def test_a_drift_within_the_run_is_flagged():
+    x = autoregressive(0.3, (4, 800, 16), np.random.default_rng(6)) + np.linspace(0, 1.5, 800)[None, :, None]
+    assert r_hat(x) > 1.05
+
+
+def test_numbers_that_say_nothing_are_nan_and_do_not_pass():
+    same = np.zeros((4, 100, 8, 1))
+    result = diagnose(same, ("x",))
+    assert np.isnan(result.r_hat[0]) and np.isnan(result.ess_bulk[0])
+    assert result.shortfall(1.01, 400, 50) != ""
+    with pytest.raises(ValueError, match="draws of shape"):
+        diagnose(same, ("x", "y"))
