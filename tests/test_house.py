@@ -1,0 +1,60 @@
+"""The rooms' order: data walks down one street and never back (design: campaign → … → report)."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import bayes_iwan
+
+PACKAGE = Path(bayes_iwan.__file__).parent
+STREET = (
+    "campaign",
+    "physics",
+    "optimize",
+    "sampling",
+    "inference",
+    "comparison",
+    "effects",
+    "gap",
+    "rig",
+    "validation",
+    "report",
+)
+#: what every room may use, and what the two rooms that know no friction, and the independent rig, may use besides
+OPEN = {"arrays", "files", "threads"}
+ALONE = {"optimize": set(), "sampling": set(), "rig": {"campaign"}}
+FILES = sorted(p.relative_to(PACKAGE) for p in PACKAGE.rglob("*.py"))
+
+
+def imports_of(path: Path) -> set[str]:
+    out = set()
+    for node in ast.walk(ast.parse((PACKAGE / path).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            out |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: relative import; the house imports absolutely"
+            out |= (
+                {f"{node.module}.{alias.name}" for alias in node.names}
+                if node.module == "bayes_iwan"
+                else {node.module}
+            )
+    return out
+
+
+@pytest.mark.parametrize("path", [p for p in FILES if len(p.parts) > 1], ids=str)
+def test_a_room_imports_from_rooms_to_its_left_only(path):
+    room = path.parts[0]
+    assert room in STREET, f"{room} is not on the street"
+    used = {name.split(".")[1] for name in imports_of(path) if name.startswith("bayes_iwan.")}
+    allowed = ALONE.get(room, set(STREET[: STREET.index(room)])) | OPEN | {room, "__version__"}
+    assert used <= allowed, f"{path} imports {sorted(used - allowed)}"
+
+
+def test_nothing_imports_the_command_line():
+    assert not [str(p) for p in FILES if p.name != "cli.py" and "bayes_iwan.cli" in imports_of(p)]
+
+
+def test_matplotlib_is_imported_in_report_alone():
+    found = {p.parts[0] for p in FILES if any(name.split(".")[0] == "matplotlib" for name in imports_of(p))}
+    assert found == {"report"}
