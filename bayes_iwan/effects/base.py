@@ -137,6 +137,11 @@ class Effect:
         """What the elements carry more where u rises and less where it falls, as a share, (draws,)."""
         return 0.0
 
+    def slip_table(self, tables: Array, top: Array, numbers: Numbers) -> Array:
+        """The slip forces at rest: coefficients (draws, cells, 4) of E[min(Φ, φ)] up to φ = top (draws,), N, as
+        :mod:`bayes_iwan.physics.warp` bends them."""
+        return tables
+
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
         """The force that the cell records, from the specimen's."""
         return force_N

@@ -272,5 +272,5 @@ def predicted(data: GapData, problem: Problem, z: Array) -> tuple[np.ndarray, np
 
 def _changes_loops(effect: Effect) -> bool:
     """Does the effect act at a station of the model, loop by loop?"""
-    stations = ("motion", "grip", "stiffness", "slip", "asymmetry", "force", "around")
+    stations = ("motion", "grip", "stiffness", "slip", "asymmetry", "slip_table", "force", "around")
     return any(getattr(type(effect), s) is not getattr(Effect, s) for s in stations)

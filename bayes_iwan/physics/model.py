@@ -46,6 +46,8 @@ class Station(Protocol):
 
     def asymmetry(self, numbers: Numbers) -> Array | float: ...
 
+    def slip_table(self, tables: Array, top: Array, numbers: Numbers) -> Array: ...
+
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array: ...
 
     def around(self, inner: Callable[[Motion], Array], motion: Motion, numbers: Numbers) -> Array: ...
@@ -132,6 +134,8 @@ class Model:
             for effect in self.effects:
                 asymmetry = asymmetry + effect.asymmetry(some)
             tables, top = self.slip_family.table(some)
+            for effect in self.effects:
+                tables = effect.slip_table(tables, top, some)
             sliders.friction(
                 np.ascontiguousarray(moved.displacement_mm),
                 alpha,

@@ -1,0 +1,162 @@
+"""Bends of the model's own functions: any base keeps its shape, and is bent smoothly where the data ask for it.
+
+Three functions of the Iwan model are assumptions of form: the slip forces are a gamma mixture (Eq. 10), the stiffness
+follows the normal force by Eq. (12), the normal force follows the motion by Eq. (11). Each bend here multiplies one of
+them by the exponential of a short series, so it is positive whatever the coefficients and nothing at zero.
+
+Slip forces: their density is multiplied by exp(Σ c_k π_k(p)) / Z, where p = F(φ) is the share of elements that slip
+earlier and π_k the orthonormal Legendre polynomials on [0, 1]: Neyman's smooth alternatives (Skandinavisk
+Aktuarietidskrift 20, 1937, 150). The sliders need only the survival function, which becomes G(S(φ)) with one and the
+same G for all φ, so no quantile is ever inverted.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+from numpy.polynomial import legendre
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.physics.sliders import OCTAVES
+
+_jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+
+#: cells of p on which the tilted distribution function is tabulated, and the cubics' error: below 1e-7 for |c| ≤ 1
+_P_CELLS = 64
+_GAUSS, _WEIGHTS = legendre.leggauss(3)
+
+
+def tilt_basis(order: int, p: Array) -> Array:
+    """(order, …) orthonormal Legendre polynomials π_1 … π_order on [0, 1] at p (…): mean 0 and mean square 1."""
+    x = 2.0 * np.asarray(p, float) - 1.0
+    return np.stack([math.sqrt(2 * k + 1.0) * legendre.Legendre.basis(k)(x) for k in range(1, order + 1)])
+
+
+def tilt(coefficients: Array, p: Array) -> Array:
+    """(draws, …) by how much the slip-force density grows at quantile p (…); coefficients (draws, order)."""
+    order = coefficients.shape[1]
+    x, weight = legendre.leggauss(64)
+    whole = 0.5 * np.exp(coefficients @ tilt_basis(order, 0.5 + 0.5 * x)) @ weight
+    grown = np.exp(np.tensordot(coefficients, tilt_basis(order, p), axes=1))
+    return grown / whole.reshape(-1, *([1] * np.ndim(p)))
+
+
+def _ends_and_gauss(order: int) -> tuple[Array, Array]:
+    """The basis at the ends of the p-cells (order, cells + 1) and at each cell's Gauss points (order, cells, 3)."""
+    ends = np.linspace(0.0, 1.0, _P_CELLS + 1)
+    inside = ends[:-1, None] + 0.5 * (1.0 + _GAUSS) / _P_CELLS
+    return tilt_basis(order, ends), tilt_basis(order, inside)
+
+
+@_jit
+def _above(p, value, slope):
+    """Share of elements beyond the quantile p: Hermite cubics over equal cells of p."""
+    cells = value.size - 1
+    if not p == p:
+        return p
+    at = min(max(p, 0.0), 1.0) * cells
+    i = min(int(at), cells - 1)
+    w, rise = at - i, value[i + 1] - value[i]
+    c2, c3 = 3.0 * rise - 2.0 * slope[i] - slope[i + 1], slope[i] + slope[i + 1] - 2.0 * rise
+    return value[i] + w * (slope[i] + w * (c2 + w * c3))
+
+
+@_jit
+def _tilt_tables(tables, top, width, coefficients, ends, inside, weights, out):
+    draws, cells = tables.shape[:2]
+    order, p_cells = ends.shape[0], ends.shape[1] - 1
+    value, slope = np.empty(p_cells + 1), np.empty(p_cells + 1)
+    for d in range(draws):
+        nothing = True
+        for k in range(order):
+            nothing &= coefficients[d, k] == 0.0
+        if nothing:
+            out[d] = tables[d]
+            continue
+        value[p_cells] = 0.0
+        for i in range(p_cells - 1, -1, -1):
+            area = 0.0
+            for g in range(weights.size):
+                log_density = 0.0
+                for k in range(order):
+                    log_density += coefficients[d, k] * inside[k, i, g]
+                area += weights[g] * math.exp(log_density)
+            value[i] = value[i + 1] + 0.5 * area / p_cells
+        whole = value[0]
+        for i in range(p_cells + 1):
+            log_density = 0.0
+            for k in range(order):
+                log_density += coefficients[d, k] * ends[k, i]
+            value[i] /= whole
+            slope[i] = -math.exp(log_density) / (whole * p_cells)
+        limited = 0.0
+        for j in range(cells):
+            h = width[j] * top[d]
+            c1, c2, c3 = tables[d, j, 1] / h, 2.0 * tables[d, j, 2] / h, 3.0 * tables[d, j, 3] / h
+            start = _above(1.0 - c1, value, slope)
+            middle = _above(1.0 - (c1 + 0.5 * c2 + 0.25 * c3), value, slope)
+            end = _above(1.0 - (c1 + c2 + c3), value, slope)
+            if j == 0:  # from φ = 0, where all elements hold, to the table's lowest node
+                limited = 0.5 * (1.0 + start) * top[d] * 2.0**-OCTAVES
+            rise = h * (start + 4.0 * middle + end) / 6.0
+            out[d, j, 0], out[d, j, 1] = limited, h * start
+            out[d, j, 2] = 3.0 * rise - h * (2.0 * start + end)
+            out[d, j, 3] = h * (start + end) - 2.0 * rise
+            limited += rise
+
+
+def cell_width(cells: int) -> Array:
+    """(cells,) widths of a slip-force table's cells in shares of its top; cells is OCTAVES times a power of two."""
+    return np.repeat(np.ldexp(1.0, np.arange(OCTAVES) - OCTAVES), cells // OCTAVES) / (cells // OCTAVES)
+
+
+def tilted(tables: Array, top: Array, coefficients: Array) -> Array:
+    """A slip-force table whose density is multiplied by exp(Σ c_k π_k(F)) / Z.
+
+    tables : (draws, cells, 4), top : (draws,) N, from a slip-force family's `table`; the tilted table has the same top.
+    coefficients : (draws, order), dimensionless; a draw with all of them zero keeps its table bit for bit. Order 1
+        moves the mean, order 2 the spread; size 0.3 changes the density by about that share.
+    """
+    out = np.empty_like(tables)
+    ends, inside = _ends_and_gauss(coefficients.shape[1])
+    _tilt_tables(
+        tables, top, cell_width(tables.shape[1]), np.ascontiguousarray(coefficients), ends, inside, _WEIGHTS, out
+    )
+    return out
+
+
+def with_weak_elements(tables: Array, top: Array, share: Array, slip_N: Array) -> Array:
+    """A slip-force table in which a share of the elements slips early: the corners after reversals are rounded.
+
+    Their slip forces are exponentially distributed with mean slip_N: S → (1 − w)·S + w·exp(−φ/φ_c), and so L.
+    tables : (draws, cells, 4); top, share (0 … 1), slip_N : (draws,).
+    """
+    width = cell_width(tables.shape[1])
+    node = np.concatenate([[2.0**-OCTAVES], 2.0**-OCTAVES + np.cumsum(width)])
+    x = node * (top / slip_N)[:, None]
+    limited = -np.expm1(-x) * slip_N[:, None]
+    rise, slope = np.diff(limited, axis=1), np.exp(-x)[:, :-1] * (width * top[:, None])
+    slope_1 = np.exp(-x)[:, 1:] * (width * top[:, None])
+    weak = np.stack([limited[:, :-1], slope, 3.0 * rise - 2.0 * slope - slope_1, slope + slope_1 - 2.0 * rise], axis=-1)
+    w = share[:, None, None]
+    return np.where(w == 0.0, tables, (1.0 - w) * tables + w * weak)
+
+
+def bent_stiffness(k: Array, alpha: Array, exponent: Array, bend: Array) -> Array:
+    """k(α)·exp(a ln α + ½ b ln²α), N/mm: at rest (α = 1) k is what it was; d ln k / d ln α grows by a + b ln α.
+
+    k, alpha : (draws, loops, samples); exponent a, bend b : (draws, 1, 1).
+    """
+    x = np.log(alpha)
+    return k * np.exp(x * (exponent + 0.5 * bend * x))
+
+
+def bent_normal_force(alpha: Array, basis: Array, coefficients: Array) -> Array:
+    """α·exp(Σ c_i b_i(u, u̇)); alpha (draws, loops, samples), basis (terms, 1 or draws, loops, samples),
+    coefficients (draws, terms)."""
+    exponent = np.zeros(alpha.shape)
+    for term, c in zip(basis, coefficients.T):
+        exponent += c[:, None, None] * term
+    return alpha * np.exp(exponent)
