@@ -13,6 +13,7 @@ import json
 import shutil
 from pathlib import Path
 
+from bayes_iwan import executors
 from bayes_iwan.gap.diagnosis import diagnose
 from bayes_iwan.validation import sealed as withheld
 
@@ -25,7 +26,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
-    answers = withheld.answer(args.source, diagnose, out=args.work, seed=args.seed, quick=True, workers=args.workers)
+    with executors.opened(args.workers) as executor:
+        answers = withheld.answer(args.source, diagnose, out=args.work, seed=args.seed, quick=True, executor=executor)
     content = json.loads(answers.read_text())
     if content["failed"]:
         raise SystemExit(f"not answered: {content['failed']}")

@@ -13,13 +13,13 @@ import json
 import os
 from pathlib import Path
 
+from bayes_iwan import executors
 from bayes_iwan.gap.diagnosis import write_json
 from bayes_iwan.gap.saved_fits import find_shrink
 from bayes_iwan.report.score_figures import figures
 from bayes_iwan.validation import scoring
 from bayes_iwan.validation import sealed as withheld
 from bayes_iwan.validation.baselines import NAMES, diagnose_with_baselines
-from runs import pool
 
 
 def read_baselines(answers: Path, cases: list[str]) -> dict[str, dict[str, dict]]:
@@ -37,7 +37,7 @@ def run(n: int, seed: int, out: Path, workers: int, full: bool = False) -> scori
     """Make (unless made), answer (what is not answered) and score."""
     cases = out / "cases"
     truth = withheld.truth_folder(cases) / "truth.json"
-    with pool(workers) as executor:
+    with executors.opened(workers) as executor:
         if not (cases / "commitments.json").is_file():
             withheld.make(n, seed, cases, executor=executor)
         made = withheld.read_json(truth)

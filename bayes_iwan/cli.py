@@ -44,6 +44,13 @@ def command(name: str, help: str, *arguments: tuple[tuple[str, ...], dict[str, A
 
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
 OUT = argument("--out", metavar="DIR", required=True, help="folder for the results; made if need be")
+WORKERS = argument("--workers", metavar="N", type=int, default=1, help="processes, one core each (default: 1)")
+DASK = argument(
+    "--dask",
+    metavar="ADDRESS",
+    help="work on a Dask cluster whose scheduler is at ADDRESS (tcp://host:port) and whose workers see the same "
+    "folders; needs bayes-iwan[dask]",
+)
 SEED = argument("--seed", metavar="N", type=int, default=0, help="seed of all random numbers (default: 0)")
 
 
@@ -183,12 +190,14 @@ def run_diagnose(args: argparse.Namespace) -> None:
     argument("n", metavar="N", type=int, help="number of cases"),
     SEED,
     OUT,
-    argument("--workers", metavar="N", type=int, default=1, help="processes (default: 1)"),
+    WORKERS,
+    DASK,
 )
 def run_withheld_make(args: argparse.Namespace) -> None:
+    from bayes_iwan import executors
     from bayes_iwan.validation import sealed as withheld
 
-    with withheld.processes(args.workers) as executor:
+    with executors.opened(args.workers, args.dask) as executor:
         print(f"truths are in {withheld.make(args.n, args.seed, args.out, executor=executor)}; keep them apart")
 
 
@@ -202,15 +211,18 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     SEED,
     argument("--out", metavar="DIR", help="folder for the answers (default: DIR/answers)"),
     argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
-    argument("--workers", metavar="N", type=int, default=1, help="processes (default: 1)"),
+    WORKERS,
+    DASK,
 )
 def run_withheld_answer(args: argparse.Namespace) -> None:
+    from bayes_iwan import executors
     from bayes_iwan.gap.diagnosis import diagnose
     from bayes_iwan.validation import sealed as withheld
 
-    path = withheld.answer(
-        args.directory, diagnose, out=args.out, seed=args.seed, quick=args.quick, workers=args.workers
-    )
+    with executors.opened(args.workers, args.dask) as executor:
+        path = withheld.answer(
+            args.directory, diagnose, out=args.out, seed=args.seed, quick=args.quick, executor=executor
+        )
     print(f"answers are in {path}")
 
 

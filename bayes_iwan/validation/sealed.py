@@ -22,19 +22,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import os
 import secrets
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
+from bayes_iwan import executors
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.files import write_whole
 from bayes_iwan.rig import cases as rig_cases
@@ -103,7 +101,9 @@ def truth_folder(directory: Path) -> Path:
 # ---- make
 
 
-def _make_one(name: str, index: int, seed: int, out: Path, unseen: Path, kind: str | None) -> dict[str, Any]:
+def _make_one(where: tuple[int, Path, Path], job: tuple[str, int, str | None]) -> dict[str, Any]:
+    seed, out, unseen = where
+    name, index, kind = job
     case = rig_cases.draw_case(np.random.default_rng([seed, index]), kind)
     given, kept = rig_cases.simulate(case)
     for folder, tests in ((out, given), (unseen, kept)):
@@ -138,56 +138,18 @@ def make(
         if folder.exists() and any(folder.iterdir()):
             raise WithheldError(f"{folder} exists and is not empty; choose another name or remove it")
     names = [f"case_{i + 1:0{max(2, len(str(n)))}d}" for i in range(n)]
-    jobs = [
-        (name, i, seed, out, apart / "unseen", kinds[i] if kinds is not None else None) for i, name in enumerate(names)
-    ]
+    jobs = {name: (name, i, kinds[i] if kinds is not None else None) for i, name in enumerate(names)}
+    where = (seed, out, apart / "unseen")
     truths: dict[str, dict[str, Any]] = {}
-    for name, truth in _run(_make_one, names, jobs, executor, "making cases"):
-        if isinstance(truth, Exception):
-            raise truth
+    for name, truth in executors.run(
+        jobs, _make_one, where, executor=executor, what="making cases", unit="case"
+    ).items():
+        if isinstance(truth, executors.Failure):
+            raise WithheldError(f"{name} could not be made: {truth}")
         truths[name] = truth
     write_json(apart / "truth.json", {"schema": 1, "seed": seed, "cases": truths})
     write_json(out / "commitments.json", {"rule": RULE, "cases": {k: commitment(truths[k]) for k in names}})
     return apart / "truth.json"
-
-
-def _run(
-    work: Callable[..., Any],
-    names: Sequence[str],
-    jobs: Sequence[tuple[Any, ...]],
-    executor: Executor | None,
-    what: str,
-) -> Iterable[tuple[str, Any]]:
-    """Do every job, here or in an executor; give each result, or the exception that it raised, as it comes."""
-    with tqdm(total=len(jobs), desc=what, disable=None, unit="case") as bar:
-        if executor is None:
-            for name, job in zip(names, jobs):
-                try:
-                    result = work(*job)
-                except Exception as error:  # handed on: one broken case must not lose the others
-                    result = error
-                bar.update()
-                yield name, result
-            return
-        futures = {executor.submit(work, *job): name for name, job in zip(names, jobs)}
-        for future in as_completed(futures):
-            bar.update()
-            try:
-                result = future.result()
-            except Exception as error:
-                result = error
-            yield futures[future], result
-
-
-@contextmanager
-def processes(count: int) -> Iterator[Executor | None]:
-    """An executor of `count` spawned processes, or None (work in this one) for a single one."""
-    if count <= 1:
-        yield None
-        return
-    # spawned, not forked: compiled parallel code in this process would kill forked workers
-    with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as executor:
-        yield executor
 
 
 # ---- answer
@@ -207,11 +169,11 @@ def _watch(event: str, arguments: tuple[Any, ...]) -> None:
         raise PermissionError(f"the truth of withheld cases is closed while they are answered: {path}")
 
 
-def _answer_one(
-    diagnose: Diagnose, campaign: Path, out: Path, seed: int, quick: bool, forbidden: str
-) -> dict[str, Any]:
+def _answer_one(common: tuple[Diagnose, bool, str], job: tuple[Path, Path, int]) -> dict[str, Any]:
     """Diagnose one case with the truth closed to this process."""
     global _hooked
+    diagnose, quick, forbidden = common
+    campaign, out, seed = job
     if not _hooked:
         sys.addaudithook(_watch)
         _hooked = True
@@ -256,15 +218,14 @@ def answer(
     out: Path | str | None = None,
     seed: int = 0,
     quick: bool = False,
-    workers: int = 1,
     executor: Executor | None = None,
     only: Sequence[str] | None = None,
 ) -> Path:
     """Diagnose every case of a withheld folder; go on where an earlier run stopped.
 
     Parameters: `diagnose(campaign, out, seed, quick)` writes `out/diagnosis.json`; it must be importable by name
-    when processes are used. `out`, by default `directory/answers`. `workers` > 1 starts that many processes,
-    unless an `executor` is given. `only`, some case names.
+    when processes are used. `out`, by default `directory/answers`. `executor`, from `executors.opened`, answers
+    cases side by side. `only`, some case names.
 
     Each case gets a seed of its own that depends on `seed` and its name alone. While it is diagnosed, files named
     `truth*.json` and everything in the folder of truths beside `directory` cannot be opened by that process.
@@ -299,21 +260,14 @@ def answer(
     save()
     todo = [n for n in only or names if n not in answers]
     forbidden = str(truth_folder(directory))
-    jobs = [(diagnose, directory / name, out / name, case_seed(seed, name), quick, forbidden) for name in todo]
-    own = None
-    if executor is None and workers > 1 and todo:
-        # spawned, not forked: compiled parallel code in this process would kill forked workers
-        own = executor = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
-    try:
-        for name, result in _run(_answer_one, todo, jobs, executor, "answering"):
-            if isinstance(result, Exception):
-                failed[name] = f"{type(result).__name__}: {result}"
-            else:
-                answers[name] = result
-            save()
-    finally:
-        if own is not None:
-            own.shutdown(cancel_futures=True)
+    jobs = {name: (directory / name, out / name, case_seed(seed, name)) for name in todo}
+    common = (diagnose, quick, forbidden)
+    for name, result in executors.finished(jobs, _answer_one, common, executor=executor, what="answering", unit="case"):
+        if isinstance(result, executors.Failure):
+            failed[name] = str(result)
+        else:
+            answers[name] = result
+        save()
     return target
 
 

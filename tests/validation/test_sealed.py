@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from bayes_iwan import executors
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.rig import cases as rig_cases
 from bayes_iwan.rig import simulate as rig
@@ -214,7 +215,8 @@ def test_spawned_workers_answer_with_the_truth_closed(made, tmp_path, monkeypatc
     monkeypatch.syspath_prepend(tmp_path)
     import cheating_diagnosis
 
-    path = withheld.answer(made[0], cheating_diagnosis.diagnose, out=tmp_path / "out", workers=2)
+    with executors.opened(2) as executor:
+        path = withheld.answer(made[0], cheating_diagnosis.diagnose, out=tmp_path / "out", executor=executor)
     content = json.loads(path.read_text())
     assert not content["failed"]
     assert {a["verdict"]["cause"] for a in content["answers"].values()} == {"closed"}

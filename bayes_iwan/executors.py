@@ -1,0 +1,293 @@
+"""Independent pieces of work, in this process or in any `concurrent.futures.Executor`, with the same answers anywhere.
+
+with opened(workers=4) as executor:                  # or opened(dask="tcp://host:8786"), or opened() for this process
+    done = run({"a": 1, "b": 2}, work, settings, executor=executor)      # {"a": work(settings, 1), ...} or a Failure
+
+Whatever runs many independent things goes through :func:`finished` or :func:`run`: no scheduler of our own. A piece
+works on one thread wherever it runs, so its answer is the same to the bit (on one make of processor) in this process,
+in spawned ones and on a Dask cluster. What all pieces need travels once to each process, not with every piece.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, TypeVar
+
+import numba as nb
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+Shared = TypeVar("Shared")
+Piece = TypeVar("Piece")
+Result = TypeVar("Result")
+
+_CONNECT_S = 20.0
+
+
+class ExecutorError(ValueError):
+    """Processes or a cluster that cannot be had as asked for."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A piece that gave no result: the exception's type, its message and where it was raised ("" if it died)."""
+
+    kind: str
+    message: str
+    trace: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.message}" if self.message else self.kind
+
+
+@contextmanager
+def serial() -> Iterator[None]:
+    """One thread, ours and the linear algebra's: pieces side by side share the cores, and sums keep their order."""
+    threads = nb.get_num_threads()
+    nb.set_num_threads(1)
+    try:
+        with threadpool_limits(limits=1):
+            yield
+    finally:
+        nb.set_num_threads(threads)
+
+
+@contextmanager
+def opened(workers: int = 1, dask: str | None = None) -> Iterator[Executor | None]:
+    """An executor: None (this process) for one worker, spawned processes for more, or a Dask cluster's workers.
+
+    dask : address of a scheduler, `tcp://host:port`; its workers need this package and see the same folders. Leaving
+    the block by an exception, Ctrl-C among them, ends the processes at once and takes back what a cluster has not done.
+    Raises ExecutorError for less than one worker, for both at once and for a cluster that does not answer.
+    """
+    if workers < 1:
+        raise ExecutorError(f"{workers} workers asked for; there must be at least one")
+    if dask is not None:
+        if workers != 1:
+            raise ExecutorError("choose workers of this machine or a Dask cluster, not both")
+        with _cluster(dask) as executor:
+            yield executor
+    elif workers == 1:
+        yield None
+    else:
+        with Processes(workers) as processes:
+            yield processes
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Executor]:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ExecutorError("Dask is not installed; pip install 'bayes-iwan[dask]'") from None
+    try:
+        client = Client(address, timeout=_CONNECT_S)
+    except (OSError, ValueError, TypeError) as error:  # a scheduler that is not there, an address that is none
+        raise ExecutorError(f"no Dask scheduler answers at {address} ({error or 'no answer'})") from None
+    try:
+        executor = client.get_executor(pure=False)  # pure: two equal calls would be one
+        try:
+            yield executor
+        except BaseException:
+            executor.shutdown(wait=False)  # takes back what has not run
+            raise
+        executor.shutdown()
+    finally:
+        client.close()
+
+
+# ---- running pieces
+
+
+def run(
+    pieces: Mapping[str, Piece],
+    work: Callable[[Shared, Piece], Result],
+    shared: Shared,
+    *,
+    executor: Executor | None = None,
+    what: str = "",
+    unit: str = "piece",
+    progress: bool = True,
+) -> dict[str, Result | Failure]:
+    """What :func:`finished` gives, all of it, in the order of `pieces`."""
+    settings: dict[str, Any] = {"executor": executor, "what": what, "unit": unit, "progress": progress}
+    done = dict(finished(pieces, work, shared, **settings))
+    return {name: done[name] for name in pieces}
+
+
+def finished(
+    pieces: Mapping[str, Piece],
+    work: Callable[[Shared, Piece], Result],
+    shared: Shared,
+    *,
+    executor: Executor | None = None,
+    what: str = "",
+    unit: str = "piece",
+    progress: bool = True,
+) -> Iterator[tuple[str, Result | Failure]]:
+    """Name and work(shared, piece) of every piece, as they come, each exactly once.
+
+    An exception is a Failure in place of the result, so that one broken piece does not lose the others. A piece that
+    dies with its process is tried once more, then it is a Failure too. `work` and `shared` must be importable or
+    picklable where an executor is of other processes. what, unit : of the progress bar.
+    """
+    with tqdm(total=len(pieces), desc=what or None, unit=unit, disable=None if progress else True) as bar:
+        if executor is None:
+            for name, piece in pieces.items():
+                result = _piece(shared, work, piece)
+                bar.update()
+                yield name, result
+            return
+        there = _sent(executor, shared)
+        waiting = {executor.submit(_piece, there, work, piece): name for name, piece in pieces.items()}
+        again: dict[Future, str] = {}
+        try:
+            for future in as_completed(waiting):
+                name = waiting[future]
+                if future.cancelled() and there is not shared:  # what was sent ahead died with the process that had it
+                    again[executor.submit(_piece, shared, work, pieces[name])] = name
+                    continue
+                bar.update()
+                yield name, _result(future)
+            for future in as_completed(again):
+                bar.update()
+                yield again[future], _result(future)
+        finally:  # whoever asked has gone: do not start the rest
+            for future in (*waiting, *again):
+                future.cancel()
+
+
+def _result(future: Future) -> Any:
+    try:
+        return future.result()
+    except BrokenExecutor:
+        return Failure(
+            "died",
+            "its process died twice (killed, out of memory, or started by a script without "
+            '`if __name__ == "__main__":`)',
+        )
+    except Exception as error:  # of the transport: a piece's own exceptions come as Failures
+        return Failure(type(error).__name__, str(error))
+
+
+def _piece(shared: Any, work: Callable[[Any, Any], Any], piece: Any) -> Any:
+    """One piece, on one thread, where it runs; its exception as a Failure, for some exceptions cannot travel."""
+    value = _here[shared.key] if isinstance(shared, _Sent) else shared
+    with serial():
+        try:
+            return work(value, piece)
+        except Exception as error:
+            return Failure(type(error).__name__, str(error), traceback.format_exc())
+
+
+def _sent(executor: Executor, shared: Any) -> Any:
+    """What stands for `shared` in a call: the thing itself, or a ticket for what every process is given once."""
+    if isinstance(executor, Processes):
+        return executor.send(shared)
+    client = getattr(executor, "_client", None)  # Dask's executor has no public way back to its client
+    return shared if client is None else client.scatter(shared, broadcast=True, hash=False)
+
+
+# ---- spawned processes
+
+
+@dataclass(frozen=True)
+class _Sent:
+    key: int
+
+
+#: what this process was sent ahead of its pieces; the latest only, and only ever in a spawned process
+_here: dict[int, Any] = {}
+
+
+def _receive(key: int, value: Any) -> None:
+    _here.clear()
+    _here[key] = value
+
+
+def _begin(alive: Connection) -> None:
+    """In a new process: leave Ctrl-C to the parent, and end with it however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        try:
+            alive.recv_bytes()  # nothing is ever sent: it returns when the parent has closed its end or has died
+        except (EOFError, OSError):
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+class _Slot(threading.local):
+    """One spawned process, and what was sent to it; each thread of `Processes` has its own."""
+
+    pool: ProcessPoolExecutor | None = None
+    key: int | None = None
+
+
+class Processes(ThreadPoolExecutor):
+    """`count` spawned processes; one that dies takes only its own piece with it, which is tried once more.
+
+    Each is a process pool of one that a thread of its own feeds. Spawned, not forked: compiled parallel code in this
+    process would kill forked ones.
+    """
+
+    def __init__(self, count: int) -> None:
+        super().__init__(count, thread_name_prefix="processes")
+        self._context = multiprocessing.get_context("spawn")
+        self._read, self._write = self._context.Pipe(duplex=False)
+        self._slot = _Slot()
+        self._pools: list[ProcessPoolExecutor] = []
+        self._values: list[Any] = []
+
+    def send(self, value: Any) -> _Sent:
+        """A ticket that stands for `value` in calls; the value goes to each process once."""
+        self._values.append(value)
+        return _Sent(len(self._values) - 1)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
+        return super().submit(self._in_process, fn, args, kwargs)
+
+    def _in_process(self, fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+        try:
+            return self._try(fn, args, kwargs)
+        except BrokenExecutor:
+            if self._write.closed:
+                raise
+            return self._try(fn, args, kwargs)
+
+    def _try(self, fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+        slot = self._slot
+        if slot.pool is None:
+            slot.pool = ProcessPoolExecutor(1, self._context, initializer=_begin, initargs=(self._read,))
+            slot.key = None
+            self._pools.append(slot.pool)
+        try:
+            for sent in (a for a in args if isinstance(a, _Sent) and a.key != slot.key):
+                slot.pool.submit(_receive, sent.key, self._values[sent.key]).result()
+                slot.key = sent.key
+            return slot.pool.submit(fn, *args, **kwargs).result()
+        except BrokenExecutor:
+            slot.pool = None
+            raise
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        super().shutdown(wait, cancel_futures=cancel_futures)
+        for pool in self._pools:
+            pool.shutdown(wait)
+        self._write.close()
+        self._read.close()
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: Any) -> None:
+        if kind is not None:
+            self._write.close()  # ends every process at once: pieces keep what they need to go on in files
+        self.shutdown(cancel_futures=kind is not None)

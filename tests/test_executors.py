@@ -1,0 +1,213 @@
+"""Pieces here, in processes and on a Dask cluster: each counts once, and answers do not know where they ran."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numba as nb
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info
+
+from bayes_iwan import executors
+from bayes_iwan.executors import ExecutorError, Failure
+
+PIECES = {f"piece {i}": i for i in range(6)}
+
+
+def draw(shared, i):
+    """Numbers of a seed and of the shared data, summed by linear algebra: threads would show in the last bits."""
+    x = np.random.default_rng([shared["seed"], i]).standard_normal((200, 200)) + shared["data"]
+    return float(np.linalg.norm(x @ x.T)), nb.get_num_threads(), sorted({i["num_threads"] for i in threadpool_info()})
+
+
+def note(shared, i):
+    """Leave a mark of having run, and die half way the first time (piece 2) or every time (piece 4, if asked for)."""
+    with open(shared["folder"] / f"{i}.txt", "a") as file:
+        file.write(f"{os.getpid()}\n")
+    time.sleep(0.05)
+    if i == 2 and len((shared["folder"] / "2.txt").read_text().split()) == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if i == 4 and shared["fatal"]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return i
+
+
+def refuse_three(_, i):
+    if i == 3:
+        raise ValueError("three is refused")
+    return i
+
+
+class Heavy:
+    """Shared data that writes down each time it is unpacked in a process."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        with open(self.folder / "unpacked", "a") as file:
+            file.write(f"{os.getpid()}\n")
+
+
+def own_process(shared, i):
+    assert isinstance(shared, Heavy)
+    time.sleep(0.05)
+    return os.getpid()
+
+
+@pytest.fixture(scope="module")
+def processes():
+    with executors.opened(2) as executor:
+        yield executor
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    distributed = pytest.importorskip("distributed")
+    # nannies, as on a real cluster: a worker that dies is started again
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as there:
+        yield there
+
+
+@pytest.fixture(scope="module")
+def dask(cluster):
+    with executors.opened(dask=cluster.scheduler_address) as executor:
+        yield executor
+
+
+@pytest.fixture(params=["here", "threads", "processes", "dask"])
+def executor(request):
+    if request.param == "here":
+        yield None
+    elif request.param == "threads":
+        with ThreadPoolExecutor(1) as some:
+            yield some
+    else:
+        yield request.getfixturevalue(request.param)
+
+
+def test_same_bits_and_one_thread_everywhere(executor):
+    shared = {"seed": 5, "data": np.linspace(0, 1, 200)}
+    expected = {name: draw_alone(shared, i) for name, i in PIECES.items()}
+    found = executors.run(PIECES, draw, shared, executor=executor, progress=False)
+    assert list(found) == list(PIECES), "the order is that of the pieces"
+    assert found == expected
+
+
+def draw_alone(shared, i):
+    with executors.serial():
+        return draw(shared, i)
+
+
+def test_threads_are_given_back():
+    before = nb.get_num_threads()
+    executors.run(PIECES, draw, {"seed": 5, "data": 0.0}, progress=False)
+    assert nb.get_num_threads() == before
+
+
+def test_an_exception_takes_only_its_own_piece(executor):
+    found = executors.run(PIECES, refuse_three, None, executor=executor, progress=False)
+    failure = found.pop("piece 3")
+    assert isinstance(failure, Failure) and str(failure) == "ValueError: three is refused"
+    assert "refuse_three" in failure.trace
+    assert list(found.values()) == [0, 1, 2, 4, 5]
+
+
+@pytest.mark.parametrize("where", ["processes", "dask"])
+def test_a_killed_worker_loses_nothing_and_each_piece_counts_once(where, request, tmp_path):
+    shared = {"folder": tmp_path, "fatal": False}
+    executor = request.getfixturevalue(where)
+    came = list(executors.finished(PIECES, note, shared, executor=executor, progress=False))
+    assert sorted(came) == sorted(PIECES.items())
+    ran = {i: (tmp_path / f"{i}.txt").read_text().split() for i in range(6)}
+    assert len(ran[2]) == 2 and ran[2][0] != ran[2][1], "tried again, in another process"
+    if where == "processes":
+        assert all(len(ran[i]) == 1 for i in (0, 1, 3, 4, 5)), "only the piece that died is run again"
+
+
+def test_a_piece_that_always_kills_its_process_fails_and_the_rest_is_finished(processes, tmp_path):
+    found = executors.run(PIECES, note, {"folder": tmp_path, "fatal": True}, executor=processes, progress=False)
+    assert str(found.pop("piece 4")).startswith("died: its process died twice")
+    assert list(found.values()) == [0, 1, 2, 3, 5]
+    assert len((tmp_path / "4.txt").read_text().split()) == 2
+
+
+@pytest.mark.parametrize("where", ["processes", "dask"])
+def test_data_go_once_to_each_process(where, request, tmp_path):
+    executor = request.getfixturevalue(where)
+    pieces = {str(i): i for i in range(12)}
+    pids = executors.run(pieces, own_process, Heavy(tmp_path), executor=executor, progress=False)
+    unpacked = [int(x) for x in (tmp_path / "unpacked").read_text().split()]
+    assert set(pids.values()) <= set(unpacked)
+    assert len(unpacked) == len(set(unpacked)) <= 2
+
+
+def test_a_cluster_s_lost_data_are_sent_again(tmp_path):
+    """One worker only, which dies with the data it was sent: they come again with the piece."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as one:
+        with executors.opened(dask=one.scheduler_address) as executor:
+            shared = {"folder": tmp_path, "fatal": False}
+            assert executors.run(PIECES, note, shared, executor=executor, progress=False) == PIECES
+
+
+def test_what_cannot_be_had_is_refused_in_one_line():
+    with pytest.raises(ExecutorError, match="at least one"):
+        with executors.opened(0):
+            pass
+    with pytest.raises(ExecutorError, match="not both"):
+        with executors.opened(2, "tcp://127.0.0.1:1"):
+            pass
+
+
+def test_a_cluster_that_does_not_answer_is_said(monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(executors, "_CONNECT_S", 1.0)
+    with pytest.raises(ExecutorError, match="no Dask scheduler answers at tcp://"):
+        with executors.opened(dask="tcp://127.0.0.1:1"):
+            pass
+
+
+SLEEPER = """
+import os, sys, time
+from pathlib import Path
+from bayes_iwan import executors
+
+def sleep(folder, i):
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(600)
+
+if __name__ == "__main__":
+    with executors.opened(2) as executor:
+        executors.run({"a": 1, "b": 2, "c": 3}, sleep, sys.argv[1], executor=executor, progress=False)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_processes_end_with_their_parent_however_it_ends(how, tmp_path):
+    script, marks = tmp_path / "sleeper.py", tmp_path / "marks"
+    marks.mkdir()
+    script.write_text(SLEEPER)
+    root = str(Path(executors.__file__).parents[1])
+    parent = subprocess.Popen(
+        [sys.executable, str(script), str(marks)], env={**os.environ, "PYTHONPATH": root}, stderr=subprocess.PIPE
+    )
+    wait_for(lambda: len(list(marks.iterdir())) == 2)
+    parent.send_signal(how)
+    assert parent.wait(10) != 0
+    pids = [int(p.name) for p in marks.iterdir()]
+    assert len(pids) == 2, "nothing new was begun"
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids) if os.path.isdir("/proc") else True)
+
+
+def wait_for(condition, seconds=20):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
