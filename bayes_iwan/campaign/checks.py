@@ -7,6 +7,7 @@ together.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -175,6 +176,19 @@ def _rails(name: str, values: Array, n_cycles: int) -> list[str]:
         if levels.size < 2 or np.count_nonzero(at) > 3 * near:
             notes.append(f"the {name} rests on its {side} value {extreme:.6g} for {share:.1%} of the time: clipped?")
     return notes
+
+
+def check_copies(records: Sequence[Record]) -> None:
+    """Refuse the same samples under two names: each copy would narrow every interval as if measured again."""
+    seen: dict[bytes, str] = {}
+    for record in records:
+        digest = hashlib.blake2b(record.displacement_mm.tobytes())
+        digest.update(record.force_N.tobytes())
+        other = seen.setdefault(digest.digest(), record.file)
+        if other != record.file:
+            raise CampaignError(
+                f"{record.file}: the same samples as {other}; a copy is no second measurement: delete one [[test]]"
+            )
 
 
 def check_units(records: Sequence[Record], loops: Sequence[Loop]) -> None:

@@ -6,11 +6,9 @@ import difflib
 import gzip
 import io
 import json
-import math
 import os
 import re
 import tomllib
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +19,16 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.averaging import Loop, average
-from bayes_iwan.campaign.checks import check_record, check_time, check_units, on_grid_of_rate, step_warnings
-from bayes_iwan.campaign.records import ROLES, CampaignError, Record
+from bayes_iwan.campaign.checks import (
+    check_copies,
+    check_record,
+    check_time,
+    check_units,
+    on_grid_of_rate,
+    step_warnings,
+)
+from bayes_iwan.campaign.records import ROLES, CampaignError, Record, shown
+from bayes_iwan.campaign.table import header_has, read_table
 from bayes_iwan.files import write_whole
 
 FORMAT = 1
@@ -31,6 +37,14 @@ DISPLACEMENT_UNITS = {"mm": 1.0, "m": 1e3, "um": 1e-3}
 ACCELERATION_UNITS = {"m_s2": 1.0, "mm_s2": 1e-3, "g": 9.80665}
 FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
 CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz"}
+TEST_KEYS = ("file", "frequency_hz", "amplitude_mm", "role")
+#: numbers that a user may expect to be applied to a record; none is, so they are not taken for a property of the test
+NOT_APPLIED = re.compile(r"(gain|scale|factor|offset|sign|sensitivity|delay|calibration)($|_)", re.IGNORECASE)
+TYPO = 0.88  # likeness from which a key of a test is taken for a known one misspelt
+
+# a campaign is data from anywhere: nothing in it may cost more than it is worth
+LARGEST_TOML = 1_000_000  # bytes
+LARGEST_NUMBER = 1e30  # in mm, N or s: far beyond any instrument, far below where squares overflow
 
 
 @dataclass(frozen=True)
@@ -60,12 +74,14 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     stated = _read_toml(folder / "campaign.toml")
     _only(stated, {"format", "specimen", "channels", "test"}, "campaign.toml")
     if stated.get("format") != FORMAT or isinstance(stated["format"], bool):
-        raise CampaignError(f"campaign.toml: format is {stated.get('format')!r}; this version reads format = {FORMAT}")
+        raise CampaignError(
+            f"campaign.toml: format is {shown(stated.get('format'))}; this version reads format = {FORMAT}"
+        )
     specimen = _table(stated, "specimen")
     _only(specimen, {"name", "description", "source", "licence"}, "campaign.toml [specimen]")
     for key, value in specimen.items():
         if not isinstance(value, str):
-            raise CampaignError(f"campaign.toml [specimen]: {key} must be text in quotes, not {value!r}")
+            raise CampaignError(f"campaign.toml [specimen]: {key} must be text in quotes, not {shown(value)}")
     if not specimen.get("name"):
         raise CampaignError('campaign.toml [specimen]: name is missing; write name = "..."')
     channels = _channels(_table(stated, "channels"))
@@ -80,6 +96,7 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         seen.add(test["file"])
     checked = [check_record(_record(folder, test, channels)) for test in tests]
     records = tuple(record for record, _ in checked)
+    check_copies(records)
     check_units(records, [loop for _, loop in checked])
     return Campaign(
         name=specimen["name"],
@@ -93,13 +110,23 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        if path.exists() and not path.is_file():
+            raise CampaignError(f"{path}: not a file; a campaign is a folder with a file campaign.toml in it")
+        with path.open("rb") as file:
+            raw = file.read(LARGEST_TOML + 1)
+        if len(raw) > LARGEST_TOML:
+            raise CampaignError(f"{path}: more than {LARGEST_TOML:,} bytes; records belong in files of their own")
+        return tomllib.loads(raw.decode("utf-8-sig"))
     except FileNotFoundError:
         raise CampaignError(f"{path}: not found; a campaign is a folder with a campaign.toml in it") from None
     except OSError as error:
         raise CampaignError(f"{path}: cannot be read ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CampaignError(f"{path}: not valid TOML: {error}") from None
+    except CampaignError:
+        raise
+    except RecursionError:
+        raise CampaignError(f"{path}: not a campaign: its tables are nested too deep") from None
+    except ValueError as error:  # of TOML, of its encoding, of an integer with thousands of digits
+        raise CampaignError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
 
 
 def _table(stated: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -113,13 +140,22 @@ def _only(table: Mapping[str, Any], known: set[str], where: str) -> None:
         if key not in known:
             near = difflib.get_close_matches(key, known, 1)
             hint = f"; did you mean {near[0]}?" if near else f"; known are {', '.join(sorted(known))}"
-            raise CampaignError(f"{where}: unknown key {key!r}{hint}")
+            raise CampaignError(f"{where}: unknown key {shown(key)}{hint}")
 
 
 def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise CampaignError(f"{where} must be a finite number, not {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST_NUMBER:
+        raise CampaignError(f"{where} must be a finite number, not {shown(value)}")
     return float(value)
+
+
+def _positive(value: Any, where: str) -> float:
+    number = _number(value, where)
+    if number <= 0:
+        raise CampaignError(f"{where} must be positive, not {shown(value)}")
+    if number < 1 / LARGEST_NUMBER:
+        raise CampaignError(f"{where} = {number:g} is smaller than any instrument shows")
+    return number
 
 
 def _channels(stated: dict[str, Any]) -> dict[str, Any]:
@@ -127,15 +163,13 @@ def _channels(stated: dict[str, Any]) -> dict[str, Any]:
     _only(stated, CHANNELS, where)
     for key in CHANNELS - {"sample_rate_hz"}:
         if key in stated and (not isinstance(stated[key], str) or not stated[key]):
-            raise CampaignError(f"{where}: {key} must name a column, not {stated[key]!r}")
+            raise CampaignError(f"{where}: {key} must name a column, not {shown(stated[key])}")
     if ("displacement" in stated) == ("acceleration" in stated):
         raise CampaignError(f"{where}: name one column as displacement or one as acceleration, not both or none")
     if "force" not in stated:
         raise CampaignError(f'{where}: force is missing; write force = "force_N"')
     if "sample_rate_hz" in stated:
-        rate = _number(stated["sample_rate_hz"], f"{where}: sample_rate_hz")
-        if rate <= 0:
-            raise CampaignError(f"{where}: sample_rate_hz must be positive, not {rate:g}")
+        _positive(stated["sample_rate_hz"], f"{where}: sample_rate_hz")
     return stated
 
 
@@ -143,6 +177,8 @@ def _test(entry: dict[str, Any], number: int) -> dict[str, Any]:
     file = entry.get("file")
     if not isinstance(file, str) or not file:
         raise CampaignError(f'campaign.toml: [[test]] number {number} has no file; write file = "..."')
+    if not file.isprintable():
+        raise CampaignError(f"campaign.toml: the file {shown(file)} of [[test]] number {number} is no name of a file")
     where = f"campaign.toml: test {file}"
     if Path(file).is_absolute() or ".." in Path(file).parts:
         raise CampaignError(f"{where}: the record must lie inside the campaign folder")
@@ -152,14 +188,14 @@ def _test(entry: dict[str, Any], number: int) -> dict[str, Any]:
             raise CampaignError(
                 f"{where}: {key} is missing" + (f"; did you mean {near[0]} to be {key}?" if near else "")
             )
-        if _number(entry[key], f"{where}: {key}") <= 0:
-            raise CampaignError(f"{where}: {key} must be positive, not {entry[key]!r}")
-    if entry.get("role", "fit") not in ROLES:
-        raise CampaignError(f"{where}: role must be one of {', '.join(ROLES)}, not {entry['role']!r}")
+        _positive(entry[key], f"{where}: {key}")
+    if not isinstance(entry.get("role", "fit"), str) or entry.get("role", "fit") not in ROLES:
+        raise CampaignError(f"{where}: role must be one of {', '.join(ROLES)}, not {shown(entry['role'])}")
     extras = {}
     for key, value in entry.items():
-        if key not in ("file", "frequency_hz", "amplitude_mm", "role"):
-            extras[key] = _number(value, f"{where}: {key}")
+        if key not in TEST_KEYS:
+            _not_meant(key, where)
+            extras[key] = _number(value, f"{where}: {shown(key) if not key.isprintable() else key}")
     return {
         "file": file,
         "frequency_hz": float(entry["frequency_hz"]),
@@ -169,8 +205,24 @@ def _test(entry: dict[str, Any], number: int) -> dict[str, Any]:
     }
 
 
+def _not_meant(key: str, where: str) -> None:
+    """Refuse a key that would be kept as a property of the test although something else was meant by it."""
+    near = difflib.get_close_matches(key.lower(), TEST_KEYS, 1, TYPO)
+    if near:
+        raise CampaignError(f"{where}: unknown key {shown(key)}; did you mean {near[0]}?")
+    if NOT_APPLIED.match(key):
+        raise CampaignError(
+            f"{where}: {shown(key)} would not be applied to the record; scale or shift the column itself and delete "
+            "the key"
+        )
+
+
 def _record(folder: Path, test: dict[str, Any], channels: dict[str, Any]) -> Record:
     file = test["file"]
+    if not (folder / file).resolve().is_relative_to(folder.resolve()):
+        raise CampaignError(
+            f"campaign.toml: test {file}: the record must lie inside the campaign folder, not behind a link"
+        )
     names, table, warnings = read_table(folder / file, file)
     rate = channels.get("sample_rate_hz")
     time_name = channels.get("time", "time_s")
@@ -180,8 +232,7 @@ def _record(folder: Path, test: dict[str, Any], channels: dict[str, Any]) -> Rec
         time = np.arange(len(table)) / rate
     else:
         raise CampaignError(
-            f"{file}: no column {time_name!r}; the header has {', '.join(names)}. Add it, or state "
-            "sample_rate_hz in [channels]"
+            f"{file}: no column {shown(time_name)}; {header_has(names)}. Add it, or state sample_rate_hz in [channels]"
         )
     if rate is not None:
         time = on_grid_of_rate(time, rate)
@@ -201,86 +252,20 @@ def _column(names: list[str], table: Array, name: str, units: Mapping[str, float
     if name not in names:
         near = difflib.get_close_matches(name, names, 1)
         raise CampaignError(
-            f"{file}: no column {name!r}; the header has {', '.join(names)}"
+            f"{file}: no column {shown(name)}; {header_has(names)}"
             + (f". Did you mean {near[0]!r} in [channels]?" if near else ". Mend [channels] or the header")
         )
     for unit in sorted(units, key=len, reverse=True):
         if name.endswith("_" + unit):
             column = table[:, names.index(name)] * units[unit]
+            if np.abs(column).max() > LARGEST_NUMBER:
+                line = int(np.argmax(np.abs(column))) + 2
+                raise CampaignError(f"{file} line {line}: {name} is beyond any instrument; delete the line")
             return np.ascontiguousarray(column)
     raise CampaignError(
-        f"{file}: column {name!r} does not say its unit; end its name in one of " + ", ".join("_" + u for u in units)
+        f"{file}: column {shown(name)} does not say its unit; end its name in one of "
+        + ", ".join("_" + u for u in units)
     )
-
-
-def read_table(path: Path, file: str) -> tuple[list[str], Array, tuple[str, ...]]:
-    """Column names, (n, columns) numbers and warnings of a .csv or .csv.gz file.
-
-    Raises CampaignError naming the line of the first cell that is no finite number.
-    """
-    if not file.endswith((".csv", ".csv.gz")):
-        raise CampaignError(f"{file}: records are read from .csv or .csv.gz files")
-    try:
-        raw = path.read_bytes()
-        text = (gzip.decompress(raw) if file.endswith(".gz") else raw).decode("utf-8-sig")
-    except FileNotFoundError:
-        raise CampaignError(f"{file}: not found in {path.parent}; mend its name in campaign.toml") from None
-    except (OSError, EOFError, zlib.error) as error:
-        raise CampaignError(f"{file}: cannot be read ({error}); copy or export it again") from None
-    except UnicodeDecodeError:
-        raise CampaignError(f"{file}: not a text file; export it as comma-separated text") from None
-    header, _, body = text.partition("\n")
-    names = [name.strip().strip('"') for name in header.split(",")]
-    if len(names) < 2:
-        hint = "; columns must be separated by commas" if re.search(r"[;\t]", header) else ""
-        raise CampaignError(f"{file} line 1: no header with column names{hint}")
-    if len(set(names)) < len(names):
-        raise CampaignError(f"{file} line 1: two columns have one name")
-    warnings: tuple[str, ...] = ()
-    if body and not body.endswith("\n"):
-        # a row cut off inside its last number still reads as numbers, so it cannot be trusted
-        body, _, last = body.rpartition("\n")
-        if last.strip() and last.count(",") != len(names) - 1:
-            line = 2 + body.count("\n") + bool(body)
-            raise CampaignError(
-                f"{file} line {line}: the last line is cut off ({last.count(',') + 1} of {len(names)} "
-                "columns); delete it or export the record again"
-            )
-        warnings = ("the last line has no end and may be cut off: it was left out",)
-    if not body.strip():
-        raise CampaignError(f"{file}: no samples below the header")
-    try:
-        table = np.loadtxt(io.StringIO(body), delimiter=",", comments=None, ndmin=2)
-    except ValueError:
-        raise _bad_cell(file, names, body) from None
-    if table.shape[1] != len(names) or not np.isfinite(table).all():
-        raise _bad_cell(file, names, body)
-    return names, table, warnings
-
-
-def _bad_cell(file: str, names: list[str], body: str) -> CampaignError:
-    lines = body.splitlines()
-    for number, line in enumerate(lines, 2):
-        if not line.strip():
-            continue
-        cells = line.split(",")
-        if len(cells) != len(names):
-            last = " (the last line: cut off?)" if number == len(lines) + 1 else ""
-            return CampaignError(
-                f"{file} line {number}{last}: {len(cells)} columns where the header has {len(names)}; delete the "
-                "line or export the record again"
-            )
-        for name, cell in zip(names, cells):
-            try:
-                value = float(cell)
-            except ValueError:
-                return CampaignError(f"{file} line {number}: {cell.strip()!r} in {name} is not a number")
-            if not math.isfinite(value):
-                return CampaignError(
-                    f"{file} line {number}: {name} is {cell.strip()}; delete the line (a short gap is bridged) or "
-                    "mend the export"
-                )
-    return CampaignError(f"{file}: cannot be read as numbers")
 
 
 def write_campaign(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -47,3 +48,12 @@ class Record:
             )
         if self.role not in ROLES:
             raise CampaignError(f"{self.file}: role must be one of {', '.join(ROLES)}, not {self.role!r}")
+
+
+def shown(value: Any) -> str:
+    """A value of any kind and size, short and on one line."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer with thousands of digits
+        text = f"a {type(value).__name__} of great length"
+    return text if len(text) <= 60 else text[:57] + "..."
