@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from bayes_iwan import cli
@@ -106,7 +107,18 @@ def test_the_report_holds_the_frequencies_alone(tmp_path, capsys, made_up_campai
     from bayes_iwan.inference.results import load
 
     slow = [x.record for x in room.read_campaign(made_up_campaign).loops()]
-    fast = [replace(x, file=x.file.replace("f10", "f20"), frequency_hz=20.0, time_s=0.5 * x.time_s) for x in slow]
+    # the same loops at twice the speed; a rate-independent specimen, and noise of their own: no copies
+    noise = np.random.default_rng(9)
+    fast = [
+        replace(
+            x,
+            file=x.file.replace("f10", "f20"),
+            frequency_hz=20.0,
+            time_s=0.5 * x.time_s,
+            force_N=x.force_N + 0.002 * noise.standard_normal(x.force_N.size),
+        )
+        for x in slow
+    ]
     write_campaign(tmp_path / "campaign", name="made up", description="", tests=[*slow, *fast], compress=False)
     names, one, run = {"f10Hz", "f20Hz"}, "f10Hz", room.identify_problem
     config, out = tmp_path / "c.toml", tmp_path / "out"
