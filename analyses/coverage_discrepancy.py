@@ -19,7 +19,7 @@ import argparse
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.inference.likelihood import friction_level_N
+from bayes_iwan.inference.loop_error import friction_level_N
 from bayes_iwan.inference.point import laplace_scale, most_probable
 from bayes_iwan.inference.problem import Problem, make_problem
 from point_recovery import known_loops

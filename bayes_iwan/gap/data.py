@@ -16,7 +16,8 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.inference.likelihood import Correlated, friction_level_N, harmonics_of
+from bayes_iwan.inference.discrepancy import Correlated
+from bayes_iwan.inference.loop_error import friction_level_N, harmonics_of
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.physics import Motion
 from bayes_iwan.physics.motion import motion_of

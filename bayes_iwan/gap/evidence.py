@@ -2,7 +2,7 @@
 smooth misfit that a model is allowed.
 
 Every model, with or without effects, is compared with a discrepancy beside it: Gaussian, smooth along the loop and
-between tests, of share a of the friction force (:class:`bayes_iwan.inference.likelihood.Correlated`). So a tiny misfit
+between tests, of share a of the friction force (:class:`bayes_iwan.inference.discrepancy.Correlated`). So a tiny misfit
 makes nothing certain, and "unknown" is no special case: it is the base model with a large discrepancy. The evidence is
 tabulated over (a, ℓ); priors over a come later, in :mod:`.attribution`.
 """
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.gap.data import GapData, predicted
-from bayes_iwan.inference.likelihood import discrepancy_spectrum
+from bayes_iwan.inference.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.parameters import Prior
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.scales import Scales
@@ -110,7 +110,7 @@ def base_problem(data: GapData, config: dict, scales: Scales) -> Problem:
     """The base model, noise numbers fixed, for the loops of `data`."""
     parameters = {**config.get("parameters", {}), **_FIXED_NOISE}
     return make_problem(
-        data.loops, {**config, "likelihood": {"kind": "correlated"}, "parameters": parameters}, scales=scales
+        data.loops, {**config, "likelihood": {"kind": "unweighted"}, "parameters": parameters}, scales=scales
     )
 
 

@@ -18,7 +18,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.gap.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.gap.evidence import Fit
 from bayes_iwan.gap.residuals import ALONG, COUNTED, HUM, LOOP, MEAN, Residual
-from bayes_iwan.inference.likelihood import discrepancy_spectrum
+from bayes_iwan.inference.discrepancy import discrepancy_spectrum
 
 LEVEL = 0.9
 DRAWS = 400

@@ -15,7 +15,8 @@ from bayes_iwan.gap.attribution import calibration
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.gap.evidence import Fit, Rows, extended
 from bayes_iwan.gap.search import shape_points
-from bayes_iwan.inference.likelihood import discrepancy_spectrum, harmonics_of
+from bayes_iwan.inference.discrepancy import discrepancy_spectrum
+from bayes_iwan.inference.loop_error import harmonics_of
 from bayes_iwan.physics import sine_motion
 
 #: an effect of typical size must promise so many nats, or these tests could not have shown it

@@ -18,7 +18,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.gap.data import TREND_FLOOR, TREND_HARMONICS, GapData, predicted
 from bayes_iwan.gap.evidence import Fit, Rows
-from bayes_iwan.inference.likelihood import Correlated, between_tests, discrepancy_spectrum
+from bayes_iwan.inference.discrepancy import between_tests, discrepancy_spectrum
 from bayes_iwan.inference.problem import Problem
 
 #: kinds of numbers: harmonics of the averaged loop, its mean, contrasts between blocks of cycles, lines of the mains
@@ -74,7 +74,8 @@ class Residual:
     def draw_misfit(self, shares: Array, lengths: Array, rng: np.random.Generator) -> np.ndarray:
         """(draws, T, M) complex smooth misfits of averaged loops; shares of the friction level, lengths (draws,)."""
         at = np.flatnonzero(self.kind <= MEAN)
-        half = np.linalg.cholesky(between_tests(self.data.loops, Correlated.BETWEEN)) * self.data.level_N[:, None]
+        likelihood = self.data.likelihood
+        half = np.linalg.cholesky(between_tests(self.data.loops, likelihood.between)) * likelihood.level[:, None]
         spectrum = np.sqrt(discrepancy_spectrum(shares, lengths, len(at)))
         unit = rng.standard_normal((2, len(shares), len(half), len(at)))
         part = np.einsum("ij,pdjh,dh->pdih", half, unit, spectrum)

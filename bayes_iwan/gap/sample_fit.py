@@ -12,7 +12,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.gap.attribution import calibration
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.gap.evidence import LENGTHS, Fit, Rows
-from bayes_iwan.inference.likelihood import discrepancy_spectrum
+from bayes_iwan.inference.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.parameters import Z_LIMIT
 from bayes_iwan.sampling.ensembles import sample
 from bayes_iwan.sampling.walkers import enough_walkers

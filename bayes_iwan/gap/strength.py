@@ -12,7 +12,7 @@ from bayes_iwan.effects.base import TYPICAL_SHARE, Effect
 from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.inference.defaults import model_numbers
-from bayes_iwan.inference.likelihood import harmonics_of
+from bayes_iwan.inference.loop_error import harmonics_of
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import Scales
 

@@ -21,7 +21,7 @@ from bayes_iwan.gap.evidence import LENGTHS
 from bayes_iwan.gap.gap_size import LEVEL
 from bayes_iwan.gap.laws import Law, LawSearch
 from bayes_iwan.gap.residuals import ALONG, HUM, LOOP, MEAN, Residual
-from bayes_iwan.inference.likelihood import harmonics_of
+from bayes_iwan.inference.loop_error import harmonics_of
 
 FAMILY_WISE = 0.05
 SIMULATIONS = 1000

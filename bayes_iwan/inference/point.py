@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.inference.likelihood import friction_level_N, goal_function, paper_weights
+from bayes_iwan.inference.loop_error import friction_level_N, goal_function, paper_weights
 from bayes_iwan.inference.parameters import Z_LIMIT
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.optimize.genetic import BatchObjective, GlobalOptimum, differential_evolution_search, genetic_search

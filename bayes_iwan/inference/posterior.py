@@ -12,7 +12,7 @@ import numpy as np
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.inference.defaults import paper_numbers
-from bayes_iwan.inference.likelihood import Correlated
+from bayes_iwan.inference.discrepancy import Correlated
 from bayes_iwan.inference.point import Point
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.quantities import Quantity, quantities

@@ -13,7 +13,8 @@ import numpy as np
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference import defaults
-from bayes_iwan.inference.likelihood import Likelihood, goal_function, harmonics_of, make_likelihood
+from bayes_iwan.inference.likelihood import Likelihood, make_likelihood
+from bayes_iwan.inference.loop_error import goal_function, harmonics_of
 from bayes_iwan.inference.parameters import Prior, configured
 from bayes_iwan.inference.scales import Scales, scales_of
 from bayes_iwan.physics import Model, Motion

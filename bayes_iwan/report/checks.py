@@ -15,7 +15,8 @@ from scipy.special import logsumexp
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.pareto import smooth_log_weights
-from bayes_iwan.inference.likelihood import paper_weights
+from bayes_iwan.inference.discrepancy import Correlated
+from bayes_iwan.inference.likelihood import Independent
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.predictive import Predictive, predict
 from bayes_iwan.report.style import BLUE, ORANGE, RED, styled, subplots
@@ -132,7 +133,7 @@ def loo_pit(posterior: Any, n: int = 600) -> LooPit:
     numbers = problem.numbers(z)
     residual = problem.residual(z)
     log_p = problem.likelihood.pointwise(residual, numbers)
-    if problem.likelihood.name == "correlated":
+    if isinstance(problem.likelihood, Correlated):
         rows = problem.likelihood.rows(residual, numbers)
         parts = rows.reshape(len(z), 2, -1)  # real parts, imaginary parts; padding is zero in every draw
         used = np.any(parts[:, 0] != 0.0, axis=0)
@@ -140,8 +141,8 @@ def loo_pit(posterior: Any, n: int = 600) -> LooPit:
         probability = special.ndtr(parts[:, :, used][:, :, oscillating])
         log_p = log_p[:, oscillating]
     else:
-        weight = paper_weights(problem.motion.displacement_mm[0], problem.motion.amplitude_mm)
-        weight = weight / weight.mean(axis=1, keepdims=True)
+        assert isinstance(problem.likelihood, Independent)
+        weight = problem.likelihood.weights
         scaled = residual / numbers["noise_N"][:, None, None]
         if problem.likelihood.name == "laplace":
             scaled = scaled * weight

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from bayes_iwan.gap.evidence import LENGTHS, SHARES, Linear, Rows, _distinct, _grid, extended, fit_model
-from bayes_iwan.inference.likelihood import discrepancy_spectrum
+from bayes_iwan.inference.discrepancy import discrepancy_spectrum
 
 
 @pytest.fixture

@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference import likelihood
-from bayes_iwan.inference.likelihood import (
-    Correlated,
-    between_tests,
-    discrepancy_spectrum,
-    goal_function,
-    harmonics_of,
-    make_likelihood,
-    paper_weights,
-)
+from bayes_iwan.inference import discrepancy, likelihood
+from bayes_iwan.inference.discrepancy import Correlated, between_tests, discrepancy_spectrum
+from bayes_iwan.inference.likelihood import KINDS, make_likelihood
+from bayes_iwan.inference.loop_error import friction_level_N, goal_function, harmonics_of, paper_weights
 from bayes_iwan.inference.point import laplace_scale
 from bayes_iwan.inference.problem import make_problem
 
@@ -38,20 +32,56 @@ def test_goal_of_eq_8_by_hand():
     assert goal_function(r, u, np.array([0.5, 2.0]), squared=True)[0] == pytest.approx(squared)
 
 
+def hand_written_goal(problem, residual, squared):
+    """Eq. (8) with Eq. (9), point by point: Σ_tests 1/(A n) Σ_i (0.2 + √(1 − (u_i/A)²)) |r_i| or r_i²."""
+    total = 0.0
+    for loop, row in zip(problem.loops, residual):
+        a, n = loop.amplitude_mm, len(loop.phase)
+        for u, r in zip(loop.displacement_mm, row):
+            w = 0.2 + np.sqrt(max(1.0 - (u / a) ** 2, 0.0))
+            total += w * (r * r if squared else abs(r)) / (a * n)
+    return total
+
+
 @pytest.mark.parametrize("kind", ["laplace", "gaussian"])
-def test_minimising_the_goal_is_maximum_likelihood(known, kind):
-    """With the scale at its own best, ln L = constant − N ln goal (Laplace), or half of that (Gaussian, squared)."""
-    problem = make_problem(known.loops(tests=ONE_TEST), {"likelihood": {"kind": kind}})
-    like, n = problem.likelihood, 2 * 50 + 1
-    r = 0.1 * np.random.default_rng(0).standard_normal((5, 1, 128)) * np.geomspace(0.1, 10.0, 5)[:, None, None]
+def test_minimising_the_goal_is_maximum_likelihood(problem, kind):
+    """Several tests, one of them with few harmonics: with the scale at its own best, ln L = constant − N ln Eq. (8)
+    (Laplace), or half of that (Gaussian, squares)."""
+    few = replace(problem.loops[1], noise_N=np.where(np.arange(51) > 4, np.inf, problem.loops[1].noise_N))
+    loops = (problem.loops[0], few, *problem.loops[2:])
+    like = make_problem(loops, {"likelihood": {"kind": kind}}).likelihood
+    r = 0.1 * np.random.default_rng(0).standard_normal((5, 4, 128)) * np.geomspace(0.1, 10.0, 5)[:, None, None]
     scale = np.geomspace(1e-3, 3.0, 4001)
     best = [np.max(like.log_likelihood(np.repeat(x[None], len(scale), 0), {"noise_N": scale})) for x in r]
-    goal = goal_function(r, problem.motion.displacement_mm[0], problem.motion.amplitude_mm, kind == "gaussian")
+    goal = [hand_written_goal(problem, x, kind == "gaussian") for x in r]
+    n = 3 * 101 + 9
     power = n if kind == "laplace" else 0.5 * n
     np.testing.assert_allclose(np.diff(best), np.diff(-power * np.log(goal)), rtol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["gaussian", "laplace", "correlated"])
+def test_short_correlation_tends_to_the_squared_form_of_eq_8(problem):
+    """Discrepancies uncorrelated along the loop and between tests, far above the noise: −2 ln L differs between
+    residuals by Eq. (8) with squares, times one constant for all tests."""
+    like = make_problem(problem.loops).likelihood
+    assert isinstance(like, Correlated)
+    alone = replace(like, between=(0.8, 0.5, 1.0))
+    angle = 2.0 * np.pi * np.arange(128)[:, None] / 128 * np.arange(1, 9)
+    rng = np.random.default_rng(5)
+    r = np.stack([np.cos(angle + rng.uniform(0, 7, 8)) @ rng.standard_normal(8) for _ in range(24)])  # harmonics 1 to 8
+    r = 0.05 * r.reshape(6, 4, 128)
+    r -= np.sum(r * like.root_weights, axis=2, keepdims=True) / np.sum(like.root_weights, axis=1)[:, None]
+    share = 30.0  # so that noise, floors included, is nothing
+    numbers = {k: np.full(6, v) for k, v in (("noise_scale", 1.0), ("discrepancy_share", share))}
+    got = -2.0 * alone.log_likelihood(r, numbers | {"discrepancy_length": np.full(6, 1e-9)})
+    goal = np.array([hand_written_goal(problem, x, True) for x in r])
+    # Σ_h |e_h|² = 2 mean(e²), e² = w r² / mean w; the variance of each of the 51 orders is (share slip)² A / (ℓ 51)
+    w = paper_weights(problem.motion.displacement_mm[0], problem.motion.amplitude_mm).mean()
+    s = problem.scales
+    factor = 2.0 / w * s.length_mm * 51 / (share * s.slip_N) ** 2
+    np.testing.assert_allclose(np.diff(got), factor * np.diff(goal), rtol=0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_parts_sum_up(problem, known, kind):
     """Pointwise terms sum to ln L; half the squared rows differ as −ln L does while the noise stays."""
     p = make_problem(problem.loops, {"likelihood": {"kind": kind}})
@@ -66,10 +96,11 @@ def test_parts_sum_up(problem, known, kind):
 
 
 def test_pointwise_densities_are_those_of_scipy(problem, known):
-    """Laplace of scale b/w and Gaussian of variance σ²/w, w scaled to mean one, each point weighing (2H + 1)/n."""
+    """Laplace of scale b/v and Gaussian of variance σ²/v, v = w/A over its mean, each point weighing (2H + 1)/n."""
     r = problem.residual(known.true_z(problem))
     w = paper_weights(problem.motion.displacement_mm[0], problem.motion.amplitude_mm)
-    w /= w.mean(axis=1, keepdims=True)
+    w /= problem.motion.amplitude_mm[:, None]
+    w /= stats.gmean(w, axis=None)
     b = {"noise_N": np.array([0.03])}
     densities = {"laplace": stats.laplace(scale=0.03 / w), "gaussian": stats.norm(scale=0.03 / np.sqrt(w))}
     for kind, density in densities.items():
@@ -78,23 +109,36 @@ def test_pointwise_densities_are_those_of_scipy(problem, known):
         np.testing.assert_allclose(like.pointwise(r, b).reshape(r.shape[1:]), expected, rtol=1e-9)
 
 
-def test_correlated_is_a_multivariate_normal(problem):
-    """Against scipy's, with the covariance of all tests' harmonics written out, harmonic by harmonic."""
-    like = problem.likelihood
+@pytest.mark.parametrize("kind", ["correlated", "unweighted"])
+def test_correlated_is_a_multivariate_normal(problem, kind):
+    """Against scipy's, with the covariance of all tests' harmonics written out, harmonic by harmonic; weighted, it is
+    that of √(w/w̄)·(residual − its mean by √w), and of the mean."""
+    like = make_problem(problem.loops, {"likelihood": {"kind": kind}}).likelihood
     assert isinstance(like, Correlated)
-    r = 0.05 * np.random.default_rng(2).standard_normal((1, len(problem.loops), 128))
+    angle = 2.0 * np.pi * np.arange(128) / 128 * np.arange(31)[:, None]
+    rng = np.random.default_rng(2)
+    r = 0.05 * (rng.standard_normal((4, 31)) @ np.cos(angle) + rng.standard_normal((4, 31)) @ np.sin(angle))
     share, length = np.array([0.02]), np.array([0.1])
     numbers = {"noise_scale": np.array([1.3]), "discrepancy_share": share, "discrepancy_length": length}
     spectrum = discrepancy_spectrum(share, length, 51)[0]
-    near = like.level[:, None] * like.level * between_tests(problem.loops, like.BETWEEN)
+    amplitude = problem.motion.amplitude_mm
+    if kind == "correlated":
+        root = np.sqrt(paper_weights(problem.motion.displacement_mm[0], amplitude))
+        root /= np.sqrt(np.mean(root**2, axis=1, keepdims=True))
+        mean = np.sum(root * r, axis=1) / np.sum(root, axis=1)
+        c = harmonics_of(root * (r - mean[:, None]), 51)
+        c[:, 0] = mean
+        size = problem.scales.slip_N * np.sqrt(amplitude / max(amplitude))
+    else:
+        c, size = harmonics_of(r, 51), friction_level_N(problem.loops)
+    near = np.outer(size, size) * between_tests(problem.loops, like.between)
     noise = np.exp(like.rotation[3])  # (H, tests): of the records, floors included
-    c = harmonics_of(r[0], 51)
     total = 0.0
     for h in range(51):
         cov = 1.3**2 * np.diag(noise[h] ** 2) + spectrum[h] * near
         total += stats.multivariate_normal.logpdf(c[:, h].real, cov=cov)
         total += stats.multivariate_normal.logpdf(c[:, h].imag, cov=cov) if h else 0.0
-    assert like.log_likelihood(r, numbers)[0] == pytest.approx(total, rel=1e-9)
+    assert like.log_likelihood(r[None], numbers)[0] == pytest.approx(total, rel=1e-9)
 
 
 def test_correlated_noise_is_that_of_the_records(problem):
@@ -104,7 +148,7 @@ def test_correlated_noise_is_that_of_the_records(problem):
     assert np.median(got) == pytest.approx(expected, rel=0.1)
 
 
-@pytest.mark.parametrize("kind", ["gaussian", "laplace", "correlated"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_replicates_follow_the_likelihood(problem, known, kind):
     """The mean of −ln p over replicates is the entropy that the noise model has by formula."""
     p = make_problem(problem.loops, {"likelihood": {"kind": kind}})
@@ -112,14 +156,15 @@ def test_replicates_follow_the_likelihood(problem, known, kind):
     n, force = p.numbers(z), p.predict(z)
     r = p.likelihood.replicate(force, n, np.random.default_rng(3)) - force
     got = -p.likelihood.log_likelihood(r, n)
-    if kind == "correlated":
+    if isinstance(p.likelihood, Correlated):
         variance = p.likelihood._whitened(r[:1], {k: v[:1] for k, v in n.items()})[1][:, 0]
         degrees = np.where(np.arange(51) == 0, 1.0, 2.0)[:, None]
         log_noise = p.likelihood.rotation[3]
         entropy = np.sum(0.5 * degrees * (np.log(2 * np.pi * variance) + 1.0 + 2.0 * log_noise))
     else:
         w = paper_weights(p.motion.displacement_mm[0], p.motion.amplitude_mm)
-        w /= w.mean(axis=1, keepdims=True)
+        w /= p.motion.amplitude_mm[:, None]
+        w /= stats.gmean(w, axis=None)
         entropy = np.sum(
             101
             / 128
@@ -128,7 +173,7 @@ def test_replicates_follow_the_likelihood(problem, known, kind):
     assert np.mean(got) == pytest.approx(entropy, abs=4 * np.std(got) / np.sqrt(len(got)))
 
 
-@pytest.mark.parametrize("kind", ["gaussian", "laplace", "correlated"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_finer_phase_grid_is_no_more_information(known, kind):
     """Laplace widths of all numbers at 128 and 256 phases of one and the same record agree within 3 %."""
     widths = []
@@ -139,13 +184,14 @@ def test_a_finer_phase_grid_is_no_more_information(known, kind):
     np.testing.assert_allclose(widths[1], widths[0], rtol=0.03)
 
 
-@pytest.mark.parametrize("kind", ["gaussian", "laplace"])
+@pytest.mark.parametrize("kind", ["correlated", "gaussian", "laplace"])
 def test_weights_of_another_size_are_no_more_information(problem, known, kind, monkeypatch):
     """Eq. (9) times any constant gives the same likelihood."""
     p = make_problem(problem.loops, {"likelihood": {"kind": kind}})
     z = known.true_z(p)
     before = p.log_likelihood(z)
-    monkeypatch.setattr(likelihood, "paper_weights", lambda u, a: 10.0 * paper_weights(u, a))
+    for room in (likelihood, discrepancy):
+        monkeypatch.setattr(room, "paper_weights", lambda u, a: 10.0 * paper_weights(u, a))
     after = make_problem(problem.loops, {"likelihood": {"kind": kind}}).log_likelihood(z)
     np.testing.assert_allclose(after, before, rtol=1e-12)
 
@@ -186,5 +232,5 @@ def test_replicates_have_no_noise_where_there_are_no_data(problem, known):
 
 
 def test_unknown_likelihood_is_named(problem):
-    with pytest.raises(ValueError, match=r"likelihood.kind = 'student'.*correlated, gaussian, laplace"):
+    with pytest.raises(ValueError, match=r"likelihood.kind = 'student'.*correlated, unweighted, gaussian, laplace"):
         make_problem(problem.loops, {"likelihood": {"kind": "student"}})
