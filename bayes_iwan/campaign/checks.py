@@ -25,6 +25,7 @@ UNIT_MARGIN = 5.0  # two forces further apart than amplitude, frequency and load
 REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls along as well
 LATE = 0.3  # below minus this no late or AC-coupled channel explains it
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
+EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
 RAIL_SHARE = 0.004  # of the kept samples at one extreme value, in runs, before a channel looks clipped
 
 
@@ -40,11 +41,18 @@ def check_time(file: str, time: Array, rate: float | None, frequency_hz: float) 
     if time.size < 2 * FEWEST_PER_CYCLE:
         raise CampaignError(f"{file}: {time.size} samples; at least two whole cycles are needed")
     steps = np.diff(time)
+    if time[0] > EPOCH_S:
+        raise CampaignError(
+            f"{file}: time starts at {time[0]:.6g} s, {time[0] / 3.15576e7:,.0f} years: milliseconds since 1970? Name "
+            "the column time_ms"
+        )
     if not (steps > 0).all():
         k = int(np.argmin(steps > 0))
+        mend = "sort the rows or delete the repeated one"
+        if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * time.size:
+            mend = "it is rounded too far: state sample_rate_hz in [channels]"
         raise CampaignError(
-            f"{file} line {k + 3}: time does not increase ({time[k]:.9g} s, then {time[k + 1]:.9g} s); sort the "
-            "rows or delete the repeated one"
+            f"{file} line {k + 3}: time does not increase ({time[k]:.12g} s, then {time[k + 1]:.12g} s); {mend}"
         )
     step = float(np.median(steps))
     if rate is not None and abs(step * rate - 1) > 0.02:
@@ -66,7 +74,9 @@ def step_warnings(time: Array) -> tuple[str, ...]:
     notes = []
     gaps = steps[steps > 1.5 * step]
     if gaps.size:
-        notes.append(f"{gaps.size} gap(s) of up to {gaps.max():.3g} s (steps are {step:.3g} s): bridged")
+        notes.append(
+            f"{gaps.size} gap(s) of up to {gaps.max():.3g} s (steps are {step:.3g} s): bridged (dropped samples?)"
+        )
     rest = steps[steps <= 1.5 * step]
     if rest.max() - rest.min() > 0.02 * step:
         notes.append(f"irregular steps, {rest.min():.3g} to {rest.max():.3g} s: each sample kept at its own time")
@@ -88,7 +98,16 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         )
     else:
         _near(record, "frequency_hz", loop.frequency_hz, record.frequency_hz, "Hz")
-    _near(record, "amplitude_mm", loop.amplitude_mm, record.amplitude_mm, "mm")
+    unit = record.units.displacement
+    swing = float(np.ptp(loop.force_N)) / 2
+    if swing <= 1e-9 * float(np.abs(loop.force_N).max()):
+        raise CampaignError(
+            f"{record.file}: the force stays at {loop.force_N[0]:.4g}: a dead channel, or the wrong column named in "
+            "[channels]?"
+        )
+    swapped = abs(swing / record.amplitude_mm - 1) <= NOMINAL_TOLERANCE
+    hint = " (the force column moves by as much: are the two swapped?)" if swapped else ""
+    _near(record, f"amplitude_{unit}", loop.amplitude_mm, record.amplitude_mm, unit, hint)
     index = loop.cut.index
     per_cycle = index.size / loop.n_cycles
     if per_cycle < FEWEST_PER_CYCLE:
@@ -134,12 +153,17 @@ def _counted_frequency(time: Array, frequency_hz: float) -> float:
     return frequency_hz * float(np.mean(steps) / np.percentile(steps, 5))
 
 
-def _near(record: Record, key: str, found: float, stated: float, unit: str) -> None:
+def _near(record: Record, key: str, found: float, stated: float, unit: str, hint: str = "") -> None:
     if abs(found / stated - 1) <= NOMINAL_TOLERANCE:
         return
     power = round(math.log10(found / stated))
-    hint = ""
-    if power and abs(found / stated / 10.0**power - 1) <= NOMINAL_TOLERANCE:
+    for inches, how in (
+        (stated / found / 25.4, "small: inches named mm"),
+        (found / stated / 25.4, "large: mm named in"),
+    ):
+        if not hint and unit == "mm" and abs(inches - 1) <= NOMINAL_TOLERANCE:
+            hint = f" (25.4 × too {how}?)"
+    if not hint and power and abs(found / stated / 10.0**power - 1) <= NOMINAL_TOLERANCE:
         hint = f" (a factor of 1e{power:+d}: a wrong unit?)"
     raise CampaignError(
         f"{record.file}: the record shows {found:.4g} {unit}, campaign.toml states {key} = {stated:.4g}{hint}; mend "
@@ -213,7 +237,7 @@ def check_units(records: Sequence[Record], loops: Sequence[Loop]) -> None:
     raise CampaignError(
         f"{who}: the force is about {math.exp(far):.2g} times what the other tests lead one to expect, more than "
         "amplitude, frequency and load explain: a wrong unit or gain? Scale the column, or name its unit in the "
-        "header (force_N, force_kN, force_mN)"
+        "header (force_N, force_kN, torque_N_m, pressure_bar ...)"
     )
 
 

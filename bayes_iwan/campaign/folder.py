@@ -29,15 +29,14 @@ from bayes_iwan.campaign.checks import (
 )
 from bayes_iwan.campaign.records import ROLES, CampaignError, Record, shown
 from bayes_iwan.campaign.table import header_has, read_table
+from bayes_iwan.campaign.units import ACCELERATIONS, DISPLACEMENTS, FORCES, TIMES, Units
 from bayes_iwan.files import write_whole
 
 FORMAT = 1
-TIME_UNITS = {"s": 1.0, "ms": 1e-3}
-DISPLACEMENT_UNITS = {"mm": 1.0, "m": 1e3, "um": 1e-3}
-ACCELERATION_UNITS = {"m_s2": 1.0, "mm_s2": 1e-3, "g": 9.80665}
-FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
+#: what columns are called in a campaign that this package writes, by working unit
+MOTION_COLUMNS = {"mm": "displacement_mm", "mrad": "angle_mrad"}
+FORCE_COLUMNS = {"N": "force_N", "N·m": "torque_N_m", "kPa": "pressure_kPa"}
 CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz"}
-TEST_KEYS = ("file", "frequency_hz", "amplitude_mm", "role")
 #: numbers that a user may expect to be applied to a record; none is, so they are not taken for a property of the test
 NOT_APPLIED = re.compile(r"(gain|scale|factor|offset|sign|sensitivity|delay|calibration)($|_)", re.IGNORECASE)
 TYPO = 0.88  # likeness from which a key of a test is taken for a known one misspelt
@@ -57,6 +56,11 @@ class Campaign:
     licence: str
     path: Path
     tests: tuple[Record, ...]
+
+    @property
+    def units(self) -> Units:
+        """What displacement and force are: mm and N, or the units of an angle and a torque, a stroke and a pressure."""
+        return self.tests[0].units
 
     def loops(self, n_phase: int = 128, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
         """Each test's phase-averaged loop, in the order of `tests`; see `Loop`."""
@@ -88,13 +92,19 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     entries = stated.get("test")
     if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
         raise CampaignError("campaign.toml: no tests; add a [[test]] table for each record")
-    tests = [_test(entry, k) for k, entry in enumerate(entries, 1)]
+    units = Units(
+        _working(channels.get("displacement", ""), DISPLACEMENTS)
+        or _working(channels.get("acceleration", ""), ACCELERATIONS)
+        or "mm",
+        _working(channels["force"], FORCES) or "N",
+    )
+    tests = [_test(entry, k, units) for k, entry in enumerate(entries, 1)]
     seen: set[str] = set()
     for test in tests:
         if test["file"] in seen:
             raise CampaignError(f"campaign.toml: {test['file']} is listed twice; each record is one [[test]]")
         seen.add(test["file"])
-    checked = [check_record(_record(folder, test, channels)) for test in tests]
+    checked = [check_record(_record(folder, test, channels, units)) for test in tests]
     records = tuple(record for record, _ in checked)
     check_copies(records)
     check_units(records, [loop for _, loop in checked])
@@ -173,7 +183,7 @@ def _channels(stated: dict[str, Any]) -> dict[str, Any]:
     return stated
 
 
-def _test(entry: dict[str, Any], number: int) -> dict[str, Any]:
+def _test(entry: dict[str, Any], number: int, units: Units) -> dict[str, Any]:
     file = entry.get("file")
     if not isinstance(file, str) or not file:
         raise CampaignError(f'campaign.toml: [[test]] number {number} has no file; write file = "..."')
@@ -182,9 +192,12 @@ def _test(entry: dict[str, Any], number: int) -> dict[str, Any]:
     where = f"campaign.toml: test {file}"
     if Path(file).is_absolute() or ".." in Path(file).parts:
         raise CampaignError(f"{where}: the record must lie inside the campaign folder")
-    for key in ("frequency_hz", "amplitude_mm"):
+    sizes = {f"amplitude_{unit}": size for unit, size in DISPLACEMENTS[units.displacement].items()}
+    amplitude = next((key for key in sizes if key in entry), f"amplitude_{units.displacement}")
+    known = {"file", "role", "frequency_hz", amplitude}
+    for key in ("frequency_hz", amplitude):
         if key not in entry:
-            near = difflib.get_close_matches(key, set(entry) - {"frequency_hz", "amplitude_mm"}, 1)
+            near = difflib.get_close_matches(key, set(entry) - known, 1)
             raise CampaignError(
                 f"{where}: {key} is missing" + (f"; did you mean {near[0]} to be {key}?" if near else "")
             )
@@ -192,22 +205,23 @@ def _test(entry: dict[str, Any], number: int) -> dict[str, Any]:
     if not isinstance(entry.get("role", "fit"), str) or entry.get("role", "fit") not in ROLES:
         raise CampaignError(f"{where}: role must be one of {', '.join(ROLES)}, not {shown(entry['role'])}")
     extras = {}
-    for key, value in entry.items():
-        if key not in TEST_KEYS:
-            _not_meant(key, where)
-            extras[key] = _number(value, f"{where}: {shown(key) if not key.isprintable() else key}")
+    for key in entry.keys() - known:
+        if key in sizes:
+            raise CampaignError(f"{where}: {key} stands beside {amplitude}; keep one of them")
+        _not_meant(key, where, known)
+        extras[key] = _number(entry[key], f"{where}: {shown(key) if not key.isprintable() else key}")
     return {
         "file": file,
         "frequency_hz": float(entry["frequency_hz"]),
-        "amplitude_mm": float(entry["amplitude_mm"]),
+        "amplitude_mm": float(entry[amplitude]) * sizes[amplitude],
         "role": entry.get("role", "fit"),
-        "extras": extras,
+        "extras": {key: extras[key] for key in entry if key in extras},
     }
 
 
-def _not_meant(key: str, where: str) -> None:
+def _not_meant(key: str, where: str, known: set[str]) -> None:
     """Refuse a key that would be kept as a property of the test although something else was meant by it."""
-    near = difflib.get_close_matches(key.lower(), TEST_KEYS, 1, TYPO)
+    near = difflib.get_close_matches(key.lower(), known, 1, TYPO)
     if near:
         raise CampaignError(f"{where}: unknown key {shown(key)}; did you mean {near[0]}?")
     if NOT_APPLIED.match(key):
@@ -217,7 +231,7 @@ def _not_meant(key: str, where: str) -> None:
         )
 
 
-def _record(folder: Path, test: dict[str, Any], channels: dict[str, Any]) -> Record:
+def _record(folder: Path, test: dict[str, Any], channels: dict[str, Any], units: Units) -> Record:
     file = test["file"]
     if not (folder / file).resolve().is_relative_to(folder.resolve()):
         raise CampaignError(
@@ -227,7 +241,7 @@ def _record(folder: Path, test: dict[str, Any], channels: dict[str, Any]) -> Rec
     rate = channels.get("sample_rate_hz")
     time_name = channels.get("time", "time_s")
     if time_name in names:
-        time = _column(names, table, time_name, TIME_UNITS, file)
+        time = _column(names, table, time_name, {"s": TIMES}, file)
     elif "time" not in channels and rate is not None:
         time = np.arange(len(table)) / rate
     else:
@@ -236,35 +250,44 @@ def _record(folder: Path, test: dict[str, Any], channels: dict[str, Any]) -> Rec
         )
     if rate is not None:
         time = on_grid_of_rate(time, rate)
-    force = _column(names, table, channels["force"], FORCE_UNITS, file)
+    force = _column(names, table, channels["force"], FORCES, file)
     check_time(file, time, rate, test["frequency_hz"])
     if "displacement" in channels:
-        displacement = _column(names, table, channels["displacement"], DISPLACEMENT_UNITS, file)
+        displacement = _column(names, table, channels["displacement"], DISPLACEMENTS, file)
     else:
-        acceleration = _column(names, table, channels["acceleration"], ACCELERATION_UNITS, file)
+        acceleration = _column(names, table, channels["acceleration"], ACCELERATIONS, file)
         displacement, notes = displacement_from_acceleration(file, time, acceleration)
         warnings += notes
     warnings += step_warnings(time)
-    return Record(**test, time_s=time, displacement_mm=displacement, force_N=force, warnings=warnings)
+    return Record(**test, time_s=time, displacement_mm=displacement, force_N=force, warnings=warnings, units=units)
 
 
-def _column(names: list[str], table: Array, name: str, units: Mapping[str, float], file: str) -> Array:
+def _working(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:
+    """The working unit of a column, which the end of its name tells (torque_N_m: N·m); None where it tells none."""
+    ends = {unit: working for working, units in quantities.items() for unit in units}
+    return next((ends[x] for x in sorted(ends, key=len, reverse=True) if name.endswith("_" + x)), None)
+
+
+def _column(
+    names: list[str], table: Array, name: str, quantities: Mapping[str, Mapping[str, float]], file: str
+) -> Array:
     if name not in names:
         near = difflib.get_close_matches(name, names, 1)
         raise CampaignError(
             f"{file}: no column {shown(name)}; {header_has(names)}"
             + (f". Did you mean {near[0]!r} in [channels]?" if near else ". Mend [channels] or the header")
         )
-    for unit in sorted(units, key=len, reverse=True):
+    sizes = {unit: size for units in quantities.values() for unit, size in units.items()}
+    for unit in sorted(sizes, key=len, reverse=True):
         if name.endswith("_" + unit):
-            column = table[:, names.index(name)] * units[unit]
+            column = table[:, names.index(name)] * sizes[unit]
             if np.abs(column).max() > LARGEST_NUMBER:
                 line = int(np.argmax(np.abs(column))) + 2
                 raise CampaignError(f"{file} line {line}: {name} is beyond any instrument; delete the line")
             return np.ascontiguousarray(column)
     raise CampaignError(
         f"{file}: column {shown(name)} does not say its unit; end its name in one of "
-        + ", ".join("_" + u for u in units)
+        + ", ".join("_" + u for u in sizes)
     )
 
 
@@ -287,31 +310,70 @@ def write_campaign(
     folder = Path(path)
     if not tests:
         raise CampaignError(f"{folder}: a campaign needs at least one test")
-    files = [_file_name(test.file, compress) for test in tests]
+    units = tests[0].units
+    if any(test.units != units for test in tests):
+        raise CampaignError(f"{folder}: all tests of a campaign have one unit of displacement and one of force")
+    motion, force = MOTION_COLUMNS[units.displacement], FORCE_COLUMNS[units.force]
+    channels: dict[str, str | float] = {"displacement": motion, "force": force}
+    if sample_rate_hz is not None:
+        channels["sample_rate_hz"] = float(sample_rate_hz)
+    write_folder(
+        folder,
+        specimen={"name": name, "description": description, "source": source, "licence": licence},
+        channels=channels,
+        tests=[
+            (stated(test), {"time_s": test.time_s, motion: test.displacement_mm, force: test.force_N}) for test in tests
+        ],
+        compress=compress,
+    )
+
+
+def stated(test: Record) -> dict[str, str | float]:
+    """What campaign.toml says of a record in its [[test]] table."""
+    out: dict[str, str | float] = {
+        "file": test.file,
+        "frequency_hz": float(test.frequency_hz),
+        f"amplitude_{test.units.displacement}": float(test.amplitude_mm),
+    }
+    if test.role != "fit":
+        out["role"] = test.role
+    return out | {key: float(value) for key, value in sorted(test.extras.items())}
+
+
+def write_folder(
+    folder: Path,
+    *,
+    specimen: Mapping[str, str],
+    channels: Mapping[str, str | float],
+    tests: Sequence[tuple[Mapping[str, str | float], Mapping[str, Array]]],
+    compress: bool,
+) -> None:
+    """Write a campaign folder from what its tables say and, for each test, its columns (n,) by name."""
+    files = [_file_name(str(test["file"]), compress) for test, _ in tests]
     if len(set(files)) < len(files):
         raise CampaignError(f"{folder}: two tests have one file name: {', '.join(sorted(files))}")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "campaign.toml").unlink(missing_ok=True)
-    for file, test in zip(files, tests):
-        table = np.column_stack([test.time_s, test.displacement_mm, test.force_N])
-        buffer = io.StringIO()
-        np.savetxt(buffer, table, fmt=("%.12g", "%.8g", "%.8g"), delimiter=",")
-        raw = ("time_s,displacement_mm,force_N\n" + buffer.getvalue()).encode()
+    for file, (_, columns) in zip(files, tests):
+        buffer = io.BytesIO()
+        buffer.write((",".join(columns) + "\n").encode())
+        digits = ["%.12g" if name == "time_s" else "%.8g" for name in columns]
+        np.savetxt(buffer, np.column_stack(list(columns.values())), fmt=digits, delimiter=",")
+        raw = buffer.getvalue()
         write_whole(folder / file, gzip.compress(raw, mtime=0) if compress else raw)
-    text = ["format = 1", "", "[specimen]", f"name = {_text(name)}", f"description = {_text(description)}"]
-    text += [f"{key} = {_text(value)}" for key, value in (("source", source), ("licence", licence)) if value]
-    text += ["", "[channels]", 'displacement = "displacement_mm"', 'force = "force_N"']
-    if sample_rate_hz is not None:
-        text.append(f"sample_rate_hz = {float(sample_rate_hz)!r}")
-    for file, test in zip(files, tests):
-        text += ["", "[[test]]", f"file = {_text(file)}"]
-        text += [f"frequency_hz = {float(test.frequency_hz)!r}", f"amplitude_mm = {float(test.amplitude_mm)!r}"]
-        if test.role != "fit":
-            text.append(f"role = {_text(test.role)}")
-        for key, value in sorted(test.extras.items()):
-            bare = key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _text(key)
-            text.append(f"{bare} = {float(value)!r}")
+    text = ["format = 1", "", "[specimen]", *_lines({k: v for k, v in specimen.items() if v or k == "description"})]
+    text += ["", "[channels]", *_lines(channels)]
+    for file, (test, _) in zip(files, tests):
+        text += ["", "[[test]]", *_lines({**test, "file": file})]
     write_whole(folder / "campaign.toml", ("\n".join(text) + "\n").encode())
+
+
+def _lines(table: Mapping[str, str | float]) -> list[str]:
+    out = []
+    for key, value in table.items():
+        bare = key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _text(key)
+        out.append(f"{bare} = {_text(value) if isinstance(value, str) else repr(float(value))}")
+    return out
 
 
 def _file_name(file: str, compress: bool) -> str:

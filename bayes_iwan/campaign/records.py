@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.units import Units
 
 ROLES = ("fit", "held-out")
 
@@ -19,7 +20,7 @@ class CampaignError(ValueError):
 
 @dataclass(frozen=True)
 class Record:
-    """One test as it was recorded, in s, mm and N.
+    """One test as it was recorded, in s, mm and N (or what `units` says in their place: mrad and N·m, mm and kPa).
 
     file : name inside the campaign folder.
     frequency_hz, amplitude_mm : nominal values, as campaign.toml states them.
@@ -27,6 +28,7 @@ class Record:
     extras : any other number stated for the test (``normal_force_N``, ``pressure_bar`` ...).
     time_s, displacement_mm, force_N : (n,) float64, time strictly increasing, everything finite.
     warnings : what was bridged, left out or looks wrong but usable.
+    units : what stands for mm and N.
     """
 
     file: str
@@ -38,6 +40,7 @@ class Record:
     displacement_mm: Array
     force_N: Array
     warnings: tuple[str, ...] = field(default=())
+    units: Units = field(default=Units())
 
     def __post_init__(self) -> None:
         n = np.shape(self.time_s)
