@@ -117,7 +117,7 @@ def rig_records(effect: str | None, plan: str = "grid"):
     from bayes_iwan.rig.simulate import PlannedTest
 
     tests = [PlannedTest(f, a, cycles=12, role=role) for f, a, role in PLANS[plan]]
-    return simulate_campaign(tests, effect=effect, size=0.12, seed=3)
+    return simulate_campaign(tests, fault=effect, size=0.12, seed=3)
 
 
 def campaign_of(virtual) -> Campaign:

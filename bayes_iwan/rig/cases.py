@@ -1,25 +1,43 @@
-"""Random cases for the withheld protocol: specimen, rig, tests and effects all drawn."""
+"""Random cases for the withheld protocol: specimen, rig, tests, faults and their laws all drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from bayes_iwan.campaign import Record
-from bayes_iwan.rig import simulate as rig
-from bayes_iwan.rig import sizing as rig_sizing
-from bayes_iwan.rig.faults import CATALOGUE, OUTSIDE, Effect
+from bayes_iwan.rig.fault import Fault
+from bayes_iwan.rig.faults import CATALOGUE, OUTSIDE, laws_of
 from bayes_iwan.rig.sensors import Sensors
+from bayes_iwan.rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
+from bayes_iwan.rig.sizing import Sound, shares, size_fault, surroundings, trial_tests
 from bayes_iwan.rig.specimen import RigError, Specimen, draw_specimen
 
-KIND_SHARES = {"none": 0.22, "single": 0.48, "pair": 0.12, "outside": 0.18}
-SIZE_RANGE = (0.04, 0.20)  # RMS change of the force over RMS friction force, before any refit
+#: how many faults of the catalogue and from outside it a kind of case has, and how often it is drawn
+KINDS = {
+    "none": (0, 0),
+    "single": (1, 0),
+    "pair": (2, 0),
+    "triple": (3, 0),
+    "outside": (0, 1),
+    "known_beside_outside": (1, 1),
+}
+KIND_SHARES = {
+    "none": 0.12,
+    "single": 0.34,
+    "pair": 0.18,
+    "triple": 0.08,
+    "outside": 0.12,
+    "known_beside_outside": 0.16,
+}
+SIZE_RANGE = (0.02, 0.12)  # of each fault: RMS change of the force over RMS friction force, before any refit
 NOISE_RANGE = (0.002, 0.010)  # force noise over RMS friction force
 
-# Pairs that a person would not call two effects: the second hides in, or only exists through, the first.
+# Pairs that a person would not call two faults: the second hides in, or only exists through, the first.
 _NOT_TOGETHER = {
     frozenset(pair)
     for pair in (
@@ -29,6 +47,11 @@ _NOT_TOGETHER = {
         ("stribeck_weakening", "rate_strengthening"),
         ("force_highpass", "force_drift"),
         ("force_highpass", "direction_dependent_friction"),
+        ("stribeck_weakening", "stiction_peak"),
+        ("rate_strengthening", "stiction_peak"),
+        ("viscous_damping", "quadratic_drag"),
+        ("end_stop", "hertz_stops"),
+        ("moving_mass", "base_resonance"),
     )
 }
 
@@ -38,15 +61,15 @@ class Case:
     """One case before it is run: everything that its records follow from.
 
     `tests` are what the diagnosis is given (fit and held-out roles), `unseen` what it never sees; `friction_rms_N`
-    and the effects' sizes were measured on coarse trial runs of `tests`; `noise_share` is the force noise over it.
+    and the faults' sizes were measured on coarse trial runs of `tests`; `noise_share` is the force noise over it.
     """
 
     kind: str
     specimen: Specimen
-    effects: tuple[Effect, ...]
-    setup: rig.Setup
-    tests: tuple[rig.PlannedTest, ...]
-    unseen: tuple[rig.PlannedTest, ...]
+    faults: tuple[Fault, ...]
+    setup: Setup
+    tests: tuple[PlannedTest, ...]
+    unseen: tuple[PlannedTest, ...]
     seed: int
     friction_rms_N: float
     noise_share: float
@@ -54,21 +77,24 @@ class Case:
     def truth(self, name: str) -> dict[str, Any]:
         """The case's truth, ready to be sealed: plain numbers, strings, lists and mappings."""
 
-        def plan(tests: Sequence[rig.PlannedTest]) -> list[dict[str, Any]]:
+        def plan(tests: Sequence[PlannedTest]) -> list[dict[str, Any]]:
             return [asdict(t) for t in tests]
 
         return {
-            "schema": 1,
+            "schema": 2,
             "case": name,
             "kind": self.kind,
             "effects": [
                 {
-                    "name": e.name,
-                    "size": round(e.size, 6),
-                    "visible_share": round(e.visible, 6),
-                    "parameters": dict(e.parameters),
+                    "name": f.name,
+                    "law": f.law,
+                    "size": round(f.size, 6),
+                    "visible_share": round(f.visible, 6),
+                    "share": round(f.share, 6),
+                    "share_of_square": round(f.share_of_square, 6),
+                    "parameters": dict(f.parameters),
                 }
-                for e in self.effects
+                for f in self.faults
             ],
             "specimen": self.specimen.summary(),
             "setup": asdict(self.setup),
@@ -83,7 +109,7 @@ class Case:
         }
 
 
-def draw_design(rng: np.random.Generator) -> tuple[tuple[rig.PlannedTest, ...], tuple[rig.PlannedTest, ...]]:
+def draw_design(rng: np.random.Generator) -> tuple[tuple[PlannedTest, ...], tuple[PlannedTest, ...]]:
     """Tests at random, and tests that the diagnosis is not to see.
 
     Mostly 2 to 4 frequencies by 2 or 3 amplitudes, one in seven at a single frequency (3 to 4 amplitudes); in
@@ -101,8 +127,8 @@ def draw_design(rng: np.random.Generator) -> tuple[tuple[rig.PlannedTest, ...], 
     amplitudes = np.unique(np.round(np.linspace(smallest, min(largest, 1.2), n_a), 2))
     cycles, run_in = int(rng.integers(20, 61)), int(rng.integers(6, 13))
 
-    def test(f: float, a: float, role: str = "fit") -> rig.PlannedTest:
-        return rig.PlannedTest(float(f), float(a), cycles, run_in, role)
+    def test(f: float, a: float, role: str = "fit") -> PlannedTest:
+        return PlannedTest(float(f), float(a), cycles, run_in, role)
 
     grid = [(float(f), float(a)) for f in np.clip(frequencies, 5, 30) for a in amplitudes]
     held: set[int] = set()
@@ -117,10 +143,10 @@ def draw_design(rng: np.random.Generator) -> tuple[tuple[rig.PlannedTest, ...], 
     return tests, tuple(unseen)
 
 
-def draw_setup(rng: np.random.Generator) -> rig.Setup:
+def draw_setup(rng: np.random.Generator) -> Setup:
     """A shaker, a fixture and sensors at random; noise is set once the friction force is known."""
     corner = float(rng.uniform(1100.0, 2000.0))
-    return rig.Setup(
+    return Setup(
         shaker_compliance_mm_N=float(rng.uniform(0.5e-3, 4e-3)),
         fixture_compliance_mm_N=float(rng.uniform(2e-5, 1e-4)),
         second_harmonic=float(rng.uniform(0.005, 0.02)),
@@ -138,32 +164,44 @@ def draw_setup(rng: np.random.Generator) -> rig.Setup:
     )
 
 
-def _draw_names(kind: str, rng: np.random.Generator) -> tuple[str, ...]:
-    if kind == "none":
-        return ()
-    if kind == "outside":
-        return (str(rng.choice(OUTSIDE)),)
-    if kind == "single":
-        return (str(rng.choice(CATALOGUE)),)
+def _draw_names(kind: str, rng: np.random.Generator, outside: Sequence[str]) -> tuple[str, ...]:
+    """Names for a kind of case, drawn again until no two of them hide in one another."""
+    known, unknown = KINDS[kind]
     while True:
-        pair = tuple(str(n) for n in rng.choice(CATALOGUE, size=2, replace=False))
-        if frozenset(pair) not in _NOT_TOGETHER:
-            return pair
+        names = [str(n) for n in rng.choice(CATALOGUE, size=known, replace=False)]
+        names += [str(n) for n in rng.choice(outside, size=unknown, replace=False)]
+        if not any(frozenset(two) in _NOT_TOGETHER for two in combinations(names, 2)):
+            return tuple(names)
 
 
-def draw_case(rng: np.random.Generator, kind: str | None = None, effects: Sequence[str] | None = None) -> Case:
+def draw_case(
+    rng: np.random.Generator,
+    kind: str | None = None,
+    faults: Sequence[str] | None = None,
+    *,
+    laws: str = "all",
+    leave_out_laws: Sequence[str] = (),
+    leave_out_outside: Sequence[str] = (),
+) -> Case:
     """Draw one case.
 
-    Parameters: `kind`, one of "none", "single", "pair", "outside", or None for one at random by `KIND_SHARES`;
-    `effects`, names to use instead of random ones. Where a specimen and its tests cannot show an effect of the
-    drawn size (a normal-force lag on a specimen with an almost constant normal force), specimen and tests are
-    drawn again, so that the mix of effects is not bent. Raises `RigError` for an unknown kind, or when 60 draws
-    did not do.
+    Parameters: `kind`, one of `KINDS`, or None for one at random by `KIND_SHARES`; `faults`, names to use instead of
+    random ones. `laws`: "catalogue" (the law that the diagnosis' effect of that name has too), "other" or "all";
+    `leave_out_laws`, entries like "end_stop:hertz", and `leave_out_outside`, names of faults from outside, are not
+    drawn. Where a specimen and its tests cannot show a fault of the drawn size (a normal-force lag on a specimen with
+    an almost constant normal force), specimen and tests are drawn again, so that the mix of faults is not bent. Raises
+    `RigError` for an unknown kind, law or name, or when 60 draws did not do.
     """
     kind = kind or str(rng.choice(list(KIND_SHARES), p=list(KIND_SHARES.values())))
-    if kind not in KIND_SHARES:
-        raise RigError(f"no kind of case {kind!r}; there are: {', '.join(KIND_SHARES)}")
-    names = tuple(effects) if effects is not None else _draw_names(kind, rng)
+    if kind not in KINDS:
+        raise RigError(f"no kind of case {kind!r}; there are: {', '.join(KINDS)}")
+    strange = sorted(set(leave_out_outside) - set(OUTSIDE))
+    if strange:
+        raise RigError(f"no fault from outside the catalogue is called {', '.join(strange)}")
+    names = (
+        tuple(faults) if faults is not None else _draw_names(kind, rng, sorted(set(OUTSIDE) - set(leave_out_outside)))
+    )
+    chosen = [str(rng.choice(laws_of(name, laws, leave_out_laws))) for name in names]
     sizes = [float(np.exp(rng.uniform(*np.log(SIZE_RANGE)))) for _ in names]
     noise = float(np.exp(rng.uniform(*np.log(NOISE_RANGE))))
     for _ in range(60):
@@ -173,27 +211,46 @@ def draw_case(rng: np.random.Generator, kind: str | None = None, effects: Sequen
         amplitudes = [t.amplitude_mm for t in tests]
         speed = 2e-3 * np.pi * max(t.frequency_hz for t in tests) * max(amplitudes)
         specimen = draw_specimen(rng, (min(amplitudes), max(amplitudes)), speed)
+        sound: dict[tuple[PlannedTest, ...], Sound] = {}
+        found = []
         try:
-            sound = rig_sizing.surroundings(specimen, tests, setup=setup, seed=seed)
-            found = tuple(
-                rig_sizing.size_effect(name, size, specimen, tests, rng, setup=setup, seed=seed, sound=sound)
-                for name, size in zip(names, sizes)
-            )
+            for name, law, size in zip(names, chosen, sizes):
+                tried = trial_tests(tests, ((name, law),))
+                around = _kept(sound, tried, specimen, setup, seed)
+                # a fault's numbers follow from the campaign as it is recorded, not from the trial's few cycles
+                whole = replace(around[0], record_s=float(np.mean([t.cycles / t.frequency_hz for t in tests])))
+                found.append(
+                    size_fault(
+                        name, size, specimen, tried, rng, law=law, setup=setup, seed=seed, sound=(whole, *around[1:])
+                    )
+                )
         except RigError:
             continue
-        friction = sound[0].friction_rms_N
-        noisy = rig.with_noise(setup, noise, friction, max(amplitudes))
-        shares = rig_sizing.visible_shares(specimen, tests, found, setup=setup, seed=seed)
-        seen = tuple(replace(e, visible=share) for e, share in zip(found, shares))
+        friction = _kept(sound, trial_tests(tests, ()), specimen, setup, seed)[0].friction_rms_N
+        noisy = with_noise(setup, noise, friction, max(amplitudes))
+        seen = shares(specimen, tests, found, setup=setup, seed=seed)
         return Case(kind, specimen, seen, noisy, tests, unseen, seed, friction, noise)
     raise RigError(f"60 specimens and designs drawn, none shows {' and '.join(names)} at the size asked for")
 
 
+def _kept(
+    sound: dict[tuple[PlannedTest, ...], Sound],
+    tests: tuple[PlannedTest, ...],
+    specimen: Specimen,
+    setup: Setup,
+    seed: int,
+) -> Sound:
+    """Trial runs of a specimen without faults, made once for the same tests."""
+    if tests not in sound:
+        sound[tests] = surroundings(specimen, tests, setup=setup, seed=seed)
+    return sound[tests]
+
+
 def simulate(case: Case) -> tuple[list[Record], list[Record]]:
     """Run a case: the records that a diagnosis is given, and those that it never sees."""
-    seen = rig.simulate_tests(case.specimen, case.tests, setup=case.setup, effects=case.effects, seed=case.seed)
-    unseen = rig.simulate_tests(
-        case.specimen, case.unseen, setup=case.setup, effects=case.effects, seed=case.seed,
+    seen = simulate_tests(case.specimen, case.tests, setup=case.setup, faults=case.faults, seed=case.seed)
+    unseen = simulate_tests(
+        case.specimen, case.unseen, setup=case.setup, faults=case.faults, seed=case.seed,
         first_index=len(case.tests),
     )  # fmt: skip
-    return rig.records(seen), rig.records(unseen)
+    return records(seen), records(unseen)

@@ -15,8 +15,12 @@ from numba import njit
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 
 
+#: stands for a law that is not there
+NO_TABLE: Floats = np.zeros(1)
+
+
 class Numbers(NamedTuple):
-    """All that the kernel needs beside the drive and the sliders. A value of 0 switches an effect off.
+    """All that the kernel needs beside the drive and the sliders; 0, or a table of one number, switches a fault off.
 
     Lengths in mm, forces in N, times in s; slip speeds in mm/s; λ in s/m as in Eq. (11).
     """
@@ -31,41 +35,53 @@ class Numbers(NamedTuple):
     beta: float
     lam: float
     tip: float
-    # link between armature and specimen
+    # link between armature and specimen; `joint` is its force beyond the play where that is no straight line
     link_compliance: float
     play: float = 0.0
     end_mass_kg: float = 0.0
     end_damping: float = 0.0
-    # the specimen's own further forces
-    viscous: float = 0.0
-    drag: float = 0.0
-    maxwell_k: float = 0.0
-    maxwell_tau: float = 1.0
-    k2: float = 0.0
-    k3: float = 0.0
+    joint: Floats = NO_TABLE
+    joint_step: float = 1.0
+    # the specimen's own further forces: tables over displacement and speed, and what remembers
+    displacement_force: Floats = NO_TABLE
+    displacement_step: float = 1.0
+    speed_force: Floats = NO_TABLE
+    speed_step: float = 1.0
+    branch_k: Floats = NO_TABLE
+    branch_tau: Floats = NO_TABLE
     stop_gap: float = 1e9
     stop_k: float = 0.0
+    stop_power: float = 1.0
     stop_loss_s_m: float = 0.0
-    hertz_gap: float = 1e9
-    hertz_k: float = 0.0
-    # friction
-    rate_drop: float = 0.0
-    rate_drop_speed: float = 1.0
-    rate_rise: float = 0.0
-    rate_rise_speed: float = 1.0
+    # friction; `rate` is a slider's factor over its remembered slip speed
+    rate: Floats = NO_TABLE
+    rate_step: float = 1.0
     ageing: float = 0.0
     ageing_tau: float = 1.0
     ageing_slip: float = 1.0
-    normal_lag: float = 0.0
-    fade_drop: float = 0.0
-    fade_cycles: float = 1.0
+    healing: float = 0.0
+    healing_time: float = 1.0
+    healing_cut: float = 1.0
+    healing_slip: float = 1.0
+    lag_rise_s: float = 0.0
+    lag_fall_s: float = 0.0
+    lag_second_s: float = 0.0
+    lag_slow_share: float = 0.0
+    lag_slow_s: float = 1.0
+    fade: Floats = NO_TABLE
+    fade_step: float = 1.0
+    fade_work_Nmm: float = 0.0
+    fade_stiffness: float = 0.0
     direction: float = 0.0
+    direction_speed: float = 0.0
+    direction_slope_1_mm: float = 0.0
     groove: float = 0.0
     groove_pitch: float = 1.0
     groove_phase: float = 0.0
     rocking: float = 0.0
     heat_loss_1_mW: float = 0.0
     heat_tau: float = 1.0
+    warming_1_s: float = 0.0
     # base
     base_k: float = 0.0
     base_mass_kg: float = 1.0
@@ -73,6 +89,16 @@ class Numbers(NamedTuple):
 
 
 @njit(cache=True)
+def _look_up(table: Floats, start: float, step: float, x: float) -> tuple[float, float]:
+    """Value and slope of a table over a uniform grid; straight on beyond its ends."""
+    place = (x - start) / step
+    i = min(max(int(place), 0), table.size - 2)
+    slope = (table[i + 1] - table[i]) / step
+    return table[i] + slope * (x - start - i * step), slope
+
+
+# sums may be reordered, so that sliders go several at a time; nan and infinity stay what they are
+@njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 def march(
     drive: Floats, cycle: Floats, h: float, share: Floats, slip: Floats, q: Numbers
 ) -> tuple[Floats, Floats, Floats]:
@@ -88,27 +114,43 @@ def march(
     x = np.zeros(m)  # slider positions
     own = np.ones(m)  # a slider's own factor on its slip force
     slope = np.zeros(m)  # change of the own factor per unit of remembered slip speed
+    rested = np.full(m, q.healing_time)  # age of each slider's contact
     speed = np.zeros(m)  # remembered slip speed of each slider
     memory = np.zeros(m)  # its memory time
     bond = np.ones(m)
-    rated = q.rate_drop != 0.0 or q.rate_rise != 0.0
+    rated = q.rate.size > 1
     aged = q.ageing != 0.0
+    healed = q.healing != 0.0
     if rated:
         # A massless slider whose friction falls with speed runs away unless its memory is longer than
         # |dφ/dv|/k: real contacts have a memory length, and it is taken just above that bound.
+        steep = max(-np.min(np.diff(q.rate)) / q.rate_step, 0.0)
         for j in range(m):
-            steepest = slip[j] * q.rate_drop / q.rate_drop_speed
+            steepest = slip[j] * steep
             memory[j] = 2e-4 + 1.3 * steepest / (q.contact * share[j])
     k_norm = 1.0 - np.exp(-q.curve)
     log_a = np.log(q.amplitude_mm)
-    maxwell, alpha_lag, glaze, heat = 0.0, 1.0, 0.0, 0.0
+    alpha_lag, alpha_rate, alpha_slow, heat = 1.0, 0.0, 1.0, 0.0
+    branch = np.zeros(q.branch_k.size)
+    branches = q.branch_k.size if q.branch_k[0] != 0.0 else 0
+    branch_gain = 1.0 / (1.0 + h / q.branch_tau) if branches else q.branch_tau
+    worked = 0.0
     xb, vb = 0.0, 0.0
     z, z1, d_old, z_speed = 0.0, 0.0, 0.0, 0.0
     work = 0.0
     link_k = 1.0 / q.link_compliance
+    per_second = (cycle[n - 1] - cycle[0]) / (h * (n - 1))
     half_play = 0.5 * q.play
-    lag_gain = 1.0 if q.normal_lag == 0.0 else (h / q.normal_lag) / (1.0 + h / q.normal_lag)
-    maxwell_gain = 1.0 / (1.0 + h / q.maxwell_tau)
+    lagged = q.lag_rise_s != 0.0
+    rise_gain = 1.0 if not lagged else h / (q.lag_rise_s + h)
+    fall_gain = 1.0 if not lagged else h / (q.lag_fall_s + h)
+    slow_gain = h / (q.lag_slow_s + h)
+    # a second-order lag: τ1·τ2·a'' + (τ1 + τ2)·a' + a = α
+    whole_rest = np.log1p(q.healing_time / q.healing_cut)
+    second = q.lag_second_s
+    second_gain = 1.0 / (1.0 + (q.lag_rise_s + second) / h + q.lag_rise_s * second / h**2) if second else 1.0
+    displacement_start = -0.5 * (q.displacement_force.size - 1) * q.displacement_step
+    speed_start = -0.5 * (q.speed_force.size - 1) * q.speed_step
     inertia = q.end_mass_kg * 1e-3 / h**2
     damper = q.end_damping / h
     base_damping = 2.0 * q.base_damping_ratio * np.sqrt(q.base_k * q.base_mass_kg * 1e-3)
@@ -116,32 +158,34 @@ def march(
         u = drive[i]
         # ---- what changes slowly, taken at the start of the step
         common = 1.0
-        if q.fade_drop != 0.0:
-            if cycle[i] > 0.0:
-                glaze += (1.0 - glaze) * (cycle[i] - cycle[i - 1]) / q.fade_cycles
-            common *= 1.0 - q.fade_drop * glaze
+        soft = grip = 1.0
+        if q.fade.size > 1 and cycle[i] > 0.0:
+            travelled = worked / q.fade_work_Nmm if q.fade_work_Nmm != 0.0 else cycle[i]
+            faded = _look_up(q.fade, 0.0, q.fade_step, travelled)[0]
+            common *= faded
+            grip = faded**q.fade_stiffness
         if q.groove != 0.0:
             common *= 1.0 + q.groove * np.sin(2.0 * np.pi * d_old / q.groove_pitch + q.groove_phase)
         if q.rocking != 0.0:
             whole = np.floor(cycle[i])
             if whole % 2.0 != 0.0:
                 common *= 1.0 + q.rocking * np.sin(np.pi * (cycle[i] - whole)) ** 2
-        soft = 1.0
+        soft = 1.0 if cycle[i] <= 0.0 else max(1.0 - q.warming_1_s * cycle[i] / per_second, 0.2)
+        lean = q.direction
+        if q.direction_speed != 0.0:
+            lean *= np.tanh(abs(z_speed) / q.direction_speed)
+        lean = min(max(lean * (1.0 + q.direction_slope_1_mm * d_old), -0.95), 0.95)
         if q.heat_loss_1_mW != 0.0:
-            soft = max(1.0 - q.heat_loss_1_mW * heat, 0.2)
+            soft *= max(1.0 - q.heat_loss_1_mW * heat, 0.2)
         if rated:
             for j in range(m):
-                own[j], slope[j] = 1.0, 0.0
-                if q.rate_drop != 0.0:
-                    e = np.exp(-speed[j] / q.rate_drop_speed)
-                    own[j] -= q.rate_drop * (1.0 - e)
-                    slope[j] -= q.rate_drop * e / q.rate_drop_speed
-                if q.rate_rise != 0.0:
-                    own[j] += q.rate_rise * np.log1p(speed[j] / q.rate_rise_speed)
-                    slope[j] += q.rate_rise / (q.rate_rise_speed + speed[j])
+                own[j], slope[j] = _look_up(q.rate, 0.0, q.rate_step, speed[j])
         if aged:
             for j in range(m):
                 own[j] = 1.0 + q.ageing * bond[j]
+        if healed:
+            for j in range(m):
+                own[j] = 1.0 - q.healing * (1.0 - np.log1p(rested[j] / q.healing_cut) / whole_rest)
         # ---- solve for the end's position
         lo, hi = -1e9, 1e9
         trial = z + (u - (drive[i - 1] if i > 0 else 0.0)) if q.play == 0.0 else z + h * z_speed
@@ -154,25 +198,36 @@ def march(
             yb = np.exp(q.beta * np.log(y))
             pull = q.lam * q.kn * yb * gap / y * 1e-3
             alpha_now = 1.0 + q.kn * (yb - np.exp(q.beta * log_a)) + pull * abs(v)
-            alpha = alpha_lag + lag_gain * (alpha_now - alpha_lag)
-            dalpha = lag_gain * pull * (1.0 if v >= 0.0 else -1.0) / h
+            if second != 0.0:
+                free = alpha_lag + alpha_rate * h * (q.lag_rise_s * second / h**2) / (
+                    (q.lag_rise_s + second) / h + q.lag_rise_s * second / h**2
+                )
+                alpha = free + second_gain * (alpha_now - free)
+                dalpha = second_gain
+            else:
+                dalpha = rise_gain if alpha_now > alpha_lag else fall_gain
+                alpha = alpha_lag + dalpha * (alpha_now - alpha_lag)
+            dalpha *= (1.0 - q.lag_slow_share) * pull * (1.0 if v >= 0.0 else -1.0) / h
+            fast = alpha
+            if q.lag_slow_share != 0.0:
+                alpha += q.lag_slow_share * (alpha_slow - alpha)
             if alpha < 0.05:
                 alpha, dalpha = 0.05, 0.0
             decay = np.exp(-q.curve * alpha**q.curve_power)
-            k = soft * q.contact * (1.0 - decay) / k_norm
+            k = soft * grip * q.contact * (1.0 - decay) / k_norm
             k_log_slope = decay * q.curve * q.curve_power * alpha ** (q.curve_power - 1.0) / (1.0 - decay)
             limit = alpha * common
             stuck_k = stuck_f = slid_f = slid_k = 0.0
-            if rated or aged:
+            if rated or aged or healed:
                 for j in range(m):
                     kj = k * share[j]
                     fj = kj * (d - x[j])
                     sign = 1.0 if fj > 0.0 else -1.0
-                    base = limit * slip[j] * (1.0 + sign * q.direction)
+                    base = limit * slip[j] * (1.0 + sign * lean)
                     if abs(fj) <= base * own[j]:
                         stuck_k += share[j]
                         stuck_f += fj
-                    elif aged:
+                    elif aged or healed:
                         slid_f += sign * base * own[j]
                     else:
                         # remembered speed w and slip together, own factor linear in w over the step
@@ -184,34 +239,40 @@ def march(
                         slid_f += sign * base * (own[j] + slope[j] * (w - speed[j]))
                         slid_k += rise / (memory[j] + h + rise / kj)
             else:
-                plus, minus = limit * (1.0 + q.direction), -limit * (1.0 - q.direction)
+                plus, minus = limit * (1.0 + lean), -limit * (1.0 - lean)
+                carried = 0.0
                 for j in range(m):
                     fj = k * share[j] * (d - x[j])
-                    if fj > plus * slip[j]:
-                        slid_f += plus * slip[j]
-                    elif fj < minus * slip[j]:
-                        slid_f += minus * slip[j]
-                    else:
-                        stuck_f += fj
-                        stuck_k += share[j]
+                    held = min(max(fj, minus * slip[j]), plus * slip[j])
+                    sticks = 1.0 if held == fj else 0.0
+                    carried += held
+                    stuck_f += sticks * fj
+                    stuck_k += sticks * share[j]
+                slid_f = carried - stuck_f
             total = stuck_f + slid_f + soft * q.parallel * d
             tangent = k * stuck_k + soft * q.parallel + slid_k
             tangent += (stuck_f * k_log_slope + slid_f / alpha) * dalpha
-            total += q.viscous * v + q.drag * v * abs(v) + q.k2 * d * d + q.k3 * d**3
-            tangent += q.viscous / h + 2.0 * q.drag * abs(v) / h + 2.0 * q.k2 * d + 3.0 * q.k3 * d * d
-            if q.maxwell_k != 0.0:
-                total += q.maxwell_k * (d - maxwell) * maxwell_gain
-                tangent += q.maxwell_k * maxwell_gain
+            if q.displacement_force.size > 1:
+                more, steeper = _look_up(q.displacement_force, displacement_start, q.displacement_step, d)
+                total += more
+                tangent += steeper
+            if q.speed_force.size > 1:
+                more, steeper = _look_up(q.speed_force, speed_start, q.speed_step, v)
+                total += more
+                tangent += steeper / h
+            for b in range(branches):
+                total += q.branch_k[b] * (d - branch[b]) * branch_gain[b]
+                tangent += q.branch_k[b] * branch_gain[b]
             if d > q.stop_gap:
-                total += q.stop_k * (d - q.stop_gap) * max(1.0 + q.stop_loss_s_m * 1e-3 * v, 0.0)
-                tangent += q.stop_k
-            if abs(d) > q.hertz_gap:
-                deep = abs(d) - q.hertz_gap
-                total += (1.0 if d > 0.0 else -1.0) * q.hertz_k * deep**1.5
-                tangent += 1.5 * q.hertz_k * np.sqrt(deep)
+                pressed = q.stop_k * (d - q.stop_gap) ** q.stop_power
+                total += pressed * max(1.0 + q.stop_loss_s_m * 1e-3 * v, 0.0)
+                tangent += q.stop_power * pressed / (d - q.stop_gap)
             # link: nothing is carried within the play
             stretch = u - trial
-            if stretch > half_play:
+            if q.joint.size > 1 and abs(stretch) > half_play:
+                link, link_slope = _look_up(q.joint, 0.0, q.joint_step, abs(stretch) - half_play)
+                link *= 1.0 if stretch > 0.0 else -1.0
+            elif stretch > half_play:
                 link, link_slope = link_k * (stretch - half_play), link_k
             elif stretch < -half_play:
                 link, link_slope = link_k * (stretch + half_play), link_k
@@ -236,36 +297,55 @@ def march(
                 break
             trial = proposed
         # ---- accept the step
-        alpha_lag = alpha
+        alpha_rate = (fast - alpha_lag) / h
+        alpha_lag = fast
+        alpha_slow += slow_gain * (alpha_now - alpha_slow)
         slipped = 0.0
-        for j in range(m):
-            kj = k * share[j]
-            fj = kj * (d - x[j])
-            sign = 1.0 if fj > 0.0 else -1.0
-            base = limit * slip[j] * (1.0 + sign * q.direction)
-            top = base * own[j]
-            if abs(fj) > top:
-                if rated:
-                    rise = base * slope[j]
-                    w = (memory[j] * speed[j] + sign * (d - x[j]) - base * (own[j] - slope[j] * speed[j]) / kj) / (
-                        memory[j] + h + rise / kj
-                    )
-                    w = max(w, 0.0)
-                    top = base * (own[j] + slope[j] * (w - speed[j]))
-                    speed[j] = w
-                moved = d - sign * top / kj - x[j]
+        if not (rated or aged or healed):
+            plus, minus = limit * (1.0 + lean), -limit * (1.0 - lean)
+            for j in range(m):
+                kj = k * share[j]
+                fj = kj * (d - x[j])
+                held = min(max(fj, minus * slip[j]), plus * slip[j])
+                moved = (fj - held) / kj
                 x[j] += moved
-                slipped += sign * top * moved
+                slipped += held * moved
+        else:
+            for j in range(m):
+                kj = k * share[j]
+                fj = kj * (d - x[j])
+                sign = 1.0 if fj > 0.0 else -1.0
+                base = limit * slip[j] * (1.0 + sign * lean)
+                top = base * own[j]
+                if abs(fj) > top:
+                    if rated:
+                        rise = base * slope[j]
+                        w = (memory[j] * speed[j] + sign * (d - x[j]) - base * (own[j] - slope[j] * speed[j]) / kj) / (
+                            memory[j] + h + rise / kj
+                        )
+                        w = max(w, 0.0)
+                        top = base * (own[j] + slope[j] * (w - speed[j]))
+                        speed[j] = w
+                    moved = d - sign * top / kj - x[j]
+                    x[j] += moved
+                    slipped += sign * top * moved
+                    if healed:
+                        reach = max(q.healing_slip, 1.5 * q.healing * base / kj)
+                        rested[j] /= 1.0 + abs(moved) / reach
+                    if aged:
+                        reach = max(q.ageing_slip, 1.5 * q.ageing * base / kj)  # else a slider would jump
+                        bond[j] *= np.exp(-abs(moved) / reach)
+                elif rated:
+                    speed[j] *= memory[j] / (memory[j] + h)
+                if healed:
+                    rested[j] = min(rested[j] + h, q.healing_time)
                 if aged:
-                    reach = max(q.ageing_slip, 1.5 * q.ageing * base / kj)  # else a slider would jump
-                    bond[j] *= np.exp(-abs(moved) / reach)
-            elif rated:
-                speed[j] *= memory[j] / (memory[j] + h)
-            if aged:
-                bond[j] += (1.0 - bond[j]) * h / (q.ageing_tau + h)
+                    bond[j] += (1.0 - bond[j]) * h / (q.ageing_tau + h)
         work += slipped
-        if q.maxwell_k != 0.0:
-            maxwell = (maxwell + h / q.maxwell_tau * d) * maxwell_gain
+        if cycle[i] > 0.0:
+            worked += slipped
+        for b in range(branches):
+            branch[b] = (branch[b] + h / q.branch_tau[b] * d) * branch_gain[b]
         if q.heat_loss_1_mW != 0.0:
             heat += (slipped / h - heat) * h / q.heat_tau
         if q.base_k != 0.0:  # 1 N on 1 kg is 1000 mm/s²

@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign import Record, write_campaign
-from bayes_iwan.rig import faults as fx
-from bayes_iwan.rig.faults import Effect
+from bayes_iwan.rig.fault import Fault
+from bayes_iwan.rig.faults import check
 from bayes_iwan.rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
-from bayes_iwan.rig.sizing import effect_size, size_effect, surroundings
+from bayes_iwan.rig.sizing import fault_size, size_fault, surroundings
 from bayes_iwan.rig.specimen import RigError, Specimen, paper_specimen
 
 
 @dataclass(frozen=True)
 class VirtualCampaign:
-    """A simulated campaign: `records` to be written or read on, `effects` with their sizes, friction's RMS (N)."""
+    """A simulated campaign: `records` to be written or read on, `faults` with their sizes, friction's RMS (N)."""
 
     records: tuple[Record, ...]
-    effects: tuple[Effect, ...]
+    faults: tuple[Fault, ...]
     specimen: Specimen
     friction_rms_N: float
 
@@ -29,38 +29,39 @@ class VirtualCampaign:
         """Write it as a campaign folder."""
         write_campaign(
             path, name="virtual rig", description="planned on the virtual rig of bayes_iwan", tests=self.records,
-            source="bayes_iwan.gap.rig",
+            source="bayes_iwan.rig",
         )  # fmt: skip
 
 
 def simulate_campaign(
     tests: Sequence[PlannedTest],
     *,
-    effect: str | Effect | None = None,
+    fault: str | Fault | None = None,
     size: float = 0.1,
     specimen: Specimen | None = None,
     setup: Setup | None = None,
     noise: float = 0.005,
     seed: int = 0,
 ) -> VirtualCampaign:
-    """Simulate a campaign before running it: which effect would these tests show?
+    """Simulate a campaign before running it: which fault would these tests show?
 
-    Parameters: `tests`, the plan; `effect`, a name from `rig_effects.KINDS` at `size` (RMS change of the force
-    over RMS friction force), or an `Effect` with numbers of its own, or None; `specimen`, by default the paper's
-    Table 1; `noise`, the force noise over the RMS friction force. Raises `RigError` for what cannot be run.
+    Parameters: `tests`, the plan; `fault`, a name from `faults.KINDS` (an effect of the catalogue or another) at
+    `size` (RMS change of the force over RMS friction force), by the law that the catalogue has too, or a `Fault` with
+    law and numbers of its own, or None; `specimen`, by default the paper's Table 1; `noise`, the force noise over the
+    RMS friction force. Raises `RigError` for what cannot be run.
     """
     if not tests:
         raise RigError("a campaign needs at least one test")
     specimen = specimen or paper_specimen(seed=seed)
     sound = surroundings(specimen, tests, setup=setup, seed=seed)
-    effects: tuple[Effect, ...] = ()
-    if isinstance(effect, Effect):
-        fx.check((effect,))
-        found = effect_size(specimen, tests, effect, setup=setup, seed=seed, sound=sound)
-        effects = (replace(effect, size=found),)
-    elif effect is not None:
+    faults: tuple[Fault, ...] = ()
+    if isinstance(fault, Fault):
+        check((fault,))
+        found = fault_size(specimen, tests, fault, setup=setup, seed=seed, sound=sound)
+        faults = (replace(fault, size=found),)
+    elif fault is not None:
         rng = np.random.default_rng([seed, 2])
-        effects = (size_effect(effect, size, specimen, tests, rng, setup=setup, seed=seed, sound=sound),)
+        faults = (size_fault(fault, size, specimen, tests, rng, setup=setup, seed=seed, sound=sound),)
     noisy = with_noise(setup or Setup(), noise, sound[0].friction_rms_N, sound[0].largest_mm)
-    runs = simulate_tests(specimen, tests, setup=noisy, effects=effects, seed=seed)
-    return VirtualCampaign(tuple(records(runs)), effects, specimen, sound[0].friction_rms_N)
+    runs = simulate_tests(specimen, tests, setup=noisy, faults=faults, seed=seed)
+    return VirtualCampaign(tuple(records(runs)), faults, specimen, sound[0].friction_rms_N)

@@ -2,22 +2,46 @@
 
 Both channels have their own second-order response (matched to a fraction of a percent, as a pair of conditioned
 sensors is), one common anti-alias filter, coloured noise and steps of the digitiser. Faults of the chain
-(`rig_effects.Chain`) act where they would: a charge amplifier's corner before the anti-alias filter, a saturating
+(`Chain`) act where they would: a charge amplifier's corner before the anti-alias filter, a saturating
 amplifier before it, a delay between the converters.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
 
 import numpy as np
 from numba import njit
 from scipy import signal
 
-from bayes_iwan.rig.faults import Chain
+from bayes_iwan.rig.specimen import Floats
 
-Floats = np.ndarray[Any, np.dtype[np.float64]]
+#: numerator and denominator in s (rad/s)
+Transfer = tuple[tuple[float, ...], tuple[float, ...]]
+#: force (N) added to a record, from times (s), cycles, displacement (mm) and a random generator
+Addition = Callable[[Floats, Floats, Floats, np.random.Generator], Floats]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What the measuring chain adds to two sound channels; nothing by default.
+
+    `gain` is the force amplifier's in this test, `saturation` maps the force that it is given (N) to what it can give.
+    """
+
+    moving_mass_kg: float = 0.0
+    mass_mount_hz: float = 0.0
+    mass_mount_ratio: float = 0.0
+    delay_s: float = 0.0
+    displacement_filters: tuple[Transfer, ...] = ()
+    force_filters: tuple[Transfer, ...] = ()
+    additions: tuple[Addition, ...] = ()
+    saturation: Callable[[Floats], Floats] | None = None
+    reading_lag_mm: float = 0.0
+    cell_lag_N: float = 0.0
+    gain: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -43,22 +67,30 @@ class Sensors:
 
 def _second_order(x: Floats, rate_hz: float, corner_hz: float, ratio: float) -> Floats:
     w = 2 * np.pi * corner_hz
-    b, a = signal.bilinear([w * w], [1.0, 2 * ratio * w, w * w], fs=rate_hz)
-    return np.asarray(signal.lfilter(b, a, x))
+    return _filtered(x, rate_hz, ((w * w,), (1.0, 2 * ratio * w, w * w)))
 
 
-def _first_order(x: Floats, rate_hz: float, corner_hz: float, kind: str) -> Floats:
-    w = 2 * np.pi * corner_hz
-    b, a = signal.bilinear([1.0, 0.0] if kind == "high" else [w], [1.0, w], fs=rate_hz)
-    return np.asarray(signal.lfilter(b, a, x))
+@cache
+def _digital(transfer: Transfer, rate_hz: float) -> tuple[Floats, Floats]:
+    b, a = signal.bilinear(*transfer, fs=rate_hz)
+    return b, a
+
+
+def _filtered(x: Floats, rate_hz: float, transfer: Transfer) -> Floats:
+    return np.asarray(signal.lfilter(*_digital(transfer, rate_hz), x))
+
+
+@cache
+def _antialias(corner_hz: float, rate_hz: float) -> Floats:
+    return np.asarray(signal.butter(4, corner_hz, fs=rate_hz, output="sos"))
 
 
 @njit(cache=True)
-def _lagging_reading(x: Floats, width_mm: float, n: int = 5) -> Floats:
+def _lagging_reading(x: Floats, width: float, n: int = 5) -> Floats:
     """A reading that lags at reversals: the mean of `n` plays of widths up to `width_mm`."""
     out = np.zeros_like(x)
     for j in range(n):
-        half, held = 0.5 * width_mm * (j + 0.5) / n, 0.0
+        half, held = 0.5 * width * (j + 0.5) / n, 0.0
         for i in range(x.size):
             held = min(max(held, x[i] - half), x[i] + half)
             out[i] += held
@@ -88,35 +120,39 @@ def measure(
     chain: Chain,
     rng: np.random.Generator,
     clean: bool = False,
+    frequency_hz: float = 1.0,
 ) -> tuple[Floats, Floats]:
     """Sample the motion as the chain would.
 
     Parameters: `time_s` (n,) uniform fine steps, the displacement at the sensor and the force in the sensor's
-    place (n,); `sample_times_s` (m,) within them. `clean` leaves noise and digitiser's steps out. Returns the
+    place (n,); `sample_times_s` (m,) within them. `clean` leaves noise and digitiser's steps
+    out; `frequency_hz` is the drive's. Returns the
     displacement (mm) and the force (N), each (m,).
     """
     rate = 1.0 / (time_s[1] - time_s[0])
     x, f = displacement_mm, force_N
+    more = rng.spawn(1)[0]  # of its own, so that noise does not depend on what is added
     if chain.moving_mass_kg != 0.0:
-        f = f + chain.moving_mass_kg * 1e-3 * np.gradient(np.gradient(x, 1 / rate), 1 / rate)
+        carried = x
+        if chain.mass_mount_hz != 0.0:  # the mass swings on its mount
+            carried = _second_order(x, rate, chain.mass_mount_hz, chain.mass_mount_ratio)
+        f = f + chain.moving_mass_kg * 1e-3 * np.gradient(np.gradient(carried, 1 / rate), 1 / rate)
+    if chain.cell_lag_N != 0.0:
+        f = _lagging_reading(f, chain.cell_lag_N)
     if chain.reading_lag_mm != 0.0:
         x = _lagging_reading(x, chain.reading_lag_mm)
     x = _second_order(x, rate, sensors.displacement_corner_hz, sensors.damping_ratio)
     f = _second_order(f, rate, sensors.force_corner_hz, sensors.damping_ratio)
-    if chain.displacement_highpass_hz != 0.0:
-        x = _first_order(x, rate, chain.displacement_highpass_hz, "high")
-    if chain.force_highpass_hz != 0.0:
-        f = _first_order(f, rate, chain.force_highpass_hz, "high")
-    if chain.force_lowpass_hz != 0.0:
-        f = _first_order(f, rate, chain.force_lowpass_hz, "low")
-    phase, off, third = rng.uniform(0, 2 * np.pi), 0.05 * rng.standard_normal(), rng.uniform(0.0, 0.15)
-    if chain.hum_N != 0.0:  # the grid is never quite at its nominal frequency, nor quite a sine
-        turn = 2 * np.pi * (chain.hum_hz + off) * time_s + phase
-        f = f + chain.hum_N * (np.sin(turn) + third * np.sin(3 * turn))
-    f = f + chain.drift_N_s * np.maximum(time_s, 0.0)
-    if chain.clip_N is not None:
-        f = np.clip(f, -chain.clip_N, chain.clip_N)
-    sos = signal.butter(4, sensors.antialias_hz, fs=rate, output="sos")
+    for transfer in chain.displacement_filters:
+        x = _filtered(x, rate, transfer)
+    for transfer in chain.force_filters:
+        f = _filtered(f, rate, transfer)
+    for add in chain.additions:
+        f = f + add(time_s, frequency_hz * time_s, x, more)
+    f = chain.gain * f
+    if chain.saturation is not None:
+        f = chain.saturation(f)
+    sos = _antialias(sensors.antialias_hz, rate)
     x, f = signal.sosfilt(sos, x), signal.sosfilt(sos, f)
     u = np.interp(sample_times_s, time_s, x)
     force = np.interp(sample_times_s - chain.delay_s, time_s, f)

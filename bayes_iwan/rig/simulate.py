@@ -1,27 +1,25 @@
 """A virtual rig: specimen, shaker, fixture and sensors, simulated independently of the model that is fitted.
 
-It is for two things: to plan a campaign (`rig_planning.simulate_campaign`: would these tests show that effect?),
-and to make cases with a sealed truth (`gap.withheld`). It shares no code with `bayes_iwan.physics`:
-individual Jenkins elements are integrated in time (`rig_kernel`), under a shaker that yields and distorts, from
-rest through run-in, and are seen through sensors of their own (`rig_sensors`).
+It is for two things: to plan a campaign (`planning.simulate_campaign`: would these tests show that effect?),
+and to make cases with a sealed truth (`validation.sealed`). It shares no code with `bayes_iwan.physics`:
+individual Jenkins elements are integrated in time (`kernel`), under a shaker that yields and distorts, from
+rest through run-in, and are seen through sensors of their own (`sensors`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from bayes_iwan.campaign import Record
-from bayes_iwan.rig import faults as fx
-from bayes_iwan.rig.faults import Effect
+from bayes_iwan.rig.fault import Acting, Fault, uniform_grid
+from bayes_iwan.rig.faults import acting, check, scatter
 from bayes_iwan.rig.kernel import Numbers, march
-from bayes_iwan.rig.sensors import Sensors, measure
-from bayes_iwan.rig.specimen import RigError, Specimen
-
-Floats = np.ndarray[Any, np.dtype[np.float64]]
+from bayes_iwan.rig.sensors import Chain, Sensors, measure
+from bayes_iwan.rig.specimen import Floats, RigError, Specimen
 
 
 @dataclass(frozen=True)
@@ -91,6 +89,18 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Motion:
+    """One test as the rig moved, before any channel has seen it: fine steps (n,), and where samples will be taken."""
+
+    test: PlannedTest
+    true_frequency_hz: float
+    time_s: Floats
+    displacement_mm: Floats
+    force_N: Floats
+    sample_times_s: Floats
+
+
+@dataclass(frozen=True)
 class Fidelity:
     """Steps a cycle and the number of sliders."""
 
@@ -100,12 +110,37 @@ class Fidelity:
 
 # sliders that remember their slip speed cost several times as much, and need fewer: they blur one another
 FULL, RATED, COARSE = Fidelity(), Fidelity(steps=1000, sliders=150), Fidelity(steps=400, sliders=60)
-_RATED = {"stribeck_weakening", "rate_strengthening", "stiction_peak"}
+_REMEMBERS = {"rate_factor", "ageing", "healing"}
+_TABLE = 2000  # points of a table of a law, to either side
+_CHAIN = {f.name for f in fields(Chain)}
 
 
-def _numbers(specimen: Specimen, setup: Setup, effects: tuple[Effect, ...], amplitude_mm: float) -> Numbers:
-    changes = fx.kernel_changes(effects)
-    extra = changes.pop("extra_compliance", 0.0)
+def _tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance_mm_N: float) -> dict[str, Any]:
+    """The kernel's numbers of what acts, its functions as tables over a range that the motion hardly leaves."""
+    n: dict[str, Any] = {k: v for k, v in act.items() if k in Numbers._fields}
+    if "displacement_force" in act:
+        grid = uniform_grid(1.5 * amplitude_mm, _TABLE)
+        n["displacement_force"], n["displacement_step"] = act["displacement_force"](grid), grid[1] - grid[0]
+    if "speed_force" in act:
+        grid = uniform_grid(2.0 * speed_mm_s, _TABLE)
+        n["speed_force"], n["speed_step"] = act["speed_force"](grid), grid[1] - grid[0]
+    if "rate_factor" in act:
+        grid = np.linspace(0.0, 4.0 * speed_mm_s, 4 * _TABLE)
+        n["rate"], n["rate_step"] = act["rate_factor"](grid), grid[1] - grid[0]
+    if "fade_factor" in act:
+        grid = np.linspace(0.0, 400.0, 4 * _TABLE)
+        n["fade"], n["fade_step"] = np.maximum(act["fade_factor"](grid), 0.05), grid[1] - grid[0]
+    if "joint_stretch" in act:  # force over stretch, from stretch over force
+        force = np.concatenate([np.linspace(0.0, 1.0, 400)[:-1] ** 2, np.linspace(1.0, 100.0, 4000)])
+        stretch = compliance_mm_N * force + act["joint_stretch"](force)
+        grid = np.linspace(0.0, stretch[-1], 20 * _TABLE)
+        n["joint"], n["joint_step"] = np.interp(grid, stretch, force), grid[1] - grid[0]
+    return n
+
+
+def _numbers(specimen: Specimen, setup: Setup, act: Acting, amplitude_mm: float, frequency_hz: float) -> Numbers:
+    compliance = setup.shaker_compliance_mm_N + setup.fixture_compliance_mm_N + act.get("extra_compliance", 0.0)
+    speed = 2 * np.pi * frequency_hz * amplitude_mm
     return Numbers(
         amplitude_mm=amplitude_mm,
         parallel=specimen.parallel_N_mm,
@@ -116,9 +151,14 @@ def _numbers(specimen: Specimen, setup: Setup, effects: tuple[Effect, ...], ampl
         beta=specimen.beta,
         lam=specimen.lambda_s_m,
         tip=specimen.tip,
-        link_compliance=setup.shaker_compliance_mm_N + setup.fixture_compliance_mm_N + extra,
-        **changes,
+        link_compliance=compliance,
+        **_tables(act, amplitude_mm, speed, compliance),
     )
+
+
+def only_measured(faults: Sequence[Fault]) -> bool:
+    """Whether these faults leave the motion as it is and act in the measuring chain alone."""
+    return set(acting(faults)) <= _CHAIN | {"gain_scatter"}
 
 
 def simulate_test(
@@ -126,7 +166,7 @@ def simulate_test(
     test: PlannedTest,
     *,
     setup: Setup | None = None,
-    effects: tuple[Effect, ...] = (),
+    faults: tuple[Fault, ...] = (),
     seed: int = 0,
     index: int = 0,
     fidelity: Fidelity = FULL,
@@ -138,11 +178,42 @@ def simulate_test(
     first makes two short trial runs and sets drive and offset so that the displacement at the sensor has the
     wanted amplitude and no offset. `clean` leaves noise and digitiser's steps out.
 
-    Raises `RigError` for unknown effects or a test beyond the rig.
+    Raises `RigError` for unknown faults or a test beyond the rig.
     """
-    fx.check(effects)
     setup = setup or Setup()
-    if fidelity == FULL and any(e.name in _RATED for e in effects):
+    motion = move(specimen, test, setup=setup, faults=faults, seed=seed, index=index, fidelity=fidelity)
+    return observe(motion, setup=setup, faults=faults, seed=seed, index=index, clean=clean)
+
+
+def observe(
+    motion: Motion, *, setup: Setup, faults: tuple[Fault, ...] = (), seed: int = 0, index: int = 0, clean: bool = False
+) -> Run:
+    """Record a motion; of the faults, those of the measuring chain act here."""
+    act = acting(faults)
+    chain = Chain(**{k: v for k, v in act.items() if k in _CHAIN})
+    if "gain_scatter" in act:
+        chain = replace(chain, gain=scatter(act["gain_scatter"][1], act["gain_scatter"][0], index))
+    u, f = measure(
+        motion.time_s, motion.displacement_mm, motion.force_N, motion.sample_times_s, setup.sensors, chain,
+        np.random.default_rng([seed, index, 1]), clean, motion.true_frequency_hz,
+    )  # fmt: skip
+    return Run(motion.test, motion.true_frequency_hz, motion.sample_times_s, u, f)
+
+
+def move(
+    specimen: Specimen,
+    test: PlannedTest,
+    *,
+    setup: Setup,
+    faults: tuple[Fault, ...] = (),
+    seed: int = 0,
+    index: int = 0,
+    fidelity: Fidelity = FULL,
+) -> Motion:
+    """Move the rig through one test from rest; see `simulate_test`."""
+    check(faults)
+    act = acting(faults)
+    if fidelity == FULL and _REMEMBERS & set(act):
         fidelity = RATED
     rng = np.random.default_rng([seed, index, 0])
     frequency = test.frequency_hz * (1 + setup.frequency_error * rng.uniform(-1, 1))
@@ -150,7 +221,9 @@ def simulate_test(
     start, phase2, phase3 = rng.uniform(0, 2 * np.pi, 3)
     second, third = setup.second_harmonic * rng.uniform(0.3, 1), setup.third_harmonic * rng.uniform(0.3, 1)
     beats = setup.wander * rng.standard_normal(6)
-    body = specimen.scaled(fx.stiffness_factor(effects, index)).coarse(fidelity.sliders)
+    body = specimen.coarse(fidelity.sliders)
+    if "stiffness_scatter" in act:
+        body = body.scaled(scatter(act["stiffness_scatter"][1], act["stiffness_scatter"][0], index))
 
     def shape(t: Floats, run_in: float) -> Floats:
         turn = 2 * np.pi * frequency * t + start
@@ -165,7 +238,7 @@ def simulate_test(
     ) -> tuple[Floats, Floats, Floats, Floats]:  # fmt: skip
         t = begin + np.arange(int(np.ceil((stop - begin) * rate)) + 1) / rate
         drive = size * shape(t, run_in) + offset * np.clip((t - begin) * frequency, 0.0, 1.0)
-        numbers = _numbers(sliders, setup, effects, own_amplitude)
+        numbers = _numbers(sliders, setup, act, own_amplitude, frequency)
         force, deformation, _ = march(
             drive, t * frequency, 1 / rate, sliders.stiffness_share, sliders.slip_share_N, numbers
         )
@@ -184,7 +257,7 @@ def simulate_test(
         own = max(float(deformation[last].max()) * correction, 1e-3 * amplitude)
         offset -= seen[last][1:].mean()  # one whole cycle: its first sample is its last
     # the analogue filters want a rate well above theirs, whatever the motion needs
-    slowest = 8 if fidelity.steps >= 1000 else 4
+    slowest = 8 if fidelity.steps >= 1000 else 2
     multiple = max(slowest, int(np.ceil(fidelity.steps * frequency / setup.sample_rate_hz)))
     margin = 0.01
     t, seen, force, _ = march_through(
@@ -193,10 +266,7 @@ def simulate_test(
     )  # fmt: skip
     n = round(test.cycles / test.frequency_hz * setup.sample_rate_hz)
     samples = np.arange(n) / setup.sample_rate_hz
-    u, f = measure(
-        t, seen, force, samples, setup.sensors, fx.chain(effects), np.random.default_rng([seed, index, 1]), clean
-    )
-    return Run(test, frequency, samples, u, f)
+    return Motion(test, frequency, t, seen, force, samples)
 
 
 def simulate_tests(
@@ -204,7 +274,7 @@ def simulate_tests(
     tests: Sequence[PlannedTest],
     *,
     setup: Setup | None = None,
-    effects: tuple[Effect, ...] = (),
+    faults: tuple[Fault, ...] = (),
     seed: int = 0,
     first_index: int = 0,
     fidelity: Fidelity = FULL,
@@ -213,7 +283,7 @@ def simulate_tests(
     """Run several tests of one campaign; see `simulate_test`."""
     return tuple(
         simulate_test(
-            specimen, test, setup=setup, effects=effects, seed=seed, index=first_index + i,
+            specimen, test, setup=setup, faults=faults, seed=seed, index=first_index + i,
             fidelity=fidelity, clean=clean,
         )
         for i, test in enumerate(tests)

@@ -1,20 +1,33 @@
-"""How large an effect is on the virtual rig, and the strength at which it has a wanted size."""
+"""How large a fault is on the virtual rig, the strength at which it has a wanted size, and its share of a gap."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from itertools import combinations
+from math import factorial
 
 import numpy as np
 
-from bayes_iwan.rig import faults as fx
-from bayes_iwan.rig.faults import Effect, Surroundings
-from bayes_iwan.rig.simulate import COARSE, PlannedTest, Run, Setup, simulate_tests
-from bayes_iwan.rig.specimen import RigError, Specimen
+from bayes_iwan.rig.fault import Fault, Surroundings
+from bayes_iwan.rig.faults import KINDS, complete, drawn, laws_of
+from bayes_iwan.rig.simulate import (
+    COARSE,
+    Motion,
+    PlannedTest,
+    Run,
+    Setup,
+    move,
+    observe,
+    only_measured,
+    simulate_tests,
+)
+from bayes_iwan.rig.specimen import Floats, RigError, Specimen
 
-Floats = np.ndarray[Any, np.dtype[np.float64]]
-_EVOLVING = {"friction_fade", "force_drift", "heating", "mains_hum"}
+#: a specimen's tests without any fault: what faults are compared with, the records, and the motion behind them
+Sound = tuple[Surroundings, tuple[Run, ...], tuple[Motion, ...]]
+#: recorded cycles and cycles of run-in of a trial run of a fault that does not evolve
+_TRIAL = (4, 4)
 
 
 def friction_rms_N(runs: Sequence[Run], parallel_N_mm: float) -> float:
@@ -49,9 +62,11 @@ def force_change_N(changed: Sequence[Run], sound: Sequence[Run], about_mean: boo
 
 def surroundings(
     specimen: Specimen, tests: Sequence[PlannedTest], *, setup: Setup | None = None, seed: int = 0
-) -> tuple[Surroundings, tuple[Run, ...]]:
-    """Trial runs without any effect: what effects are compared with. Coarse and clean."""
-    runs = simulate_tests(specimen, tests, setup=setup, seed=seed, fidelity=COARSE, clean=True)
+) -> Sound:
+    """Trial runs without any fault: what faults are compared with. Coarse and clean."""
+    setup = setup or Setup()
+    motions = tuple(move(specimen, t, setup=setup, seed=seed, index=i, fidelity=COARSE) for i, t in enumerate(tests))
+    runs = _observed(motions, (), setup, seed)
     around = Surroundings(
         specimen=specimen,
         frequencies_hz=tuple(t.frequency_hz for t in tests),
@@ -60,53 +75,85 @@ def surroundings(
         friction_rms_N=friction_rms_N(runs, specimen.parallel_N_mm),
         force_peak_N=max(float(np.max(np.abs(r.force_N))) for r in runs),
     )
-    return around, runs
+    return around, runs, motions
 
 
-def effect_size(
+def _observed(motions: Sequence[Motion], faults: tuple[Fault, ...], setup: Setup | None, seed: int) -> tuple[Run, ...]:
+    return tuple(
+        observe(m, setup=setup or Setup(), faults=faults, seed=seed, index=i, clean=True) for i, m in enumerate(motions)
+    )
+
+
+def _changed(
+    specimen: Specimen, sound: Sound, faults: tuple[Fault, ...], setup: Setup | None, seed: int
+) -> tuple[Run, ...]:
+    """The tests of `sound` again with faults in them; the motion is that of the sound rig where it may be."""
+    if only_measured(faults):
+        return _observed(sound[2], faults, setup, seed)
+    tests = [m.test for m in sound[2]]
+    return simulate_tests(specimen, tests, setup=setup, faults=faults, seed=seed, fidelity=COARSE, clean=True)
+
+
+def trial_tests(tests: Sequence[PlannedTest], laws: Sequence[tuple[str, str]]) -> tuple[PlannedTest, ...]:
+    """The tests as they are tried: a few cycles of each; all cycles where a fault (name, law) evolves with them."""
+    if any(KINDS[name].law(law).evolves for name, law in laws):
+        return tuple(tests)
+    return tuple(replace(t, cycles=min(t.cycles, _TRIAL[0]), run_in=min(t.run_in, _TRIAL[1])) for t in tests)
+
+
+def _about_mean(faults: Sequence[Fault]) -> bool:
+    """A force high-pass takes the mean force away at any corner: only the alternating part counts then."""
+    return any(f.name == "force_highpass" for f in faults)
+
+
+def fault_size(
     specimen: Specimen,
     tests: Sequence[PlannedTest],
-    effect: Effect,
+    fault: Fault,
     *,
     setup: Setup | None = None,
     seed: int = 0,
-    sound: tuple[Surroundings, tuple[Run, ...]] | None = None,
+    sound: Sound | None = None,
 ) -> float:
-    """RMS change of the force with the effect, before any refit, over the RMS friction force without it.
+    """RMS change of the force with the fault, before any refit, over the RMS friction force without it.
 
     A force high-pass takes the mean force away at any corner: its size is that of the alternating part.
+    `sound`: the surroundings and runs of these very tests, if there are any.
     """
-    around, runs = sound or surroundings(specimen, tests, setup=setup, seed=seed)
-    changed = simulate_tests(specimen, tests, setup=setup, effects=(effect,), seed=seed, fidelity=COARSE, clean=True)
-    about_mean = effect.name == "force_highpass"
-    return force_change_N(changed, runs, about_mean) / around.friction_rms_N
+    sound = sound or surroundings(specimen, tests, setup=setup, seed=seed)
+    changed = _changed(specimen, sound, (fault,), setup, seed)
+    return force_change_N(changed, sound[1], _about_mean((fault,))) / sound[0].friction_rms_N
 
 
-def size_effect(
+def size_fault(
     name: str,
     size: float,
     specimen: Specimen,
     tests: Sequence[PlannedTest],
     rng: np.random.Generator,
     *,
+    law: str = "",
     setup: Setup | None = None,
     seed: int = 0,
-    sound: tuple[Surroundings, tuple[Run, ...]] | None = None,
+    sound: Sound | None = None,
     tolerance: float = 0.02,
-) -> Effect:
-    """The effect `name` at the strength that changes the force by `size` of the RMS friction force.
+) -> Fault:
+    """The fault `name`, by `law` (the catalogue's for none), at the strength that changes the force by `size` of the
+    RMS friction force.
 
-    Its other numbers come from `rng`. Raises `RigError` if even the strongest sensible effect is smaller.
+    Its other numbers come from `rng`. `sound` as for `fault_size`. Raises `RigError` if even the strongest sensible
+    fault is smaller.
     """
-    if name not in fx.KINDS:
-        raise RigError(f"no effect {name!r}; the rig has: {', '.join(fx.KINDS)}")
+    if name not in KINDS:
+        raise RigError(f"no fault {name!r}; the rig has: {', '.join(KINDS)}")
+    law = law or laws_of(name)[0]
     sound = sound or surroundings(specimen, tests, setup=setup, seed=seed)
-    others = fx.KINDS[name].others(rng, sound[0])
+    others = drawn(name, law, sound[0], rng)
 
-    def trial(strength: float) -> Effect:
-        effect = fx.complete(name, others, sound[0], strength)
-        found = effect_size(specimen, tests, effect, setup=setup, seed=seed, sound=sound)
-        return replace(effect, size=found)
+    def trial(strength: float) -> Fault:
+        fault = complete(name, law, others, sound[0], strength)
+        found = fault_size(specimen, tests, fault, setup=setup, seed=seed, sound=sound)
+        return replace(fault, size=found)
 
     low, low_size, high, best = 0.0, 0.0, 1.0, trial(1.0)
     if best.size < size:
@@ -130,35 +177,70 @@ def size_effect(
     return best
 
 
-def visible_shares(
+def _column(parts: Sequence[Floats], about_mean: bool) -> Floats:
+    return np.concatenate([(c - c.mean() if about_mean else c) / np.sqrt(c.size) for c in parts])
+
+
+def shares(
     specimen: Specimen,
     tests: Sequence[PlannedTest],
-    effects: Sequence[Effect],
+    faults: Sequence[Fault],
     *,
     setup: Setup | None = None,
     seed: int = 0,
-    cycles: int = 10,
-) -> tuple[float, ...]:
-    """Which share of each effect's change of the force no change of the specimen's own numbers can imitate.
+) -> tuple[Fault, ...]:
+    """The faults with their visible share and their shares of the gap that they leave together.
 
-    Linear: what is left, in RMS, of the change after the best combination of small changes of both springs, of
-    the stiffness law, of the normal force's numbers and of the slip forces (eight groups) is taken out. A rig's
-    compliance leaves some 0.02 (it looks like other slip forces), mains hum leaves 1. Effects that do not evolve
-    over the cycles are seen on the first `cycles` of each test, which saves most of the work.
+    *Visible share*: what is left, in RMS, of a fault's change of the force after the best combination of small changes
+    of both springs, of the stiffness law, of the normal force's numbers and of the slip forces (eight groups) is taken
+    out: what no other numbers of the specimen imitate. A rig's compliance leaves some 0.02 (it looks like other slip
+    forces), mains hum leaves 1.
+
+    *Share of the gap*: the gap is what all faults together leave so; taking some of them away leaves a smaller gap,
+    and 1 − smaller/larger is what they remove. That is shared among the faults by Shapley's value (as LMG does for
+    R²), once with gaps in RMS and once in squares. The shares of all faults sum to 1.
     """
-    if not effects:
+    if not faults:
         return ()
-    if not any(e.name in _EVOLVING for e in effects):
-        tests = [replace(t, cycles=min(t.cycles, cycles)) for t in tests]
-    runs = simulate_tests(specimen, tests, setup=setup, seed=seed, fidelity=COARSE, clean=True)
+    sound = surroundings(specimen, trial_tests(tests, [(f.name, f.law) for f in faults]), setup=setup, seed=seed)
+    about_mean = _about_mean(faults)
+    basis = _imitations(specimen, trial_tests(tests, ()), sound[1], about_mean, setup, seed)
+
+    def change(present: tuple[Fault, ...]) -> tuple[float, float]:
+        """RMS of the change of the force, and of its visible part."""
+        c = _column(_changes(_changed(specimen, sound, present, setup, seed), sound[1]), about_mean)
+        return float(np.linalg.norm(c)), float(np.linalg.norm(c - basis @ (basis.T @ c)))
+
+    n = len(faults)
+    seen = {s: change(tuple(faults[i] for i in s)) for k in range(1, n + 1) for s in combinations(range(n), k)}
+    gap = {(): 0.0, **{s: both[1] for s, both in seen.items()}}
+    return tuple(
+        replace(
+            fault,
+            visible=seen[(i,)][1] / seen[(i,)][0],
+            share=_shapley(i, n, {s: g / gap[tuple(range(n))] for s, g in gap.items()}),
+            share_of_square=_shapley(i, n, {s: (g / gap[tuple(range(n))]) ** 2 for s, g in gap.items()}),
+        )
+        for i, fault in enumerate(faults)
+    )
+
+
+def _imitations(
+    specimen: Specimen,
+    tests: Sequence[PlannedTest],
+    runs: Sequence[Run],
+    about_mean: bool,
+    setup: Setup | None,
+    seed: int,
+) -> Floats:
+    """Orthonormal columns: the changes of the force that small changes of the specimen's numbers make.
+
+    They are run on the few cycles of `tests`, and go on as in their last two over the whole of `runs`.
+    """
+    short = simulate_tests(specimen, tests, setup=setup, seed=seed, fidelity=COARSE, clean=True)
     coarse = specimen.coarse(COARSE.sliders)
-
-    def changes(body: Specimen, *acting: Effect) -> list[Floats]:
-        changed = simulate_tests(body, tests, setup=setup, effects=acting, seed=seed, fidelity=COARSE, clean=True)
-        return _changes(changed, runs)
-
-    own = [
-        changes(replace(coarse, **{name: getattr(coarse, name) * factor}))
+    bodies = [
+        replace(coarse, **{name: getattr(coarse, name) * factor})
         for name, factor in (
             ("parallel_N_mm", 1.01), ("contact_N_mm", 1.01), ("curve", 1.05), ("curve_power", 1.05),
             ("kn_1_mm", 1.05), ("lambda_s_m", 1.05), ("beta", 1.1),
@@ -167,18 +249,34 @@ def visible_shares(
     for group in np.array_split(np.arange(coarse.slip_share_N.size), 8):
         slip = coarse.slip_share_N.copy()
         slip[group] *= 1.03
-        own.append(changes(replace(coarse, slip_share_N=slip)))
+        bodies.append(replace(coarse, slip_share_N=slip))
+    columns = []
+    for body in bodies:
+        changed = simulate_tests(body, tests, setup=setup, seed=seed, fidelity=COARSE, clean=True)
+        columns.append(
+            _column([_goes_on(c, a, b) for c, a, b in zip(_changes(changed, short), short, runs)], about_mean)
+        )
+    matrix = np.array([c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 0]).T
+    size, turned = np.linalg.eigh(matrix.T @ matrix)
+    kept = size > 1e-11 * size[-1]
+    return np.asarray(matrix @ (turned[:, kept] / np.sqrt(size[kept])))
 
-    def share(effect: Effect) -> float:
-        about_mean = effect.name == "force_highpass"
 
-        def column(parts: list[Floats]) -> Floats:
-            return np.concatenate([(c - c.mean() if about_mean else c) / np.sqrt(c.size) for c in parts])
+def _goes_on(change: Floats, short: Run, long: Run) -> Floats:
+    if long.time_s.size == short.time_s.size:
+        return change
+    whole = 2.0 / short.true_frequency_hz
+    begin = short.time_s[-1] - whole
+    time = np.where(long.time_s > begin, begin + (long.time_s - begin) % whole, long.time_s)
+    return np.asarray(np.interp(time, short.time_s, change))
 
-        columns = [column(c) for c in own]
-        matrix = np.array([c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 0]).T
-        change = column(changes(specimen, effect))
-        left = change - matrix @ np.linalg.lstsq(matrix, change, rcond=1e-6)[0]
-        return float(np.linalg.norm(left) / np.linalg.norm(change))
 
-    return tuple(share(e) for e in effects)
+def _shapley(i: int, n: int, left: dict[tuple[int, ...], float]) -> float:
+    """Player i's Shapley value of what is removed, from what each set of faults leaves when it alone is there."""
+    total = 0.0
+    others = [k for k in range(n) if k != i]
+    for k in range(n):
+        for rest in combinations(others, k):  # still there after i has been removed
+            weight = factorial(k) * factorial(n - k - 1) / factorial(n)
+            total += weight * (left[tuple(sorted((*rest, i)))] - left[rest])
+    return total

@@ -143,7 +143,7 @@ def draw_specimen(
     rng: np.random.Generator,
     amplitudes_mm: tuple[float, float],
     speed_m_s: float,
-    n_sliders: int = 240,
+    n_sliders: int = 150,
 ) -> Specimen:
     """A specimen at random around Table 1, whose friction shows at the amplitudes it will be tested at.
 

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.rig import cases as rig_cases
-from bayes_iwan.rig import faults as rig_effects
-from bayes_iwan.rig import simulate as rig
-from bayes_iwan.rig import sizing as rig_sizing
-from bayes_iwan.rig.faults import Chain, Effect
+from bayes_iwan.rig import cases, sizing
+from bayes_iwan.rig.fault import Fault
+from bayes_iwan.rig.fault_chain import first_order
+from bayes_iwan.rig.faults import CATALOGUE, KINDS, OUTSIDE, acting, complete, drawn
 from bayes_iwan.rig.planning import simulate_campaign
-from bayes_iwan.rig.sensors import Sensors, coloured_noise, measure
-from bayes_iwan.rig.simulate import PlannedTest, Setup
-from bayes_iwan.rig.specimen import draw_specimen, paper_specimen
+from bayes_iwan.rig.sensors import Chain, Sensors, coloured_noise, measure
+from bayes_iwan.rig.simulate import PlannedTest, Setup, simulate_test, simulate_tests
+from bayes_iwan.rig.specimen import RigError, draw_specimen, paper_specimen
 
 PLAN = (PlannedTest(10.0, 0.3, cycles=12), PlannedTest(20.0, 0.8, cycles=12))
 
@@ -24,7 +23,7 @@ def specimen():
 
 @pytest.fixture(scope="module")
 def sound(specimen):
-    return rig_sizing.surroundings(specimen, PLAN)
+    return sizing.surroundings(specimen, PLAN)
 
 
 # ---- the measuring chain, on a pure sine
@@ -59,27 +58,45 @@ def test_delay_turns_the_force_and_is_positive_when_it_comes_late(delay_s):
 
 
 def test_first_order_corners():
-    for field, corner, index, expected in (
-        ("force_highpass_hz", 0.8, 1, 1 / (1 - 1j * 0.8 / HZ)),
-        ("force_lowpass_hz", 60.0, 1, 1 / (1 + 1j * HZ / 60.0)),
-        ("displacement_highpass_hz", 0.5, 0, 1 / (1 - 1j * 0.5 / HZ)),
+    for field, high, corner, index, expected in (
+        ("force_filters", True, 0.8, 1, 1 / (1 - 1j * 0.8 / HZ)),
+        ("force_filters", False, 60.0, 1, 1 / (1 + 1j * HZ / 60.0)),
+        ("displacement_filters", True, 0.5, 0, 1 / (1 - 1j * 0.5 / HZ)),
     ):
-        changed, sound = chained(Chain(**{field: corner})), chained(Chain())
+        changed, sound = chained(Chain(**{field: (first_order(corner, high),)})), chained(Chain())
         assert phasor(changed[index]) / phasor(sound[index]) == pytest.approx(expected, rel=2e-3)
 
 
-def test_mass_drift_hum_and_clipping():
+def faulty(name, law="", **numbers):
+    return chained(Chain(**acting((Fault(name, numbers, law),))))
+
+
+@pytest.mark.parametrize("law", ["pure", "all_pass", "second_order"])
+def test_delays_agree_at_low_frequencies(law):
+    u, f = faulty("channel_delay", law, delay_s=3e-4)
+    assert np.angle(phasor(f) / phasor(u)) == pytest.approx(-2 * np.pi * HZ * 3e-4, rel=5e-3)
+
+
+def test_mass_drift_mains_and_clipping():
     sound = chained(Chain())[1]
-    mass = chained(Chain(moving_mass_kg=0.05))[1]
+    mass = faulty("moving_mass", m_kg=0.05)[1]
     assert abs(phasor(mass)) == pytest.approx(2.0 - 0.05e-3 * (2 * np.pi * HZ) ** 2, rel=1e-3)
-    drift = chained(Chain(drift_N_s=0.3))[1] - sound
+    soft = faulty("moving_mass", "soft_mount", m_kg=0.05, mount_hz=30.0, ratio=0.1)[1]
+    swing = 1 / (1 - (HZ / 30.0) ** 2 + 0.2j * HZ / 30.0)
+    seen = (phasor(soft) - phasor(sound)) / (phasor(mass) - phasor(sound))
+    assert seen == pytest.approx(swing, rel=5e-3)
+    drift = faulty("force_drift", rate_N_s=0.3)[1] - sound
     assert np.polyfit(SAMPLES, drift, 1)[0] == pytest.approx(0.3, rel=1e-3)
-    hum = chained(Chain(hum_N=0.2, hum_hz=60.0))[1] - sound
-    assert np.sqrt(np.mean(hum**2)) == pytest.approx(0.2 / np.sqrt(2), rel=0.03)
-    spectrum = np.abs(np.fft.rfft(hum))
-    assert np.fft.rfftfreq(2560, 1 / 1280)[spectrum.argmax()] == pytest.approx(60.0, abs=0.5)
-    clipped = chained(Chain(clip_N=1.5))[1]
+    for law, third in (("sine", 0.0), ("harmonics", 0.35)):
+        hum = faulty("mains_hum", law, amplitude_N=0.2, frequency_hz=60.0)[1] - sound
+        spectrum, lines = np.abs(np.fft.rfft(hum * np.hanning(hum.size))), np.fft.rfftfreq(2560, 1 / 1280)
+        assert lines[spectrum.argmax()] == pytest.approx(60.0, abs=0.5)
+        at_third = spectrum[np.abs(lines - 180.0) < 3].max() / spectrum.max()
+        assert at_third == pytest.approx(third, abs=0.1)
+    clipped = faulty("force_clipping", limit_N=1.5)[1]
     assert 1.5 < clipped.max() < 1.65  # the anti-alias filter rings a little at the corner
+    one = faulty("force_clipping", "one_side", limit_N=1.5)[1]
+    assert one.max() < 1.65 and one.min() < -1.9
 
 
 def test_reading_lags_at_reversals_by_up_to_its_width():
@@ -107,9 +124,9 @@ def test_noise_has_its_rms_and_colour_and_steps_are_kept():
 
 def test_record_has_the_wanted_motion_and_follows_from_the_seed(specimen):
     kwargs = {"setup": Setup(), "seed": 5}
-    a, b = (rig.simulate_test(specimen, PLAN[1], **kwargs) for _ in range(2))
+    a, b = (simulate_test(specimen, PLAN[1], **kwargs) for _ in range(2))
     np.testing.assert_array_equal(a.force_N, b.force_N)
-    other = rig.simulate_test(specimen, PLAN[1], setup=Setup(), seed=6)
+    other = simulate_test(specimen, PLAN[1], setup=Setup(), seed=6)
     assert np.abs(other.force_N - a.force_N).max() > 0.1  # starts elsewhere in the cycle
     assert 0.5 * np.ptp(a.displacement_mm) == pytest.approx(0.8, rel=0.015)
     assert abs(a.displacement_mm.max() + a.displacement_mm.min()) < 0.01
@@ -122,7 +139,7 @@ def test_record_has_the_wanted_motion_and_follows_from_the_seed(specimen):
 
 
 def test_run_in_is_over_when_the_record_starts(specimen):
-    r = rig.simulate_test(specimen, PlannedTest(10.0, 0.6, cycles=20), clean=True, setup=Setup(frequency_error=0))
+    r = simulate_test(specimen, PlannedTest(10.0, 0.6, cycles=20), clean=True, setup=Setup(frequency_error=0))
     cycles = r.force_N.reshape(20, 128)
     assert np.abs(cycles[0] - cycles[-1]).max() < 0.02 * np.abs(cycles).max()
 
@@ -131,61 +148,61 @@ def test_run_in_is_over_when_the_record_starts(specimen):
     "name", ["viscous_damping", "rig_compliance", "integration_highpass", "force_drift", "end_stop"]
 )
 def test_size_asked_for_is_the_size_at_full_fidelity(specimen, sound, name):
-    effect = rig_sizing.size_effect(name, 0.08, specimen, PLAN, np.random.default_rng(1), sound=sound)
+    effect = sizing.size_fault(name, 0.08, specimen, PLAN, np.random.default_rng(1), sound=sound)
     assert effect.size == pytest.approx(0.08, rel=0.021)
-    changed = rig.simulate_tests(specimen, PLAN, effects=(effect,), clean=True)
-    base = rig.simulate_tests(specimen, PLAN, clean=True)
-    friction = rig_sizing.friction_rms_N(base, specimen.parallel_N_mm)
-    assert rig_sizing.force_change_N(changed, base) / friction == pytest.approx(0.08, rel=0.06)
+    changed = simulate_tests(specimen, PLAN, faults=(effect,), clean=True)
+    base = simulate_tests(specimen, PLAN, clean=True)
+    friction = sizing.friction_rms_N(base, specimen.parallel_N_mm)
+    assert sizing.force_change_N(changed, base) / friction == pytest.approx(0.08, rel=0.06)
 
 
-@pytest.mark.parametrize("name", sorted(rig_effects.KINDS))
-def test_every_effect_changes_the_force_and_more_so_when_stronger(specimen, sound, name):
-    others = rig_effects.KINDS[name].others(np.random.default_rng(3), sound[0])
+EVERY_LAW = [(name, law.name) for name, kind in sorted(KINDS.items()) for law in kind.laws]
+
+
+@pytest.mark.parametrize(("name", "law"), EVERY_LAW)
+def test_every_law_changes_the_force_and_more_so_when_stronger(specimen, sound, name, law):
+    others = drawn(name, law, sound[0], np.random.default_rng(3))
     sizes = [
-        rig_sizing.effect_size(specimen, PLAN, rig_effects.complete(name, others, sound[0], strength), sound=sound)
+        sizing.fault_size(specimen, PLAN, complete(name, law, others, sound[0], strength), sound=sound)
         for strength in (0.02, 0.2)
     ]
-    assert 0 < sizes[0] < 0.5 * sizes[1]
+    assert 0 < sizes[0] < 0.6 * sizes[1]
 
 
 def test_delay_has_the_size_that_its_phase_gives(specimen, sound):
     """At equal displacement a delay τ changes the force by about ωτ times its RMS."""
-    effect = Effect("channel_delay", {"delay_s": 2e-4})
-    found = rig_sizing.effect_size(specimen, PLAN, effect, sound=sound) * sound[0].friction_rms_N
+    effect = Fault("channel_delay", {"delay_s": 2e-4})
+    found = sizing.fault_size(specimen, PLAN, effect, sound=sound) * sound[0].friction_rms_N
     rates = [np.gradient(r.force_N, r.time_s) * 2e-4 for r in sound[1]]
     assert found == pytest.approx(np.sqrt(np.mean([np.mean(r**2) for r in rates])), rel=0.05)
 
 
 def test_visible_share_of_what_a_specimen_can_and_cannot_imitate(specimen, sound):
     names = ("rig_compliance", "mains_hum", "moving_mass")
-    effects = [
-        rig_effects.complete(n, rig_effects.KINDS[n].others(np.random.default_rng(5), sound[0]), sound[0], 0.1)
-        for n in names
-    ]
+    faults = [complete(n, "", drawn(n, "", sound[0], np.random.default_rng(5)), sound[0], 0.1) for n in names]
     wide = tuple(PlannedTest(f, a, cycles=12) for f in (10.0, 20.0) for a in (0.3, 0.8))
-    soft, hum, mass = rig_sizing.visible_shares(specimen, wide, effects)
+    soft, hum, mass = (sizing.shares(specimen, wide, (one,))[0].visible for one in faults)
     assert soft < 0.1 and hum > 0.85 and soft < mass < 1
     # at one frequency a mass is a spring: nothing of it is left
     alone = tuple(PlannedTest(15.0, a, cycles=12) for a in (0.3, 0.8))
-    (single,) = rig_sizing.visible_shares(specimen, alone, effects[2:])
-    assert single < 0.2 * mass
+    (single,) = sizing.shares(specimen, alone, faults[2:])
+    assert single.visible < 0.2 * mass and single.share == pytest.approx(1.0)
 
 
 def test_effect_too_weak_for_the_specimen_is_refused(specimen, sound):
-    with pytest.raises(rig.RigError, match="at most"):
-        rig_sizing.size_effect("normal_force_lag", 0.9, specimen, PLAN, np.random.default_rng(0), sound=sound)
+    with pytest.raises(RigError, match="at most"):
+        sizing.size_fault("normal_force_lag", 0.9, specimen, PLAN, np.random.default_rng(0), sound=sound)
 
 
 def test_planned_campaign_is_written_and_read_back(tmp_path):
-    campaign = simulate_campaign(PLAN, effect="viscous_damping", size=0.1, noise=0.004, seed=2)
+    campaign = simulate_campaign(PLAN, fault="viscous_damping", size=0.1, noise=0.004, seed=2)
     campaign.write(tmp_path / "plan")
     loops = read_campaign(tmp_path / "plan").loops()
     assert [round(loop.amplitude_mm, 2) for loop in loops] == pytest.approx([0.3, 0.8], rel=0.02)
-    assert campaign.effects[0].size == pytest.approx(0.1, rel=0.03)
+    assert campaign.faults[0].size == pytest.approx(0.1, rel=0.03)
     noise = 0.004 * campaign.friction_rms_N
     assert 0.3 * noise < np.median(loops[0].force_scatter_N) < 3 * noise
-    with pytest.raises(rig.RigError, match="at least one test"):
+    with pytest.raises(RigError, match="at least one test"):
         simulate_campaign(())
 
 
@@ -206,7 +223,7 @@ def test_designs_stay_within_their_ranges():
     rng = np.random.default_rng(1)
     single = held = 0
     for _ in range(300):
-        tests, unseen = rig_cases.draw_design(rng)
+        tests, unseen = cases.draw_design(rng)
         frequencies, amplitudes = {t.frequency_hz for t in tests}, {t.amplitude_mm for t in tests}
         assert len(tests) == len(frequencies) * len(amplitudes) and 1 <= len(frequencies) <= 4
         assert 2 <= len(amplitudes) <= 4 and all(5 <= f <= 30 for f in frequencies)
@@ -218,14 +235,44 @@ def test_designs_stay_within_their_ranges():
     assert 20 < single < 90 and 25 < held < 130
 
 
+def test_shares_of_a_gap_sum_to_one_and_follow_the_sizes(specimen, sound):
+    faults = tuple(
+        sizing.size_fault(n, size, specimen, PLAN, np.random.default_rng(1), sound=sound)
+        for n, size in (("mains_hum", 0.09), ("rocking", 0.03))
+    )
+    hum, rocking = sizing.shares(specimen, PLAN, faults)
+    assert hum.share + rocking.share == pytest.approx(1.0) == hum.share_of_square + rocking.share_of_square
+    # two changes that have nothing in common add in squares
+    a, b = hum.size * hum.visible, rocking.size * rocking.visible
+    assert hum.share_of_square == pytest.approx(a**2 / (a**2 + b**2), abs=0.02)
+    whole = np.hypot(a, b)
+    assert hum.share == pytest.approx(0.5 * ((whole - b) + a) / whole, abs=0.02)
+
+
+@pytest.mark.parametrize(("kind", "known", "unknown"), [("triple", 3, 0), ("known_beside_outside", 1, 1)])
+def test_kinds_of_cases_have_their_faults_by_laws_that_were_not_left_out(monkeypatch, kind, known, unknown):
+    monkeypatch.setattr(cases, "draw_design", lambda rng: (PLAN, PLAN[:1]))
+    left = [f"{name}:{law.name}" for name in CATALOGUE for law in KINDS[name].laws[2:]]
+    case = cases.draw_case(
+        np.random.default_rng(4), kind, laws="other", leave_out_laws=left, leave_out_outside=OUTSIDE[:-2]
+    )
+    listed = [f for f in case.faults if KINDS[f.name].listed]
+    assert len(listed) == known and len(case.faults) == known + unknown
+    assert all(f.law == KINDS[f.name].laws[1].name for f in listed)
+    assert all(f.name in OUTSIDE[-2:] for f in case.faults if f not in listed)
+    assert sum(f.share for f in case.faults) == pytest.approx(1.0)
+    truth = case.truth("case_1")
+    assert [e["law"] for e in truth["effects"]] == [f.law for f in case.faults]
+
+
 def test_drawn_case_is_reproducible_and_has_what_it_says(monkeypatch):
-    monkeypatch.setattr(rig_cases, "draw_design", lambda rng: (PLAN, PLAN[:1]))
-    a, b = (rig_cases.draw_case(np.random.default_rng(8), effects=["rig_compliance"]) for _ in range(2))
-    assert a.effects == b.effects and a.seed == b.seed
-    assert 0.039 < a.effects[0].size < 0.205
-    first = rig.simulate_test(a.specimen, a.tests[0], setup=a.setup, effects=a.effects, seed=a.seed)
-    again = rig.simulate_test(b.specimen, b.tests[0], setup=b.setup, effects=b.effects, seed=b.seed)
+    monkeypatch.setattr(cases, "draw_design", lambda rng: (PLAN, PLAN[:1]))
+    a, b = (cases.draw_case(np.random.default_rng(8), faults=["rig_compliance"]) for _ in range(2))
+    assert a.faults == b.faults and a.seed == b.seed
+    assert 0.0195 < a.faults[0].size < 0.123 and a.faults[0].law in ("linear", "stiffening", "hertz")
+    first = simulate_test(a.specimen, a.tests[0], setup=a.setup, faults=a.faults, seed=a.seed)
+    again = simulate_test(b.specimen, b.tests[0], setup=b.setup, faults=b.faults, seed=b.seed)
     np.testing.assert_array_equal(first.force_N, again.force_N)
     assert a.setup.sensors.force_noise_N == pytest.approx(a.noise_share * a.friction_rms_N)
-    with pytest.raises(rig.RigError, match="no kind"):
-        rig_cases.draw_case(np.random.default_rng(0), "several")
+    with pytest.raises(RigError, match="no kind"):
+        cases.draw_case(np.random.default_rng(0), "several")

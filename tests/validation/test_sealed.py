@@ -269,8 +269,8 @@ def test_sealed_sizes_are_those_of_the_written_records(made):
     case = rig_cases.draw_case(rng, "single")
     given = read_campaign(folder / "case_02").tests
     again = rig.simulate_test(
-        case.specimen, case.tests[1], setup=case.setup, effects=case.effects, seed=case.seed, index=1
+        case.specimen, case.tests[1], setup=case.setup, faults=case.faults, seed=case.seed, index=1
     )
     np.testing.assert_allclose(given[1].force_N, again.force_N, atol=1e-6)
     sealed = withheld.read_truths(truth)["case_02"]["effects"][0]
-    assert sealed["parameters"] == dict(case.effects[0].parameters)
+    assert sealed["parameters"] == dict(case.faults[0].parameters)
