@@ -1,7 +1,8 @@
 """Measured tests in: the campaign folder, its records, and one phase-averaged loop a test."""
 
 from bayes_iwan.campaign.averaging import Loop, average
+from bayes_iwan.campaign.drive import split
 from bayes_iwan.campaign.folder import Campaign, read_campaign, write_campaign
 from bayes_iwan.campaign.records import CampaignError, Record
 
-__all__ = ["Campaign", "CampaignError", "Loop", "Record", "average", "read_campaign", "write_campaign"]
+__all__ = ["Campaign", "CampaignError", "Loop", "Record", "average", "read_campaign", "split", "write_campaign"]

@@ -17,6 +17,7 @@ from scipy.optimize import lsq_linear
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.averaging import Loop, average
+from bayes_iwan.campaign.drive import judge, refuse_unsteady
 from bayes_iwan.campaign.records import CampaignError, Record
 
 NOMINAL_TOLERANCE = 0.10
@@ -88,6 +89,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
 
     Returns the record with its warnings completed, and a coarse loop for `check_units`.
     """
+    refuse_unsteady(record.file, judge(record.time_s, record.displacement_mm))
     loop = average(record, n_phase=64, n_harmonics=8, n_blocks=1)
     notes = list(record.warnings)
     counted = _counted_frequency(record.time_s, loop.frequency_hz)

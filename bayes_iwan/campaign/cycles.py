@@ -50,13 +50,15 @@ class Cut:
         return np.flatnonzero(np.isin(np.floor(self.phase), self.cycles))
 
 
-def crossings(time: Array, signal: Array, middle: float, half_range: float, up: bool = True) -> Array:
-    """Times at which `signal` crosses `middle`, one per passage through +-HYSTERESIS * half_range.
+def crossings(
+    time: Array, signal: Array, middle: float, half_range: float, up: bool = True, hysteresis: float = HYSTERESIS
+) -> Array:
+    """Times at which `signal` crosses `middle`, one per passage through +-hysteresis * half_range.
 
     Each time comes from a straight line fitted to the samples inside the hysteresis band.
     """
     v = (signal - middle) * (1.0 if up else -1.0)
-    limit = HYSTERESIS * half_range
+    limit = hysteresis * half_range
     state = np.where(v > limit, 1, np.where(v < -limit, -1, 0))
     seen = np.flatnonzero(state)
     turns = np.flatnonzero((state[seen][:-1] < 0) & (state[seen][1:] > 0))
@@ -70,7 +72,7 @@ def crossings(time: Array, signal: Array, middle: float, half_range: float, up: 
     return times
 
 
-def _cycle_shapes(phase: Array, cycles: np.ndarray, signals: Array, n_harmonics: int) -> Array:
+def cycle_shapes(phase: Array, cycles: np.ndarray, signals: Array, n_harmonics: int) -> Array:
     """Harmonics of each cycle as rows whose Euclidean distance is an RMS, (k, n_cycles, 2 H + 1)."""
     index = np.flatnonzero(np.isin(np.floor(phase), cycles))
     starts = np.searchsorted(phase[index], cycles)
@@ -133,7 +135,7 @@ def _numbers(times: Array) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(steps)])
 
 
-def _piecewise(time: Array, anchors: Array, phases: Array) -> Array:
+def phase_between(time: Array, anchors: Array, phases: Array) -> Array:
     """Phase of every sample, straight between anchors and carried on at the mean rate beyond them."""
     rate = (phases[-1] - phases[0]) / (anchors[-1] - anchors[0])
     before = phases[0] + (np.minimum(time, anchors[0]) - anchors[0]) * rate
@@ -171,14 +173,14 @@ def cut_cycles(file: str, time_s: Array, displacement: Array, force: Array | Non
             )
         numbers = _numbers(times)
         period = float(np.median(np.diff(times)))
-        phase = _piecewise(time_s, times, numbers.astype(float))
+        phase = phase_between(time_s, times, numbers.astype(float))
         per_cycle = max(period * rate, 1.0)
         cycles, holes = _whole(time_s, times, numbers, period)
         if cycles.size < 2:
             raise _too_few(file, cycles.size, 0, 0, holes)
         n_shape = int(max(1, min(6, 0.4 * per_cycle)))
         signals = np.stack([displacement] if force is None else [displacement, force])
-        shapes = _cycle_shapes(phase, cycles, signals, n_shape)
+        shapes = cycle_shapes(phase, cycles, signals, n_shape)
         first, last = _steady(*shapes)
         if last - first < 2:
             raise _too_few(file, last - first, first, cycles.size - last, holes)
@@ -279,4 +281,4 @@ def _both_strokes(
     anchors = np.concatenate([times, down])
     phases = np.concatenate([numbers.astype(float), np.floor(at) + place])
     order = np.argsort(anchors)
-    return _piecewise(time, anchors[order], phases[order])
+    return phase_between(time, anchors[order], phases[order])

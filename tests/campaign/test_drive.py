@@ -1,0 +1,24 @@
+"""The drive is judged before anything is averaged: steady drives pass, whatever their rate and noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import split
+from bayes_iwan.campaign.drive import judge
+
+
+def test_run_in_and_run_out_are_no_staircase(record):
+    r = record(n_cycles=30.3)
+    ramp = np.clip(r.time_s / 0.35, 0.3, 1) * np.clip((r.time_s[-1] - r.time_s) / 0.25, 0, 1)
+    assert judge(r.time_s, ramp * r.displacement_mm).kind == "steady"
+    assert len(split(replace(r, displacement_mm=ramp * r.displacement_mm))) == 1
+
+
+@pytest.mark.parametrize("rate", [83.0, 1280.0])
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_steady_sines_are_steady(record, rate, noise):
+    for seed in range(5):
+        r = record(rate_hz=rate, n_cycles=25.3, noise_mm=noise, seed=seed)
+        assert judge(r.time_s, r.displacement_mm).kind == "steady"
