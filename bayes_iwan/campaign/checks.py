@@ -1,30 +1,29 @@
 """What a record must satisfy before anything is inferred from it, and what each refusal advises.
 
-What cannot be seen from the data, and so is not checked: a gain error or wrong unit shared by all tests (it
-only rescales stiffness and slip forces), the wrong unit of a campaign's only test, and both channels reversed
-together.
+What tests say of each other is in `between_tests`. What cannot be seen from the data, and so is not checked: a gain
+error or wrong unit shared by all tests (it only rescales stiffness and slip forces), the wrong unit of a campaign's
+only test, all times scaled with the stated frequency, whole cycles lost, and both channels reversed in all tests.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.averaging import Loop, average
 from bayes_iwan.campaign.drive import judge, refuse_unsteady
 from bayes_iwan.campaign.records import CampaignError, Record
+from bayes_iwan.campaign.steadiness import disturbances
 
 NOMINAL_TOLERANCE = 0.10
 FEWEST_PER_CYCLE = 8.0
-UNIT_MARGIN = 5.0  # two forces further apart than amplitude, frequency and load explain: a unit or gain error
-REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls along as well
-LATE = 0.3  # below minus this no late or AC-coupled channel explains it
+REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
+LATE = 0.3  # below minus this the delay is so long that no loop is left to identify
+TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
+PRELOAD = 2.0  # mean force over its height: so much more that it is said
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
 RAIL_SHARE = 0.004  # of the kept samples at one extreme value, in runs, before a channel looks clipped
@@ -87,10 +86,10 @@ def step_warnings(time: Array) -> tuple[str, ...]:
 def check_record(record: Record) -> tuple[Record, Loop]:
     """Refuse a record that contradicts campaign.toml or has a reversed channel.
 
-    Returns the record with its warnings completed, and a coarse loop for `check_units`.
+    Returns the record with its warnings completed, and its loop for what tests say of each other.
     """
     refuse_unsteady(record.file, judge(record.time_s, record.displacement_mm))
-    loop = average(record, n_phase=64, n_harmonics=8, n_blocks=1)
+    loop = average(record, n_blocks=1)
     notes = list(record.warnings)
     counted = _counted_frequency(record.time_s, loop.frequency_hz)
     if abs(loop.frequency_hz / record.frequency_hz - 1) > NOMINAL_TOLERANCE >= abs(counted / record.frequency_hz - 1):
@@ -117,17 +116,14 @@ def check_record(record: Record) -> tuple[Record, Loop]:
             f"{record.file}: {per_cycle:.1f} samples a cycle; at least {FEWEST_PER_CYCLE:g} are needed or the loop "
             "is aliased. Sample faster"
         )
-    loss, elastic = _loss(loop)
-    if loss < -LATE or (loss < -REVERSED and elastic < 0.0):  # a reversed channel turns both round
-        raise CampaignError(
-            f"{record.file}: the loop gives out energy (sine of the loss angle {loss:.2f}), so one channel is "
-            "reversed. Multiply the force or the displacement column by -1; the force must be the one that "
-            "moves the specimen along +displacement"
-        )
-    if loss < 0:
+    notes += _angle(loop)
+    notes += disturbances(loop)
+    static, height = float(loop.harmonics_N[0].real), float(np.ptp(loop.force_N))
+    if abs(static) > PRELOAD * height:
         notes.append(
-            f"the loop gives out energy (sine of the loss angle {loss:.3f}): a delayed or AC-coupled channel? If one "
-            "is reversed, multiply it by -1"
+            f"the force's mean is {static:.4g} N, {abs(static) / max(height, 1e-300):.3g} times the height of the loop "
+            f"({height:.3g} N): a "
+            "static load, or an offset of the channel? It is identified as a constant; subtract it if it is no load"
         )
     if loop.cut.gap_cycles:
         notes.append(f"{loop.cut.gap_cycles} cycle(s) left out: long gaps or pauses")
@@ -173,6 +169,47 @@ def _near(record: Record, key: str, found: float, stated: float, unit: str, hint
     )
 
 
+def _angle(loop: Loop) -> list[str]:
+    """What the angle between force and displacement says: a reversed channel, a late one, or an early one.
+
+    A reversed channel turns both the loss and the elastic part round; a delay only tips the loop over. At the end of
+    the stroke a friction contact and a spring turn with the motion: a force that has turned long before belongs to a
+    viscous specimen, or is early.
+    """
+    loss, elastic = _loss(loop)
+    if loss < -REVERSED and elastic < 0:
+        raise CampaignError(
+            f"{loop.file}: the loop gives out energy and the force pulls along with the motion (sine of the loss angle "
+            f"{loss:.2f}), so one channel is reversed. Multiply the force or the displacement column by -1; the force "
+            "must "
+            "be the one that moves the specimen along +displacement"
+        )
+    if loss < 0:
+        angle = math.degrees(math.atan2(-loss, elastic))
+        late = 1e3 * angle / 360 / loop.frequency_hz
+        what = (
+            f"the loop gives out energy (sine of the loss angle {loss:.3f}), which no passive specimen does: the force "
+            "is "
+            f"late by {angle:.2g}° ({late:.2g} ms) and more, a delayed or AC-coupled channel"
+        )
+        if loss < -LATE:
+            raise CampaignError(f"{loop.file}: {what}. Shift the force column back by its delay, and record both alike")
+        return [f"{what}; stiffness and slip forces take the delay up: `diagnose` seeks it, a calibration settles it"]
+    top, bottom = int(np.argmax(loop.displacement_mm)), int(np.argmin(loop.displacement_mm))
+    fallen = (loop.force_N.max() - loop.force_N[top] + loop.force_N[bottom] - loop.force_N.min()) / 2
+    share = float(fallen / max(np.ptp(loop.force_N), 1e-300))
+    if share <= TURNED:
+        return []
+    lead = math.degrees(math.acos(max(1 - 2 * share, -1.0)))
+    return [
+        f"the force turns about {lead:.0f}° ({1e3 * lead / 360 / loop.frequency_hz:.2g} ms) before the displacement "
+        "does; "
+        "springs and friction turn with the motion: a viscous specimen, inertia, or a displacement that is late. "
+        "Friction "
+        "would be blamed for it; check the delay between the channels"
+    ]
+
+
 def _loss(loop: Loop) -> tuple[float, float]:
     """How much of the force moves with the velocity and with the displacement: sine and cosine of a loss angle."""
     force = loop.force_N - loop.force_N.mean()
@@ -202,81 +239,3 @@ def _rails(name: str, values: Array, n_cycles: int) -> list[str]:
         if levels.size < 2 or np.count_nonzero(at) > 3 * near:
             notes.append(f"the {name} rests on its {side} value {extreme:.6g} for {share:.1%} of the time: clipped?")
     return notes
-
-
-def check_copies(records: Sequence[Record]) -> None:
-    """Refuse the same samples under two names: each copy would narrow every interval as if measured again."""
-    seen: dict[bytes, str] = {}
-    for record in records:
-        digest = hashlib.blake2b(record.displacement_mm.tobytes())
-        digest.update(record.force_N.tobytes())
-        other = seen.setdefault(digest.digest(), record.file)
-        if other != record.file:
-            raise CampaignError(
-                f"{record.file}: the same samples as {other}; a copy is no second measurement: delete one [[test]]"
-            )
-
-
-def check_units(records: Sequence[Record], loops: Sequence[Loop]) -> None:
-    """Refuse a test whose force is far from what the campaign's other tests allow.
-
-    From four tests on, the RMS force is compared with a power law in amplitude (exponent 0, friction, to 2, a
-    stiffening spring) and frequency (exponent -1 to 1) through the others; a factor of 4 beyond their own
-    scatter stands out, so a gain of 10, kgf (9.8) or kN (1000) does. Fewer tests are compared two by two, with a
-    margin of 5 on top of the widest of those exponents. Other stated numbers (normal force, pressure) widen
-    either by their own ratio. A wrong unit shared by all tests, or by a campaign's only one, cannot be seen.
-    """
-    n = len(records)
-    if n < 2:
-        return
-    size = np.log([max(float(np.std(loop.force_N)), 1e-300) for loop in loops])
-    x = np.log([[loop.amplitude_mm, loop.frequency_hz] for loop in loops])
-    spans = np.array([[_spans(a, b) for b in records] for a in records])
-    odd, far = (_off_power_law if n >= 4 else _off_each_other)(size, x, spans)
-    if far == 0:
-        return
-    who = records[odd].file if n > 2 else f"{records[0].file} or {records[1].file}"
-    raise CampaignError(
-        f"{who}: the force is about {math.exp(far):.2g} times what the other tests lead one to expect, more than "
-        "amplitude, frequency and load explain: a wrong unit or gain? Scale the column, or name its unit in the "
-        "header (force_N, force_kN, torque_N_m, pressure_bar ...)"
-    )
-
-
-def _off_power_law(size: Array, x: Array, spans: Array) -> tuple[int, float]:
-    """The test furthest off the power law through the others, and log of how far; 0 where none stands out."""
-    best, excess, far = 0, 0.0, 0.0
-    for k in range(size.size):
-        others = np.arange(size.size) != k
-        design = np.column_stack([np.ones(others.sum()), x[others] - x[k]])
-        found = lsq_linear(design, size[others], bounds=([-np.inf, 0, -1], [np.inf, 2, 1]))
-        off = float(size[k] - found.x[0])
-        over = abs(off) - math.log(4.0) - 2 * float(np.abs(found.fun).max()) - float(spans[k].max())
-        if over > excess:
-            best, excess, far = k, over, off
-    return best, far
-
-
-def _off_each_other(size: Array, x: Array, spans: Array) -> tuple[int, float]:
-    """The test that lies outside what every other allows, and log of how far; 0 where there is none."""
-    step = x[:, None] - x[None]  # (i, j, amplitude or frequency)
-    slack = np.abs(step[..., 1]) + math.log(UNIT_MARGIN) + spans
-    off = size[:, None] - size[None]
-    above = off > np.maximum(2 * step[..., 0], 0) + slack
-    below = off < np.minimum(2 * step[..., 0], 0) - slack
-    out = above.astype(int) - below
-    scores = np.abs(out.sum(axis=1))
-    k = int(np.argmax(scores))
-    return (k, float(np.median(np.delete(off[k], k)))) if scores[k] == size.size - 1 else (k, 0.0)
-
-
-def _spans(a: Record, b: Record) -> float:
-    return sum(_span(a.extras.get(key), b.extras.get(key)) for key in a.extras)
-
-
-def _span(a: float | None, b: float | None) -> float:
-    if a is None or b is None or a == b:
-        return 0.0
-    if a * b <= 0:
-        return math.log(1000.0)  # from zero to something (a coil current, say) anything may happen
-    return abs(math.log(a / b))

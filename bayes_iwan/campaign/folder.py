@@ -19,11 +19,10 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.averaging import Loop, average
+from bayes_iwan.campaign.between_tests import compared
 from bayes_iwan.campaign.checks import (
-    check_copies,
     check_record,
     check_time,
-    check_units,
     on_grid_of_rate,
     step_warnings,
 )
@@ -105,9 +104,7 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
             raise CampaignError(f"campaign.toml: {test['file']} is listed twice; each record is one [[test]]")
         seen.add(test["file"])
     checked = [check_record(_record(folder, test, channels, units)) for test in tests]
-    records = tuple(record for record, _ in checked)
-    check_copies(records)
-    check_units(records, [loop for _, loop in checked])
+    records = compared([record for record, _ in checked], [loop for _, loop in checked])
     return Campaign(
         name=specimen["name"],
         description=specimen.get("description", ""),
