@@ -75,7 +75,7 @@ def _turned_round(loops: Sequence[Loop]) -> list[list[str]]:
     its sign when both channels do, and nothing else of the loop does.
     """
     out: list[list[str]] = [[] for _ in loops]
-    parts = []
+    parts: list[Array | None] = []
     for loop in loops:
         half = loop.phase.size // 2
         u = 2 * np.mean(loop.displacement_mm * np.exp(-2j * np.pi * loop.phase))
@@ -87,7 +87,7 @@ def _turned_round(loops: Sequence[Loop]) -> list[list[str]]:
     usable = [k for k, part in enumerate(parts) if part is not None]
     if len(usable) < FEWEST:
         return out
-    shapes = np.stack([parts[k] for k in usable])
+    shapes = np.stack([part for part in parts if part is not None])
     alike = shapes @ shapes.T / shapes.shape[1]
     for i, k in enumerate(usable):
         rest = np.arange(len(usable)) != i

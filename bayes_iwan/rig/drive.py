@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_iwan.campaign import Record
-from bayes_iwan.rig.faults import Chain
 from bayes_iwan.rig.kernel import march
-from bayes_iwan.rig.sensors import measure
+from bayes_iwan.rig.sensors import Chain, measure
 from bayes_iwan.rig.simulate import COARSE, Fidelity, Floats, Setup, kernel_numbers
 from bayes_iwan.rig.specimen import RigError, Specimen
 
@@ -145,7 +144,7 @@ def simulate_drive(
     cycles = drive.clock(time)
     rise = np.sin(0.5 * np.pi * np.clip((cycles - cycles[0]) / min(3.0, run_in), 0, 1)) ** 2
     moved = rise * drive.envelope_mm(np.maximum(cycles, 0.0)) * drive.wave(cycles)
-    numbers = kernel_numbers(body, setup, (), float(np.abs(moved).max()))
+    numbers = kernel_numbers(body, setup, {}, float(np.abs(moved).max()), drive.frequency_hz)
     force, _, _ = march(moved, cycles, 1 / rate, body.stiffness_share, body.slip_share_N, numbers)
     samples = np.arange(int(drive.duration_s * setup.sample_rate_hz)) / setup.sample_rate_hz
     seen = moved - setup.shaker_compliance_mm_N * force
