@@ -1,7 +1,7 @@
 """Effective samples per second: this package's sampler against emcee's default move on logs of the paper's numbers.
 
 Both sample one and the same posterior (the campaign's joint one, correlated likelihood) from the same dispersed
-starts; the baseline's density over the logs is exact (bayes_iwan.inference.paper_coordinates). Seconds are processor
+starts; the baseline's density over the logs is exact (paper_coordinates.py). Seconds are processor
 seconds, so that other work on the machine disturbs the comparison little. The baseline is charged the evaluations of
 the draws that it keeps alone, at the price of one log-probability in the package's own batches: its coordinates, its
 moves and its burn-in are free. The package's rate is told twice: while it draws, where it is charged the share of all
@@ -27,7 +27,6 @@ import numpy as np
 
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.inference import config
-from bayes_iwan.inference.paper_coordinates import PaperCoordinates
 from bayes_iwan.inference.point import find_point, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import sampled_and_paper
@@ -36,6 +35,7 @@ from bayes_iwan.sampling.ensembles import sample
 from bayes_iwan.sampling.moves import StretchMove
 from bayes_iwan.sampling.run import POWERS
 from bayes_iwan.sampling.walkers import Walkers
+from paper_coordinates import PaperCoordinates
 
 KEY = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
 #: of the baseline

@@ -104,11 +104,8 @@ def element_numbers(posterior, n):
     """Slip forces (draws, SLIDERS) and the law's numbers (draws, 8) of n posterior draws."""
     problem = posterior.problem
     model, scales = problem.model, problem.scales
-    if model.grip not in ("hunt_crossley", "hunt_crossley_no_speed", "constant") or model.effects:
-        raise ValueError(
-            f"this analysis integrates Eq. (11); the run's normal force is {model.grip!r}"
-            + (" with effects" if model.effects else "")
-        )
+    if model.grip not in ("hunt_crossley", "hunt_crossley_no_speed", "constant"):
+        raise ValueError(f"this analysis integrates Eq. (11); the run's normal force is {model.grip!r}")
     numbers = problem.numbers(posterior.flat_z(n))
     zero = np.zeros(len(numbers["kp_N_mm"]))
     p = np.stack(

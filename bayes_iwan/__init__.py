@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bayes_iwan.campaign import Campaign
     from bayes_iwan.inference.posterior import Posterior
+    from bayes_iwan.physics import Simulator
 
 __version__ = "0.1.0"
 
@@ -29,6 +30,9 @@ _WHERE = {
     "write_campaign": "campaign",
     "Model": "physics",
     "Motion": "physics",
+    "Parameter": "physics",
+    "Scales": "physics",
+    "Simulator": "physics",
     "sine_motion": "physics",
     "Posterior": "inference.posterior",
     "Problem": "inference.problem",
@@ -50,6 +54,7 @@ def identify(
     per_test: bool = False,
     resume: bool = False,
     progress: bool = True,
+    simulator: Simulator | str | os.PathLike[str] | None = None,
 ) -> Posterior:
     """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
 
@@ -63,7 +68,7 @@ def identify(
 
     if per_test and out is None:
         raise ConfigError("per_test writes files: name a folder for them (out)")
-    posterior = run(campaign, out, config=config, seed=seed, resume=resume, progress=progress)
+    posterior = run(campaign, out, config=config, seed=seed, resume=resume, progress=progress, simulator=simulator)
     if out is None or posterior.interrupted:
         return posterior
     from bayes_iwan.report import identification_report

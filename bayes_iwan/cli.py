@@ -51,6 +51,9 @@ DASK = argument(
     help="work on a Dask cluster whose scheduler is at ADDRESS (tcp://host:port) and whose workers see the same "
     "folders; needs bayes-iwan[dask]",
 )
+SIMULATOR = argument(
+    "--simulator", metavar="FILE", help="Python file with a model of your own, in the place of the Iwan model"
+)
 SEED = argument("--seed", metavar="N", type=int, default=0, help="seed of all random numbers (default: 0)")
 
 
@@ -63,12 +66,19 @@ SEED = argument("--seed", metavar="N", type=int, default=0, help="seed of all ra
     argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
     argument("--per-test", action="store_true", help="also identify each frequency alone, into DIR/per_test"),
     argument("--resume", action="store_true", help="go on from DIR/chains.h5 where a run was stopped"),
+    SIMULATOR,
 )
 def run_identify(args: argparse.Namespace) -> int:
     from bayes_iwan import identify
 
     posterior = identify(
-        args.campaign, args.out, config=args.config, seed=args.seed, per_test=args.per_test, resume=args.resume
+        args.campaign,
+        args.out,
+        config=args.config,
+        seed=args.seed,
+        per_test=args.per_test,
+        resume=args.resume,
+        simulator=args.simulator,
     )
     wanted = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
     for row in posterior.summary():
@@ -166,6 +176,7 @@ def run_compare(args: argparse.Namespace) -> None:
     ),
     argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
     argument("--effects", metavar="FILE", help="Python file with effects of your own"),
+    SIMULATOR,
     argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
 )
 def run_diagnose(args: argparse.Namespace) -> None:
@@ -179,6 +190,7 @@ def run_diagnose(args: argparse.Namespace) -> None:
         base=args.base,
         config=args.config,
         effects_file=args.effects,
+        simulator_file=args.simulator,
     )
     print("\n".join(answer["sentences"]))
     print(f"results are in {args.out}; open {args.out}/diagnosis.html")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,13 @@ from tqdm import tqdm
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
-from bayes_iwan.comparison.rivals import rival_problem
 from bayes_iwan.inference import config as configuration
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.physics import Simulator
+from bayes_iwan.physics.bouc_wen import RIVALS
+from bayes_iwan.physics.simulator import straight_part
 
 
 class CompareError(ValueError):
@@ -28,21 +29,20 @@ class CompareError(ValueError):
 
 @dataclass(frozen=True)
 class Family:
-    """A model family: what to call it, what differs from the campaign's [model] table, or how to build its problem."""
+    """A model family: what to call it, and what differs from the campaign's [model] table, or a simulator instead."""
 
     name: str
     label: str
     model: Mapping[str, str]
-    build: Callable[[Sequence[Loop], Mapping[str, Any]], Problem] | None = None
+    simulator: Simulator | None = None
 
     def problem(self, loops: Sequence[Loop], settings: Mapping[str, Any]) -> Problem:
-        if self.build is not None:
-            return self.build(loops, settings)
         mine = {**settings, "model": {**settings.get("model", {}), **self.model}}
-        own = set(make_problem(loops, {k: v for k, v in mine.items() if k != "parameters"}).prior.names)
+        plain = make_problem(loops, {k: v for k, v in mine.items() if k != "parameters"}, self.simulator)
+        own = {p.name for p in plain.prior.parameters}
         # a configuration's parameters may belong to another family: those that this one lacks do not apply to it
         mine["parameters"] = {k: v for k, v in settings.get("parameters", {}).items() if k in own}
-        return make_problem(loops, mine)
+        return make_problem(loops, mine, self.simulator)
 
 
 _SLIP = {
@@ -75,12 +75,12 @@ FAMILIES: dict[str, Family] = {
             {**_PAPER, "grip": "constant", "stiffness": "constant"},
         ),
         Family("constant_stiffness", "element stiffness constant", {**_PAPER, "stiffness": "constant"}),
-        Family("bouc_wen", "Bouc–Wen", {}, partial(rival_problem, "bouc_wen")),
+        Family("bouc_wen", "Bouc–Wen", {}, RIVALS["bouc_wen"]),
         Family(
             "generalized_bouc_wen",
             "generalized Bouc–Wen, asymmetric",
             {},
-            partial(rival_problem, "generalized_bouc_wen"),
+            RIVALS["generalized_bouc_wen"],
         ),
     )
 }
@@ -288,13 +288,15 @@ def _entry(family: Family, loops: Sequence[Loop], settings: Mapping[str, Any], s
 def residual_share(posterior: Posterior, n: int = 200) -> float:
     """RMS residual of the median prediction over RMS friction force, tests weighing alike."""
     problem = posterior.problem
-    numbers = problem.numbers(posterior.flat_z(n))
-    spring = float(np.median(numbers["kp_N_mm"])) if "kp_N_mm" in numbers else None
-    predicted = np.median(problem.predict(posterior.flat_z(n)), axis=0)
+    z = posterior.flat_z(n)
+    slope = problem.model.spring_N_mm(problem.numbers(z))
+    predicted = np.median(problem.predict(z), axis=0)
     shares = []
     for t, loop in enumerate(problem.loops):
-        slope = spring if spring is not None else np.polyfit(loop.displacement_mm, loop.force_N, 1)[0]
-        friction = loop.force_N - slope * loop.displacement_mm
-        friction = friction - friction.mean()
+        if slope is None:
+            friction = loop.force_N - straight_part(loop.force_N, loop.displacement_mm)
+        else:
+            friction = loop.force_N - float(np.median(slope)) * loop.displacement_mm
+            friction = friction - friction.mean()
         shares.append(np.mean((loop.force_N - predicted[t]) ** 2) / np.mean(friction**2))
     return float(np.sqrt(np.mean(shares)))

@@ -147,7 +147,8 @@ def _stored(joint: Posterior, folder: Path, loops: Sequence[Loop]) -> Posterior 
 
 def _problem(joint: Posterior, loops: Sequence[Loop]) -> Problem:
     problem = joint.problem
-    return make_problem(loops, joint.config, effects=problem.model.effects, scales=problem.scales)
+    part = make_problem(loops, joint.config, problem.model, problem.scales)
+    return part.with_effects(problem.effects) if problem.effects else part
 
 
 def agreement(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import emcee
@@ -102,13 +102,7 @@ def leave_tests_out(posterior: Posterior, *, seed: int = 0, walkers: int = 128, 
 def without(problem: Problem, test: int) -> Problem:
     """The same problem (scales, priors) without one of its tests."""
     loops = tuple(x for i, x in enumerate(problem.loops) if i != test)
-    return Problem(
-        loops,
-        problem.scales,
-        problem.model,
-        problem.prior,
-        make_likelihood(problem.likelihood.name, loops, problem.scales),
-    )
+    return replace(problem, loops=loops, likelihood=make_likelihood(problem.likelihood.name, loops, problem.scales))
 
 
 def _chunked(function: Callable[[Array], Array], z: Array, size: int = 1000) -> Array:

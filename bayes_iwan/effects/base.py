@@ -20,8 +20,10 @@ from scipy import fft, stats
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.inference.parameters import Parameter
+from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import Scales
 from bayes_iwan.physics import Motion
+from bayes_iwan.physics.simulator import INNER, OUTER
 
 #: prior of an effect's strength: the RMS force it moves over the RMS friction force has this median, ×/÷ e^0.9
 TYPICAL_SHARE = 0.08
@@ -112,6 +114,11 @@ class Effect:
             ),
         )
 
+    @property
+    def stations(self) -> frozenset[str]:
+        """The stations at which it acts: those that its class overrides."""
+        return stations_of(type(self))
+
     def get(self, numbers: Numbers, name: str) -> Array:
         """A parameter as (draws, 1, 1)."""
         return numbers[f"{self.name}.{name}"][:, None, None]
@@ -170,6 +177,16 @@ class Effect:
     def size(self, strength: Array) -> Array:
         """|strength|, for reports and calibration."""
         return np.abs(strength)
+
+
+def stations_of(kind: type[Effect]) -> frozenset[str]:
+    """The stations at which effects of a class act."""
+    return frozenset(s for s in (*OUTER, *INNER) if getattr(kind, s) is not getattr(Effect, s))
+
+
+def effects_of(problem: Problem) -> tuple[Effect, ...]:
+    """A problem's effects, as what they are here."""
+    return tuple(e for e in problem.effects if isinstance(e, Effect))
 
 
 def folded(loops: Any, signals: Callable[[int, Array], Array]) -> Array:

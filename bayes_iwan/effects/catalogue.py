@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from bayes_iwan.effects import channels as effects_channels
 from bayes_iwan.effects import friction as effects_friction
 from bayes_iwan.effects import mounting as effects_rig
 from bayes_iwan.effects import specimen as effects_specimen
 from bayes_iwan.effects import unlisted as effects_unlisted
-from bayes_iwan.effects.base import Effect, EffectError
+from bayes_iwan.effects.base import Effect, EffectError, stations_of
 from bayes_iwan.effects.paper import missing_terms
+from bayes_iwan.physics import Simulator
+from bayes_iwan.physics.simulator import OUTER, offered
 
 BUILT_IN: tuple[type[Effect], ...] = (
     *effects_specimen.EFFECTS,
@@ -26,16 +28,24 @@ UNLISTED: tuple[type[Effect], ...] = effects_unlisted.EFFECTS
 
 def variants(
     extra: Sequence[type[Effect]] = (),
-    model: Mapping[str, str] | None = None,
+    simulator: Simulator | None = None,
 ) -> dict[str, tuple[type[Effect], ...]]:
-    """Effect classes by name; extra are a user's own; model is the base's [model] table: what the paper adds and that
-    base lacks is offered too. Raises EffectError if a name is taken."""
+    """Effect classes by name; extra are a user's own. With a simulator, those whose stations it offers, and what the
+    paper adds to an Iwan model that lacks it. Raises EffectError if a name is taken or the simulator does not offer
+    what an extra effect acts on."""
     out: dict[str, tuple[type[Effect], ...]] = {}
-    for effect in (*BUILT_IN, *missing_terms(model or {})):
+    for effect in (*BUILT_IN, *missing_terms(simulator)):
+        if simulator is not None and not offered(stations_of(effect), simulator):
+            continue
         out[effect.name] = (*out.get(effect.name, ()), effect)
     for effect in extra:
         if effect.name in (*out, "none", "unknown", *(e.name for e in UNLISTED)):
             raise EffectError(f"an effect named {effect.name!r} exists already; choose another name")
+        if simulator is not None and not offered(stations_of(effect), simulator):
+            inside = sorted(stations_of(effect) - simulator.stations - {*OUTER})
+            raise EffectError(
+                f"the effect {effect.name} acts on {inside[0]}, which the simulator {simulator.name} does not offer"
+            )
         out[effect.name] = (effect,)
     return out
 

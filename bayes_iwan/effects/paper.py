@@ -13,7 +13,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.effects.base import Effect, Motion, Shape
-from bayes_iwan.physics import normal_force
+from bayes_iwan.physics import Model, Simulator, normal_force
 from bayes_iwan.physics import stiffness as laws
 
 #: below this d ln k / d ln α the stiffness is taken as constant: Eq. (12) then follows only an all but vanishing grip
@@ -114,9 +114,11 @@ class StiffnessOfNormalForce(Effect):
 EFFECTS: tuple[type[Effect], ...] = (VaryingNormalForce, SpeedDependentNormalForce, StiffnessOfNormalForce)
 
 
-def missing_terms(model: Mapping[str, str]) -> tuple[type[Effect], ...]:
-    """Those of the paper's terms that a base model ([model] table of a configuration) does without."""
-    grip, stiffness = model.get("grip", "hunt_crossley"), model.get("stiffness", "saturating")
+def missing_terms(simulator: Simulator | None) -> tuple[type[Effect], ...]:
+    """Those of the paper's terms that an Iwan model does without; none for another simulator."""
+    if not isinstance(simulator, Model):
+        return ()
+    grip, stiffness = simulator.grip, simulator.stiffness
     lacks = {
         VaryingNormalForce: grip == normal_force.Constant.name,
         SpeedDependentNormalForce: grip != normal_force.HuntCrossley().name,

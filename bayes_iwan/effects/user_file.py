@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 from bayes_iwan.effects.base import Effect, EffectError
+from bayes_iwan.inference.user_file import classes_in
 
 
 def load_effects(path: str | Path) -> tuple[type[Effect], ...]:
     """The Effect subclasses defined in a user's Python file. Raises EffectError naming the file and the mend."""
-    path = Path(path)
-    if not path.is_file():
-        raise EffectError(f"{path}: no such file")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise EffectError(f"{path}: not a Python file (it must end in .py)")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise EffectError(f"{path}: cannot be run: {type(error).__name__}: {error}") from error
-    found = tuple(
-        v
-        for v in vars(module).values()
-        if isinstance(v, type) and issubclass(v, Effect) and v is not Effect and v.__module__ == path.stem
-    )
+    found = classes_in(path, Effect, EffectError)
     if not found:
         raise EffectError(f"{path}: defines no subclass of bayes_iwan.effects.Effect")
     for effect in found:

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.base import effects_of
 from bayes_iwan.inference.discrepancy import Correlated
 from bayes_iwan.inference.loop_error import friction_level_N, harmonics_of
 from bayes_iwan.inference.problem import Problem
@@ -241,22 +240,22 @@ def predicted(data: GapData, problem: Problem, z: Array) -> tuple[np.ndarray, np
     """Harmonics (draws, T, H + 1), trends (draws, T, K, TREND_HARMONICS + 1) and mains lines (draws, T, 2) of a model;
     trends and lines None where no effect of the model makes any."""
     numbers = problem.numbers(z)
-    evolving = [e for e in cast(tuple[Effect, ...], problem.model.effects) if e.evolving]
+    evolving = [e for e in effects_of(problem) if e.evolving]
     count = data.harmonics_N.shape[1]
     if not evolving:
-        return harmonics_of(problem.model.force(numbers, data.steady_motion), count), None, None
+        return harmonics_of(problem.force(numbers, data.steady_motion), count), None, None
     draws, blocks = len(z), data.contrast.shape[2]
-    cycling = any(_changes_loops(e) for e in evolving)
+    cycling = any(e.stations for e in evolving)
     by_block = np.zeros((draws, data.tests, blocks, count), dtype=complex)
     mean = np.zeros((draws, data.tests, count), dtype=complex)
     if cycling:
-        flat = harmonics_of(problem.model.force(numbers, data.block_motion), count)
+        flat = harmonics_of(problem.force(numbers, data.block_motion), count)
         for t in range(data.tests):
             mine = data.block_motion.test == t
             by_block[:, t, : mine.sum()] = flat[:, mine]
             mean[:, t] = flat[:, mine].mean(axis=1)
     else:
-        mean = harmonics_of(problem.model.force(numbers, data.steady_motion), count)
+        mean = harmonics_of(problem.force(numbers, data.steady_motion), count)
         by_block += mean[:, :, None]
     lines = None
     for effect in evolving:
@@ -269,9 +268,3 @@ def predicted(data: GapData, problem: Problem, z: Array) -> tuple[np.ndarray, np
         lines = line if lines is None else (lines if line is None else lines + line)
     trend = np.einsum("tkb,dtbh->dtkh", data.contrast, by_block[..., : TREND_HARMONICS + 1])
     return mean, trend, lines
-
-
-def _changes_loops(effect: Effect) -> bool:
-    """Does the effect act at a station of the model, loop by loop?"""
-    stations = ("motion", "grip", "stiffness", "slip", "asymmetry", "slip_table", "force", "around")
-    return any(getattr(type(effect), s) is not getattr(Effect, s) for s in stations)

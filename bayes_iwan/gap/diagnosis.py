@@ -34,6 +34,8 @@ from bayes_iwan.gap.search import Search, search
 from bayes_iwan.gap.where import Where, where
 from bayes_iwan.gap.words import beyond_sentence, sentences
 from bayes_iwan.inference.scales import Scales, scales_of
+from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.physics import Model, Simulator
 
 #: models to start from, by name, as the [model] table of a configuration
 BASES: dict[str, dict[str, str]] = {
@@ -259,9 +261,13 @@ def diagnose_loops(
     quick: bool = False,
     config: dict | None = None,
     extra: Sequence[type[Effect]] = (),
+    simulator: Simulator | None = None,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Diagnosis:
-    """Diagnose averaged loops; tests with role "held-out" are not fitted, only predicted."""
+    """Diagnose averaged loops; tests with role "held-out" are not fitted, only predicted.
+
+    simulator : the base model (default: the Iwan model of the configuration's [model] table).
+    """
     config = {k: v for k, v in (config or {}).items() if k in ("model", "parameters")}
     fitted = [x for x in loops if x.role != "held-out"]
     held_out = [x for x in loops if x.role == "held-out"]
@@ -269,13 +275,13 @@ def diagnose_loops(
         raise ValueError('no test is left to fit: every test has role = "held-out"')
     scales: Scales = scales_of(fitted)
     data = gap_data(fitted)
-    model = config.get("model", {})
-    kinds = catalogue.variants(extra, model)
+    base = Model(scales.reference, **config.get("model", {})) if simulator is None else simulator
+    kinds = catalogue.variants(extra, base)
     rng = np.random.default_rng([seed, 1])
     report = partial(_reported, campaign, seed, quick, config, data, held_out, progress)
-    lacking = {e.name: kinds.pop(e.name) for e in missing_terms(model)}
+    lacking = {e.name: kinds.pop(e.name) for e in missing_terms(base)}
     if not lacking:
-        return report(search(data, scales, config, kinds, rng, progress))
+        return report(search(data, scales, config, kinds, rng, progress, simulator=base))
     terms = select_terms(data, scales, config, lacking, rng, progress)
     kinds |= {n: k for n, k in lacking.items() if n not in terms.names}
     rest = report(search(data, scales, config, kinds, rng, progress, base=terms.fit))
@@ -386,7 +392,7 @@ def _explain(
 
         def force() -> Array:
             few = {n: v[:1] for n, v in fit.problem.numbers(fit.z[None]).items()}
-            return found.base.problem.model.force(few, data.steady_motion)
+            return found.base.problem.force(few, data.steady_motion)
 
         told = effect.reported(values, force)
         law = 1.0 + effect.law_error * rng.standard_normal(DRAWS)
@@ -475,20 +481,32 @@ def diagnose_folder(
     quick: bool = False,
     config: dict | None = None,
     effects_file: str | Path | None = None,
+    simulator_file: str | Path | None = None,
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """Diagnose a campaign folder; returns the diagnosis and what `fits.json` is to hold."""
     read = read_campaign(campaign)
     extra = load_effects(effects_file) if effects_file else ()
+    simulator = load_simulator(simulator_file) if simulator_file else None
     progress = Progress(read.name)
     try:
         result = diagnose_loops(
-            read, read.loops(**LOOPS), seed=seed, quick=quick, config=config, extra=extra, progress=progress
+            read,
+            read.loops(**LOOPS),
+            seed=seed,
+            quick=quick,
+            config=config,
+            extra=extra,
+            simulator=simulator,
+            progress=progress,
         )
     finally:
         progress.close()
     fits = {x.names[0]: x.fit for x in result.explanations}
-    file = str(Path(effects_file).resolve()) if effects_file else None
-    return result, stored_fits(result.found.base, fits, result.found.scales, result.config, file)
+    files = {
+        "effects_file": str(Path(effects_file).resolve()) if effects_file else None,
+        "simulator_file": str(Path(simulator_file).resolve()) if simulator_file else None,
+    }
+    return result, stored_fits(result.found.base, fits, result.found.scales, result.config, **files)
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -10,20 +10,19 @@ tabulated over (a, ℓ); priors over a come later, in :mod:`.attribution`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import cast
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.base import Effect, effects_of
 from bayes_iwan.gap.data import GapData, predicted
 from bayes_iwan.inference.discrepancy import discrepancy_spectrum
-from bayes_iwan.inference.parameters import Prior
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.scales import Scales
 from bayes_iwan.optimize.least_squares import least_squares_batch
+from bayes_iwan.physics import Simulator
 
 #: grid of the discrepancy: RMS share of the friction level, and correlation length in cycles
 SHARES = np.geomspace(5e-4, 0.4, 12)
@@ -52,7 +51,6 @@ class Fit:
     optima : (k, ndim) distinct optima found, best first
     """
 
-    effects: tuple[Effect, ...]
     problem: Problem
     z: Array
     log_z: Array
@@ -62,6 +60,10 @@ class Fit:
     optima: Array
     linear: Linear
     converged: bool
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return effects_of(self.problem)
 
     @property
     def name(self) -> str:
@@ -106,22 +108,16 @@ class Linear:
         return float(log_z), (np.asarray(z), np.asarray(precision))
 
 
-def base_problem(data: GapData, config: dict, scales: Scales) -> Problem:
-    """The base model, noise numbers fixed, for the loops of `data`."""
+def base_problem(data: GapData, config: dict, scales: Scales, simulator: Simulator | None = None) -> Problem:
+    """The base model (a simulator, or the Iwan model of the configuration), noise fixed, for the loops of `data`."""
     parameters = {**config.get("parameters", {}), **_FIXED_NOISE}
-    return make_problem(
-        data.loops, {**config, "likelihood": {"kind": "unweighted"}, "parameters": parameters}, scales=scales
-    )
+    settings = {**config, "likelihood": {"kind": "unweighted"}, "parameters": parameters}
+    return make_problem(data.loops, settings, simulator, scales)
 
 
 def extended(problem: Problem, effects: Sequence[Effect]) -> Problem:
     """The same problem with these effects and no others."""
-    own = tuple(p for p in problem.prior.parameters if "." not in p.name)
-    return replace(
-        problem,
-        model=replace(problem.model, effects=tuple(effects)),
-        prior=Prior((*own, *(p for e in effects for p in e.parameters))),
-    )
+    return problem.with_effects(effects)
 
 
 class Rows:
@@ -134,7 +130,7 @@ class Rows:
         self.used = len(self.turn)
         order = np.broadcast_to(np.arange(self.used)[:, None], self.there.shape)
         real, imaginary = self.there, self.there & (order > 0)
-        self.evolving = any(e.evolving for e in problem.model.effects)  # type: ignore[attr-defined]
+        self.evolving = any(e.evolving for e in effects_of(problem))
         self._masks = real, imaginary
         self._trend = np.isfinite(data.trend_noise_N)
         self._line = np.isfinite(data.mains_noise_N)
@@ -198,9 +194,7 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
         again = rows.fit(near, SHARES[best[0]], LENGTHS[best[1]], iterations)
         linear = rows.linear(again.x[again.best])
         log_z, z, covariance, best = _grid(linear)
-    effects = cast(tuple[Effect, ...], problem.model.effects)
     return Fit(
-        effects,
         problem,
         linear.z,
         log_z + rows.constant,

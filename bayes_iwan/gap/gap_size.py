@@ -72,7 +72,7 @@ def friction_rms_by_test_N(residual: Residual) -> Array:
     """(T,) RMS friction force of the fitted model, N."""
     problem = residual.fit.problem
     numbers = problem.numbers(residual.fit.z[None])
-    force = problem.model.friction_force(numbers, residual.data.steady_motion)[0]
+    force = problem.friction_force(numbers, residual.data.steady_motion)[0]
     return np.sqrt(np.mean(force**2, axis=1))
 
 

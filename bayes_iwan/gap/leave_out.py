@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
 from bayes_iwan.campaign import Loop
-from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.base import effects_of
 from bayes_iwan.gap.data import GapData, gap_data
 from bayes_iwan.gap.evidence import Fit, fit_model
 from bayes_iwan.gap.gap_size import GapSize, gap_size
 from bayes_iwan.gap.residuals import residual_of
-from bayes_iwan.inference.parameters import Prior
 from bayes_iwan.inference.problem import Problem
 
 
@@ -48,15 +46,8 @@ def groups_of(loops: Sequence[Loop]) -> tuple[str, list[list[int]]]:
 def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem:
     """The same model and priors for other tests (a hum's numbers go with its tests)."""
     files = tuple(x.file for x in loops)
-    effects = tuple(replace(e, tests=files, cache={}) for e in cast(tuple[Effect, ...], problem.model.effects))
-    own = tuple(p for p in problem.prior.parameters if "." not in p.name)
-    return replace(
-        problem,
-        loops=tuple(loops),
-        likelihood=data.likelihood,
-        model=replace(problem.model, effects=effects),
-        prior=Prior((*own, *(p for e in effects for p in e.parameters))),
-    )
+    effects = tuple(replace(e, tests=files, cache={}) for e in effects_of(problem))
+    return replace(problem, loops=tuple(loops), likelihood=data.likelihood).with_effects(effects)
 
 
 def refitted(fit: Fit, data: GapData) -> Fit:

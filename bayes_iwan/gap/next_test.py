@@ -103,7 +103,7 @@ def next_test(data: GapData, a: Fit, b: Fit, names: tuple[str, str], bench: Sequ
         """Predicted (plans, 2 H) and its Jacobian (plans, 2 H, ndim)."""
         step = 1e-3
         z = np.concatenate([fit.z[None], fit.z + step * np.eye(len(fit.z))])
-        c = harmonics_of(fit.problem.model.force(fit.problem.numbers(z), motion), PLANNED_HARMONICS)
+        c = harmonics_of(fit.problem.force(fit.problem.numbers(z), motion), PLANNED_HARMONICS)
         flat = np.concatenate([c.real, c.imag[..., 1:]], axis=-1)
         return flat[0], np.moveaxis((flat[1:] - flat[0]) / step, 0, -1)
 

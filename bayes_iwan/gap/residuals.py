@@ -7,7 +7,6 @@ and with the weight at which its square counts in a mean square force.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.base import effects_of
 from bayes_iwan.gap.data import TREND_FLOOR, TREND_HARMONICS, GapData, predicted
 from bayes_iwan.gap.evidence import Fit, Rows
 from bayes_iwan.inference.discrepancy import between_tests, discrepancy_spectrum
@@ -177,7 +176,6 @@ def _loop_noise(data: GapData, count: int) -> Array:
 
 def _elsewhere(problem: Problem) -> Problem:
     """The same model for tests that it was not fitted to: nothing kept from the fitted records."""
-    effects: Sequence[Effect] = problem.model.effects  # type: ignore[assignment]
     known = {p.name for p in problem.prior.parameters}
-    kept = tuple(replace(e, cache={}) for e in effects if e.strength_name in known)
-    return replace(problem, model=replace(problem.model, effects=kept))
+    kept = tuple(replace(e, cache={}) for e in effects_of(problem) if e.strength_name in known)
+    return replace(problem, effects=kept)

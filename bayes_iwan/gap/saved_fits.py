@@ -18,6 +18,8 @@ from bayes_iwan.gap.evidence import Fit, Linear, base_problem, extended
 from bayes_iwan.gap.gap_size import gap_size
 from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.inference.scales import Scales
+from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.physics import Model
 
 
 def fit_as_dict(fit: Fit) -> dict[str, Any]:
@@ -35,7 +37,12 @@ def fit_as_dict(fit: Fit) -> dict[str, Any]:
 
 
 def stored_fits(
-    base: Fit, fits: dict[str, Fit], scales: Scales, config: dict, effects_file: str | None
+    base: Fit,
+    fits: dict[str, Fit],
+    scales: Scales,
+    config: dict,
+    effects_file: str | None,
+    simulator_file: str | None = None,
 ) -> dict[str, Any]:
     """What `fits.json` holds."""
     return {
@@ -43,6 +50,7 @@ def stored_fits(
         "scales": asdict(scales),
         "config": config,
         "effects_file": effects_file,
+        "simulator_file": simulator_file,
         "base": fit_as_dict(base),
         "with": {name: fit_as_dict(f) for name, f in fits.items()},
     }
@@ -68,8 +76,10 @@ LOOPS = {"n_phase": 80, "n_harmonics": 24}
 
 def _rebuilt(stored: dict[str, Any], one: dict[str, Any], data) -> Fit:
     extra = load_effects(stored["effects_file"]) if stored["effects_file"] else ()
-    classes = {k.__name__: k for kinds in variants(extra, stored["config"].get("model")).values() for k in kinds}
     scales = Scales(**stored["scales"])
+    file = stored.get("simulator_file")
+    simulator = load_simulator(file) if file else Model(scales.reference, **stored["config"].get("model", {}))
+    classes = {k.__name__: k for kinds in variants(extra, simulator).values() for k in kinds}
     # copies: these loops are not those that the model was fitted to
     elsewhere = replace(data, loops=tuple(replace(x) for x in data.loops))
     files = tuple(x.file for x in elsewhere.loops)
@@ -78,7 +88,7 @@ def _rebuilt(stored: dict[str, Any], one: dict[str, Any], data) -> Fit:
         if spec["class"] not in classes:
             raise EffectError(f"fits.json names the effect {spec['name']!r}, which is not in the catalogue")
         effects.append(classes[spec["class"]](scales, files, spec["strength_value"]))
-    problem = extended(base_problem(elsewhere, stored["config"], scales), ordered(effects))
+    problem = extended(base_problem(elsewhere, stored["config"], scales, simulator), ordered(effects))
     at = [one["names"].index(n) for n in problem.names if n in one["names"]]
     keep = [n for n in problem.names if n in one["names"]]
     if len(keep) != len(problem.names):  # numbers of single tests (a hum's phases) predict nothing elsewhere
@@ -86,6 +96,4 @@ def _rebuilt(stored: dict[str, Any], one: dict[str, Any], data) -> Fit:
     z = np.array(one["z"])[at]
     covariance = np.array(one["covariance"])[np.ix_(at, at)]
     nothing = Linear(np.zeros(0), np.zeros((0, len(z))), np.zeros(0), np.zeros(0, dtype=np.int64), z)
-    return Fit(
-        tuple(effects), problem, z, np.zeros((1, 1)), one["share"], one["length"], covariance, z[None], nothing, True
-    )
+    return Fit(problem, z, np.zeros((1, 1)), one["share"], one["length"], covariance, z[None], nothing, True)

@@ -21,6 +21,7 @@ from bayes_iwan.gap.evidence import FIRST, Fit, Linear, Rows, base_problem, exte
 from bayes_iwan.gap.strength import calibrated
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import Scales
+from bayes_iwan.physics import Simulator
 
 BASE_POINTS, BASE_STARTS = 600, 16
 #: z of the strength and of shapes at which an effect is tried
@@ -49,9 +50,11 @@ class Search:
     unlisted: dict[str, Fit] = field(default_factory=dict)
 
 
-def fit_base(data: GapData, config: dict, scales: Scales, rng: np.random.Generator) -> Fit:
+def fit_base(
+    data: GapData, config: dict, scales: Scales, rng: np.random.Generator, simulator: Simulator | None = None
+) -> Fit:
     """The base model from the best of many prior draws."""
-    problem = base_problem(data, config, scales)
+    problem = base_problem(data, config, scales, simulator)
     return fit_model(data, problem, best_draws(data, problem, BASE_POINTS, BASE_STARTS, rng))
 
 
@@ -162,11 +165,12 @@ def search(
     rng: np.random.Generator,
     progress: Callable[[str], None] = lambda what: None,
     base: Fit | None = None,
+    simulator: Simulator | None = None,
 ) -> Search:
     """Fit the base (unless it is given), every single effect, then pairs around the best single one."""
     if base is None:
         progress("base model")
-        base = fit_base(data, config, scales, rng)
+        base = fit_base(data, config, scales, rng, simulator)
     effects = {
         name: tuple(calibrated(k, scales, data, base.problem, base.z) for k in classes)
         for name, classes in kinds.items()

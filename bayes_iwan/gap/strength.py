@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.effects.base import TYPICAL_SHARE, Effect
+from bayes_iwan.effects.base import TYPICAL_SHARE, Effect, effects_of
 from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.gap.data import GapData
-from bayes_iwan.inference.defaults import model_numbers
 from bayes_iwan.inference.loop_error import harmonics_of
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import Scales
@@ -33,15 +31,15 @@ def calibrated(kind: type[Effect], scales: Scales, data: GapData, base: Problem,
     if effect.strength_name not in values:  # strengths that are no single number: hums
         return replace(effect, strength_value=float(TYPICAL_SHARE * np.sqrt(2.0) * friction_rms_N(base, z)))
     values[effect.strength_name] = trial
-    model = replace(base.model, effects=ordered((*cast(tuple[Effect, ...], base.model.effects), effect)))
-    numbers = model_numbers(model, values)
-    plain = harmonics_of(base.model.force(numbers, data.steady_motion), data.harmonics_N.shape[1])
+    extended = base.with_effects(ordered((*effects_of(base), effect)))
+    numbers = base.numbers_of(values)
+    plain = harmonics_of(base.force(numbers, data.steady_motion), data.harmonics_N.shape[1])
     added = effect.recorded(data, numbers)
     if added is not None:
         change = added.mean(axis=2)
     else:
         motion = data.block_motion if effect.evolving else data.steady_motion
-        moved = harmonics_of(model.force(numbers, motion), data.harmonics_N.shape[1])
+        moved = harmonics_of(extended.force(numbers, motion), data.harmonics_N.shape[1])
         change = moved - plain[:, motion.test]
     power = np.abs(change[..., 0]) ** 2 + 0.5 * np.sum(np.abs(change[..., 1:]) ** 2, axis=-1)
     share = np.sqrt(power.mean(axis=1)) / friction_rms_N(base, z)
@@ -55,4 +53,4 @@ def calibrated(kind: type[Effect], scales: Scales, data: GapData, base: Problem,
 
 def friction_rms_N(problem: Problem, z: Array) -> float:
     """RMS friction force over all fitted tests at z (ndim,), N."""
-    return float(np.sqrt(np.mean(problem.model.friction_force(problem.numbers(z[None]), problem.motion) ** 2)))
+    return float(np.sqrt(np.mean(problem.friction_force(problem.numbers(z[None])) ** 2)))

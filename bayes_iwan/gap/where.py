@@ -22,6 +22,8 @@ from bayes_iwan.gap.gap_size import LEVEL
 from bayes_iwan.gap.laws import Law, LawSearch
 from bayes_iwan.gap.residuals import ALONG, HUM, LOOP, MEAN, Residual
 from bayes_iwan.inference.loop_error import harmonics_of
+from bayes_iwan.physics import Model
+from bayes_iwan.physics.simulator import inner_effects
 
 FAMILY_WISE = 0.05
 SIMULATIONS = 1000
@@ -63,7 +65,7 @@ class Where:
     phase_N : (T, samples) residual of the averaged loops along the cycle, mean left out; expected_N : the same size,
         its standard deviation where the model is right
     in_phase_N, quadrature_N : (T, ORDERS + 1) with respect to the displacement; expected_harmonic_N : (T, ORDERS + 1)
-    sticking : (T, samples) share of the elements that stick, from the model
+    sticking : (T, samples) share of the elements that stick, from the model; None where it has no elements
     change_N : (T, 3) change of mean, in-phase and quadrature fundamental from the first block of cycles to the last
     """
 
@@ -78,7 +80,7 @@ class Where:
     in_phase_N: Array
     quadrature_N: Array
     expected_harmonic_N: Array
-    sticking: Array
+    sticking: Array | None
     change_N: Array
 
     def of(self, kind: str) -> tuple[Look, ...]:
@@ -251,12 +253,16 @@ class _Looks:
         return np.concatenate(parts, axis=1)
 
 
-def sticking_share(residual: Residual) -> Array:
-    """(T, samples) share of the elements that stick: the friction's tangent stiffness over the elements'."""
+def sticking_share(residual: Residual) -> Array | None:
+    """(T, samples) share of the elements that stick: the friction's tangent stiffness over the elements'; None for a
+    simulator without elements."""
     problem, motion = residual.fit.problem, residual.data.steady_motion
+    model = problem.model
+    if not isinstance(model, Model):
+        return None
     numbers = problem.numbers(residual.fit.z[None])
-    friction = problem.model.friction_force(numbers, motion)[0]
-    k = problem.model.stiffness_law.k(numbers, problem.model.alpha(numbers, motion))[0]
+    friction = problem.friction_force(numbers, motion)[0]
+    k = model.stiffness_law.k(numbers, model.alpha(numbers, motion, inner_effects(problem.effects)))[0]
     u = motion.displacement_mm[0]
     du = np.roll(u, -1, axis=-1) - np.roll(u, 1, axis=-1)
     df = np.roll(friction, -1, axis=-1) - np.roll(friction, 1, axis=-1)
@@ -264,14 +270,15 @@ def sticking_share(residual: Residual) -> Array:
     return np.where(slow, 1.0, np.clip(df / np.where(slow, 1.0, du * np.broadcast_to(k, u.shape)), 0.0, 1.0))
 
 
-def regions(residual: Residual, displacement_mm: Array, sticking: Array) -> dict[str, NDArray[np.bool_]]:
-    """Parts of the loop by name, (T, samples) each."""
+def regions(residual: Residual, displacement_mm: Array, sticking: Array | None) -> dict[str, NDArray[np.bool_]]:
+    """Parts of the loop by name, (T, samples) each; those of slip only where the share that sticks is known."""
     low, high = displacement_mm.min(axis=1, keepdims=True), displacement_mm.max(axis=1, keepdims=True)
     place = (displacement_mm - low) / (high - low)
     velocity = np.stack([x.velocity_m_s for x in residual.data.loops])
     rising, speed = velocity > 0.0, np.abs(velocity)
     slow, fast = np.quantile(speed, [1 / 3, 2 / 3])
     middle = (place >= END) & (place <= 1.0 - END)
+    slip = {} if sticking is None else {"microslip": sticking >= GROSS, "gross slip": sticking < GROSS}
     return {
         "rising displacement": rising,
         "falling displacement": ~rising,
@@ -283,8 +290,7 @@ def regions(residual: Residual, displacement_mm: Array, sticking: Array) -> dict
         "arriving at the lower end": ~rising & (place < END),
         "near the upper end": place > 1.0 - END,
         "near the lower end": place < END,
-        "microslip": sticking >= GROSS,
-        "gross slip": sticking < GROSS,
+        **slip,
         "lowest third of speeds": speed <= slow,
         "highest third of speeds": speed > fast,
     }

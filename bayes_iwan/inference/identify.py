@@ -9,6 +9,7 @@ import os
 import platform
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ from bayes_iwan.inference import results
 from bayes_iwan.inference.point import Point, find_point, starting_population
 from bayes_iwan.inference.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.quantities import sampled_and_paper
+from bayes_iwan.inference.quantities import sampled_and_derived
+from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.physics import Simulator
 from bayes_iwan.sampling.ensembles import Chains, sample
 from bayes_iwan.sampling.run import CROWD, POWERS
 from bayes_iwan.sampling.walkers import enough_walkers
@@ -40,12 +43,14 @@ def identify(
     per_test: bool = False,
     resume: bool = False,
     progress: bool = True,
+    simulator: Simulator | str | os.PathLike[str] | None = None,
 ) -> Posterior:
     """The joint posterior of all the campaign's tests that are not held out.
 
     campaign : a campaign, or its folder. config : a TOML file, or its tables as a mapping (:mod:`.config`).
     out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.h5; None writes nothing.
     per_test : identify each frequency alone as well (:func:`identify_frequencies`). resume : go on from out/chains.h5.
+    simulator : a model of your own in the place of the Iwan model, or the Python file that defines it.
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
     """
@@ -55,9 +60,12 @@ def identify(
     campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
     if per_test and out is None:
         raise configuration.ConfigError("per_test writes files: name a folder for them (out)")
+    simulator_file = ""
+    if isinstance(simulator, str | os.PathLike):
+        simulator_file, simulator = str(Path(simulator).resolve()), load_simulator(simulator)
     loops = campaign.loops(**settings["loops"])
     posterior = identify_problem(
-        make_problem(loops, settings),
+        make_problem(loops, settings, simulator),
         seed,
         config=settings,
         campaign=campaign,
@@ -65,6 +73,7 @@ def identify(
         out=out,
         resume=resume,
         progress=progress,
+        simulator_file=simulator_file,
     )
     if out is not None:
         results.write(posterior, Path(out))
@@ -80,7 +89,7 @@ def identify_frequencies(joint: Posterior, out: Path, *, resume: bool = False, p
     """
     for name, group in by_frequency(joint.loops).items():
         folder = out / "per_test" / name
-        alone = make_problem(group, joint.config, scales=joint.problem.scales)
+        alone = make_problem(group, joint.config, joint.problem.model, joint.problem.scales)
         part = identify_problem(
             alone,
             joint.seed,
@@ -90,6 +99,7 @@ def identify_frequencies(joint: Posterior, out: Path, *, resume: bool = False, p
             out=folder,
             resume=resume,
             progress=progress,
+            simulator_file=joint.simulator_file,
         )
         results.write(part, folder)
         if part.interrupted:  # or the next frequency would start in the face of Ctrl-C
@@ -117,11 +127,12 @@ def identify_problem(
     out: str | os.PathLike[str] | None = None,
     resume: bool = False,
     progress: bool = True,
+    simulator_file: str = "",
 ) -> Posterior:
     """The posterior of a problem, from loops of any origin; nothing but the checkpoint is written.
 
     config : as for :func:`identify`; its [search] and [sampling] tables are read. loops : all tests, if some were
-    held out. out : folder of the checkpoint.
+    held out. out : folder of the checkpoint. simulator_file : where the problem's simulator came from, if from a file.
     """
     settings = configuration.complete(config)
     began = time.monotonic()
@@ -132,12 +143,12 @@ def identify_problem(
     # what is fixed, or follows from the model alone as g₁ = 1 of a single gamma does, has no convergence
     unsampled = tuple(
         name
-        for name, q in sampled_and_paper(problem, population).items()
+        for name, q in sampled_and_derived(problem, population).items()
         if name not in problem.names and np.ptp(q.values) > 0.0
     )
 
     def numbers(z: Array) -> Array:
-        named = sampled_and_paper(problem, z)
+        named = sampled_and_derived(problem, z)
         return np.stack([named[name].values for name in unsampled], axis=1)
 
     located = time.monotonic()
@@ -164,7 +175,8 @@ def identify_problem(
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
     timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}
-    return _posterior(problem, chains, point, settings, seed, campaign, loops, timings)
+    found = _posterior(problem, chains, point, settings, seed, campaign, loops, timings)
+    return replace(found, simulator_file=simulator_file)
 
 
 def _posterior(

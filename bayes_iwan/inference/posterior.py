@@ -11,12 +11,12 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Campaign, Loop
-from bayes_iwan.inference.defaults import paper_numbers
 from bayes_iwan.inference.discrepancy import Correlated
 from bayes_iwan.inference.point import Point
 from bayes_iwan.inference.problem import Problem
-from bayes_iwan.inference.quantities import Quantity, quantities
+from bayes_iwan.inference.quantities import quantities
 from bayes_iwan.physics.motion import motion_of
+from bayes_iwan.physics.simulator import FORCE_ZERO, Derived, straight_part
 from bayes_iwan.sampling.convergence import Convergence, diagnose
 
 
@@ -56,7 +56,7 @@ class Posterior:
     in the order of the steps, `walkers` of them, so that neighbours are steps of one walker.
     thin : sampler's steps between two draws of a walker. convergence : rows for the sampled numbers over the whole
     run; message : why the run ended, and what fell short if it has not converged.
-    campaign : None for loops that came from no folder.
+    campaign : None for loops that came from no folder. simulator_file : where a user's own simulator came from.
     """
 
     problem: Problem
@@ -74,6 +74,7 @@ class Posterior:
     versions: Mapping[str, str]
     timings: Mapping[str, float]
     convergence: tuple[ConvergenceRow, ...]
+    simulator_file: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -103,16 +104,16 @@ class Posterior:
         """The numbers that the physics reads, (n,)."""
         return self.problem.numbers(self.flat_z())
 
-    def paper(self) -> Numbers:
-        """The paper's numbers (Table 1), (n,)."""
-        return paper_numbers(self.problem.model, self.numbers())
+    def derived(self) -> dict[str, Derived]:
+        """What follows from the sampled numbers without a prediction: the paper's (Table 1) for the Iwan model."""
+        return self.problem.model.derived(self.numbers())
 
-    def quantities(self) -> dict[str, Quantity]:
+    def quantities(self) -> dict[str, Derived]:
         """Every reported quantity with its unit and values (n,), in the order of flat_z()."""
         return self._quantities
 
     @cached_property
-    def _quantities(self) -> dict[str, Quantity]:
+    def _quantities(self) -> dict[str, Derived]:
         return quantities(self.problem, self.flat_z(), self.loops)
 
     def by_steps(self, values: Array) -> Array:
@@ -173,11 +174,11 @@ class Posterior:
                 raise ValueError("replicates are drawn for the fitted tests only: the noise model knows no others")
             force = self.replicate(force, numbers, np.random.default_rng(self.seed) if rng is None else rng)
         if friction:
-            force = (
-                force
-                - numbers["kp_N_mm"][:, None, None] * motion.displacement_mm
-                - numbers["force_zero_N"][:, None, None]
-            )
+            slope = self.problem.model.spring_N_mm(numbers)
+            if slope is None:
+                return force - straight_part(force, motion.displacement_mm)
+            spring = slope[:, None, None] * motion.displacement_mm
+            force = force - spring - numbers[FORCE_ZERO][:, None, None]
         return force
 
     def replicate(self, force_N: Array, numbers: Mapping[str, Array], rng: np.random.Generator) -> Array:

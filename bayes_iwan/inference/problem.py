@@ -12,24 +12,28 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference import defaults
 from bayes_iwan.inference.likelihood import Likelihood, make_likelihood
 from bayes_iwan.inference.loop_error import goal_function, harmonics_of
 from bayes_iwan.inference.parameters import Prior, configured
-from bayes_iwan.inference.scales import Scales, scales_of
-from bayes_iwan.physics import Model, Motion
+from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.physics import Model, ModelError, Motion, Scales, Simulator
 from bayes_iwan.physics.motion import motion_of
+from bayes_iwan.physics.simulator import FORCE_ZERO, OUTER, Station, force_zero, inner_effects, offered, recorded_force
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Everything that a posterior depends on. z arrays are (draws, ndim), ndim = len(names)."""
+    """Everything that a posterior depends on. z arrays are (draws, ndim), ndim = len(names).
+
+    model : the simulator; effects : what acts on it and on the channels, in the order in which they act.
+    """
 
     loops: tuple[Loop, ...]
     scales: Scales
-    model: Model
+    model: Simulator
     prior: Prior
     likelihood: Likelihood
+    effects: tuple[Station, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -50,12 +54,26 @@ class Problem:
         return np.stack([x.force_N for x in self.loops])
 
     def numbers(self, z: Array) -> Numbers:
-        """The numbers that physics and likelihood read, by name, (draws,) each."""
-        return defaults.model_numbers(self.model, self.prior.values(z))
+        """The numbers that simulator, effects and likelihood read, by name, (draws,) each."""
+        return self.numbers_of(self.prior.values(z))
+
+    def numbers_of(self, values: Numbers) -> Numbers:
+        """The same from sampled values by name."""
+        return {**values, **self.model.numbers(values)}
+
+    def force(self, numbers: Numbers, motion: Motion | None = None) -> Array:
+        """Predicted force (draws, loops, samples), N, effects and force zero included, for the campaign's motion or
+        another."""
+        return recorded_force(self.model, self.effects, numbers, self.motion if motion is None else motion)
+
+    def friction_force(self, numbers: Numbers, motion: Motion | None = None) -> Array:
+        """Its friction (draws, loops, samples), N, of a specimen moved exactly so."""
+        at = self.motion if motion is None else motion
+        return self.model.friction_force(numbers, at, inner_effects(self.effects))
 
     def predict(self, z: Array, motion: Motion | None = None) -> Array:
         """Predicted force (draws, loops, samples), N, for the campaign's motion or another."""
-        return self.model.force(self.numbers(z), self.motion if motion is None else motion)
+        return self.force(self.numbers(z), motion)
 
     def residual(self, z: Array) -> Array:
         """Measured − predicted, (draws, tests, samples), N."""
@@ -65,7 +83,7 @@ class Problem:
         """(draws,); −∞ where the prediction is not finite."""
         numbers = self.numbers(z)
         with np.errstate(all="ignore"):
-            value = self.likelihood.log_likelihood(self.measured_N - self.model.force(numbers, self.motion), numbers)
+            value = self.likelihood.log_likelihood(self.measured_N - self.force(numbers), numbers)
         return np.where(np.isfinite(value), value, -np.inf)
 
     def log_prob(self, z: Array) -> Array:
@@ -80,13 +98,13 @@ class Problem:
     def pointwise(self, z: Array) -> Array:
         """Log-likelihood by datum, (draws, points)."""
         numbers = self.numbers(z)
-        return self.likelihood.pointwise(self.measured_N - self.model.force(numbers, self.motion), numbers)
+        return self.likelihood.pointwise(self.measured_N - self.force(numbers), numbers)
 
     def rows(self, z: Array) -> Array:
         """Whitened residuals and the prior's rows, (draws, m + ndim): half their squares is −log posterior + const
         while the noise parameters stay put."""
         numbers = self.numbers(z)
-        whitened = self.likelihood.rows(self.measured_N - self.model.force(numbers, self.motion), numbers)
+        whitened = self.likelihood.rows(self.measured_N - self.force(numbers), numbers)
         return np.concatenate([whitened, np.atleast_2d(z)], axis=1)
 
     def goal(self, z: Array, squared: bool = False) -> Array:
@@ -103,16 +121,32 @@ class Problem:
         loops = tuple(replace(x, force_N=f, harmonics_N=h) for x, f, h in zip(self.loops, force_N, c))
         return replace(self, loops=loops, likelihood=self.likelihood.of_loops(loops))
 
+    def with_effects(self, effects: Sequence[Station]) -> Problem:
+        """The same problem with these effects and no others, in the order in which they act.
+
+        Raises ModelError for an effect at a station that the simulator does not offer.
+        """
+        for effect in effects:
+            if not offered(effect.stations, self.model):
+                missing = sorted(effect.stations - self.model.stations - {*OUTER})
+                raise ModelError(
+                    f"the effect {effect.name} acts on {missing[0]}, which the simulator {self.model.name} does not "
+                    f"offer; add {missing[0]!r} to its stations and honour it in force, or leave the effect out"
+                )
+        own = tuple(p for p in self.prior.parameters if not p.owner)
+        theirs = tuple(replace(p, owner=e.name) for e in effects for p in e.parameters)
+        return replace(self, effects=tuple(effects), prior=Prior((*own, *theirs)))
+
     def fingerprint(self) -> dict[str, str]:
         """Hashes of what a stored posterior depends on, part by part."""
         data = hashlib.sha256()
         for loop in self.loops:
             for array in (loop.displacement_mm, loop.velocity_m_s, loop.force_N, loop.noise_N):
                 data.update(np.ascontiguousarray(array).tobytes())
-        effects = "+".join(e.name for e in self.model.effects)
+        effects = "+".join(e.name for e in self.effects)
         return {
             "data": data.hexdigest(),
-            "model": f"{self.model.slip}/{self.model.grip}/{self.model.stiffness}/{effects}",
+            "model": f"{self.model.name}/{effects}",
             "likelihood": self.likelihood.name,
             "prior": "; ".join(f"{p.name} ~ {p.prior_text()}" for p in self.prior.parameters),
             "names": ",".join(self.names),
@@ -122,23 +156,23 @@ class Problem:
 def make_problem(
     loops: Sequence[Loop],
     config: Mapping[str, Any] | None = None,
-    effects: Sequence[Any] = (),
+    simulator: Simulator | None = None,
     scales: Scales | None = None,
 ) -> Problem:
     """A problem from the loops whose role is not "held-out" and a configuration (see :mod:`.config` for its keys).
 
-    effects : objects of the gap room, each with `parameters`; scales : taken from the loops unless given.
+    simulator : what is fitted (default: the Iwan model of the configuration's [model] table); scales : taken from
+    the loops unless given.
     """
     config = config or {}
     fitted = tuple(x for x in loops if x.role != "held-out")
     if not fitted:
         raise ValueError('no test is left to fit: every test has role = "held-out"')
     scales = scales_of(fitted) if scales is None else scales
-    chosen = config.get("model", {})
-    model = Model(scales.reference, effects=tuple(effects), **chosen)
+    model = Model(scales.reference, **config.get("model", {})) if simulator is None else simulator
     likelihood = make_likelihood(config.get("likelihood", {}).get("kind", "correlated"), fitted, scales)
-    parameters = list(defaults.default_parameters(model, scales))
-    for effect in effects:
-        parameters += effect.parameters
+    parameters = list(model.parameters(scales))
+    if all(p.name != FORCE_ZERO for p in parameters):
+        parameters.append(force_zero(scales))
     parameters += likelihood.parameters
     return Problem(fitted, scales, model, Prior(configured(parameters, config.get("parameters", {}))), likelihood)

@@ -7,17 +7,16 @@ and dissipated energy are. So these stand in the summary beside the sampled numb
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference.defaults import PAPER_UNITS, paper_numbers
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import loop_energy_mJ
-from bayes_iwan.physics import Motion
+from bayes_iwan.physics import Model, Motion
 from bayes_iwan.physics.motion import motion_of
+from bayes_iwan.physics.simulator import Derived, inner_effects
 from bayes_iwan.physics.slip_force import SlipForce
 
 CHUNK = 1024  # draws predicted at a time, to stay in memory
@@ -25,15 +24,7 @@ SLIP_SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _NODES = 240  # of the table that slip-force quantiles are read from
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A reported number: its unit and its value in each draw (draws,)."""
-
-    unit: str
-    values: Array
-
-
-def quantities(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -> dict[str, Quantity]:
+def quantities(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -> dict[str, Derived]:
     """All reported numbers at the draws z (draws, ndim), by name; quantities of a test are named `name[file]`.
 
     loops : the tests to report on, held-out ones included (default: those fitted).
@@ -41,40 +32,43 @@ def quantities(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) 
     loops = problem.loops if loops is None else tuple(loops)
     motion = motion_of(loops)
     parts = [_some(problem, z[i : i + CHUNK], loops, motion) for i in range(0, len(z), CHUNK)]
-    return {name: Quantity(q.unit, np.concatenate([p[name].values for p in parts])) for name, q in parts[0].items()}
+    return {name: Derived(q.unit, np.concatenate([p[name].values for p in parts])) for name, q in parts[0].items()}
 
 
-def sampled_and_paper(problem: Problem, z: Array) -> dict[str, Quantity]:
-    """The sampled numbers and the paper's alone, which cost no prediction."""
-    values, numbers = problem.prior.values(z), problem.numbers(z)
-    out = {p.name: Quantity(p.unit, values[p.name]) for p in problem.prior.parameters}
-    units = dict(zip(problem.model.slip_family.names, problem.model.slip_family.units)) | PAPER_UNITS
-    for name, x in paper_numbers(problem.model, numbers).items():
-        out.setdefault(name, Quantity(units.get(name, "-"), x))
+def sampled_and_derived(problem: Problem, z: Array) -> dict[str, Derived]:
+    """The sampled numbers and those that follow from them (the paper's) alone, which cost no prediction."""
+    values = problem.prior.values(z)
+    out = {p.name: Derived(p.unit, values[p.name]) for p in problem.prior.parameters}
+    for name, quantity in problem.model.derived(problem.numbers_of(values)).items():
+        out.setdefault(name, quantity)
     return out
 
 
-def _some(problem: Problem, z: Array, loops: Sequence[Loop], motion: Motion) -> dict[str, Quantity]:
-    out = sampled_and_paper(problem, z)
-    numbers = problem.numbers(z)
-    family = problem.model.slip_family
-    out.setdefault("mean_slip_force_N", Quantity("N", family.mean(numbers)))
-    quantiles = slip_quantiles(family, numbers, SLIP_SHARES, 12.0 * problem.scales.slip_N)
-    for share, x in zip(SLIP_SHARES, quantiles.T):
-        out[f"slip_force_q{round(100 * share):02d}_N"] = Quantity("N", x)
+def _some(problem: Problem, z: Array, loops: Sequence[Loop], motion: Motion) -> dict[str, Derived]:
+    out = sampled_and_derived(problem, z)
+    numbers, model = problem.numbers(z), problem.model
+    alpha = None
+    if isinstance(model, Model):
+        family = model.slip_family
+        out.setdefault("mean_slip_force_N", Derived("N", family.mean(numbers)))
+        quantiles = slip_quantiles(family, numbers, SLIP_SHARES, 12.0 * problem.scales.slip_N)
+        for share, x in zip(SLIP_SHARES, quantiles.T):
+            out[f"slip_force_q{round(100 * share):02d}_N"] = Derived("N", x)
+        alpha = model.alpha(numbers, motion, inner_effects(problem.effects))
 
-    force = problem.predict(z, motion)
-    alpha = problem.model.alpha(numbers, motion)
+    force = problem.force(numbers, motion)
     energy, stiffness, loss = loop_quantities(motion, force)
     for j, loop in enumerate(loops):
         u = loop.displacement_mm
         falling = np.flatnonzero((u > 0) & (np.roll(u, -1) <= 0))
-        out[f"dissipated_energy_mJ[{loop.file}]"] = Quantity("mJ", energy[:, j])
-        out[f"equivalent_stiffness_N_mm[{loop.file}]"] = Quantity("N/mm", stiffness[:, j])
-        out[f"loss_factor[{loop.file}]"] = Quantity("-", loss[:, j])
+        out[f"dissipated_energy_mJ[{loop.file}]"] = Derived("mJ", energy[:, j])
+        out[f"equivalent_stiffness_N_mm[{loop.file}]"] = Derived("N/mm", stiffness[:, j])
+        out[f"loss_factor[{loop.file}]"] = Derived("-", loss[:, j])
+        if alpha is None:
+            continue
         places = (("minus_A", np.argmin(u)), ("0_up", 0), ("plus_A", np.argmax(u)), ("0_down", falling[0]))
         for place, i in places:
-            out[f"alpha_{place}[{loop.file}]"] = Quantity("-", alpha[:, j, i])
+            out[f"alpha_{place}[{loop.file}]"] = Derived("-", alpha[:, j, i])
     return out
 
 

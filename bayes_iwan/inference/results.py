@@ -14,14 +14,16 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign import read_campaign
+from bayes_iwan.campaign import Loop, read_campaign
 from bayes_iwan.files import replacing, write_whole
 from bayes_iwan.inference import config as configuration
 from bayes_iwan.inference.point import Point
 from bayes_iwan.inference.posterior import ConvergenceRow, Posterior, SummaryRow
 from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.quantities import sampled_and_paper
+from bayes_iwan.inference.quantities import sampled_and_derived
+from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.optimize.genetic import GlobalOptimum
+from bayes_iwan.physics import Scales, Simulator
 
 PREDICTIVE_DRAWS = 200
 POINTWISE_DRAWS = 1000
@@ -61,7 +63,7 @@ def point_record(posterior: Posterior) -> dict[str, Any]:
     problem, point = posterior.problem, posterior.point
 
     def named(z: Array) -> dict[str, float]:
-        return {name: float(q.values[0]) for name, q in sampled_and_paper(problem, z[None]).items()}
+        return {name: float(q.values[0]) for name, q in sampled_and_derived(problem, z[None]).items()}
 
     def history(search: GlobalOptimum | None) -> dict[str, Any] | None:
         if search is None:
@@ -163,7 +165,7 @@ def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
         "posterior": over_draws({n: (q.unit, q.values) for n, q in posterior.quantities().items()}),
         "unconstrained_posterior": over_draws({n: ("-", posterior.z[..., i]) for i, n in enumerate(problem.names)}),
         "sample_stats": over_draws({"lp": ("-", posterior.log_prob)}),
-        "prior": over_draws({n: (q.unit, q.values) for n, q in sampled_and_paper(problem, prior_z).items()}, 1),
+        "prior": over_draws({n: (q.unit, q.values) for n, q in sampled_and_derived(problem, prior_z).items()}, 1),
         "prior_predictive": xr.Dataset({"force_N": (dims, prior_replicated), "model_N": (dims, prior_force)}, at),
         "posterior_predictive": xr.Dataset(
             {"force_N": (dims, replicated), "model_N": (dims, force)}, {**at, "draw": some}
@@ -197,6 +199,7 @@ def _attributes(posterior: Posterior) -> dict[str, Any]:
         "loops": json.dumps([x.file for x in posterior.loops]),
         "scales": json.dumps(asdict(posterior.problem.scales)),
         "config": json.dumps(posterior.config),
+        "simulator_file": posterior.simulator_file,
         "versions": json.dumps(dict(posterior.versions)),
         "timings": json.dumps(dict(posterior.timings)),
         "convergence": json.dumps([asdict(row) for row in posterior.convergence]),
@@ -232,10 +235,15 @@ def _point_of(plain: Mapping[str, Any]) -> Point:
     return Point(**{**plain, **arrays, "search": search(plain["search"]), "second": search(plain["second"])})
 
 
-def load(folder: str | os.PathLike[str], campaign: str | os.PathLike[str] | None = None) -> Posterior:
+def load(
+    folder: str | os.PathLike[str],
+    campaign: str | os.PathLike[str] | None = None,
+    simulator: Simulator | None = None,
+) -> Posterior:
     """The posterior that :func:`bayes_iwan.identify` wrote into `folder`.
 
-    The campaign is read again from where it was, or from `campaign` if it has moved.
+    The campaign is read again from where it was, or from `campaign` if it has moved; so is the file of a user's own
+    simulator, unless the simulator is given.
     Raises ResultsError where there is no result, or the campaign or this version gives another problem.
     """
     import xarray as xr
@@ -257,7 +265,10 @@ def load(folder: str | os.PathLike[str], campaign: str | os.PathLike[str] | None
     if missing := [file for file in wanted if file not in every]:
         raise ResultsError(f"{path}: the campaign {where} no longer has {missing[0]}; name the right campaign")
     loops = tuple(every[file] for file in wanted)
-    problem = _same_problem(path, loops, settings, stored)
+    file = str(stored.get("simulator_file", ""))
+    if simulator is None and file:
+        simulator = load_simulator(file)
+    problem = _same_problem(path, loops, settings, stored, simulator)
     with xr.open_dataset(path, engine="h5netcdf", group="unconstrained_posterior") as group:
         z = np.stack([group[name].values for name in problem.names], axis=2)
     with xr.open_dataset(path, engine="h5netcdf", group="sample_stats") as group:
@@ -278,13 +289,18 @@ def load(folder: str | os.PathLike[str], campaign: str | os.PathLike[str] | None
         versions=json.loads(stored["versions"]),
         timings=json.loads(stored["timings"]),
         convergence=tuple(ConvergenceRow(**row) for row in json.loads(stored["convergence"])),
+        simulator_file=file,
     )
 
 
-def _same_problem(path: Path, loops: tuple, settings: Mapping[str, Any], stored: Mapping[str, Any]) -> Problem:
-    from bayes_iwan.inference.scales import Scales
-
-    problem = make_problem(loops, settings, scales=Scales(**json.loads(stored["scales"])))
+def _same_problem(
+    path: Path,
+    loops: tuple[Loop, ...],
+    settings: Mapping[str, Any],
+    stored: Mapping[str, Any],
+    simulator: Simulator | None,
+) -> Problem:
+    problem = make_problem(loops, settings, simulator, Scales(**json.loads(stored["scales"])))
     then, now = json.loads(stored["fingerprint"]), problem.fingerprint()
     for part in now:
         if then.get(part) != now[part]:

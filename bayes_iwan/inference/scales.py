@@ -3,29 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.physics import Reference
-
-
-@dataclass(frozen=True)
-class Scales:
-    """What the loops themselves say of the orders of magnitude; used for priors and for relative errors."""
-
-    length_mm: float  # largest amplitude
-    speed_m_s: float  # largest speed
-    force_N: float  # largest RMS force about its mean
-    slip_N: float  # largest dissipated energy / (4 amplitude): the mean slip force, were all to slip
-    soft_N_mm: float  # secant stiffness of the largest amplitude
-    stiff_N_mm: float  # stiffness after reversals, at least
-
-    @property
-    def reference(self) -> Reference:
-        return Reference(self.length_mm, self.speed_m_s)
+from bayes_iwan.physics.scales import Scales
 
 
 def loop_energy_mJ(displacement_mm: Array, force_N: Array) -> Array:

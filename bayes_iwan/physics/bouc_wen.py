@@ -14,14 +14,20 @@ wherever a loop goes. Neither knows of speed or of a normal force: that is the p
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
+from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.physics import sliders
 from bayes_iwan.physics.motion import Motion
+from bayes_iwan.physics.parameter import Parameter
+from bayes_iwan.physics.sampled import parallel_spring
+from bayes_iwan.physics.scales import Scales
+from bayes_iwan.physics.simulator import Derived, Simulator, Station, force_zero
 from bayes_iwan.threads import over_draws
 
 #: longest Runge–Kutta step, in units of the relaxation length Z/(k n |ψ|)
@@ -123,10 +129,11 @@ def _signs() -> tuple[Array, Array, Array]:
     return u, du, z
 
 
-def _force(shape: Array, numbers: Numbers, motion: Motion) -> Array:
+def _hysteresis(shape: Array, numbers: Numbers, motion: Motion) -> Array:
+    """z, (draws, loops, samples)."""
     out = np.empty((len(shape), motion.loops, motion.samples))
     k, size, n = (np.ascontiguousarray(numbers[name], dtype=float) for name in ("bw_k_N_mm", "bw_force_N", "bw_n"))
-    u = motion.displacement_mm
+    u = np.ascontiguousarray(motion.displacement_mm)
 
     def some_draws(part: slice) -> None:
         each = [part] if u.shape[0] == 1 else [slice(d, d + 1) for d in range(part.start, min(part.stop, len(shape)))]
@@ -138,57 +145,92 @@ def _force(shape: Array, numbers: Numbers, motion: Motion) -> Array:
                 out[draws, j] = z
 
     over_draws(some_draws, len(shape), 20 * motion.loops * motion.samples)
-    out += numbers["kp_N_mm"][:, None, None] * u
-    out += numbers["force_zero_N"][:, None, None]
     return out
 
 
-@dataclass(frozen=True)
-class BoucWen:
-    """Wen's model: initial stiffness k, ultimate force Z, exponent n and share σ of the hysteretic part.
-
-    ``force(numbers, motion)`` gives the steady loops (periodic motion) or the force from rest (a record), shape
-    (draws, loops, samples) in N, as :meth:`bayes_iwan.physics.Model.force` does; NaN where no steady loop exists.
-    """
-
-    name = "bouc_wen"
-    names = ("kp_N_mm", "force_zero_N", "bw_k_N_mm", "bw_force_N", "bw_n", "bw_share")
-    units = ("N/mm", "N", "N/mm", "N", "-", "-")
+class _Hysteretic(Simulator):
+    """Parallel spring and hysteretic force; subclasses say what makes the latter's ψ."""
 
     def shape(self, numbers: Numbers) -> Array:
         """ψ by phase, (draws, 8); the phase is 4 (u > 0) + 2 (u̇ > 0) + (z > 0)."""
+        raise NotImplementedError
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        return (
+            parallel_spring(scales),
+            force_zero(scales),
+            Parameter(
+                "bw_k_N_mm",
+                "k",
+                "N/mm",
+                "initial stiffness of the hysteretic part",
+                stats.lognorm(s=1.0, scale=scales.stiff_N_mm),
+            ),
+            Parameter(
+                "bw_force_N",
+                "Z",
+                "N",
+                "ultimate force of the hysteretic part",
+                stats.lognorm(s=0.8, scale=1.2 * scales.slip_N),
+            ),
+            Parameter("bw_n", "n", "-", "sharpness of the knee", stats.lognorm(s=0.7, scale=1.0), 0.1, 10.0),
+        )
+
+    def friction_force(self, numbers: Numbers, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+        """z in N, (draws, loops, samples)."""
+        return _hysteresis(self.shape(numbers), numbers, motion)
+
+    def force(self, numbers: Numbers, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+        """Force in N, (draws, loops, samples); NaN where the model has no steady loop."""
+        spring = numbers["kp_N_mm"][:, None, None] * motion.displacement_mm
+        return self.friction_force(numbers, motion) + spring
+
+
+@dataclass(frozen=True)
+class BoucWen(_Hysteretic):
+    """Wen's model: initial stiffness k, ultimate force Z, exponent n and share σ of the hysteretic part."""
+
+    name = "bouc_wen"
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        share = Parameter("bw_share", "σ", "-", "share of Wen's dissipative term", stats.uniform(0.5, 1.0))
+        return (*super().parameters(scales), share)
+
+    def shape(self, numbers: Numbers) -> Array:
         _, du, z = _signs()
         share = numbers["bw_share"][:, None]
         return (1.0 - share) + share * du * z
 
-    def force(self, numbers: Numbers, motion: Motion) -> Array:
-        """Force in N, (draws, loops, samples)."""
-        return _force(self.shape(numbers), numbers, motion)
-
 
 @dataclass(frozen=True)
-class GeneralizedBoucWen:
+class GeneralizedBoucWen(_Hysteretic):
     """Song and Der Kiureghian's model: as :class:`BoucWen`, with b₂ … b₆ in the place of the share."""
 
     name = "generalized_bouc_wen"
-    names = ("kp_N_mm", "force_zero_N", "bw_k_N_mm", "bw_force_N", "bw_n", "bw_b2", "bw_b3", "bw_b4", "bw_b5", "bw_b6")
-    units = ("N/mm", "N", "N/mm", "N", "-", "-", "-", "-", "-", "-")
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        terms = (
+            Parameter(
+                f"bw_b{i}",
+                f"b{i}",
+                "-",
+                f"asymmetry term {i} of Song & Der Kiureghian over the first",
+                stats.norm(scale=0.4),
+            )
+            for i in range(2, 7)
+        )
+        return (*super().parameters(scales), *terms)
 
     def shape(self, numbers: Numbers) -> Array:
-        """ψ by phase, (draws, 8); the phase is 4 (u > 0) + 2 (u̇ > 0) + (z > 0)."""
         u, du, z = _signs()
         b = {i: numbers[f"bw_b{i}"][:, None] for i in range(2, 7)}
         return du * z + b[2] * u * du + b[3] * u * z + b[4] * du + b[5] * z + b[6] * u
 
-    def force(self, numbers: Numbers, motion: Motion) -> Array:
-        """Force in N, (draws, loops, samples)."""
-        return _force(self.shape(numbers), numbers, motion)
-
-    def published(self, numbers: Numbers) -> dict[str, Array]:
-        """A = k (N/mm) and β₁ … β₆ (N^(1−n)/mm) of ż = u̇ (A − |z|ⁿ ψ), as printed."""
+    def derived(self, numbers: Numbers) -> dict[str, Derived]:
+        """β₁ … β₆ (N^(1−n)/mm) of ż = u̇ (A − |z|ⁿ ψ), as printed (A is k)."""
         unit = numbers["bw_k_N_mm"] / numbers["bw_force_N"] ** numbers["bw_n"]
-        others = {f"beta{i}": unit * numbers[f"bw_b{i}"] for i in range(2, 7)}
-        return {"A": numbers["bw_k_N_mm"], "beta1": unit, **others}
+        terms = {f"beta{i}": unit * numbers[f"bw_b{i}"] for i in range(2, 7)}
+        return {n: Derived("N^(1−n)/mm", x) for n, x in {"beta1": unit, **terms}.items()}
 
 
-RIVALS: dict[str, BoucWen | GeneralizedBoucWen] = {r.name: r for r in (BoucWen(), GeneralizedBoucWen())}
+RIVALS: dict[str, Simulator] = {r.name: r for r in (BoucWen(), GeneralizedBoucWen())}

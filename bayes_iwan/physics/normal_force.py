@@ -11,17 +11,10 @@ import numpy as np
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.physics import pointwise
 from bayes_iwan.physics.motion import Motion
+from bayes_iwan.physics.scales import Reference
 
 #: α is kept at or above this: a normal force cannot pull (Table 1 as printed would reach −0.79 at u = A)
 ALPHA_FLOOR = 0.05
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The campaign's own scales, which make α's numbers dimensionless: largest amplitude (mm) and speed (m/s)."""
-
-    length_mm: float
-    speed_m_s: float
 
 
 class NormalForce(Protocol):

@@ -173,7 +173,7 @@ def _way(u, closed, at, where, off):
 
 
 @_jit
-def _loop(at, where, off, first, alpha, k, asymmetry, table, phi_top, parallel, zero, out):
+def _loop(at, where, off, first, alpha, k, asymmetry, table, phi_top, parallel, out):
     """Follow one way from rest; the force at its samples from entry `first` on goes into out."""
     st, work = np.empty((MAX_PIECES, 6)), np.empty((2 * MAX_PIECES + 1, 2))
     shift, scale = 52, 1.0 / phi_top
@@ -220,12 +220,12 @@ def _loop(at, where, off, first, alpha, k, asymmetry, table, phi_top, parallel, 
         if step >= first and tau == 0.0:
             ell = _limited_mean(front, table, scale, shift)
             inner = q * ell - st[top - 1, M] * (st[top - 1, L_END] - ell) + st[top - 1, REST]
-            out[i] = k[i] * inner + parallel * now + zero
+            out[i] = k[i] * inner + parallel * now
 
 
 @_jit
-def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, zero, out):
-    """Friction force of all loops of all draws, plus a parallel spring and a force zero.
+def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
+    """Friction force of all loops of all draws, plus a parallel spring.
 
     u : (1 or draws, loops, samples), mm; between samples α, k and, but for its turning points, u are taken as monotone.
     alpha, k, out : (draws, loops, samples); relative normal force and stiffness in N/mm; out in N.
@@ -234,7 +234,7 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, zero, ou
     closed : the loops repeat themselves, else they are records from rest at u = 0. What a cycle does to an element is
         a composition of clips, so a clip, so idempotent: one run-in reaches the steady state, on a few samples.
     tables : (draws, cells, 4), phi_top : (draws,), from :mod:`bayes_iwan.physics.slip_force`.
-    parallel, zero : (draws,) stiffness in N/mm of a spring and force in N that are added; zeros for friction alone.
+    parallel : (draws,) stiffness in N/mm of a spring beside it; zeros for friction alone.
     """
     longest = 4 * out.shape[2]
     at, where, off = np.empty(longest), np.empty(longest, np.int64), np.empty(longest)
@@ -254,7 +254,6 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, zero, ou
                 tables[d],
                 phi_top[d],
                 parallel[d],
-                zero[d],
                 out[d, j],
             )
 

@@ -61,18 +61,24 @@ def diagnose_campaign(
     base: str = "generalized",
     config: str | Path | None = None,
     effects_file: str | Path | None = None,
+    simulator_file: str | Path | None = None,
 ) -> dict[str, Any]:
     """Diagnose a campaign folder and write everything into `out`; returns what `diagnosis.json` holds.
 
     base : a name of :data:`bayes_iwan.gap.diagnosis.BASES`; config : TOML file as for `identify`; effects_file : a
-    user's own effects. Raises ValueError (and its kinds) with one line that names what is wrong and the mend.
+    user's own effects; simulator_file : a user's own model in the place of the Iwan model.
+    Raises ValueError (and its kinds) with one line that names what is wrong and the mend.
     """
     if base not in BASES:
         raise ValueError(f"--base {base}: not known; choose one of {', '.join(BASES)}")
     if config is not None and base != "generalized":
         raise ValueError(f"--base {base} and --config both choose a model; leave one of them out")
+    if simulator_file is not None and base != "generalized":
+        raise ValueError(f"--base {base} and --simulator both choose a model; leave one of them out")
     chosen = read_config(config) if config is not None else {"model": BASES[base]}
-    found, fits = diagnose_folder(campaign, seed=seed, quick=quick, config=chosen, effects_file=effects_file)
+    found, fits = diagnose_folder(
+        campaign, seed=seed, quick=quick, config=chosen, effects_file=effects_file, simulator_file=simulator_file
+    )
     answer = found.as_dict()
     folder = Path(out)
     write_json(folder / "fits.json", fits)

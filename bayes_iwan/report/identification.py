@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
+from bayes_iwan.physics import Model
 from bayes_iwan.report import checks, frequencies, laws, loops, marginals, sampling, tables, trends
 from bayes_iwan.report.marginals import OPEN, contraction, interval, number
 from bayes_iwan.report.page import Page, Section
@@ -44,12 +45,13 @@ def identification_report(
     _summary(page.section("Summary"), posterior, p, loop_rows)
     _quantities(page.section("What the loops determine"), posterior)
     _loops(page, posterior, p)
-    _laws(page.section("Slip forces, stiffness and normal force"), posterior)
+    if isinstance(posterior.problem.model, Model):
+        _laws(page.section("Slip forces, stiffness and normal force"), posterior, posterior.problem.model)
     _frequencies(page.section("Each frequency alone"), by_frequency, out)
     _trends(page.section("Energy, stiffness and loss factor"), posterior, p, loop_rows)
     _checks(page.section("Is the model enough?"), posterior, p, loop_rows)
     _sampling(page.section("Sampling"), posterior, convergence, sampling.history(posterior, out))
-    _priors(page.section("Priors and the paper's numbers"), posterior)
+    _priors(page.section("Priors and derived numbers"), posterior)
     if pdf:
         page.write_pdf(out / "report.pdf")
     return page.write(out / "report.html")
@@ -57,9 +59,12 @@ def identification_report(
 
 def _subtitle(posterior: Any) -> str:
     model = posterior.problem.model
+    said = model.name
+    if isinstance(model, Model):
+        said = f"{model.slip} slip forces, {model.grip} normal force, {model.stiffness} stiffness"
     parts = [
         posterior.campaign.description,
-        f"model: {model.slip} slip forces, {model.grip} normal force, {model.stiffness} stiffness",
+        f"model: {said}",
         f"likelihood: {posterior.problem.likelihood.name}",
     ]
     return " · ".join(x for x in parts if x)
@@ -155,21 +160,21 @@ def _loops(page: Page, posterior: Any, p: Predictive) -> None:
     )
 
 
-def _laws(section: Section, posterior: Any) -> None:
+def _laws(section: Section, posterior: Any, model: Model) -> None:
     section.figure(
         laws.slip_density_figure(posterior),
         "How the elements' slip forces are distributed (the paper's Fig. 8), with 50 and 90 % bands; grey: "
         "the prior. Loops determine the cumulative form better than the density.",
         "Density and cumulative distribution of slip forces with uncertainty bands.",
     )
-    if posterior.problem.model.stiffness != "constant":
+    if model.stiffness != "constant":
         section.figure(
             laws.stiffness_figure(posterior),
             "Stiffness of the elements against the relative normal force (the paper's Fig. 9). Only the "
             "shaded range was visited by the tests; outside it the curve is the law's extrapolation.",
             "Rising curve of stiffness against relative normal force with bands.",
         )
-    if posterior.problem.model.grip != "constant":
+    if model.grip != "constant":
         section.figure(
             laws.grip_figure(posterior),
             "Relative normal force along the largest stroke, out and back (the paper's Fig. 10), 90 % bands.",
@@ -325,11 +330,15 @@ def _priors(section: Section, posterior: Any) -> None:
         "Priors used",
     )
     paper = tables.paper_table(posterior)
+    if not paper.rows:
+        return
     section.table(
         ("number", "unit", "median", "90 % from", "to"),
         [
             (r[1], r[2], number(r[7], r[9] - r[5]), number(r[5], r[9] - r[5]), number(r[9], r[9] - r[5]))
             for r in paper.rows
         ],
-        "The paper's numbers (single gamma components and k̃ₙ, λ near β = 0 are hardly determined one by one)",
+        "The paper's numbers (single gamma components and k̃ₙ, λ near β = 0 are hardly determined one by one)"
+        if isinstance(posterior.problem.model, Model)
+        else "Numbers that follow from the sampled ones",
     )

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.physics import sine_motion
+from bayes_iwan.physics.simulator import inner_effects
 from bayes_iwan.report.style import PRIOR, band, series, styled, subplots
 
 
@@ -66,7 +67,8 @@ def slip_density_figure(posterior: Any, prior: bool = True) -> Figure:
 
 def _alpha_range(posterior: Any, numbers: dict[str, Array]) -> tuple[float, float]:
     """The α that the measured loops visit, by the median draw."""
-    alpha = np.median(posterior.problem.model.alpha(numbers, posterior.problem.motion), axis=0)
+    problem = posterior.problem
+    alpha = np.median(problem.model.alpha(numbers, problem.motion, inner_effects(problem.effects)), axis=0)
     return float(alpha.min()), float(alpha.max())
 
 
@@ -110,7 +112,7 @@ def grip_figure(posterior: Any) -> Figure:
         frequencies = [frequencies[i] for i in np.linspace(0, len(frequencies) - 1, 4).astype(int)]
     samples = 128
     motion = sine_motion(np.full(len(frequencies), amplitude), np.array(frequencies), samples)
-    alpha = problem.model.alpha(numbers, motion)
+    alpha = problem.model.alpha(numbers, motion, inner_effects(problem.effects))
     u = motion.displacement_mm[0, 0]
     figure, axes = subplots(1, 2, 7.2, 3.1, sharey=True)
     up = np.r_[np.arange(3 * samples // 4, samples), np.arange(samples // 4 + 1)]

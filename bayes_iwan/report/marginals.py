@@ -14,7 +14,6 @@ from matplotlib.ticker import MaxNLocator
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.frequencies import determined_names
-from bayes_iwan.inference.defaults import PAPER_UNITS, paper_numbers
 from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, styled, subplots
 
 #: below this contraction the data have hardly said anything of a number
@@ -188,13 +187,12 @@ def identifiable_corner(posterior: Any) -> Figure:
 
 def paper_corner(posterior: Any, names: Sequence[str] | None = None) -> Figure:
     """Corner plot of the paper's numbers (Table 1); expect ridges: most of them loops do not determine one by one."""
-    model = posterior.problem.model
-    draws = paper_numbers(model, posterior.problem.numbers(posterior.flat_z(4000)))
-    chosen = {n: draws[n] for n in (draws if names is None else names)}
+    found = posterior.problem.model.derived(posterior.problem.numbers(posterior.flat_z(4000)))
+    chosen = {n: found[n].values for n in (found if names is None else names)}
     for n in ("kn_1_mm", "lambda_s_m"):  # heavy tails as β → 0: show what 98 % of draws do
         if n in chosen:
             chosen[n] = np.clip(chosen[n], *np.quantile(chosen[n], [0.01, 0.99]))
-    labels = {n: paper_symbol(n) + (f" ({PAPER_UNITS[n]})" if n in PAPER_UNITS else "") for n in chosen}
+    labels = {n: paper_symbol(n) + (f" ({found[n].unit})" if found[n].unit != "-" else "") for n in chosen}
     return corner_figure(chosen, labels)
 
 

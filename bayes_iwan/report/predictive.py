@@ -13,6 +13,7 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.likelihood import make_likelihood
 from bayes_iwan.inference.scales import loop_energy_mJ
 from bayes_iwan.physics.motion import motion_of
+from bayes_iwan.physics.simulator import FORCE_ZERO, straight_part
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def predict(posterior: Any, loops: Sequence[Loop] | None = None, n: int = 300, s
     chosen = tuple(posterior.loops if loops is None else loops)
     z = posterior.flat_z(n)
     numbers = problem.numbers(z)
-    force = problem.model.force(numbers, motion_of(chosen))
+    force = problem.force(numbers, motion_of(chosen))
     mean = force.mean(axis=-1, keepdims=True)
     force += np.median(mean, axis=0) - mean
     rng = np.random.default_rng([seed, 31])
@@ -56,7 +57,11 @@ def predict(posterior: Any, loops: Sequence[Loop] | None = None, n: int = 300, s
     loop = force + _resolved(likelihood.replicate(force, numbers, rng) - force, chosen)
     scatter = np.stack([x.force_scatter_N for x in chosen])
     u = np.stack([x.displacement_mm for x in chosen])
-    spring = float(np.median(numbers["kp_N_mm"])) * u + float(np.median(numbers["force_zero_N"]))
+    slope = problem.model.spring_N_mm(numbers)
+    if slope is None:
+        spring = straight_part(np.median(force, axis=0), u)
+    else:
+        spring = float(np.median(slope)) * u + float(np.median(numbers[FORCE_ZERO]))
     measured = np.stack([x.force_N for x in chosen])
     zero = np.mean(measured - np.median(force, axis=0), axis=1)
     return Predictive(

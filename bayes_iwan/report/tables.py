@@ -15,7 +15,6 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
-from bayes_iwan.inference.defaults import PAPER_UNITS, paper_numbers
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.marginals import contraction, interval, paper_symbol
 from bayes_iwan.report.predictive import Predictive, loop_numbers
@@ -75,9 +74,8 @@ def parameters_table(posterior: Any) -> Table:
 
 
 def paper_table(posterior: Any) -> Table:
-    """The paper's numbers (Table 1 for the full model)."""
-    draws = paper_numbers(posterior.problem.model, posterior.problem.numbers(posterior.flat_z()))
-    rows = tuple((n, paper_symbol(n), PAPER_UNITS.get(n, "-"), *spread(x)) for n, x in draws.items())
+    """What the simulator derives from its sampled numbers: the paper's (Table 1) for the Iwan model."""
+    rows = tuple((n, paper_symbol(n), q.unit, *spread(q.values)) for n, q in posterior.derived().items())
     return Table("paper_numbers", "The paper's numbers", ("name", "symbol", "unit", *_STATISTICS), rows)
 
 

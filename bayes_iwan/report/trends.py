@@ -22,7 +22,7 @@ _WHAT = (
 def _model_numbers(posterior: Any, amplitude_mm: Array, frequency_hz: Array, n: int) -> LoopNumbers:
     problem = posterior.problem
     motion = sine_motion(amplitude_mm, frequency_hz)
-    force = problem.model.force(problem.numbers(posterior.flat_z(n)), motion)
+    force = problem.force(problem.numbers(posterior.flat_z(n)), motion)
     return loop_numbers(motion.displacement_mm[0], force)
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from bayes_iwan.inference.paper_coordinates import PaperCoordinates
 from scipy import stats
 
 from bayes_iwan.inference import defaults
-from bayes_iwan.inference.paper_coordinates import PaperCoordinates
 from bayes_iwan.inference.parameters import Parameter, ParameterError, Prior, configured
 from bayes_iwan.inference.problem import make_problem
 

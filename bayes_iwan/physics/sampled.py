@@ -1,22 +1,27 @@
-"""The sampled numbers of each model family, their default priors, and the maps to the model's and the paper's numbers.
+"""The sampled numbers of the Iwan model, their default priors, and the maps to the model's and the paper's numbers.
 
 Sampled are the numbers that loops determine one by one: k(1) and its elasticity instead of k_i and k_u, the mean
 slip force and the ratios of ordered component means instead of t_i, stick-breaking shares instead of g_i (Σg = 1:
-the scale degeneracy of paper-notes), k̃ₙβ and λk̃ₙ (through the campaign's scales) instead of k̃ₙ and λ.
+a common factor of all g is one of all k and t), k̃ₙβ and λk̃ₙ (through the campaign's scales) instead of k̃ₙ and λ.
 Priors are weakly informative and relative to the campaign's own scales of force, displacement and speed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
-from bayes_iwan.inference.parameters import Parameter
-from bayes_iwan.inference.scales import Scales
-from bayes_iwan.physics import Model, normal_force, slip_force, stiffness
+from bayes_iwan.physics import normal_force, slip_force, stiffness
+from bayes_iwan.physics.parameter import Parameter
+from bayes_iwan.physics.scales import Scales
+from bayes_iwan.physics.simulator import force_zero
+
+if TYPE_CHECKING:
+    from bayes_iwan.physics.model import Model
 
 
 def _lognormal(median: float, sd: float):
@@ -88,12 +93,18 @@ def _slip_parameters(family: slip_force.SlipForce, s: Scales) -> list[Parameter]
     ]
 
 
+def parallel_spring(scales: Scales) -> Parameter:
+    """Stiffness of a spring beside the friction."""
+    prior = _lognormal(0.7 * scales.soft_N_mm, 1.0)
+    return Parameter("kp_N_mm", "kp", "N/mm", "stiffness of the parallel spring", prior)
+
+
 def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
     """The sampled numbers of a base model with default priors (effects bring their own)."""
     s = scales
     out = [
-        Parameter("kp_N_mm", "kp", "N/mm", "stiffness of the parallel spring", _lognormal(0.7 * s.soft_N_mm, 1.0)),
-        Parameter("force_zero_N", "F₀", "N", "zero of the force channel", stats.t(df=2, scale=0.003 * s.force_N)),
+        parallel_spring(s),
+        force_zero(s),
         Parameter("k1_N_mm", "k(1)", "N/mm", "stiffness of the elements at α = 1", _lognormal(s.stiff_N_mm, 1.0)),
     ]
     if model.stiffness == "saturating":

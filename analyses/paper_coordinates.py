@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array
-from bayes_iwan.inference.defaults import Numbers, sampled_values
+from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.inference.problem import Problem
+from bayes_iwan.physics import Model
 from bayes_iwan.physics.normal_force import from_paper_hunt_crossley, paper_hunt_crossley
 from bayes_iwan.physics.slip_force import Gammas
 from bayes_iwan.physics.stiffness import from_paper_stiffness, paper_stiffness
@@ -31,9 +31,10 @@ class PaperCoordinates:
     def __post_init__(self) -> None:
         model = self.problem.model
         if not (
-            isinstance(model.slip_family, Gammas)
+            isinstance(model, Model)
+            and isinstance(model.slip_family, Gammas)
             and model.grip == "hunt_crossley"
-            and not model.effects
+            and not self.problem.effects
             and model.stiffness == "saturating"
             and all(p.free for p in self.problem.prior.parameters)
         ):
@@ -43,8 +44,13 @@ class PaperCoordinates:
             )
 
     @property
+    def model(self) -> Model:
+        assert isinstance(self.problem.model, Model)  # __post_init__ has seen to it
+        return self.problem.model
+
+    @property
     def components(self) -> int:
-        return len(self.problem.model.slip_family.names) // 3
+        return len(self.model.slip_family.names) // 3
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -67,7 +73,7 @@ class PaperCoordinates:
     def y_of(self, z: Array) -> Array:
         """y (draws, ndim) of z; NaN where k̃ₙ or λ is negative, of which there is no log."""
         numbers = self.problem.numbers(z)
-        paper = dict(numbers) | paper_stiffness(numbers) | paper_hunt_crossley(numbers, self.problem.model.reference)
+        paper = dict(numbers) | paper_stiffness(numbers) | paper_hunt_crossley(numbers, self.model.reference)
         with np.errstate(invalid="ignore"):
             return np.stack([paper[n] if n == "force_zero_N" else np.log(paper[n]) for n in self.names], axis=1)
 
@@ -79,8 +85,8 @@ class PaperCoordinates:
         means = np.stack([v[f"t{i}_N"] * v[f"eta{i}"] for i in range(1, last + 1)])
         possible = (rest > 0.0) & np.all(np.diff(means, axis=0) > 0.0, axis=0)
         numbers = v | {f"g{last}": np.where(possible, rest, 1.0)} | from_paper_stiffness(v["ki_N_mm"], v["ku_N_mm"])
-        numbers |= from_paper_hunt_crossley(v["kn_1_mm"], v["lambda_s_m"], v["beta"], self.problem.model.reference)
-        return sampled_values(self.problem.model, numbers), possible
+        numbers |= from_paper_hunt_crossley(v["kn_1_mm"], v["lambda_s_m"], v["beta"], self.model.reference)
+        return self.model.values(numbers), possible
 
     def z_of(self, y: Array) -> Array:
         """z (draws, ndim) of y; NaN where y is impossible."""

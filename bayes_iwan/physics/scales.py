@@ -1,0 +1,29 @@
+"""A campaign's own orders of magnitude, which make parameters dimensionless and priors weakly informative."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The campaign's own scales, which make α's numbers dimensionless: largest amplitude (mm) and speed (m/s)."""
+
+    length_mm: float
+    speed_m_s: float
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What the loops themselves say of the orders of magnitude; used for priors and for relative errors."""
+
+    length_mm: float  # largest amplitude
+    speed_m_s: float  # largest speed
+    force_N: float  # largest RMS force about its mean
+    slip_N: float  # largest dissipated energy / (4 amplitude): the mean slip force, were all to slip
+    soft_N_mm: float  # secant stiffness of the largest amplitude
+    stiff_N_mm: float  # stiffness after reversals, at least
+
+    @property
+    def reference(self) -> Reference:
+        return Reference(self.length_mm, self.speed_m_s)
