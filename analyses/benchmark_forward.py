@@ -186,7 +186,7 @@ def run(draws: int, repeats: int) -> dict[str, object]:
         "table": per * best(lambda: model.slip_family.table(numbers), repeats),
         "sliders": per
         * best(
-            lambda: sliders.friction(motion.displacement_mm, alpha, k, zero, True, tables, top, zero, zero, out),
+            lambda: sliders.friction(motion.displacement_mm, alpha, k, zero, True, tables, top, zero, out),
             repeats,
         ),
     }

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Campaign, Record, average, write_campaign
-from bayes_iwan.inference import defaults
 from bayes_iwan.inference.problem import make_problem
 from bayes_iwan.inference.scales import Scales
 from bayes_iwan.physics import Model, Reference, paper, sine_motion
@@ -209,7 +208,7 @@ def true_z(problem, values=None, **noise):
         n["grip_slope"] = n["grip_slope"] * length ** n["beta"]
         n["grip_rate"] = n["grip_rate"] * length ** n["beta"] * s.speed_m_s / REFERENCE.speed_m_s
     default = {"noise_scale": 1.0, "discrepancy_share": 1e-4, "discrepancy_length": 0.06, "noise_N": 0.02}
-    return problem.prior.scores(defaults.sampled_values(problem.model, n) | default | noise)
+    return problem.prior.scores(problem.model.values(n) | default | noise)
 
 
 @pytest.fixture(scope="session")

@@ -23,9 +23,9 @@ TABLE_1 = {
 
 
 def table_1(reference: Reference) -> dict[str, Array]:
-    """Table 1 as numbers (1,) of ``Model(reference)``, i.e. gamma3, hunt_crossley and saturating; no force zero."""
+    """Table 1 as numbers (1,) of ``Model(reference)``, i.e. gamma3, hunt_crossley and saturating."""
     one = {name: np.atleast_1d(np.asarray(value, float)) for name, value in TABLE_1.items()}
-    numbers = {"kp_N_mm": one["kp_N_mm"], "force_zero_N": np.zeros(1)}
+    numbers = {"kp_N_mm": one["kp_N_mm"]}
     numbers |= from_paper_stiffness(one["ki_N_mm"], one["ku_N_mm"])
     for i in range(3):
         numbers |= {

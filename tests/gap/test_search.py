@@ -13,7 +13,7 @@ from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.evidence import Rows, extended, fit_model
 from bayes_iwan.gap.paper_terms import evidence_of, select_terms
 from bayes_iwan.gap.search import SINGLE_MOST, _key, _singles_again, candidates, fit_base, ordered, start_points
-from bayes_iwan.inference import defaults
+from bayes_iwan.gap.strength import calibrated
 from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.physics import Model, sine_motion
 
@@ -80,7 +80,7 @@ def test_effects_with_a_number_for_each_test_promise_what_a_step_of_these_gains(
         base = fit_base(data, kit.config, scales, np.random.default_rng(0))
         effects = {
             "mains_hum": tuple(
-                catalogue.calibrated(k, scales, data, base.problem, base.z) for k in catalogue.variants()["mains_hum"]
+                calibrated(k, scales, data, base.problem, base.z) for k in catalogue.variants()["mains_hum"]
             )
         }
         gain[name] = [c.gain for c in candidates(data, base, effects)]
@@ -131,10 +131,7 @@ def test_strengths_are_brought_to_the_specimens_scale(kit):
         values = {n: v for n, v in problem.prior.values(np.zeros((1, problem.ndim))).items()}
         values |= found.base.problem.prior.values(found.base.z[None])
         values[effect.strength_name] = np.array([effect.strength_value])
-        force = [
-            m.force(defaults.model_numbers(m, values), found.data.steady_motion)
-            for m in (problem.model, found.base.problem.model)
-        ]
+        force = [p.force(p.numbers_of(values), found.data.steady_motion) for p in (problem, found.base.problem)]
         c = harmonics_of(force[0] - force[1], 17)[0]
         moved = np.sqrt(np.mean(np.abs(c[:, 0]) ** 2 + 0.5 * np.sum(np.abs(c[:, 1:]) ** 2, axis=1)))
         share = moved / friction_rms_N(found.base.problem, found.base.z)
@@ -194,8 +191,8 @@ def varying(kit):
     return SimpleNamespace(campaign=campaign, data=data, scales=scales_of(data.loops))
 
 
-def test_terms_that_the_base_lacks_are_taken_in_one_after_the_other(varying):
-    kinds = {e.name: (e,) for e in missing_terms(GAMMA1)}
+def test_terms_that_the_base_lacks_are_taken_in_one_after_the_other(varying, kit):
+    kinds = {e.name: (e,) for e in missing_terms(Model(kit.reference, **GAMMA1))}
     terms = select_terms(varying.data, varying.scales, {"model": GAMMA1}, kinds, np.random.default_rng(1))
     assert set(terms.names) == set(kinds)
     # k(α) does nothing while α is constant, so it never comes first
@@ -219,7 +216,7 @@ def test_terms_that_are_not_needed_are_not_taken_in(kit):
     data = gap_data(
         kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01).loops(**kit.small)
     )
-    kinds = {e.name: (e,) for e in missing_terms(GAMMA1)}
+    kinds = {e.name: (e,) for e in missing_terms(Model(kit.reference, **GAMMA1))}
     terms = select_terms(data, scales_of(data.loops), {"model": GAMMA1}, kinds, np.random.default_rng(1))
     assert terms.steps == () and terms.fit is terms.bare
 

@@ -100,7 +100,7 @@ def test_run_in_is_as_good_as_a_whole_cycle(truth, reference):
         table, top = model.slip_family.table(numbers)
         out, zero = np.empty((24, motion.loops, 384)), np.zeros(24)
         thrice = (np.tile(x, 3) for x in (motion.displacement_mm, alpha, k))
-        friction(*thrice, zero, False, table, top, zero, zero, out)
+        friction(*thrice, zero, False, table, top, zero, out)
         force = model.friction_force(numbers, motion)
         assert np.max(rms(force - out[..., 128:256]) / rms(force)) < 1e-9
 

@@ -8,6 +8,7 @@ from bayes_iwan.physics import Model, ModelError, record_motion, sine_motion
 from bayes_iwan.physics.motion import Y_FLOOR, Motion
 from bayes_iwan.physics.normal_force import ALPHA_FLOOR, LAWS, Reference, from_paper_hunt_crossley, paper_hunt_crossley
 from bayes_iwan.physics.pointwise import _expm1
+from bayes_iwan.physics.simulator import recorded_force
 from bayes_iwan.physics.stiffness import LAWS as STIFFNESS_LAWS
 from bayes_iwan.physics.stiffness import bend_of_elasticity, elasticity, from_paper_stiffness, paper_stiffness
 from bayes_iwan.threads import ALONE
@@ -282,9 +283,11 @@ def test_parts_of_the_force_add_up(truth, reference):
     numbers = truth.table_1(reference, draws=4, spread=0.2) | {"force_zero_N": np.array([0.0, 1.0, -2.0, 0.3])}
     friction = model.friction_force(numbers, motion)
     spring = numbers["kp_N_mm"][:, None, None] * motion.displacement_mm
-    np.testing.assert_allclose(model.specimen_force(numbers, motion), friction + spring, atol=1e-13)
+    np.testing.assert_allclose(model.force(numbers, motion), friction + spring, atol=1e-13)
     np.testing.assert_allclose(
-        model.force(numbers, motion), friction + spring + numbers["force_zero_N"][:, None, None], atol=1e-13
+        recorded_force(model, (), numbers, motion),
+        friction + spring + numbers["force_zero_N"][:, None, None],
+        atol=1e-13,
     )
 
 

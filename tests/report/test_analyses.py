@@ -28,7 +28,7 @@ def design():
 def test_stepwise_force_is_the_model_s(design, posterior):
     phi, p = design.element_numbers(posterior, 2)
     motion = sine_motion([0.6], [15.0], 2000)
-    model = posterior.problem.model.specimen_force(posterior.problem.numbers(posterior.flat_z(2)), motion)[:, 0]
+    model = posterior.problem.model.force(posterior.problem.numbers(posterior.flat_z(2)), motion)[:, 0]
     u, v = motion.displacement_mm[0, 0], 1e3 * motion.velocity_m_s[0, 0]
     for d in range(2):
         x = np.zeros(phi.shape[1])

@@ -11,6 +11,7 @@ from bayes_iwan.effects import catalogue
 from bayes_iwan.gap.data import gap_data, predicted
 from bayes_iwan.gap.evidence import base_problem, extended, fit_model
 from bayes_iwan.gap.search import Search
+from bayes_iwan.gap.strength import calibrated
 from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.validation import baselines
 
@@ -26,9 +27,7 @@ def base():
     data, scales = gap_data(loops), scales_of(loops)
     problem = base_problem(data, {}, scales)
     fit = fit_model(data, problem, np.zeros((1, problem.ndim)), iterations=4)
-    effects = {
-        n: tuple(catalogue.calibrated(k, scales, data, problem, fit.z) for k in catalogue.variants()[n]) for n in KINDS
-    }
+    effects = {n: tuple(calibrated(k, scales, data, problem, fit.z) for k in catalogue.variants()[n]) for n in KINDS}
     return data, scales, fit, effects
 
 
