@@ -207,7 +207,7 @@ def draw_case(
     for _ in range(60):
         tests, unseen = draw_design(rng)
         setup = draw_setup(rng)
-        seed = int(rng.integers(2**31))
+        seed = int(rng.integers(2**62))
         amplitudes = [t.amplitude_mm for t in tests]
         speed = 2e-3 * np.pi * max(t.frequency_hz for t in tests) * max(amplitudes)
         specimen = draw_specimen(rng, (min(amplitudes), max(amplitudes)), speed)

@@ -82,13 +82,15 @@ Draw = Callable[[np.random.Generator, Surroundings], Parameters]
 class Law:
     """One law of a fault: what its numbers do (`acts`), and the numbers that only this law has, drawn.
 
-    `evolves`: the change of the force changes along the record.
+    `evolves`: the change of the force changes along the record. `strongest`: where the main number follows from the
+    strength otherwise than in the kind's other laws.
     """
 
     name: str
     acts: Callable[[Parameters], Acting]
     draw: Draw = _nothing
     evolves: bool = False
+    strongest: Callable[[Surroundings, float], float] | None = None
 
 
 @dataclass(frozen=True)

@@ -50,16 +50,18 @@ COMPLIANCE = FaultKind(
 _LOOSE = {"end_mass_kg": 3e-4, "end_damping": 2e-5}
 
 
-def _soft_play(power: float) -> Callable[[Parameters], Acting]:
+def _soft_play(stretch: Callable[[Floats], Floats]) -> Callable[[Parameters], Acting]:
+    """A play whose ends give: by a share of its width at the reference force."""
+
     def acts(p: Parameters) -> Acting:
-        give, f0 = p["give_mm"], p["reference_N"]
-        return {
-            "play": p["play_mm"],
-            "joint_stretch": lambda f: give * ((f / f0 + 0.01) ** power - 0.01**power),
-            **_LOOSE,
-        }
+        give, f0 = p["give_share"] * p["play_mm"], p["reference_N"]
+        return {"play": p["play_mm"], "joint_stretch": lambda f: give * stretch(f / f0), **_LOOSE}
 
     return acts
+
+
+def _give(rng: np.random.Generator, s: Surroundings) -> Parameters:
+    return {"give_share": float(rng.uniform(0.15, 0.6)), "reference_N": 0.5 * s.force_peak_N}
 
 
 PLAY = FaultKind(
@@ -68,12 +70,10 @@ PLAY = FaultKind(
     linear(lambda s: 0.25 * s.largest_mm),
     (
         Law("hard", lambda p: {"play": p["play_mm"], **_LOOSE}),
-        Law("soft_contact", _soft_play(2 / 3),
-            lambda g, s: {"give_mm": float(g.uniform(0.01, 0.04)) * s.largest_mm, "reference_N": 0.5 * s.force_peak_N}),
-        Law("oil_film", lambda p: {"play": p["play_mm"], "end_mass_kg": 3e-4, "end_damping": p["film_N_s_mm"]},
-            lambda g, s: {"film_N_s_mm": float(g.uniform(0.05, 0.2)) * s.friction_rms_N / s.speed_mm_s}),
+        Law("hertz_ends", _soft_play(lambda x: (x + 0.01) ** (2 / 3) - 0.01 ** (2 / 3)), _give),
+        Law("rough_ends", _soft_play(lambda x: np.log1p(20.0 * x) / np.log(21.0)), _give),
     ),
-)  # fmt: skip
+)
 
 MASS = FaultKind(
     "moving_mass",
@@ -262,16 +262,23 @@ def _soft_knee(x: Floats, p: Parameters) -> Floats:
     return np.asarray(x / (1.0 + np.abs(x) ** n) ** (1.0 / n))
 
 
+def _unequal(p: Parameters) -> Acting:
+    """The lower limit cuts less off the peak than the upper one does."""
+    lower = p["peak_N"] - p["lower_share"] * (p["peak_N"] - p["limit_N"])
+    return {"saturation": lambda f: np.clip(f, -lower, p["limit_N"])}
+
+
 CLIPPING = FaultKind(
     "force_clipping",
     "limit_N",
-    lambda s, strength: s.force_peak_N * (1.0 - 0.7 * strength) if strength > 0 else np.inf,
+    lambda s, strength: s.force_peak_N * (1.0 - 0.7 * strength),
     (
         Law("hard", _clipped(lambda x, p: np.clip(x, -1.0, 1.0))),
-        Law("soft", _clipped(_soft_knee), lambda g, s: {"sharpness": float(g.uniform(6.0, 14.0))}),
+        Law("soft", _clipped(_soft_knee), lambda g, s: {"sharpness": float(g.uniform(4.0, 12.0))},
+            strongest=lambda s, strength: s.force_peak_N * 0.3 / strength),
         Law("one_side", _clipped(lambda x, p: np.minimum(x, 1.0))),
-        Law("unequal", _clipped(lambda x, p: np.clip(x, -p["lower_share"], 1.0)),
-            lambda g, s: {"lower_share": float(g.uniform(0.8, 0.95))}),
+        Law("unequal", _unequal,
+            lambda g, s: {"lower_share": float(g.uniform(0.3, 0.8)), "peak_N": s.force_peak_N}),
     ),
 )  # fmt: skip
 

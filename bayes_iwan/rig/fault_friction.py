@@ -97,8 +97,8 @@ LAG = FaultKind(
             lambda g, s: {"ratio": float(g.uniform(2.0, 5.0))}),
         Law("with_transient",
             lambda p: {"lag_rise_s": p["tau_s"], "lag_fall_s": p["tau_s"], "lag_slow_share": p["slow_share"],
-                       "lag_slow_s": p["slow_s"]},
-            lambda g, s: {"slow_share": float(g.uniform(0.2, 0.5)), "slow_s": float(g.uniform(0.2, 1.0))}, True),
+                       "lag_slow_s": p["slow_ratio"] * p["tau_s"]},
+            lambda g, s: {"slow_share": float(g.uniform(0.2, 0.5)), "slow_ratio": float(g.uniform(8.0, 25.0))}, True),
     ),
 )  # fmt: skip
 

@@ -69,7 +69,7 @@ def drawn(name: str, law: str, surroundings: Surroundings, rng: np.random.Genera
 def complete(name: str, law: str, others: dict[str, float], surroundings: Surroundings, strength: float) -> Fault:
     """The fault at a strength in (0, 1] in these surroundings."""
     kind = KINDS[name]
-    main = others.get("_sign", 1.0) * kind.strongest(surroundings, strength)
+    main = others.get("_sign", 1.0) * (kind.law(law).strongest or kind.strongest)(surroundings, strength)
     numbers = {kind.main: float(main), **{k: float(v) for k, v in others.items() if not k.startswith("_")}}
     return Fault(name, numbers, law or kind.laws[0].name)
 

@@ -174,7 +174,7 @@ def size_fault(
             low, low_size = middle, best.size
         else:
             high, high_size = middle, best.size
-    return best
+    raise RigError(f"no strength of {name} ({law}) changes the force by {100 * size:.2g} % of the friction force")
 
 
 def _column(parts: Sequence[Floats], about_mean: bool) -> Floats:
