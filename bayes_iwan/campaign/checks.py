@@ -23,6 +23,9 @@ FEWEST_PER_CYCLE = 8.0
 REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
 LATE = 0.3  # below minus this the delay is so long that no loop is left to identify
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
+FLAT = 0.01  # of the force's height: what counts as its top
+FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a sliding specimen's top takes at most
+CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force bends long before
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
@@ -142,7 +145,40 @@ def check_record(record: Record) -> tuple[Record, Loop]:
                 f"{spikes.size} spike(s) in the {name}, the first at {record.time_s[index[spikes[0]]]:.6g} s, are "
                 "averaged in: delete their lines, the gaps will be bridged"
             )
+    if not any("clipped?" in note for note in notes):
+        notes += _flat_tops(loop)
     return replace(record, warnings=tuple(notes)), loop
+
+
+def _flat_tops(loop: Loop) -> list[str]:
+    """A force that rises steeply and then not at all while the motion goes on: clipped, under whatever noise.
+
+    On the averaged loop, since noise hides it in the samples. A specimen without a spring beside its friction has flat
+    tops too, but bends into them.
+    """
+    notes = []
+    for side, sign in (("top", 1.0), ("bottom", -1.0)):
+        force, u = sign * loop.force_N, sign * loop.displacement_mm
+        middle = force.size // 2
+        turn = middle - int(np.argmax(force))
+        force, u = np.roll(force, turn), np.roll(u, turn)
+        below = force <= force[middle] - FLAT * np.ptp(force)
+        a = int(np.flatnonzero(below[:middle])[-1]) + 1 if below[:middle].any() else 0
+        b = middle + int(np.argmax(below[middle:])) if below[middle:].any() else force.size
+        width = min(max(3, (b - a) // 2), 8)
+        if a < width:
+            continue
+        stroke = float(np.ptp(u[a:b]) / np.ptp(u))
+        run = max(float(u[a] - u[a - width]), 1e-9 * float(np.ptp(u)))
+        slope = float(force[a] - force[a - width]) / run / float(np.ptp(force) / np.ptp(u))
+        if stroke > FLAT_STROKE and slope > (CORNER if stroke < LONG_STROKE else 2 * CORNER):
+            notes.append(
+                f"the {side} of the force's loop is flat over {stroke:.0%} of the stroke, with a corner before it: "
+                "clipped, "
+                "under noise? Slip forces would be too small and the friction too sharp; lower the gain and record "
+                "again"
+            )
+    return notes
 
 
 def _counted_frequency(time: Array, frequency_hz: float) -> float:

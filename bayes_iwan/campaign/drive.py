@@ -126,7 +126,7 @@ def _kind(y: Array, levels: list[tuple[int, int]]) -> str:
         return "steady"
     # what is left of levels, and of a smooth curve: most cycles of the right description lie on it
     middles = np.array([np.median(y[a:b], axis=0) for a, b in levels]).reshape(-1, 1, 2)
-    off_levels = np.abs(y - middles).max(axis=2).min(axis=0) if levels else np.full(n, np.inf)
+    off_levels = np.abs(y - middles).max(axis=2).min(axis=0) if levels else np.full(n, 1e3)
     x = np.linspace(-1, 1, n)
     basis = np.polynomial.legendre.legvander(x, min(5, n // 4))
     off_curve = np.abs(y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]).max(axis=1)
