@@ -208,6 +208,7 @@ def true_z(problem, values=None, **noise):
         n["grip_slope"] = n["grip_slope"] * length ** n["beta"]
         n["grip_rate"] = n["grip_rate"] * length ** n["beta"] * s.speed_m_s / REFERENCE.speed_m_s
     default = {"noise_scale": 1.0, "discrepancy_share": 1e-4, "discrepancy_length": 0.06, "noise_N": 0.02}
+    default |= {"discrepancy_odd": 1e-4, "discrepancy_even": 1e-4, "discrepancy_slope": 2.0}
     return problem.prior.scores(problem.model.values(n) | default | noise)
 
 

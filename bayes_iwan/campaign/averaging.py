@@ -23,6 +23,9 @@ LOG_VARIANCE = np.pi**2 / 6  # of the logarithm of an exponential variable
 STEEPEST = 2.0  # typical slope of a noise power spectrum
 FEWEST_TO_TAPER = 8  # harmonics; a distorted sine has fewer that matter
 CORNERS = 2e-3  # share of the squared velocity in the upper half of the harmonics that tells corners
+#: harmonics of the force above this share of the sampling rate are not trusted (but for the first few): anti-alias
+#: filters and sensors' own resonances turn and weaken them
+TRUSTED_BAND, LEAST_HARMONICS = 0.13, 5
 FALSE_HARMONIC = 1e-3  # chance that any noise-only harmonic enters the displacement
 
 
@@ -221,6 +224,14 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
         cut=cut,
         averager=averager,
     )
+
+
+def in_band(loop: Loop) -> Loop:
+    """The loop with the force's harmonics above TRUSTED_BAND of the sampling rate no data: their noise is infinite."""
+    order = np.arange(len(loop.noise_N))
+    step = float(np.median(np.diff(loop.record.time_s)))
+    beyond = (order * loop.frequency_hz * step > TRUSTED_BAND) & (order > LEAST_HARMONICS)
+    return replace(loop, noise_N=np.where(beyond, np.inf, loop.noise_N))
 
 
 def _pad(noise: Array, n_harmonics: int) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.accelerometer import displacement_from_acceleration
-from bayes_iwan.campaign.averaging import Loop, average
+from bayes_iwan.campaign.averaging import Loop, average, in_band
 from bayes_iwan.campaign.between_tests import compared
 from bayes_iwan.campaign.checks import (
     check_record,
@@ -62,8 +62,8 @@ class Campaign:
         return self.tests[0].units
 
     def loops(self, n_phase: int = 128, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
-        """Each test's phase-averaged loop, in the order of `tests`; see `Loop`."""
-        return tuple(average(test, n_phase, n_harmonics, n_blocks) for test in self.tests)
+        """Each test's phase-averaged loop, harmonics that cannot be trusted left out, in the order of `tests`."""
+        return tuple(in_band(average(test, n_phase, n_harmonics, n_blocks)) for test in self.tests)
 
 
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:

@@ -8,7 +8,7 @@ and the amplitude at 50 and 60 Hz of what averaging leaves of the record, where 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from bayes_iwan.physics import Motion
 from bayes_iwan.physics.motion import motion_of
 
 MAINS_HZ = (50.0, 60.0)
-#: harmonics above this share of the sampling rate are left out (but for the first few): anti-alias filters and
-#: sensors' own resonances turn and weaken them, which is nobody's finding
-TRUSTED_BAND, LEAST_HARMONICS = 0.13, 5
 #: harmonics whose change along the record is looked at
 TREND_HARMONICS = 7
 #: change along the record that needs no cause, as a share of the friction level, per contrast and harmonic
@@ -94,7 +91,7 @@ class GapData:
 
 def gap_data(loops: Sequence[Loop]) -> GapData:
     """Data from the loops to be fitted (the caller leaves held-out ones away)."""
-    loops = tuple(_in_band(x) for x in loops)
+    loops = tuple(loops)
     blocks = max(len(x.block_cycle) for x in loops)
     level = friction_level_N(loops)
     contrast = np.zeros((len(loops), max(blocks - 1, 0), blocks))
@@ -131,14 +128,6 @@ def gap_data(loops: Sequence[Loop]) -> GapData:
         motion_of(loops),
         motion_of(loops, blocks=True),
     )
-
-
-def _in_band(loop: Loop) -> Loop:
-    """The loop with harmonics above TRUSTED_BAND of the sampling rate left out (their noise set to infinity)."""
-    rate = 1.0 / float(np.median(np.diff(loop.record.time_s)))
-    beyond = np.arange(len(loop.noise_N)) * loop.frequency_hz > TRUSTED_BAND * rate
-    beyond[: LEAST_HARMONICS + 1] = False
-    return replace(loop, noise_N=np.where(beyond, np.inf, loop.noise_N))
 
 
 def _contrasts(cycle: Array) -> Array:

@@ -111,7 +111,8 @@ class Linear:
 def base_problem(data: GapData, config: dict, scales: Scales, simulator: Simulator | None = None) -> Problem:
     """The base model (a simulator, or the Iwan model of the configuration), noise fixed, for the loops of `data`."""
     parameters = {**config.get("parameters", {}), **_FIXED_NOISE}
-    settings = {**config, "likelihood": {"kind": "unweighted"}, "parameters": parameters}
+    settings = {**config, "likelihood": {"kind": "matern"}, "parameters": parameters}
+    settings["model"] = {**config.get("model", {}), "embedded": False}  # the gap's effects are what bends this model
     return make_problem(data.loops, settings, simulator, scales)
 
 

@@ -32,6 +32,94 @@ ZERO_FLOOR = 0.003
 BETWEEN = (0.8, 0.5, 0.3)
 
 
+NOISE_SCALE = Parameter(
+    "noise_scale", "s", "-", "noise over what the records' repeatability says", stats.lognorm(s=0.05, scale=1.0)
+)
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """How the discrepancy's variance is spread over the harmonics, by numbers that are sampled."""
+
+    parameters: tuple[Parameter, ...]
+
+    def variance(self, numbers: Numbers, count: int) -> Array:
+        """Of each harmonic's real part over level², (draws, count)."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Matern(Spectrum):
+    """(1 + (2πhℓ)²)⁻² of a periodic Matérn process; odd and even harmonics alike."""
+
+    parameters: tuple[Parameter, ...] = (
+        Parameter(
+            "discrepancy_share",
+            "a",
+            "-",
+            "smooth misfit of the model, RMS over the friction level",
+            stats.lognorm(s=1.2, scale=0.01),
+        ),
+        Parameter(
+            "discrepancy_length",
+            "ℓ",
+            "cycles",
+            "correlation length of that misfit along the loop",
+            stats.lognorm(s=0.5, scale=0.06),
+            0.01,
+            0.5,
+        ),
+    )
+
+    def variance(self, numbers: Numbers, count: int) -> Array:
+        return discrepancy_spectrum(numbers["discrepancy_share"], numbers["discrepancy_length"], count)
+
+
+@dataclass(frozen=True)
+class OddEven(Spectrum):
+    """h^−p, p = discrepancy_slope, with a share of its own for odd and for even harmonics (the mean is even).
+
+    A loop that misses by the same both ways, as friction's does, misses in odd harmonics.
+    """
+
+    parameters: tuple[Parameter, ...] = (
+        Parameter(
+            "discrepancy_odd",
+            "a₁",
+            "-",
+            "misfit of the model in odd harmonics, RMS over the friction level",
+            stats.lognorm(s=1.2, scale=0.01),
+        ),
+        Parameter(
+            "discrepancy_even",
+            "a₂",
+            "-",
+            "misfit of the model in even harmonics, RMS over the friction level",
+            stats.lognorm(s=1.2, scale=0.005),
+        ),
+        Parameter(
+            "discrepancy_slope",
+            "p",
+            "-",
+            "fall of the misfit's power with the harmonic, its exponent",
+            stats.norm(loc=2.0, scale=1.0),
+            0.0,
+            6.0,
+        ),
+    )
+
+    def variance(self, numbers: Numbers, count: int) -> Array:
+        order = np.maximum(np.arange(count), 1)
+        power = order ** -numbers["discrepancy_slope"][:, None]
+        odd = np.arange(count) % 2 == 1
+        total = [np.maximum(np.sum(power[:, part], axis=1, keepdims=True), 1e-300) for part in (~odd, odd)]
+        share = [numbers[name][:, None] for name in ("discrepancy_even", "discrepancy_odd")]
+        return power * np.where(odd, share[1] ** 2 / total[1], share[0] ** 2 / total[0])
+
+
+MATERN, ODD_EVEN = Matern(), OddEven()
+
+
 @dataclass(frozen=True)
 class Correlated:
     """Errors correlated along the loop and between tests: a smooth misfit of unknown shape, marginalised, plus noise.
@@ -60,31 +148,18 @@ class Correlated:
     #: lengths of the correlation between tests in ln f and ln A, and the share each test has to itself
     between: tuple[float, float, float] = BETWEEN
 
-    parameters = (
-        Parameter(
-            "noise_scale", "s", "-", "noise over what the records' repeatability says", stats.lognorm(s=0.3, scale=1.0)
-        ),
-        Parameter(
-            "discrepancy_share",
-            "a",
-            "-",
-            "smooth misfit of the model, RMS over the friction level",
-            stats.lognorm(s=1.2, scale=0.01),
-        ),
-        Parameter(
-            "discrepancy_length",
-            "ℓ",
-            "cycles",
-            "correlation length of that misfit along the loop",
-            stats.lognorm(s=0.5, scale=0.06),
-            0.01,
-            0.5,
-        ),
-    )
+    #: how the discrepancy's variance is spread over the harmonics
+    spectrum: Spectrum = MATERN
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (NOISE_SCALE, *self.spectrum.parameters)
 
     @property
     def name(self) -> str:
-        return "unweighted" if self.weighted is None else "correlated"
+        if self.weighted is not None:
+            return "correlated"
+        return "matern" if self.spectrum is MATERN else "unweighted"
 
     @cached_property
     def friction_level(self) -> Array:
@@ -185,7 +260,7 @@ class Correlated:
         return np.matmul(residual_N.transpose(1, 0, 2), self.projection)
 
     def _spectrum(self, numbers: Numbers) -> Array:
-        return discrepancy_spectrum(numbers["discrepancy_share"], numbers["discrepancy_length"], self.used)
+        return self.spectrum.variance(numbers, self.used)
 
     def _whitened(self, residual_N: Array, numbers: Numbers) -> tuple[Array, Array]:
         """Rotated residuals (2, H, draws, tests), real and imaginary, and their variances (H, draws, tests)."""
@@ -247,6 +322,11 @@ class Correlated:
 
     def of_loops(self, loops: tuple[Loop, ...]) -> Correlated:
         return replace(self, loops=loops, friction_N=tuple(self.friction_level))
+
+    def of_tests(self, tests: Sequence[int]) -> Correlated:
+        return replace(
+            self, loops=tuple(self.loops[t] for t in tests), friction_N=tuple(self.friction_level[list(tests)])
+        )
 
 
 def on_phases(parts: Array, samples: int) -> Array:

@@ -17,7 +17,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference.discrepancy import Correlated
+from bayes_iwan.inference.discrepancy import ODD_EVEN, Correlated
 from bayes_iwan.inference.loop_error import paper_weights
 from bayes_iwan.inference.parameters import Parameter
 from bayes_iwan.inference.scales import Scales
@@ -46,6 +46,9 @@ class Likelihood(Protocol):
 
     def of_loops(self, loops: tuple[Loop, ...]) -> Likelihood:
         """The same noise model for other forces of the same tests."""
+
+    def of_tests(self, tests: Sequence[int]) -> Likelihood:
+        """The same noise model for some of the tests."""
 
 
 @dataclass(frozen=True)
@@ -122,15 +125,21 @@ class Independent:
     def of_loops(self, loops: tuple[Loop, ...]) -> Independent:
         return replace(self, loops=loops)
 
+    def of_tests(self, tests: Sequence[int]) -> Independent:
+        return replace(self, loops=tuple(self.loops[t] for t in tests))
 
-KINDS = ("correlated", "unweighted", "gaussian", "laplace")
+
+KINDS = ("correlated", "unweighted", "matern", "gaussian", "laplace")
 
 
 def make_likelihood(kind: str, loops: Sequence[Loop], scales: Scales) -> Likelihood:
-    """The likelihood by name: correlated (default), the same unweighted, gaussian or laplace."""
+    """The likelihood by name: correlated (default), the same unweighted, matern (unweighted, odd and even harmonics
+    alike), gaussian or laplace."""
     if kind == "correlated":
-        return Correlated(tuple(loops), scales)
+        return Correlated(tuple(loops), scales, spectrum=ODD_EVEN)
     if kind == "unweighted":
+        return Correlated(tuple(loops), spectrum=ODD_EVEN)
+    if kind == "matern":
         return Correlated(tuple(loops))
     if kind in KINDS:
         return Independent(tuple(loops), scales, kind)

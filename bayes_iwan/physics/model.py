@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
-from bayes_iwan.physics import normal_force, sampled, sliders, slip_force, stiffness
+from bayes_iwan.physics import embedded, normal_force, sampled, sliders, slip_force, stiffness
 from bayes_iwan.physics.motion import Motion
 from bayes_iwan.physics.normal_force import ALPHA_FLOOR
 from bayes_iwan.physics.parameter import Parameter
@@ -34,12 +34,14 @@ class Model(Simulator):
     grip : "constant" (classical Iwan), "polynomial1" … "polynomial6", "hunt_crossley_no_speed", "hunt_crossley"
     stiffness : "constant" or "saturating" (Eq. 12)
     reference : the campaign's scales (see :class:`bayes_iwan.physics.scales.Reference`)
+    embedded : whether the model's own form may bend a little (see :mod:`bayes_iwan.physics.embedded`)
     """
 
     reference: Reference
     slip: str = "gamma3"
     grip: str = "hunt_crossley"
     stiffness: str = "saturating"
+    embedded: bool = False
 
     stations = frozenset(INNER)
 
@@ -54,11 +56,12 @@ class Model(Simulator):
 
     @property
     def name(self) -> str:
-        return f"{self.slip}/{self.grip}/{self.stiffness}"
+        return f"{self.slip}/{self.grip}/{self.stiffness}" + ("/embedded" if self.embedded else "")
 
     @property
     def slip_family(self) -> slip_force.SlipForce:
-        return slip_force.FAMILIES[self.slip]
+        family = slip_force.FAMILIES[self.slip]
+        return embedded.Tilted(family) if self.embedded else family
 
     @property
     def grip_law(self) -> normal_force.NormalForce:
@@ -70,8 +73,9 @@ class Model(Simulator):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Numbers that `force` reads: parallel spring, then stiffness, slip forces, grip."""
-        return ("kp_N_mm", *self.stiffness_law.names, *self.slip_family.names, *self.grip_law.names)
+        """Numbers that `force` reads: parallel spring, then stiffness, slip forces, grip, bends."""
+        laws = (self.stiffness_law, self.slip_family, self.grip_law)
+        return ("kp_N_mm", *(name for law in laws for name in law.names), *(embedded.NAMES if self.embedded else ()))
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         return sampled.default_parameters(self, scales)
@@ -94,6 +98,8 @@ class Model(Simulator):
     def alpha(self, numbers: Numbers, motion: Motion, effects: Sequence[Station] = ()) -> Array:
         """Relative normal force with the grip effects, (draws, loops, samples)."""
         alpha = self.grip_law.alpha(numbers, motion, self.reference, len(numbers["kp_N_mm"]))
+        if self.embedded:
+            alpha = embedded.bent_normal_force(alpha, motion, numbers)
         for effect in effects:
             alpha = effect.grip(alpha, motion, numbers)
         return np.maximum(alpha, ALPHA_FLOOR) if effects else alpha
@@ -118,6 +124,8 @@ class Model(Simulator):
             moved = motion.of_draws(part)
             alpha = np.ascontiguousarray(self.alpha(some, moved, effects))
             k = self.stiffness_law.k(some, alpha)
+            if self.embedded:
+                k = embedded.bent_stiffness(k, alpha, some)
             for effect in effects:
                 k = effect.stiffness(k, alpha, some)
             k = np.ascontiguousarray(k)

@@ -15,13 +15,17 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
-from bayes_iwan.physics import normal_force, slip_force, stiffness
+from bayes_iwan.physics import embedded, normal_force, slip_force, stiffness
 from bayes_iwan.physics.parameter import Parameter
 from bayes_iwan.physics.scales import Scales
 from bayes_iwan.physics.simulator import force_zero
 
 if TYPE_CHECKING:
     from bayes_iwan.physics.model import Model
+
+#: prior standard deviations of the embedded bends: of the first tilt of the slip forces' density (the k-th is a k-th
+#: of it), of the exponent in k(α), of the corner in α
+TILT_SD, EXPONENT_SD, CORNER_SD = 0.3, 0.1, 0.05
 
 
 def _lognormal(median: float, sd: float):
@@ -119,7 +123,7 @@ def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
                 1.0 - 1e-4,
             )
         )
-    out += _slip_parameters(model.slip_family, s)
+    out += _slip_parameters(slip_force.FAMILIES[model.slip], s)
     for name in model.grip_law.names:
         if name == "beta":
             out.append(
@@ -139,7 +143,22 @@ def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
             )
         else:
             out.append(Parameter(name, name, "-", f"coefficient of (u/ℓ)^{name[1:]} in α", stats.norm(scale=0.4)))
-    return tuple(out)
+    return (*out, *embedded_parameters()) if model.embedded else tuple(out)
+
+
+def embedded_parameters() -> tuple[Parameter, ...]:
+    """How far the model's own form may bend: narrow, and centred on no bend."""
+    tilts = (
+        Parameter(name, f"c{k}", "-", f"bend {k} of the slip forces' density", stats.norm(scale=TILT_SD / k))
+        for k, name in enumerate(embedded.TILT_NAMES, start=1)
+    )
+    return (
+        *tilts,
+        Parameter(
+            embedded.STIFFNESS_NAME, "p−1", "-", "exponent of α that multiplies k(α)", stats.norm(scale=EXPONENT_SD)
+        ),
+        Parameter(embedded.CORNER_NAME, "c_A", "-", "bend of α at its corner, u = A", stats.norm(scale=CORNER_SD)),
+    )
 
 
 def model_numbers(model: Model, values: Mapping[str, Array]) -> Numbers:
@@ -148,7 +167,7 @@ def model_numbers(model: Model, values: Mapping[str, Array]) -> Numbers:
     out = {name: v[name] for name in v if name not in ("elasticity",)}
     if model.stiffness == "saturating":
         out["stiffness_bend"] = stiffness.bend_of_elasticity(v["elasticity"])
-    family = model.slip_family
+    family = slip_force.FAMILIES[model.slip]
     if isinstance(family, slip_force.Gammas):
         n = family.components
         rest = np.ones_like(v["mean_slip_force_N"])
@@ -174,7 +193,7 @@ def sampled_values(model: Model, numbers: Mapping[str, Array]) -> Numbers:
     out = dict(numbers)
     if model.stiffness == "saturating":
         out["elasticity"] = stiffness.elasticity(numbers["stiffness_bend"])
-    family = model.slip_family
+    family = slip_force.FAMILIES[model.slip]
     if isinstance(family, slip_force.Gammas):
         each = range(1, family.components + 1)
         t, eta, g = (

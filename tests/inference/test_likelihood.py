@@ -13,8 +13,6 @@ from bayes_iwan.inference.loop_error import friction_level_N, goal_function, har
 from bayes_iwan.inference.point import laplace_scale
 from bayes_iwan.inference.problem import make_problem
 
-ONE_TEST = ((10.0, 1.0),)
-
 
 def test_weights_of_eq_9():
     """0.2 + √(1 − (u/A)²): 1.2 in mid-stroke, 0.2 at its ends, 0.8 at u = 0.8 A; not NaN beyond A."""
@@ -71,8 +69,10 @@ def test_short_correlation_tends_to_the_squared_form_of_eq_8(problem):
     r = 0.05 * r.reshape(6, 4, 128)
     r -= np.sum(r * like.root_weights, axis=2, keepdims=True) / np.sum(like.root_weights, axis=1)[:, None]
     share = 30.0  # so that noise, floors included, is nothing
-    numbers = {k: np.full(6, v) for k, v in (("noise_scale", 1.0), ("discrepancy_share", share))}
-    got = -2.0 * alone.log_likelihood(r, numbers | {"discrepancy_length": np.full(6, 1e-9)})
+    # odd and even orders alike: 26 and 25 of them
+    odd, even = share * np.sqrt([25 / 51, 26 / 51])
+    numbers = {"noise_scale": 1.0, "discrepancy_odd": odd, "discrepancy_even": even, "discrepancy_slope": 0.0}
+    got = -2.0 * alone.log_likelihood(r, {k: np.full(6, v) for k, v in numbers.items()})
     goal = np.array([hand_written_goal(problem, x, True) for x in r])
     # Σ_h |e_h|² = 2 mean(e²), e² = w r² / mean w; the variance of each of the 51 orders is (share slip)² A / (ℓ 51)
     w = paper_weights(problem.motion.displacement_mm[0], problem.motion.amplitude_mm).mean()
@@ -85,7 +85,7 @@ def test_short_correlation_tends_to_the_squared_form_of_eq_8(problem):
 def test_parts_sum_up(problem, known, kind):
     """Pointwise terms sum to ln L; half the squared rows differ as −ln L does while the noise stays."""
     p = make_problem(problem.loops, {"likelihood": {"kind": kind}})
-    z = np.repeat(known.true_z(p, noise_scale=1.2, discrepancy_share=0.01), 4, axis=0)
+    z = np.repeat(known.true_z(p, noise_scale=1.2, discrepancy_odd=0.01), 4, axis=0)
     physical = [i for i, n in enumerate(p.names) if n not in {q.name for q in p.likelihood.parameters}]
     z[:, physical] += 0.02 * np.random.default_rng(1).standard_normal((4, len(physical)))
     total = p.log_likelihood(z)
@@ -109,7 +109,7 @@ def test_pointwise_densities_are_those_of_scipy(problem, known):
         np.testing.assert_allclose(like.pointwise(r, b).reshape(r.shape[1:]), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["correlated", "unweighted"])
+@pytest.mark.parametrize("kind", ["correlated", "unweighted", "matern"])
 def test_correlated_is_a_multivariate_normal(problem, kind):
     """Against scipy's, with the covariance of all tests' harmonics written out, harmonic by harmonic; weighted, it is
     that of √(w/w̄)·(residual − its mean by √w), and of the mean."""
@@ -118,9 +118,18 @@ def test_correlated_is_a_multivariate_normal(problem, kind):
     angle = 2.0 * np.pi * np.arange(128) / 128 * np.arange(31)[:, None]
     rng = np.random.default_rng(2)
     r = 0.05 * (rng.standard_normal((4, 31)) @ np.cos(angle) + rng.standard_normal((4, 31)) @ np.sin(angle))
-    share, length = np.array([0.02]), np.array([0.1])
-    numbers = {"noise_scale": np.array([1.3]), "discrepancy_share": share, "discrepancy_length": length}
-    spectrum = discrepancy_spectrum(share, length, 51)[0]
+    if kind == "matern":
+        numbers = {"discrepancy_share": np.array([0.02]), "discrepancy_length": np.array([0.1])}
+        spectrum = discrepancy_spectrum(np.array([0.02]), np.array([0.1]), 51)[0]
+    else:
+        numbers = {k: np.array([v]) for k, v in (("odd", 0.02), ("even", 0.01), ("slope", 1.5))}
+        numbers = {f"discrepancy_{k}": v for k, v in numbers.items()}
+        order = np.maximum(np.arange(51), 1)
+        fall = order**-1.5 * np.where(order % 2 == 1, 0.02**2, 0.01**2)
+        fall[0] = 0.01**2
+        odd = np.arange(51) % 2 == 1
+        spectrum = fall / np.where(odd, np.sum(order[odd] ** -1.5), np.sum(order[~odd] ** -1.5))
+    numbers["noise_scale"] = np.array([1.3])
     amplitude = problem.motion.amplitude_mm
     if kind == "correlated":
         root = np.sqrt(paper_weights(problem.motion.displacement_mm[0], amplitude))
@@ -152,7 +161,7 @@ def test_correlated_noise_is_that_of_the_records(problem):
 def test_replicates_follow_the_likelihood(problem, known, kind):
     """The mean of −ln p over replicates is the entropy that the noise model has by formula."""
     p = make_problem(problem.loops, {"likelihood": {"kind": kind}})
-    z = np.repeat(known.true_z(p, noise_scale=1.2, discrepancy_share=0.02), 400, axis=0)
+    z = np.repeat(known.true_z(p, noise_scale=1.2, discrepancy_odd=0.02), 400, axis=0)
     n, force = p.numbers(z), p.predict(z)
     r = p.likelihood.replicate(force, n, np.random.default_rng(3)) - force
     got = -p.likelihood.log_likelihood(r, n)
@@ -179,7 +188,7 @@ def test_a_finer_phase_grid_is_no_more_information(known, kind):
     widths = []
     for n_phase in (128, 256):
         p = make_problem(known.loops(n_phase=n_phase), {"likelihood": {"kind": kind}})
-        z = known.true_z(p, discrepancy_share=0.01)[0]
+        z = known.true_z(p, discrepancy_odd=0.01)[0]
         widths.append(np.sqrt(np.sum(laplace_scale(p, z) ** 2, axis=1)))
     np.testing.assert_allclose(widths[1], widths[0], rtol=0.03)
 
@@ -203,9 +212,7 @@ def test_harmonics_that_sampling_cannot_resolve_do_not_count(problem):
         for k, x in enumerate(problem.loops)
     )
     p = make_problem(loops)
-    numbers = {
-        k: np.array([v]) for k, v in (("noise_scale", 1.0), ("discrepancy_share", 0.01), ("discrepancy_length", 0.06))
-    }
+    numbers = {p.name: p.value(np.zeros(1)) for p in p.likelihood.parameters}
     r = 0.01 * np.random.default_rng(4).standard_normal((1, 4, 128))
     odd = r.copy()
     odd[0, 1] += np.cos(2 * np.pi * 20 * np.arange(128) / 128)
@@ -222,7 +229,7 @@ def test_replicates_have_no_noise_where_there_are_no_data(problem, known):
         for k, x in enumerate(problem.loops)
     )
     p = make_problem(loops)
-    z = np.repeat(known.true_z(p, noise_scale=1.0, discrepancy_share=1e-5), 400, axis=0)
+    z = np.repeat(known.true_z(p, noise_scale=1.0, discrepancy_odd=1e-5, discrepancy_even=1e-5), 400, axis=0)
     force = p.predict(z)
     c = harmonics_of(p.likelihood.replicate(force, p.numbers(z), np.random.default_rng(7)) - force, 51)
     assert np.max(np.abs(c[:, 1, 11:])) < 1e-12
@@ -232,5 +239,5 @@ def test_replicates_have_no_noise_where_there_are_no_data(problem, known):
 
 
 def test_unknown_likelihood_is_named(problem):
-    with pytest.raises(ValueError, match=r"likelihood.kind = 'student'.*correlated, unweighted, gaussian, laplace"):
+    with pytest.raises(ValueError, match=r"likelihood.kind = 'student'.*correlated, unweighted, matern, gaussian"):
         make_problem(problem.loops, {"likelihood": {"kind": "student"}})

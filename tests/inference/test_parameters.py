@@ -126,15 +126,15 @@ def test_mixtures_keep_scale_and_order(problem):
 def test_paper_coordinates_round_trip_and_jacobian(problem, known):
     """ln|det dz/dy| against a determinant by finite differences, at points around the known numbers."""
     map_ = PaperCoordinates(problem)
-    assert len(map_.names) == problem.ndim == 18
+    assert len(map_.names) == problem.ndim == 19
     rng = np.random.default_rng(4)
-    z = known.true_z(problem, discrepancy_share=0.01) + 0.1 * rng.standard_normal((6, problem.ndim))
+    z = known.true_z(problem, discrepancy_odd=0.01) + 0.1 * rng.standard_normal((6, problem.ndim))
     y = map_.y_of(z)
     np.testing.assert_allclose(map_.z_of(y), z, atol=1e-6)
     h = 1e-5
     for i in range(len(y)):
-        both = map_.z_of(np.concatenate([y[i] + h * np.eye(18), y[i] - h * np.eye(18)]))
-        jacobian = (both[:18] - both[18:]).T / (2 * h)
+        both = map_.z_of(np.concatenate([y[i] + h * np.eye(19), y[i] - h * np.eye(19)]))
+        jacobian = (both[:19] - both[19:]).T / (2 * h)
         assert map_.log_jacobian(y[i : i + 1])[0] == pytest.approx(np.linalg.slogdet(jacobian)[1], abs=1e-4)
     np.testing.assert_allclose(map_.log_prob(y), problem.log_prob(z) + map_.log_jacobian(y), atol=1e-6)
 
