@@ -15,7 +15,7 @@ REFERENCE = Reference(1.0, 0.12566)
 
 def numbers(tilts=(0.0,) * 6, exponent=0.0, corner=0.0):
     out = NUMBERS | dict(zip(TILT_NAMES, tilts)) | {STIFFNESS_NAME: exponent, CORNER_NAME: corner}
-    out |= {"kp_N_mm": 5.0, "force_zero_N": 0.0, "k1_N_mm": 14.0, "stiffness_bend": 0.6}
+    out |= {"kp_N_mm": 5.0, "k1_N_mm": 14.0, "stiffness_bend": 0.6}
     out |= {"grip_slope": 0.3, "grip_rate": 0.1, "beta": 0.6}
     return {k: np.array([v]) for k, v in out.items()}
 
