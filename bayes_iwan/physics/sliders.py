@@ -42,30 +42,45 @@ RUNIN_SAMPLES = 16
 P, M, END, X_END, L_END, REST = range(6)
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+#: for what allocates nothing: without it numba counts references to every array at every call, 100 ns each time
+_part = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 
 
-@_jit
-def _limited_mean(phi, table, scale, shift):
-    """L(φ) by the cubic of φ's cell; the cell's number and the place in it are the bits of φ/top, a double.
+@_part
+def _cell(phi, cells, scale, shift):
+    """The number of φ's cell and the place in it: the bits of φ/top, a double. NaN gives a place that is NaN.
 
-    Below the lowest octave L is a parabola through 0, beyond the top S has died out. NaN gives NaN.
+    Beyond the top, where S has died out, that is the last cell's end; below the lowest octave the number is −1 and
+    the place is in units of the lowest octave.
     """
     x = np.float64(phi * scale)
-    cells = table.shape[0]
     bits = x.view(np.int64)
     i = (bits >> shift) - ((np.int64(1023) << (52 - shift)) - cells)
-    if i < 0:
-        y, value, slope = x * 2.0**OCTAVES, table[0, 0], table[0, 1] * (np.int64(1) << (52 - shift))
-        return y * (2.0 * value - slope + y * (slope - value))
-    if i >= cells:
-        last = cells - 1
-        return table[last, 0] + table[last, 1] + table[last, 2] + table[last, 3] + 0.0 * phi
     one = np.int64(1) << shift
-    w = (bits & (one - 1)) * (1.0 / one)
-    return table[i, 0] + w * (table[i, 1] + w * (table[i, 2] + w * table[i, 3]))
+    place = (bits & (one - 1)) * (1.0 / one)
+    place = place if i < cells else 1.0 + 0.0 * phi
+    place = place if i >= 0 else x * 2.0**OCTAVES
+    return min(max(i, -1), cells - 1), place
 
 
-@_jit
+@_part
+def _read(i, place, table, shift):
+    """L by the cubic of cell i; below the lowest octave a parabola through 0."""
+    if i < 0:
+        value, slope = table[0, 0], table[0, 1] * (np.int64(1) << (52 - shift))
+        return place * (2.0 * value - slope + place * (slope - value))
+    j = np.uint64(i)  # numba then leaves out what it does for indices below 0
+    return table[j, 0] + place * (table[j, 1] + place * (table[j, 2] + place * table[j, 3]))
+
+
+@_part
+def _limited_mean(phi, table, scale, shift):
+    """L(φ)."""
+    i, place = _cell(phi, table.shape[0], scale, shift)
+    return _read(i, place, table, shift)
+
+
+@_part
 def _drop_least(top, st):
     """Drop the vertex whose loss changes x(φ) least (smallest triangle), and mend the sums above it.
 
@@ -89,7 +104,7 @@ def _drop_least(top, st):
     return top - 1
 
 
-@_jit
+@_part
 def _push(top, p, m, end, x_end, ell, st):
     """Stack the piece x = p + m φ that ends at φ = end; returns the number of pieces."""
     if top == MAX_PIECES:
@@ -99,7 +114,7 @@ def _push(top, p, m, end, x_end, ell, st):
     return top + 1
 
 
-@_jit
+@_part
 def _cut(top, u, up, down, front, front_x, st, work, table, scale, shift):
     """Cut the whole polyline with the cone −down·φ ≤ e ≤ up·φ: the general case, where more than the front slips.
 
@@ -137,14 +152,15 @@ def _cut(top, u, up, down, front, front_x, st, work, table, scale, shift):
     return top, work[0, 0], work[0, 1]
 
 
-@_jit
-def _way(u, closed, at, where, off):
+@_part
+def _way(u, closed, at, where, off, stop):
     """The displacements to pass: a run-in from rest if the loop is closed, then all samples; extremes with their
     turning points.
 
     A reversal between two samples would be missed by up to an eighth of a second difference, which every force after
     it would feel. So the vertex of the parabola through the three samples is put in, before or after the middle one.
-    Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the sample itself).
+    Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the sample itself) and
+    stop (the entry at which the motion no longer goes on in the direction that led here).
     Returns how many there are and how many of them belong to the run-in.
     """
     n, count, first = u.size, 0, 0
@@ -169,58 +185,109 @@ def _way(u, closed, at, where, off):
         if tau > 0.0:
             at[count], where[count], off[count] = turn, i, tau
             count += 1
+    for e in range(count - 1, -1, -1):
+        du = at[e] - (at[e - 1] if e > 0 else 0.0)
+        stop[e] = e + 1
+        if e + 1 < count and du * (at[e + 1] - at[e]) > 0.0:
+            stop[e] = stop[e + 1]
     return count, first
 
 
-@_jit
-def _loop(at, where, off, first, alpha, k, asymmetry, table, phi_top, parallel, out):
-    """Follow one way from rest; the force at its samples from entry `first` on goes into out."""
-    st, work = np.empty((MAX_PIECES, 6)), np.empty((2 * MAX_PIECES + 1, 2))
-    shift, scale = 52, 1.0 / phi_top
-    while OCTAVES << (52 - shift) < table.shape[0]:
-        shift -= 1
+@_part
+def _series(alpha, k, d, j, where, off, turns, count, grip, stiff):
+    """α and k of every entry of loop j; α is NaN where one of them is not positive: a cone turned inside out means
+    nothing, no force then.
+
+    turns : the entries that are turning points. There r = α/k goes on along its own side (|u̇| has a kink), k stays.
+    """
+    for e in range(count):
+        i = where[j, e]
+        a, b = alpha[d, j, i], k[d, j, i]
+        grip[e], stiff[e] = a if (a > 0.0) & (b > 0.0) else np.nan, b
+    n = alpha.shape[2]
+    for t in range(1, turns[j, 0] + 1):
+        e = turns[j, t]
+        i, tau = np.int64(where[j, e]), off[j, e]
+        along = i - 1 if tau > 0.0 else (i + 1 if i < n - 1 else 0)
+        r = grip[e] / stiff[e]
+        grip[e] = stiff[e] * (r + abs(tau) * max(r - alpha[d, j, along] / k[d, j, along], -r))
+
+
+@_part
+def _glide(at, j, grip, stiff, begin, stop, s, asymmetry, top, st, front, slope):
+    """The first entry from `begin` on that the front does not reach by gliding along its piece; `stop` if all are.
+
+    Until there it slips on as a whole (its end moves out), meets no end of a piece, and no vertex beyond it leaves the
+    cone: nothing but the front changes. Fills the front, and k times the slope of e beneath it less that beyond it.
+    There are no branches, no parts of arrays, and no signed indices, so all runs in vectors.
+    """
+    p, m, end = st[top - 1, P], st[top - 1, M], st[top - 1, END]
+    ahead, behind = 1.0 + s * asymmetry, 1.0 - s * asymmetry
+    cone, one, a = s * ahead, np.uint64(1), np.uint64(begin)
+    b = np.uint64(begin + (stop - begin + 15) // 16 * 16)  # whole vectors: what lies beyond `stop` is overwritten later
+    for e in range(a, b):
+        slope[e] = cone * grip[e] + m * stiff[e]
+        front[e] = stiff[e] * (at[j, e] - p) / slope[e]
+    reached = b
+    for e in range(a, b):
+        reached = min(reached, b if (front[e] > front[e - one]) & (front[e] <= end) else e)
+    for piece in range(1, top):
+        x, limit = st[piece, X_END], st[piece, END] * (1.0 + 1e-12)
+        wide, narrow = ahead * limit, -behind * limit
+        for e in range(a, b):
+            moved = s * (at[j, e] - x) * stiff[e]
+            reached = min(reached, b if (moved <= wide * grip[e]) & (moved >= narrow * grip[e]) else e)
+    return min(np.int64(reached), stop)
+
+
+@_part
+def _follow(
+    at, stop, j, count, grip, stiff, asymmetry, table, scale, shift, limit, st, work, front, slope, rest
+):  # fmt: skip
+    """Follow the way of loop j from rest. At each entry ∫ e φ̃ dφ, the force over k, is slope/k·L(front) + rest.
+
+    limit : L beyond all slip forces.
+    """
     st[0, P] = st[0, M] = st[0, X_END] = st[0, REST] = 0.0  # virgin: x = 0 for every φ, no front, only the tail
-    st[0, END] = np.inf
-    st[0, L_END] = _limited_mean(2.0 * phi_top, table, scale, shift)
-    top, last, q, front = 1, 0.0, 0.0, 0.0
-    for step in range(at.size):
-        now, i, tau = at[step], where[step], off[step]
-        du, r = now - last, alpha[i] / k[i]
-        if not r > 0.0:  # a cone turned inside out has no meaning: no force then
-            r = np.nan
-        if tau != 0.0:  # r goes on along its own side: at the turning point |u̇| has a kink
-            j = i - 1 if tau > 0.0 else (i + 1 if i < alpha.size - 1 else 0)
-            r += abs(tau) * max(r - alpha[j] / k[j], -r)
-        up, down = r * (1.0 + asymmetry), r * (1.0 - asymmetry)
+    st[0, END], st[0, L_END] = np.inf, limit
+    top, last, q, edge, step = 1, 0.0, 0.0, 0.0, 0
+    while step < count:
+        now, r = at[j, step], grip[step] / stiff[step]
+        du, up, down = now - last, r * (1.0 + asymmetry), r * (1.0 - asymmetry)
+        s, glides = 1.0 if du > 0.0 else -1.0, du != 0.0
         if du != 0.0:
-            s = 1.0 if du > 0.0 else -1.0
             r = up if du > 0.0 else down
             # the front piece is x = last − qφ; it slips on as a whole if its end lies beyond the cone
-            if s * (du + q * front) <= r * front:
-                if front > 0.0:
-                    ell = _limited_mean(front, table, scale, shift)
-                    top = _push(top, last, -q, front, last - q * front, ell, st)
+            if s * (du + q * edge) <= r * edge:
+                if edge > 0.0:
+                    ell = _limited_mean(edge, table, scale, shift)
+                    top = _push(top, last, -q, edge, last - q * edge, ell, st)
             else:
                 while s * (now - st[top - 1, X_END]) > r * st[top - 1, END]:
                     top -= 1
             p, m = st[top - 1, P], st[top - 1, M]
             if r + s * m > 1e-9 * r:
-                front = s * (now - p) / (r + s * m)
+                edge = s * (now - p) / (r + s * m)
             else:  # the piece lies along the cone: it slips as a whole
-                front = st[top - 1, END]
+                edge, glides = st[top - 1, END], False
             q = s * r
         beyond = du == 0.0 and (q > up or -q > down)  # at rest, and the grip falls below what the front carries?
-        for j in range(1, top):  # or does a vertex beyond the front lie outside the cone?
-            e, limit = now - st[j, X_END], st[j, END] * (1.0 + 1e-12)
-            beyond |= e > up * limit or -e > down * limit
+        for piece in range(1, top):  # or does a vertex beyond the front lie outside the cone?
+            e, most = now - st[piece, X_END], st[piece, END] * (1.0 + 1e-12)
+            beyond |= e > up * most or -e > down * most
         if beyond:
-            top, front, x = _cut(top, now, up, down, front, now - q * front, st, work, table, scale, shift)
-            q = (now - x) / front if front > 0.0 else 0.0
-        last = now
-        if step >= first and tau == 0.0:
-            ell = _limited_mean(front, table, scale, shift)
-            inner = q * ell - st[top - 1, M] * (st[top - 1, L_END] - ell) + st[top - 1, REST]
-            out[i] = k[i] * inner + parallel * now
+            top, edge, x = _cut(top, now, up, down, edge, now - q * edge, st, work, table, scale, shift)
+            q, glides = (now - x) / edge if edge > 0.0 else 0.0, False
+        m, end = st[top - 1, M], step + 1
+        front[step], slope[step] = edge, (q + m) * stiff[step]
+        if glides and end < stop[j, step]:
+            end = _glide(at, j, grip, stiff, end, stop[j, step], s, asymmetry, top, st, front, slope)
+            if end > step + 1:
+                edge, q = front[end - 1], slope[end - 1] / stiff[end - 1] - m
+        beyond_it = st[top - 1, REST] - m * st[top - 1, L_END]
+        for e in range(np.uint64(step), np.uint64(end)):
+            rest[e] = beyond_it
+        last, step = at[j, end - 1], end
 
 
 @_jit
@@ -236,26 +303,57 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
     tables : (draws, cells, 4), phi_top : (draws,), from :mod:`bayes_iwan.physics.slip_force`.
     parallel : (draws,) stiffness in N/mm of a spring beside it; zeros for friction alone.
     """
-    longest = 4 * out.shape[2]
-    at, where, off = np.empty(longest), np.empty(longest, np.int64), np.empty(longest)
-    count = first = 0
-    for j in range(out.shape[1]):
-        for d in range(out.shape[0]):
+    draws, loops, samples = out.shape
+    cells, longest = tables.shape[1], 4 * samples
+    longest += (88 - longest) % 512  # rows a multiple of 4096 bytes apart would get into each other's way
+    shift = 52
+    while OCTAVES << (52 - shift) < cells:
+        shift -= 1
+    at, off, turns = np.zeros((loops, longest)), np.empty((loops, longest)), np.empty((loops, longest), np.int64)
+    where, stop = np.empty((loops, longest), np.uint64), np.empty((loops, longest), np.int64)
+    count, entry = np.empty(loops, np.int64), np.empty((loops, samples), np.uint64)
+    grip, stiff, front = np.zeros(longest), np.zeros(longest), np.zeros(longest)
+    slope, rest = np.zeros(longest), np.zeros(longest)
+    cell, place = np.empty(longest, np.int64), np.empty(longest)
+    st, work = np.empty((MAX_PIECES, 6)), np.empty((2 * MAX_PIECES + 1, 2))
+    for d in range(draws):
+        table, scale = tables[d], 1.0 / phi_top[d]
+        limit = _limited_mean(2.0 * phi_top[d], table, scale, shift)
+        for j in range(loops):
             if d < u.shape[0]:  # one motion for all draws, or one each
-                count, first = _way(u[d, j], closed, at, where, off)
-            _loop(
-                at[:count],
-                where[:count],
-                off[:count],
-                first,
-                alpha[d, j],
-                k[d, j],
+                count[j], first = _way(u[d, j], closed, at[j], where[j], off[j], stop[j])
+                turns[j, 0] = 0
+                for e in range(count[j]):
+                    if off[j, e] != 0.0:
+                        turns[j, 0] += 1
+                        turns[j, turns[j, 0]] = e
+                    elif e >= first:
+                        entry[j, where[j, e]] = e
+            _series(alpha, k, d, j, where, off, turns, count[j], grip, stiff)
+            _follow(
+                at,
+                stop,
+                j,
+                count[j],
+                grip,
+                stiff,
                 asymmetry[d],
-                tables[d],
-                phi_top[d],
-                parallel[d],
-                out[d, j],
+                table,
+                scale,
+                shift,
+                limit,
+                st,
+                work,
+                front,
+                slope,
+                rest,
             )
+            for e in range(count[j]):
+                cell[e], place[e] = _cell(front[e], cells, scale, shift)
+            for i in range(samples):
+                e = entry[j, i]
+                ell = _read(cell[e], place[e], table, shift)
+                out[d, j, i] = slope[e] * ell + stiff[e] * rest[e] + parallel[d] * at[j, e]
 
 
 def way(displacement_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64], Array]:
@@ -265,6 +363,11 @@ def way(displacement_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64],
     itself. displacement_mm : (samples,).
     """
     longest = 4 * len(displacement_mm)
-    at, where, off = np.empty(longest), np.empty(longest, np.int64), np.empty(longest)
-    count, first = _way(np.ascontiguousarray(displacement_mm, dtype=float), closed, at, where, off)
+    at, where, off, stop = (
+        np.empty(longest),
+        np.empty(longest, np.int64),
+        np.empty(longest),
+        np.empty(longest, np.int64),
+    )
+    count, first = _way(np.ascontiguousarray(displacement_mm, dtype=float), closed, at, where, off, stop)
     return at[first:count], where[first:count], off[first:count]
