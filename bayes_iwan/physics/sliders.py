@@ -43,7 +43,7 @@ P, M, END, X_END, L_END, REST = range(6)
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 #: for what allocates nothing: without it numba counts references to every array at every call, 100 ns each time
-_part = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
+_part = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)  # type: ignore[call-overload]
 
 
 @_part
@@ -230,13 +230,13 @@ def _glide(at, j, grip, stiff, begin, stop, s, asymmetry, top, st, front, slope)
         front[e] = stiff[e] * (at[j, e] - p) / slope[e]
     reached = b
     for e in range(a, b):
-        reached = min(reached, b if (front[e] > front[e - one]) & (front[e] <= end) else e)
+        reached = min(reached, b if (front[e] > front[e - one]) & (front[e] <= end) else e)  # type: ignore[arg-type]
     for piece in range(1, top):
         x, limit = st[piece, X_END], st[piece, END] * (1.0 + 1e-12)
         wide, narrow = ahead * limit, -behind * limit
         for e in range(a, b):
             moved = s * (at[j, e] - x) * stiff[e]
-            reached = min(reached, b if (moved <= wide * grip[e]) & (moved >= narrow * grip[e]) else e)
+            reached = min(reached, b if (moved <= wide * grip[e]) & (moved >= narrow * grip[e]) else e)  # type: ignore[arg-type]
     return min(np.int64(reached), stop)
 
 
