@@ -53,30 +53,39 @@ def identify(
     seed: int = 0,
     per_test: bool = False,
     resume: bool = False,
+    keep_chains: bool = False,
     progress: bool = True,
     simulator: Simulator | str | os.PathLike[str] | None = None,
 ) -> Posterior:
     """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
 
+    keep_chains : keep the checkpoint, which holds every draw, of a run that has converged.
     See :func:`bayes_iwan.inference.identify.identify` for what is taken, written and raised.
     """
-    from pathlib import Path
-
     from bayes_iwan.inference.config import ConfigError
     from bayes_iwan.inference.identify import identify as run
     from bayes_iwan.inference.identify import identify_frequencies
 
     if per_test and out is None:
         raise ConfigError("per_test writes files: name a folder for them (out)")
-    posterior = run(campaign, out, config=config, seed=seed, resume=resume, progress=progress, simulator=simulator)
-    if out is None or posterior.interrupted:
-        return posterior
+    if out is None:
+        return run(campaign, None, config=config, seed=seed, progress=progress, simulator=simulator)
+    from bayes_iwan.files import clear, owned
     from bayes_iwan.report import identification_report
+    from bayes_iwan.sampling.checkpoint import NAME
 
-    identification_report(posterior, out)  # stands should the runs of single frequencies be cut short
-    if per_test:
-        identify_frequencies(posterior, Path(out), resume=resume, progress=progress)
-        identification_report(posterior, out)
+    with owned(out) as folder:
+        posterior = run(
+            campaign, folder, config=config, seed=seed, resume=resume, progress=progress, simulator=simulator
+        )
+        if posterior.interrupted:
+            return posterior
+        identification_report(posterior, folder)  # stands should the runs of single frequencies be cut short
+        if per_test:
+            identify_frequencies(posterior, folder, resume=resume, progress=progress)
+            identification_report(posterior, folder)
+        if posterior.converged and not keep_chains:
+            clear(folder, NAME, *(f"per_test/{p.parent.name}/{NAME}" for p in folder.glob(f"per_test/*/{NAME}")))
     return posterior
 
 

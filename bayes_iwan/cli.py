@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TextIO
 
 Function = Callable[[argparse.Namespace], int | None]
 
@@ -42,6 +42,13 @@ def command(name: str, help: str, *arguments: tuple[tuple[str, ...], dict[str, A
     return enter
 
 
+def say(text: str, file: TextIO | None = None) -> None:
+    """Print for a reader: names in files may hold what would steer the terminal, and must not."""
+    from bayes_iwan.terminal import plain
+
+    print(plain(text), file=file)
+
+
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
 OUT = argument("--out", metavar="DIR", required=True, help="folder for the results; made if need be")
 WORKERS = argument("--workers", metavar="N", type=int, default=1, help="processes, one core each (default: 1)")
@@ -52,9 +59,21 @@ DASK = argument(
     "folders; needs bayes-iwan[dask]",
 )
 SIMULATOR = argument(
-    "--simulator", metavar="FILE", help="Python file with a model of your own, in the place of the Iwan model"
+    "--simulator",
+    metavar="FILE",
+    help="Python file with a model of your own, in the place of the Iwan model; its code is run",
 )
-SEED = argument("--seed", metavar="N", type=int, default=0, help="seed of all random numbers (default: 0)")
+
+
+def seed(text: str) -> int:
+    """A seed as the files can hold it."""
+    value = int(text)
+    if not 0 <= value < 2**63:
+        raise argparse.ArgumentTypeError(f"{text} is no seed; give a whole number from 0 to {2**63 - 1}")
+    return value
+
+
+SEED = argument("--seed", metavar="N", type=seed, default=0, help="seed of all random numbers (default: 0)")
 
 
 @command(
@@ -65,7 +84,12 @@ SEED = argument("--seed", metavar="N", type=int, default=0, help="seed of all ra
     SEED,
     argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
     argument("--per-test", action="store_true", help="also identify each frequency alone, into DIR/per_test"),
-    argument("--resume", action="store_true", help="go on from DIR/chains.h5 where a run was stopped"),
+    argument("--resume", action="store_true", help="go on from DIR/chains.ckpt where a run was stopped"),
+    argument(
+        "--keep-chains",
+        action="store_true",
+        help="keep DIR/chains.ckpt, with every draw, when converged (default: DIR/posterior.nc with a few thousand)",
+    ),
     SIMULATOR,
 )
 def run_identify(args: argparse.Namespace) -> int:
@@ -78,14 +102,15 @@ def run_identify(args: argparse.Namespace) -> int:
         seed=args.seed,
         per_test=args.per_test,
         resume=args.resume,
+        keep_chains=args.keep_chains,
         simulator=args.simulator,
     )
     wanted = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
     for row in posterior.summary():
         if row.name in wanted:
-            print(f"{row.name:20s} {row.q50:.4g}  ({row.q05:.4g} to {row.q95:.4g}) {row.unit}")
-    print(posterior.message)
-    print(f"results are in {args.out}")
+            say(f"{row.name:20s} {row.q50:.4g}  ({row.q05:.4g} to {row.q95:.4g}) {row.unit}")
+    say(posterior.message)
+    say(f"results are in {args.out}")
     if posterior.interrupted:
         return 130
     return 0 if posterior.converged else 3
@@ -96,20 +121,20 @@ def run_check(args: argparse.Namespace) -> None:
     from bayes_iwan.campaign import read_campaign
 
     campaign = read_campaign(args.campaign)
-    print(campaign.name + (f": {campaign.description}" if campaign.description else ""))
-    print(
+    say(campaign.name + (f": {campaign.description}" if campaign.description else ""))
+    say(
         f"{'test':24s} {'f, Hz':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} "
         f"{'noise, N':>9s}  role"
     )
     for loop in campaign.loops():
         noise = loop.noise_N[1:4]
         rms = float(loop.force_N.std())
-        print(
+        say(
             f"{loop.file:24s} {loop.frequency_hz:8.4g} {loop.amplitude_mm:8.4g} {loop.n_cycles:6d} "
             f"{loop.record.time_s.size:8d} {rms:12.4g} {noise.mean():9.2g}  {loop.role}"
         )
         for warning in loop.record.warnings:
-            print(f"    {warning}")
+            say(f"    {warning}")
 
 
 @command(
@@ -127,7 +152,8 @@ def run_check(args: argparse.Namespace) -> None:
 def run_report(args: argparse.Namespace) -> None:
     from bayes_iwan.report import report_run
 
-    print(report_run(args.folder, campaign=args.campaign, pdf=args.pdf, per_frequency=args.per_frequency))
+    page = report_run(args.folder, campaign=args.campaign, pdf=args.pdf, per_frequency=args.per_frequency)
+    say(str(page))
 
 
 @command(
@@ -153,13 +179,13 @@ def run_compare(args: argparse.Namespace) -> None:
         args.campaign, args.out, families=args.families, config=args.config, seed=args.seed, by=args.by
     )
     for row in result.rows():
-        print(
+        say(
             f"{row.label:50s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "
             f"{100 * row.residual_share:5.2f} %   {row.parameters:2d} numbers   {row.seconds:4.0f} s"
         )
     for question, answer in result.answers():
-        print(f"{question} {answer}")
-    print(f"results are in {args.out}")
+        say(f"{question} {answer}")
+    say(f"results are in {args.out}")
 
 
 @command(
@@ -175,7 +201,7 @@ def run_compare(args: argparse.Namespace) -> None:
         help="model to start from: generalized (default), no_speed or classical",
     ),
     argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
-    argument("--effects", metavar="FILE", help="Python file with effects of your own"),
+    argument("--effects", metavar="FILE", help="Python file with effects of your own; its code is run"),
     SIMULATOR,
     argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
 )
@@ -192,8 +218,8 @@ def run_diagnose(args: argparse.Namespace) -> None:
         effects_file=args.effects,
         simulator_file=args.simulator,
     )
-    print("\n".join(answer["sentences"]))
-    print(f"results are in {args.out}; open {args.out}/diagnosis.html")
+    say("\n".join(answer["sentences"]))
+    say(f"results are in {args.out}; open {args.out}/diagnosis.html")
 
 
 @command(
@@ -210,7 +236,7 @@ def run_withheld_make(args: argparse.Namespace) -> None:
     from bayes_iwan.validation import sealed as withheld
 
     with executors.opened(args.workers, args.dask) as executor:
-        print(f"truths are in {withheld.make(args.n, args.seed, args.out, executor=executor)}; keep them apart")
+        say(f"truths are in {withheld.make(args.n, args.seed, args.out, executor=executor)}; keep them apart")
 
 
 DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld make` wrote")
@@ -228,14 +254,14 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
 )
 def run_withheld_answer(args: argparse.Namespace) -> None:
     from bayes_iwan import executors
+    from bayes_iwan.files import owned
     from bayes_iwan.gap.diagnosis import diagnose
     from bayes_iwan.validation import sealed as withheld
 
-    with executors.opened(args.workers, args.dask) as executor:
-        path = withheld.answer(
-            args.directory, diagnose, out=args.out, seed=args.seed, quick=args.quick, executor=executor
-        )
-    print(f"answers are in {path}")
+    out = args.out or os.path.join(args.directory, "answers")
+    with owned(out), executors.opened(args.workers, args.dask) as executor:
+        path = withheld.answer(args.directory, diagnose, out=out, seed=args.seed, quick=args.quick, executor=executor)
+    say(f"answers are in {path}")
 
 
 @command(
@@ -249,7 +275,7 @@ def run_withheld_answer(args: argparse.Namespace) -> None:
 def run_withheld_score(args: argparse.Namespace) -> None:
     from bayes_iwan.report.scores import write_score
 
-    print(write_score(args.directory, args.truth, answers=args.answers, out=args.out))
+    say(write_score(args.directory, args.truth, answers=args.answers, out=args.out))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -276,17 +302,27 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 done, 2 bad input, 3 done but not converged, 130 interrupted."""
+    from bayes_iwan.terminal import terminate_as_interrupt
+
     args = parser().parse_args(arguments)
     try:
-        return args.run(args) or 0
+        with terminate_as_interrupt():
+            return args.run(args) or 0
     except ValueError as error:
-        print(f"bayes-iwan: {error}", file=sys.stderr)
+        say(f"bayes-iwan: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # whoever read our output has read enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # a disk that is full, a folder that has gone
+        where = f"{error.filename}: " if error.filename else ""
+        say(f"bayes-iwan: {where}{error.strerror or error}; what was whole before is whole still", file=sys.stderr)
+        return 2
+    except MemoryError:
+        say("bayes-iwan: not enough memory", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
-        print("\nbayes-iwan: interrupted", file=sys.stderr)
+        say("\nbayes-iwan: interrupted", file=sys.stderr)
         return 130
 
 

@@ -1,18 +1,33 @@
-"""Files that are whole at every moment: a reader finds the old one or the new one, never half of either."""
+"""Files that are whole at every moment, in folders that belong to one run at a time."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+try:
+    import fcntl
+except ImportError:  # Windows: no lock there, and two runs in one folder are the user's affair
+    fcntl = None  # type: ignore[assignment]
+
+#: temporary files' names start so: what a killed run leaves behind is known by it and swept up by the next
+_PART = ".part."
+_LOCK = ".lock"
+
+
+class OutputError(ValueError):
+    """A folder that results cannot be written to; the message says why."""
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary file beside `path` that takes its place when the block ends well, and is removed when not."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f"{_PART}{path.stem}.", suffix=path.suffix)
     os.close(handle)
     try:
         yield Path(name)
@@ -31,3 +46,74 @@ def write_whole(path: str | os.PathLike[str], content: bytes | str) -> Path:
     with replacing(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     return path
+
+
+@contextmanager
+def owned(folder: str | os.PathLike[str]) -> Iterator[Path]:
+    """A folder for results, made if need be, that no other run may use meanwhile; leftovers of a killed one are swept.
+
+    Raises OutputError before any work is done: it is a file, cannot be written to, or another run works in it.
+    """
+    folder = Path(folder)
+    made = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise OutputError(f"{folder}: there is a file of this name (or a part of it); name a folder") from None
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror})") from None
+    lock = folder / _LOCK
+    handle = _locked(lock)
+    try:
+        for left in folder.rglob(f"{_PART}*"):
+            left.unlink(missing_ok=True)
+        yield folder
+    finally:
+        with contextlib.suppress(OSError):  # gone with its folder
+            lock.unlink(missing_ok=True)
+            if made:  # refused before anything was written, or so the folder is not empty
+                folder.rmdir()
+        os.close(handle)
+
+
+def _locked(lock: Path) -> int:
+    while True:
+        try:
+            handle = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o644)
+        except OSError as error:
+            raise OutputError(f"{lock.parent}: cannot be written to ({error.strerror})") from None
+        if fcntl is not None:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                pid = os.read(handle, 32).decode(errors="replace").strip()
+                os.close(handle)
+                who = f"another run (process {pid})" if pid.isdigit() else "another run"
+                raise OutputError(f"{lock.parent}: {who} is working in it; wait, or name another folder") from None
+        try:
+            same = os.path.samestat(os.stat(lock), os.fstat(handle))
+        except FileNotFoundError:
+            same = False
+        if same:  # else its owner removed it between our opening and our locking it
+            break
+        os.close(handle)
+    try:
+        os.ftruncate(handle, 0)
+        os.write(handle, f"{os.getpid()}\n".encode())
+    except OSError as error:
+        os.close(handle)
+        raise OutputError(f"{lock.parent}: cannot be written to ({error.strerror})") from None
+    return handle
+
+
+def clear(folder: Path, *names: str) -> None:
+    """Remove what an older run left under these names, files or folders, before a new one writes its own.
+
+    So a kill between the first new file and the last leaves some that are missing, and never new beside old.
+    """
+    for name in names:
+        path = folder / name
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)

@@ -88,13 +88,28 @@ def test_identify_writes_and_reports(tmp_path, capsys, made_up_campaign):
     config.write_text(SHORT)
     out = tmp_path / "out"
     arguments = ["identify", str(made_up_campaign), "--out", str(out), "--config", str(config), "--seed", "1"]
-    assert cli.main(arguments) == 0
+    assert cli.main([*arguments, "--keep-chains"]) == 0
     said = capsys.readouterr().out
     assert "kp_N_mm" in said and "converged" in said and str(out) in said
-    for name in ("summary.csv", "posterior.nc", "point.json", "report.html", "chains.h5"):
+    for name in ("summary.csv", "posterior.nc", "point.json", "report.html", "chains.ckpt"):
         assert (out / name).stat().st_size > 100, name
     assert cli.main(arguments) == 2 and "resume" in capsys.readouterr().err
+    summary = (out / "summary.csv").read_bytes()
     assert cli.main([*arguments, "--resume"]) == 0
+    assert (out / "summary.csv").read_bytes() == summary
+    assert not (out / "chains.ckpt").exists(), "converged: the draws that are kept are in posterior.nc"
+    assert not [p for p in out.rglob(".*")]
+
+
+def test_what_no_file_can_hold_is_refused_before_the_work(tmp_path, made_up_campaign, capsys):
+    words = ["identify", str(made_up_campaign), "--out", str(tmp_path / "out")]
+    for bad in (str(2**200), "-1"):
+        with pytest.raises(SystemExit):
+            cli.main([*words, "--seed", bad])
+        assert "is no seed" in capsys.readouterr().err
+    (tmp_path / "file").write_text("")
+    assert cli.main([*words[:3], str(tmp_path / "file")]) == 2
+    assert "name a folder" in capsys.readouterr().err
 
 
 def test_the_report_holds_the_frequencies_alone(tmp_path, capsys, made_up_campaign, monkeypatch):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import hashlib
 import importlib
 import importlib.metadata
 import os
@@ -25,6 +27,7 @@ from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import sampled_and_derived
 from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.physics import Simulator
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.sampling.ensembles import Chains, sample
 from bayes_iwan.sampling.run import CROWD, POWERS
 from bayes_iwan.sampling.walkers import enough_walkers
@@ -48,12 +51,14 @@ def identify(
     """The joint posterior of all the campaign's tests that are not held out.
 
     campaign : a campaign, or its folder. config : a TOML file, or its tables as a mapping (:mod:`.config`).
-    out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.h5; None writes nothing.
-    per_test : identify each frequency alone as well (:func:`identify_frequencies`). resume : go on from out/chains.h5.
+    out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.ckpt; None writes nothing.
+    per_test : identify each frequency alone as well (:func:`identify_frequencies`). resume : go on from a checkpoint.
     simulator : a model of your own in the place of the Iwan model, or the Python file that defines it.
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
     """
+    if not 0 <= seed < 2**63:
+        raise configuration.ConfigError(f"seed {seed} cannot be kept in files; give one from 0 to {2**63 - 1}")
     settings = (
         configuration.read_config(config) if isinstance(config, str | os.PathLike) else configuration.complete(config)
     )
@@ -160,8 +165,8 @@ def identify_problem(
             seed=seed,
             quantities=numbers if unsampled else None,
             quantity_names=unsampled,
-            checkpoint=None if out is None else Path(out) / "chains.h5",
-            fingerprint=problem.fingerprint() | {"seed": str(seed)},
+            checkpoint=None if out is None else Path(out) / CHECKPOINT,
+            fingerprint=problem.fingerprint() | _origin(settings["search"], simulator_file) | {"seed": str(seed)},
             n_ensembles=s["ensembles"],
             n_walkers=walkers,
             budget_s=s["budget_s"],
@@ -221,6 +226,25 @@ def _posterior(
         timings=dict(timings) | {"steps": float(chains.n_steps), "evaluations": float(chains.n_evaluations)},
         convergence=rows,
     )
+
+
+def _origin(search: Mapping[str, Any], simulator_file: str) -> dict[str, str]:
+    """What else draws depend on: the walkers start where the search led them, by this code and the user's."""
+    own = hashlib.sha256(Path(simulator_file).read_bytes()).hexdigest() if simulator_file else ""
+    return {f"search {k}": str(v) for k, v in search.items()} | {"code": _code(), "simulator": own}
+
+
+@functools.cache
+def _code() -> str:
+    """SHA-256 of the package's source, as far as draws depend on it."""
+    package = Path(__file__).parents[1]
+    rooms = ("campaign", "physics", "optimize", "sampling", "inference", "effects")
+    files = sorted([*package.glob("*.py"), *(p for room in rooms for p in (package / room).rglob("*.py"))])
+    told = hashlib.sha256()
+    for path in files:
+        if path.name not in ("cli.py", "__init__.py"):
+            told.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    return told.hexdigest()
 
 
 def versions() -> dict[str, str]:

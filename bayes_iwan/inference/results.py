@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import os
@@ -15,7 +16,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop, read_campaign
-from bayes_iwan.files import replacing, write_whole
+from bayes_iwan.files import clear, replacing, write_whole
 from bayes_iwan.inference import config as configuration
 from bayes_iwan.inference.point import Point
 from bayes_iwan.inference.posterior import ConvergenceRow, Posterior, SummaryRow
@@ -25,6 +26,9 @@ from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.optimize.genetic import GlobalOptimum
 from bayes_iwan.physics import Scales, Simulator
 
+FORMAT = 2
+#: all that an identification leaves in its folder beside the checkpoint; pages and tables are made from the rest
+WRITTEN = ("report.html", "report.pdf", "tables", "posterior.nc", "point.json", "summary.csv")
 PREDICTIVE_DRAWS = 200
 POINTWISE_DRAWS = 1000
 
@@ -36,6 +40,7 @@ class ResultsError(ValueError):
 def write(posterior: Posterior, folder: Path) -> None:
     """summary.csv, point.json and posterior.nc into `folder`, which is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
+    clear(folder, *WRITTEN)
     write_whole(folder / "summary.csv", summary_csv(posterior.summary()).encode())
     write_whole(folder / "point.json", (json.dumps(point_record(posterior), indent=1) + "\n").encode())
     write_netcdf(posterior, folder / "posterior.nc")
@@ -108,11 +113,22 @@ def write_netcdf(posterior: Posterior, path: Path) -> None:
     """
     import xarray as xr  # some 0.5 s to import: only where files are written
 
+    attributes = _attributes(posterior)
+    attributes["checksum"] = _checksum(attributes, posterior.z, posterior.log_prob)
     with replacing(path) as part:
-        xr.Dataset(attrs=_attributes(posterior)).to_netcdf(part, mode="w", engine="h5netcdf")
+        xr.Dataset(attrs=attributes).to_netcdf(part, mode="w", engine="h5netcdf")
         for group, dataset in _groups(posterior, xr).items():
             packed = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars}
             dataset.to_netcdf(part, mode="a", group=group, engine="h5netcdf", encoding=packed)
+
+
+def _checksum(attributes: Mapping[str, Any], z: Array, log_prob: Array) -> str:
+    """SHA-256 of all that `load` reads: the attributes as text, and the draws' own bytes."""
+    plain = {k: str(v) for k, v in sorted(attributes.items()) if k != "checksum"}
+    told = hashlib.sha256(json.dumps(plain).encode())
+    for x in (z, log_prob):
+        told.update(np.ascontiguousarray(x, dtype="<f8").tobytes())
+    return told.hexdigest()
 
 
 def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
@@ -188,7 +204,7 @@ def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
 def _attributes(posterior: Posterior) -> dict[str, Any]:
     campaign = posterior.campaign
     return {
-        "format": 1,
+        "format": FORMAT,
         "seed": posterior.seed,
         "walkers": posterior.walkers,
         "thin": posterior.thin,
@@ -246,16 +262,16 @@ def load(
     simulator, unless the simulator is given.
     Raises ResultsError where there is no result, or the campaign or this version gives another problem.
     """
-    import xarray as xr
-
     path = Path(folder) / "posterior.nc"
     if not path.is_file():
         raise ResultsError(f"{path}: not found; {folder} is not a folder that `bayes-iwan identify` has finished")
-    with xr.open_dataset(path, engine="h5netcdf") as root:
-        stored = dict(root.attrs)
-    if stored.get("format") != 1:
-        raise ResultsError(f"{path}: not a result of this version of bayes-iwan")
-    settings = configuration.complete(json.loads(stored["config"]), str(path))
+    try:
+        stored, unordered, log_prob = _read(path)
+        settings = configuration.complete(json.loads(stored["config"]), str(path))
+    except ResultsError:
+        raise
+    except Exception as error:  # whatever HDF5 and its readers make of damaged bytes
+        raise ResultsError(f"{path}: damaged ({_line(error)}); identify again") from None
     where = campaign or stored["campaign_path"]
     if not where:
         raise ResultsError(f"{path}: its loops came from no campaign folder, so it cannot be loaded without them")
@@ -269,10 +285,7 @@ def load(
     if simulator is None and file:
         simulator = load_simulator(file)
     problem = _same_problem(path, loops, settings, stored, simulator)
-    with xr.open_dataset(path, engine="h5netcdf", group="unconstrained_posterior") as group:
-        z = np.stack([group[name].values for name in problem.names], axis=2)
-    with xr.open_dataset(path, engine="h5netcdf", group="sample_stats") as group:
-        log_prob = group["lp"].values
+    z = np.stack([unordered[name] for name in problem.names], axis=2)
     return Posterior(
         problem=problem,
         campaign=source,
@@ -291,6 +304,28 @@ def load(
         convergence=tuple(ConvergenceRow(**row) for row in json.loads(stored["convergence"])),
         simulator_file=file,
     )
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Array], Array]:
+    """Attributes, draws by name and log_prob of a result, as they were written. Raises ResultsError where not."""
+    import xarray as xr
+
+    with xr.open_dataset(path, engine="h5netcdf") as root:
+        stored = dict(root.attrs)
+    if stored.get("format") != FORMAT:
+        raise ResultsError(f"{path}: not a result of this version of bayes-iwan; identify again")
+    with xr.open_dataset(path, engine="h5netcdf", group="unconstrained_posterior") as group:
+        draws = {str(name): group[name].values for name in group.data_vars}
+    with xr.open_dataset(path, engine="h5netcdf", group="sample_stats") as group:
+        log_prob = group["lp"].values
+    names = json.loads(stored["fingerprint"])["names"].split(",")
+    if _checksum(stored, np.stack([draws[n] for n in names], axis=2), log_prob) != stored.get("checksum"):
+        raise ResultsError(f"{path}: damaged (its checksum does not hold); identify again")
+    return stored, draws, log_prob
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def _same_problem(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from bayes_iwan.files import clear, owned
 from bayes_iwan.gap.diagnosis import BASES, Diagnosis, diagnose_folder, write_json
 from bayes_iwan.gap.findings import pictures
 from bayes_iwan.gap.residuals import residual_of
@@ -76,14 +77,15 @@ def diagnose_campaign(
     if simulator_file is not None and base != "generalized":
         raise ValueError(f"--base {base} and --simulator both choose a model; leave one of them out")
     chosen = read_config(config) if config is not None else {"model": BASES[base]}
-    found, fits = diagnose_folder(
-        campaign, seed=seed, quick=quick, config=chosen, effects_file=effects_file, simulator_file=simulator_file
-    )
-    answer = found.as_dict()
-    folder = Path(out)
-    write_json(folder / "fits.json", fits)
-    write_json(folder / "diagnosis.json", answer)
-    figures = diagnosis_figures(found, answer)
-    write_diagnosis_page(answer, figures, folder / "diagnosis.html", found.about())
-    write_figures(figures, folder / "figures")
+    with owned(out) as folder:
+        found, fits = diagnose_folder(
+            campaign, seed=seed, quick=quick, config=chosen, effects_file=effects_file, simulator_file=simulator_file
+        )
+        answer = found.as_dict()
+        figures = diagnosis_figures(found, answer)
+        clear(folder, "diagnosis.json", "diagnosis.html", "figures", "fits.json")
+        write_json(folder / "fits.json", fits)
+        write_figures(figures, folder / "figures")
+        write_diagnosis_page(answer, figures, folder / "diagnosis.html", found.about())
+        write_json(folder / "diagnosis.json", answer)  # last: where it stands, all of them do
     return answer

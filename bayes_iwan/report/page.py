@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import os
 import re
@@ -19,7 +20,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from bayes_iwan.files import replacing, write_whole
-from bayes_iwan.report.style import RC
+from bayes_iwan.report.style import RC, literal
 
 _ENVIRONMENT = Environment(
     loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
@@ -125,6 +126,16 @@ class Page:
         if data_id is not None and data_json is not None:
             self.data.append((data_id, Markup(data_json.replace("<", "\\u003c"))))
 
+    @property
+    def policy(self) -> Markup:
+        """The page's content-security policy: nothing from elsewhere, and no script but the page's own."""
+        hashes = [base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in self.scripts]
+        scripts = " ".join(f"'sha256-{h}'" for h in hashes) or "'none'"
+        return Markup(
+            f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}; img-src data:; base-uri 'none'; "
+            "form-action 'none'"
+        )
+
     def html(self) -> str:
         return str(template("page.html", page=self, css=asset("page.css")))
 
@@ -145,7 +156,7 @@ class Page:
                     text = textwrap.fill(f"{section.heading}. {caption}", int(17 * width))
                     note = figure.text(0.0, -0.02, text, va="top", ha="left", fontsize=8)
                     note.set_in_layout(True)
-                    pdf.savefig(figure, bbox_inches="tight", pad_inches=0.4)
+                    pdf.savefig(literal(figure), bbox_inches="tight", pad_inches=0.4)
                     note.remove()
         return path
 
@@ -154,7 +165,7 @@ def _svg(figure: Figure, name: str, alt: str) -> Markup:
     """The figure as an <svg> element whose ids cannot clash with another figure's, coordinates to 0.01 pt."""
     buffer = io.StringIO()
     with mpl.rc_context({**RC, "svg.hashsalt": name}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
+        literal(figure).savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
@@ -182,6 +193,6 @@ def _short(text: str) -> str:
 def _png(figure: Figure, alt: str, dpi: int) -> Markup:
     buffer = io.BytesIO()
     with mpl.rc_context(RC):
-        figure.savefig(buffer, format="png", dpi=dpi)
+        literal(figure).savefig(buffer, format="png", dpi=dpi)
     data = base64.b64encode(buffer.getvalue()).decode()
     return Markup(f'<img alt="{escape(alt)}" src="data:image/png;base64,{data}">')

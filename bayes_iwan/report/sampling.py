@@ -16,7 +16,7 @@ from scipy.stats import rankdata
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.report.style import series, styled, subplots
-from bayes_iwan.sampling.checkpoint import CheckpointError, read_checkpoint
+from bayes_iwan.sampling.checkpoint import NAME, CheckpointError, read_checkpoint
 from bayes_iwan.sampling.convergence import longest_autocorrelation_time
 
 
@@ -29,8 +29,8 @@ class History:
 
 
 def history(posterior: Any, folder: str | os.PathLike[str] | None = None) -> History:
-    """All production draws from folder/chains.h5 where there is one, else the draws that the posterior kept."""
-    path = None if folder is None else Path(folder) / "chains.h5"
+    """All production draws from the checkpoint in `folder` where there is one, else those that the posterior kept."""
+    path = None if folder is None else Path(folder) / NAME
     ensembles = posterior.z.shape[0]
     if path is not None and path.is_file():
         with contextlib.suppress(CheckpointError):  # the posterior stands without the file it was drawn through

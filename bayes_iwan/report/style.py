@@ -12,6 +12,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.mathtext import MathTextParser
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
@@ -107,11 +109,25 @@ def band(
         axes.plot(x, np.median(draws, axis=0), color=color, linestyle=line, label=label)
 
 
+def literal(figure: Figure) -> Figure:
+    """The figure with every text that is no formula, though it has dollar signs, shown as it stands.
+
+    Names of tests and of their quantities come from files, and may hold what only looks like mathematics.
+    """
+    for text in figure.findobj(Text):
+        if "$" in text.get_text() and text.get_parse_math():
+            try:
+                MathTextParser("path").parse(text.get_text())
+            except ValueError:
+                text.set_parse_math(False)
+    return figure
+
+
 def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Path:
     """Write a figure as .svg, .pdf or .png, by the path's ending; whole or not at all."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
     with mpl.rc_context(RC), replacing(path) as temporary:
-        figure.savefig(temporary, dpi=dpi, metadata=metadata)
+        literal(figure).savefig(temporary, dpi=dpi, metadata=metadata)
     return path

@@ -1,9 +1,10 @@
-"""Checkpoints of a sampling run in one HDF5 file, readable after a kill at any moment.
+"""Checkpoints of a sampling run: a journal that only grows, readable after a kill at any moment.
 
-The file is written in HDF5's single-writer mode (SWMR), which orders its own bookkeeping so that the file is whole
-at every instant. On top of that the run's state is kept in two slots that are written in turn, each with a counter
-and a checksum: a kill in the middle of writing one leaves the other. A state names how many draws belong to it;
-what was appended after it is ignored.
+The file is a line that says what it is and then records, one a commit: length, SHA-256, and arrays as numpy stores
+them (no pickle). A record holds the draws since the one before and what has changed of the run's state; its checksum
+covers the record before as well, so that none can be lost or changed unnoticed. Whatever follows the last whole record
+(a kill in the middle of a write, a full disk, a damaged byte) is left out, and a run that goes on from the records
+before draws the very same again: a run follows from its state, bit for bit.
 """
 
 from __future__ import annotations
@@ -11,20 +12,22 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import replacing
 
-_FORMAT = 1
-_SLOTS = ("state_a", "state_b")
+#: the checkpoint's name in a folder of results
+NAME = "chains.ckpt"
+_MAGIC = b"bayes_iwan checkpoint 2\n"
+_HEAD = 40  # bytes before a record's arrays: its length and its checksum
 
 
 class CheckpointError(ValueError):
@@ -33,18 +36,23 @@ class CheckpointError(ValueError):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What a checkpoint holds: the run's state and the draws of each stage up to it, (stored, walkers, ...)."""
+    """What a checkpoint holds: the run's state and the draws of each stage up to it, (stored, walkers, ...).
+
+    damaged : bytes after the last whole record, which are left out.
+    """
 
     state: Mapping[str, NDArray]
     draws: Mapping[str, Array]
     log_prob: Mapping[str, Array]
+    damaged: int = 0
 
 
 class Checkpoint:
     """An open checkpoint file: `append` draws of a stage, then `commit` the state that belongs to them."""
 
-    def __init__(self, file: h5py.File, stages: tuple[str, ...], counter: int) -> None:
-        self._file, self._stages, self._counter = file, stages, counter
+    def __init__(self, file: BinaryIO, digest: bytes, state: Mapping[str, NDArray]) -> None:
+        self._file, self._digest, self._state = file, digest, dict(state)
+        self._appended: dict[str, list[Array]] = {}
 
     @classmethod
     def create(
@@ -53,37 +61,19 @@ class Checkpoint:
         fingerprint: Mapping[str, str],
         names: tuple[str, ...],
         walkers: Mapping[str, int],
-        snapshot: Snapshot | None = None,
+        state: Mapping[str, NDArray],
     ) -> Checkpoint:
-        """A new file at `path`, put there whole (temporary file and rename), open for appending.
+        """A new file at `path`, put there whole with its first state, open for appending.
 
         walkers : how many walkers each stage has.
         """
-        stages = tuple(walkers)
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary, h5py.File(temporary, "w", libver="latest") as file:
-            file.attrs["format"] = _FORMAT
-            file.attrs["fingerprint"] = json.dumps(dict(fingerprint))
-            file.attrs["names"] = json.dumps(list(names))
-            for stage, n in walkers.items():
-                for kind, shape in (("draws", (n, len(names))), ("log_prob", (n,))):
-                    old = None if snapshot is None else getattr(snapshot, kind)[stage]
-                    file.create_dataset(
-                        f"{stage}_{kind}",
-                        shape=(0 if old is None else len(old), *shape),
-                        maxshape=(None, *shape),
-                        chunks=(16, *shape),
-                        dtype="f8",
-                        data=old,
-                    )
-            for slot in _SLOTS:
-                file.create_dataset(slot, shape=(0,), maxshape=(None,), chunks=(1 << 16,), dtype="u1")
-            if snapshot is not None:
-                _write_slot(file, 1, snapshot.state, {s: len(snapshot.draws[s]) for s in stages})
-        file = h5py.File(path, "r+", libver="latest")
-        file.swmr_mode = True
-        return cls(file, stages, 1)
+        header = {"fingerprint": dict(fingerprint), "names": list(names), "walkers": dict(walkers)}
+        record, digest = _record({"header": np.array(json.dumps(header))}, b"")
+        with replacing(path) as temporary:
+            temporary.write_bytes(_MAGIC + record)
+        return cls(open(path, "ab"), digest, {})
 
     @classmethod
     def resume(
@@ -94,7 +84,8 @@ class Checkpoint:
         Raises CheckpointError if the file is no checkpoint, holds no state yet, or belongs to another run; the
         message names which part of the fingerprint differs.
         """
-        stored, stored_names, snapshot = read_checkpoint(path, stages)
+        journal = _read(path)
+        stored = journal.header["fingerprint"]
         differ = [key for key in sorted({*stored, *fingerprint}) if stored.get(key) != fingerprint.get(key)]
         if differ:
             what = "; ".join(f"{k} was {_short(stored.get(k))}, is {_short(fingerprint.get(k))}" for k in differ)
@@ -102,25 +93,28 @@ class Checkpoint:
                 f"{path}: this checkpoint is of another run ({what}). Give back what it was started with, "
                 "or delete the file (or name another one) to start anew"
             )
-        if stored_names != tuple(names):
-            raise CheckpointError(f"{path}: this checkpoint samples {', '.join(stored_names)}, not {', '.join(names)}")
-        walkers = {stage: snapshot.draws[stage].shape[1] for stage in stages}
-        return cls.create(path, fingerprint, names, walkers, snapshot), snapshot
+        if journal.header["names"] != list(names):
+            raise CheckpointError(
+                f"{path}: this checkpoint samples {', '.join(journal.header['names'])}, not {', '.join(names)}"
+            )
+        snapshot = journal.snapshot(stages)
+        file = open(path, "r+b")
+        file.truncate(journal.whole)
+        file.seek(journal.whole)
+        return cls(file, journal.digest, journal.state), snapshot
 
     def append(self, stage: str, draws: Array, log_prob: Array) -> None:
-        """Add draws (stored, walkers, ndim) and their log_prob (stored, walkers) to a stage."""
+        """Add draws (stored, walkers, ndim) and their log_prob (stored, walkers) to a stage, with the next commit."""
         for kind, values in (("draws", draws), ("log_prob", log_prob)):
-            data = self._file[f"{stage}_{kind}"]
-            begin = len(data)
-            data.resize(begin + len(values), axis=0)
-            data[begin:] = values
-            data.flush()
+            self._appended.setdefault(f"{kind}/{stage}", []).append(np.asarray(values, dtype=float))
 
     def commit(self, state: Mapping[str, NDArray]) -> None:
         """Store the state that belongs to all draws appended so far."""
-        self._counter += 1
-        counts = {stage: len(self._file[f"{stage}_draws"]) for stage in self._stages}
-        _write_slot(self._file, self._counter, state, counts)
+        arrays = _changes(state, self._state) | {k: np.concatenate(v) for k, v in self._appended.items()}
+        record, digest = _record(arrays, self._digest)
+        self._file.write(record)
+        self._file.flush()
+        self._digest, self._state, self._appended = digest, dict(state), {}
 
     def close(self) -> None:
         self._file.close()
@@ -128,46 +122,100 @@ class Checkpoint:
 
 def read_checkpoint(path: Path, stages: tuple[str, ...]) -> tuple[dict[str, str], tuple[str, ...], Snapshot]:
     """Fingerprint, names and last state of a checkpoint; the file is not changed, and may be one being written."""
+    journal = _read(path)
+    return journal.header["fingerprint"], tuple(journal.header["names"]), journal.snapshot(stages)
+
+
+@dataclass
+class _Journal:
+    """What the whole records of a file say, folded together; `whole` bytes of it, `damaged` behind them."""
+
+    path: Path
+    header: dict[str, Any]
+    whole: int
+    digest: bytes
+    state: dict[str, NDArray]
+    appended: dict[str, list[Array]]
+    damaged: int = 0
+
+    def snapshot(self, stages: tuple[str, ...]) -> Snapshot:
+        if not self.state:
+            raise CheckpointError(f"{self.path}: damaged at its start; delete it to start anew")
+        n = len(self.header["names"])
+
+        def together(kind: str, stage: str, *rest: int) -> Array:
+            none = np.empty((0, self.header["walkers"][stage], *rest))
+            return np.concatenate([none, *self.appended.get(f"{kind}/{stage}", [])])
+
+        return Snapshot(
+            self.state,
+            {s: together("draws", s, n) for s in stages},
+            {s: together("log_prob", s) for s in stages},
+            self.damaged,
+        )
+
+
+def _read(path: Path) -> _Journal:
+    if not Path(path).is_file():
+        raise CheckpointError(f"{path}: there is no such file")
     try:
-        with h5py.File(path, "r", libver="latest", swmr=True) as file:
-            if file.attrs.get("format") != _FORMAT:
+        with open(path, "rb") as file:
+            if file.read(len(_MAGIC)) != _MAGIC:
                 raise CheckpointError(f"{path}: not a checkpoint of this version; delete it to start anew")
-            fingerprint = json.loads(file.attrs["fingerprint"])
-            names = tuple(json.loads(file.attrs["names"]))
-            found = [slot for slot in (_read_slot(file[name]) for name in _SLOTS) if slot is not None]
-            if not found:
-                raise CheckpointError(f"{path}: holds no state yet; delete it to start anew")
-            _, counts, state = max(found, key=lambda slot: slot[0])
-            draws = {s: file[f"{s}_draws"][: counts[s]] for s in stages}
-            log_prob = {s: file[f"{s}_log_prob"][: counts[s]] for s in stages}
-    except (OSError, KeyError) as error:
+            records = _records(file)
+            first = next(records, None)
+            if first is None:
+                raise CheckpointError(f"{path}: damaged at its start; delete it to start anew")
+            arrays, digest, whole = first
+            journal = _Journal(Path(path), json.loads(str(arrays["header"])), whole, digest, {}, {})
+            for arrays, journal.digest, journal.whole in records:
+                for key in (k for k in arrays if k.startswith(("draws/", "log_prob/"))):
+                    journal.appended.setdefault(key, []).append(arrays[key])
+                state = journal.state | {k[6:]: v for k, v in arrays.items() if k.startswith("state/")}
+                journal.state = {k: state[k] for k in json.loads(str(arrays["keys"]))}
+            journal.damaged = os.fstat(file.fileno()).st_size - journal.whole
+    except (OSError, KeyError, ValueError) as error:
+        if isinstance(error, CheckpointError):
+            raise
         raise CheckpointError(f"{path}: cannot be read as a checkpoint ({error}); delete it to start anew") from None
-    return fingerprint, names, Snapshot(state, draws, log_prob)
+    return journal
 
 
-def _write_slot(file: h5py.File, counter: int, state: Mapping[str, NDArray], counts: Mapping[str, int]) -> None:
+def _records(file: BinaryIO) -> Iterator[tuple[dict[str, NDArray], bytes, int]]:
+    """Arrays of each whole record, its checksum and where it ends; stops before the first that is not whole."""
+    before, size = b"", os.fstat(file.fileno()).st_size
+    while len(head := file.read(_HEAD)) == _HEAD:
+        length = int.from_bytes(head[:8], "big")
+        if length > size - file.tell():
+            return
+        body = file.read(length)
+        if hashlib.sha256(before + head[:8] + body).digest() != head[8:]:
+            return
+        before = head[8:]
+        with np.load(io.BytesIO(body), allow_pickle=False) as stored:
+            yield {k: stored[k] for k in stored.files}, before, file.tell()
+
+
+def _record(arrays: Mapping[str, NDArray], before: bytes) -> tuple[bytes, bytes]:
+    """The bytes of a record, and its checksum, which covers that of the record before."""
     buffer = io.BytesIO()
-    arrays: dict[str, Any] = {f"state_{k}": v for k, v in state.items()}
-    np.savez(buffer, **arrays, counts=json.dumps(dict(counts)))
-    body = counter.to_bytes(8, "big") + buffer.getvalue()
-    record = np.frombuffer(hashlib.sha256(body).digest() + len(body).to_bytes(8, "big") + body, dtype="u1")
-    slot = file[_SLOTS[counter % 2]]
-    if len(slot) < len(record):  # it only ever grows: shrinking would free blocks that a reader may hold
-        slot.resize(len(record), axis=0)
-    slot[: len(record)] = record
-    slot.flush()
+    named: dict[str, Any] = dict(arrays)
+    np.savez(buffer, **named)
+    body = buffer.getvalue()
+    length = len(body).to_bytes(8, "big")
+    digest = hashlib.sha256(before + length + body).digest()
+    return length + digest + body, digest
 
 
-def _read_slot(data: h5py.Dataset) -> tuple[int, dict[str, int], dict[str, NDArray]] | None:
-    raw = data[:].tobytes()
-    length = int.from_bytes(raw[32:40], "big")
-    body = raw[40 : 40 + length]
-    if len(raw) < 48 or len(body) < length or hashlib.sha256(body).digest() != raw[:32]:
-        return None
-    with np.load(io.BytesIO(body[8:]), allow_pickle=False) as stored:
-        state = {k.removeprefix("state_"): stored[k] for k in stored.files if k.startswith("state_")}
-        counts = json.loads(str(stored["counts"]))
-    return int.from_bytes(body[:8], "big"), counts, state
+def _changes(state: Mapping[str, NDArray], before: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """What a record says of a state: the names of all its arrays, and those that are not as they were."""
+    changed = {f"state/{k}": v for k, v in state.items() if k not in before or not _same(before[k], v)}
+    return {"keys": np.array(json.dumps(list(state)))} | changed
+
+
+def _same(a: NDArray, b: NDArray) -> bool:
+    a, b = np.asarray(a), np.asarray(b)
+    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
 
 
 def _short(value: str | None) -> str:

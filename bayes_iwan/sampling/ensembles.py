@@ -152,8 +152,8 @@ def sample(
                     elif run.restart_if_slow(result, chain_taus):
                         short, result = "no draws yet", None
                         bar.set_postfix_str("slow: proposal fitted anew")
-                if not stop:
-                    run.produce(min(_CHUNK, max_steps - run.n_steps))
+                if not stop:  # eight draws at least, or there is nothing to say at the end
+                    run.produce(min(_CHUNK, max(max_steps, 8 * run.thin) - run.n_steps))
         except KeyboardInterrupt:
             interrupted = True
         finally:

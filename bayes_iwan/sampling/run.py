@@ -11,6 +11,7 @@ production in turn is as long as its autocorrelation time demands, however many 
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -134,14 +135,16 @@ class Run:
             if not resume:
                 raise CheckpointError(f"{checkpoint} exists already: resume from it, or delete it to start anew")
             self.file, snapshot = Checkpoint.resume(checkpoint, self.fingerprint, self.names, _STAGES)
+            if snapshot.damaged:
+                said = f"{checkpoint}: its last {snapshot.damaged} bytes are cut short or damaged; going on from before"
+                self.bar.write(said, file=sys.stderr)
             self._restore(snapshot.state, snapshot.draws, snapshot.log_prob)
             return
         self.population_log_prob = self.walkers.place(population, self.seed)
         if checkpoint is not None:
             producers = self.walkers.ensembles * self.producers
             rows = {stage: producers if stage == "production" else CROWD * producers for stage in _STAGES}
-            self.file = Checkpoint.create(checkpoint, self.fingerprint, self.names, rows)
-            self._commit()
+            self.file = Checkpoint.create(checkpoint, self.fingerprint, self.names, rows, self._state())
 
     def adapt(self) -> None:
         """Warm-up and adaptation, from wherever the run is; afterwards the proposal is frozen."""
@@ -272,6 +275,9 @@ class Run:
             return
         for stage, draws, values in appended:
             self.file.append(stage, in_one_row(draws), in_one_row(values))
+        self.file.commit(self._state())
+
+    def _state(self) -> dict[str, NDArray]:
         state = self.walkers.to_arrays() | {
             "rounds": np.array([d.shape[1] for d, _ in self.tempered]),  # the plain ones are as long
             "quality": np.array(self.quality),
@@ -283,7 +289,7 @@ class Run:
         }
         if self.proposal is not None:
             state |= {f"proposal_{k}": v for k, v in self.proposal.to_arrays().items()}
-        self.file.commit(state)
+        return state
 
     def _restore(self, state: Mapping[str, NDArray], draws: Mapping[str, Array], values: Mapping[str, Array]) -> None:
         self.producing, self.thin = bool(state["producing"]), int(state["thin"])

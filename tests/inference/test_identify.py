@@ -164,7 +164,7 @@ def test_ctrl_c_keeps_what_was_drawn(folder, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         calls["left"] = 300
         identify(folder, tmp_path / "early", config=long, seed=1, progress=False)
-    assert (tmp_path / "early" / "chains.h5").exists()
+    assert (tmp_path / "early" / "chains.ckpt").exists()
     calls["left"] = 6000
     late = identify(folder, tmp_path / "late", config=long, seed=1, progress=False)
     assert late.interrupted and not late.converged and (tmp_path / "late" / "summary.csv").exists()

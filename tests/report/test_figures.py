@@ -143,5 +143,5 @@ def test_loops_of_one_frequency_alone_lie_around_the_joint_ones(posterior):
 
 
 def test_a_checkpoint_that_cannot_be_read_is_done_without(posterior, tmp_path):
-    (tmp_path / "chains.h5").write_bytes(b"not a checkpoint")
+    (tmp_path / "chains.ckpt").write_bytes(b"not a checkpoint")
     np.testing.assert_array_equal(sampling.history(posterior, tmp_path).z, sampling.history(posterior).z)

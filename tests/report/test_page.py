@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import hashlib
 import json
 import re
 from html.parser import HTMLParser
@@ -13,7 +15,7 @@ from markupsafe import Markup
 
 from bayes_iwan.report import latex_table
 from bayes_iwan.report.page import Page
-from bayes_iwan.report.style import subplots
+from bayes_iwan.report.style import save, subplots
 
 VOID = {"meta", "link", "br", "input", "img", "path", "circle", "use", "hr"}
 
@@ -106,6 +108,27 @@ def test_text_is_escaped(tmp_path):
         assert bad not in html, bad
     assert "<em>yes</em>" in html
     Outline(html)
+
+
+def test_the_page_lets_no_script_run_but_its_own():
+    page = Page("scripts")
+    assert "script-src 'none';" in page.html()
+    page.script(Markup("let a = 1 < 2;"))
+    html = page.html()
+    own = re.findall(r"<script>(.*?)</script>", html, re.S)
+    assert own == ["let a = 1 < 2;"]
+    digest = base64.b64encode(hashlib.sha256(own[0].encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}';" in html and "unsafe-inline" not in html.split("script-src")[1].split(";")[0]
+
+
+@pytest.mark.parametrize("name", ["$x^{$", "a$b", r"$\\frac{$", "5 $ and 6 $"])
+def test_names_that_look_like_mathematics_are_drawn(name, tmp_path):
+    figure, axes = subplots(1, 1, 2, 2)
+    axes[0, 0].set_title(name)
+    assert save(figure, tmp_path / "f.svg").stat().st_size > 100
+    page = Page("names")
+    page.section("one").figure(figure, name, name)
+    assert "<svg" in page.html()
 
 
 def test_two_figures_do_not_share_ids():

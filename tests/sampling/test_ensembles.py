@@ -82,7 +82,7 @@ def test_slow_production_is_taken_for_more_adaptation(tmp_path, monkeypatch):
         return did
 
     monkeypatch.setattr(run.Run, "restart_if_slow", watched)
-    file, long = tmp_path / "chains.h5", SHORT | {"target_ess": 6000.0}
+    file, long = tmp_path / "chains.ckpt", SHORT | {"target_ess": 6000.0}
     chains = sample(banana, population(), names=NAMES, seed=1, checkpoint=file, **long)
     restarted = [x for x in seen if x[0]]
     assert len(restarted) == run._RESTARTS and all(steps == 0 for _, steps in restarted)
@@ -143,7 +143,7 @@ SCRIPT = textwrap.dedent("""
     import sys, numpy as np
     sys.path.insert(0, {here!r})
     import test_ensembles as t
-    from bayes_iwan.inference import ensembles, run
+    from bayes_iwan.sampling import ensembles, run
     run._WARMUP_STEPS, run._ROUND_STEPS, run._ROUNDS, run._TRIAL_STEPS = 100, (60, 100), (3, 6), 200
     settings = t.SHORT | dict(target_ess=1e9, max_steps=1500, chain_taus=1e5)
     ensembles.sample(t.banana, t.population(), names=t.NAMES, seed=5, checkpoint={path!r},
@@ -155,7 +155,7 @@ def test_killed_at_random_and_resumed_a_run_draws_what_it_would_have_drawn(tmp_p
     monkeypatch.setattr(run, "_TRIAL_STEPS", 200)  # with so long a chain asked for, production is begun anew as well
     settings = SHORT | dict(target_ess=1e9, max_steps=1500, chain_taus=1e5)
     whole = sample(banana, population(), names=NAMES, seed=5, fingerprint={"data": "d"}, **settings)
-    path = tmp_path / "run.h5"
+    path = tmp_path / "run.ckpt"
     code = SCRIPT.format(here=os.path.dirname(__file__), path=str(path))
     rng = np.random.default_rng()
     kills = 0
@@ -163,7 +163,7 @@ def test_killed_at_random_and_resumed_a_run_draws_what_it_would_have_drawn(tmp_p
         process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             while process.poll() is None and _stored(path) < goal:
-                time.sleep(0.005)
+                time.sleep(0.05)
             time.sleep(rng.uniform(0, 0.05))
         finally:
             process.send_signal(signal.SIGKILL)
@@ -186,7 +186,7 @@ def _stored(path):
 
 
 def test_checkpoints_of_other_runs_are_refused_naming_what_differs(tmp_path):
-    path = tmp_path / "run.h5"
+    path = tmp_path / "run.ckpt"
     mine = dict(names=NAMES, checkpoint=path, **SHORT | {"max_steps": 60})
     sample(banana, population(), seed=1, fingerprint={"data": "one", "model": "m"}, **mine)
     with pytest.raises(CheckpointError, match="exists already"):
@@ -196,21 +196,54 @@ def test_checkpoints_of_other_runs_are_refused_naming_what_differs(tmp_path):
     assert "model" not in str(refused.value)
     with pytest.raises(CheckpointError, match="seed was 1, is 2"):
         sample(banana, population(), seed=2, fingerprint={"data": "one", "model": "m"}, resume=True, **mine)
-    path.write_text("not HDF5")
-    with pytest.raises(CheckpointError, match=r"run\.h5"):
+    path.write_text("no checkpoint")
+    with pytest.raises(CheckpointError, match=r"run\.ckpt"):
         sample(banana, population(), seed=1, resume=True, **mine)
 
 
-def test_a_half_written_state_falls_back_to_the_one_before(tmp_path):
-    path = tmp_path / "c.h5"
-    stages = ("plain", "production")
-    file = Checkpoint.create(path, {}, ("x",), {"plain": 8, "production": 4})
+def small_checkpoint(path):
+    """Two commits of three draws each; the bytes of the file after each."""
+    file = Checkpoint.create(path, {}, ("x",), {"plain": 8, "production": 4}, {"i": np.array(0.0)})
+    ends = [path.stat().st_size]
     for i in (1.0, 2.0):
         file.append("production", np.full((3, 4, 1), i), np.full((3, 4), i))
-        file.commit({"i": np.array(i)})
-    newest = file._file["state_a" if file._counter % 2 == 0 else "state_b"]
-    newest[60:80] = 0  # as if the kill had come in the middle
+        file.commit({"i": np.array(i), "kept": np.arange(5)})
+        ends.append(path.stat().st_size)
     file.close()
-    snapshot = read_checkpoint(path, stages)[2]
-    assert snapshot.state["i"] == 1.0 and snapshot.draws["production"].shape == (3, 4, 1)
-    assert snapshot.draws["production"].dtype == np.float64
+    return ends
+
+
+def test_a_commit_that_is_cut_short_falls_back_to_the_one_before(tmp_path):
+    path, stages = tmp_path / "run", ("plain", "production")
+    start, first, end = small_checkpoint(path)
+    whole = path.read_bytes()
+    assert read_checkpoint(path, stages)[2].draws["production"][:, 0, 0].tolist() == [1, 1, 1, 2, 2, 2]
+    for cut in range(first, end, 7):
+        path.write_bytes(whole[:cut])
+        snapshot = read_checkpoint(path, stages)[2]
+        assert snapshot.state["i"] == 1.0 and snapshot.damaged == cut - first
+        assert snapshot.draws["production"].shape == (3, 4, 1) and snapshot.draws["plain"].shape == (0, 8, 1)
+    file, _ = Checkpoint.resume(path, {}, ("x",), stages)  # what was cut is drawn again, and the file is whole again
+    file.append("production", np.full((3, 4, 1), 2.0), np.full((3, 4), 2.0))
+    file.commit({"i": np.array(2.0), "kept": np.arange(5)})
+    file.close()
+    assert path.read_bytes() == whole
+    for cut in range(start):
+        path.write_bytes(whole[:cut])
+        with pytest.raises(CheckpointError, match=r"run: (not a checkpoint|damaged at its start)"):
+            read_checkpoint(path, stages)
+
+
+def test_no_changed_byte_changes_a_draw(tmp_path):
+    path, stages = tmp_path / "run", ("plain", "production")
+    _, first, _ = small_checkpoint(path)
+    whole = path.read_bytes()
+    for at in range(0, len(whole), 5):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])
+        try:
+            snapshot = read_checkpoint(path, stages)[2]
+        except CheckpointError:
+            assert at < first
+            continue
+        assert at >= first and snapshot.damaged == len(whole) - first
+        assert snapshot.draws["production"][:, 0, 0].tolist() == [1, 1, 1]

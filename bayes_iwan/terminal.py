@@ -1,0 +1,34 @@
+"""What goes to a terminal: text without the characters that would steer it, and one way to be told to stop."""
+
+from __future__ import annotations
+
+import signal
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+def plain(text: str) -> str:
+    """Text that a terminal only shows: control and direction characters, which names in files may hold, as ``?``."""
+    return "".join(c if c in "\n\t" or unicodedata.category(c) not in ("Cc", "Cf", "Cs") else "?" for c in text)
+
+
+@contextmanager
+def terminate_as_interrupt() -> Iterator[None]:
+    """Inside, SIGTERM is KeyboardInterrupt as Ctrl-C is: whatever keeps its work for the one keeps it for the other.
+
+    In the main thread only, where Python handles signals; elsewhere this does nothing.
+    """
+
+    def stop(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    try:
+        before = signal.signal(signal.SIGTERM, stop)
+    except ValueError:  # not the main thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

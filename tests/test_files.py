@@ -1,0 +1,109 @@
+"""Files whole at every moment, folders of one run at a time, and a terminal that names cannot steer."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+import bayes_iwan
+from bayes_iwan.files import OutputError, clear, owned, replacing, write_whole
+from bayes_iwan.terminal import plain, terminate_as_interrupt
+
+ENV = {**os.environ, "PYTHONPATH": str(Path(bayes_iwan.__file__).parents[1])}
+
+HOLD = """
+import sys, time
+from bayes_iwan.files import owned, replacing
+with owned(sys.argv[1]) as folder:
+    with replacing(folder / "figures" / "gap.svg") as part:
+        part.write_text("half")
+        print("in", flush=True)
+        time.sleep(600)
+"""
+
+
+def test_a_reader_finds_the_old_file_or_the_new_one(tmp_path):
+    path = write_whole(tmp_path / "a" / "x.json", "old")
+    with pytest.raises(RuntimeError), replacing(path) as part:
+        part.write_text("half of the n")
+        assert path.read_text() == "old"
+        raise RuntimeError
+    assert [p.name for p in path.parent.iterdir()] == ["x.json"] and path.read_text() == "old"
+
+
+def test_two_runs_in_one_folder_are_refused_and_a_killed_one_leaves_nothing(tmp_path):
+    (tmp_path / "out" / "figures").mkdir(parents=True)
+    out = tmp_path / "out"
+    other = subprocess.Popen([sys.executable, "-c", HOLD, str(out)], env=ENV, stdout=subprocess.PIPE)
+    assert other.stdout.readline() == b"in\n"
+    with pytest.raises(OutputError, match=rf"out: another run \(process {other.pid}\) is working in it"):
+        with owned(out):
+            pass
+    other.send_signal(signal.SIGKILL)
+    other.wait()
+    assert len(list(out.rglob(".part.*"))) == 1
+    with owned(out):
+        assert not list(out.rglob(".part.*")), "what the killed run left is swept up"
+        with pytest.raises(OutputError, match="another run"), owned(out):
+            pass
+    assert not [p for p in out.rglob("*") if p.is_file()]
+
+
+def test_many_at_the_same_time_never_share_a_folder(tmp_path):
+    inside, most, failures = [], [], []
+
+    def enter():
+        for _ in range(60):
+            try:
+                with owned(tmp_path):
+                    inside.append(1)
+                    most.append(len(inside))
+                    time.sleep(0.0005)
+                    inside.pop()
+            except OutputError:
+                pass
+            except Exception as error:
+                failures.append(error)
+
+    threads = [threading.Thread(target=enter) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failures and set(most) == {1} and len(most) > 20
+
+
+def test_what_is_no_folder_is_refused_at_once(tmp_path):
+    (tmp_path / "file").write_text("")
+    for bad in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(OutputError, match="there is a file of this name"), owned(bad):
+            pass
+    with pytest.raises(OutputError, match=r"cannot be (made|written to)"), owned("/proc/results"):
+        pass
+
+
+def test_clear_removes_files_folders_and_links_but_nothing_behind_them(tmp_path):
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "x").write_text("")
+    (tmp_path / "link").symlink_to(tmp_path / "kept")
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables" / "t.csv").write_text("")
+    clear(tmp_path, "link", "tables", "absent")
+    assert [p.name for p in tmp_path.iterdir()] == ["kept"] and (tmp_path / "kept" / "x").exists()
+
+
+def test_names_cannot_steer_a_terminal():
+    assert plain("a\x1b[31mred\x07\x9b2J\u202egnp.exe\x00é µ\n") == "a?[31mred??2J?gnp.exe?é µ\n"
+
+
+def test_sigterm_is_ctrl_c():
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt), terminate_as_interrupt():
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(1)
+    assert signal.getsignal(signal.SIGTERM) is before

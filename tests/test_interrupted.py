@@ -1,0 +1,60 @@
+"""Runs cut short from outside: a signal, a full disk. More of them at random: analyses/kill_runs.py."""
+
+import signal
+import subprocess
+import sys
+import time
+
+SHORT = """
+[model]
+slip = "gamma1"
+grip = "constant"
+stiffness = "constant"
+[likelihood]
+kind = "gaussian"
+[search]
+members = 40
+evaluations = 1200
+starts = 4
+[sampling]
+ensembles = 2
+walkers = 24
+r_hat = 1.05
+ess = 100
+taus = 10
+draws = 500
+"""
+
+
+def test_a_signal_ends_a_run_and_resume_gives_the_same_answer(tmp_path, made_up_campaign):
+    config = tmp_path / "c.toml"
+    config.write_text(SHORT)
+
+    def start(out, *more):
+        words = ["identify", str(made_up_campaign), "--out", str(out), "--config", str(config), "--seed", "1", *more]
+        code = "import sys; from bayes_iwan.cli import main; sys.exit(main())"
+        return subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, stdout=subprocess.PIPE)
+
+    run = start(tmp_path / "cut", "--keep-chains")
+    end = time.monotonic() + 120
+    while not (tmp_path / "cut" / "chains.ckpt").exists() and time.monotonic() < end:
+        time.sleep(0.02)
+    run.send_signal(signal.SIGTERM)
+    said = run.communicate()[1].decode()
+    assert run.returncode == 130 and "Traceback" not in said
+    assert start(tmp_path / "cut", "--resume").wait() == 0
+    assert start(tmp_path / "whole").wait() == 0
+    assert (tmp_path / "cut" / "summary.csv").read_bytes() == (tmp_path / "whole" / "summary.csv").read_bytes()
+
+
+def test_a_full_disk_is_one_line(tmp_path, made_up_campaign):
+    config = tmp_path / "c.toml"
+    config.write_text(SHORT)
+    words = ["identify", str(made_up_campaign), "--out", str(tmp_path / "out"), "--config", str(config)]
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000)); "
+        "from bayes_iwan.cli import main; sys.exit(main())"
+    )
+    run = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
+    assert run.returncode == 2 and run.stderr.count("bayes-iwan:") == 1 and "Traceback" not in run.stderr
+    assert "File too large" in run.stderr
