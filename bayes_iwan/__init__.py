@@ -38,6 +38,7 @@ _WHERE = {
     "Problem": "inference.problem",
     "make_problem": "inference.problem",
     "identify_problem": "inference.identify",
+    "batch": "report.batch",
     "load": "inference.results",
     "read_config": "inference.config",
     "ConfigError": "inference.config",

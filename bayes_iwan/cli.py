@@ -223,6 +223,47 @@ def run_diagnose(args: argparse.Namespace) -> None:
 
 
 @command(
+    "batch",
+    "identify or diagnose every campaign in a folder, with a table and a page across specimens",
+    argument("folder", metavar="FOLDER", help="a folder of campaign folders"),
+    OUT,
+    SEED,
+    argument("--identify", action="store_true", help="identify every campaign (default, unless --diagnose)"),
+    argument("--diagnose", action="store_true", help="diagnose every campaign"),
+    argument("--quick", action="store_true", help="diagnoses stop at refits and an approximate evidence"),
+    argument("--config", metavar="FILE", help="TOML file with what differs from the defaults"),
+    argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
+    WORKERS,
+    DASK,
+)
+def run_batch(args: argparse.Namespace) -> int:
+    from bayes_iwan import batch, executors
+
+    with executors.opened(args.workers, args.dask) as executor:
+        result = batch(
+            args.folder,
+            args.out,
+            identify=args.identify or not args.diagnose,
+            diagnose=args.diagnose,
+            quick=args.quick,
+            seed=args.seed,
+            config=args.config,
+            keep_chains=args.keep_chains,
+            executor=executor,
+        )
+    for name, reason in result.failures.items():
+        say(f"failed: {name}: {reason}")
+    for name, p in result.populations.items():
+        spread = f"{100 * p.spread[0]:.2g} %" if p.relative else f"{p.spread[0]:.2g}"
+        say(f"{name:24s} {p.typical[0]:.4g} ({p.typical[1]:.4g} to {p.typical[2]:.4g}), specimens differ by {spread}")
+    for name, found in result.outliers().items():
+        say(f"{name} stands out in {', '.join(found)}")
+    say(f"{len(result.finished)} finished, {len(result.failures)} failed; open {args.out}/batch.html")
+    late = any(x.converged is False for x in result.finished)
+    return 4 if result.failures else 3 if late else 0
+
+
+@command(
     "withheld make",
     "draw cases with a hidden cause on the virtual rig and seal their truths",
     argument("n", metavar="N", type=int, help="number of cases"),
@@ -301,7 +342,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; 0 done, 2 bad input, 3 done but not converged, 130 interrupted."""
+    """Run one command; 0 done, 2 bad input, 3 done but not converged, 4 a batch with failures, 130 interrupted."""
     from bayes_iwan.terminal import terminate_as_interrupt
 
     args = parser().parse_args(arguments)

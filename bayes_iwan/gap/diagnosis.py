@@ -36,6 +36,7 @@ from bayes_iwan.gap.words import beyond_sentence, sentences
 from bayes_iwan.inference.scales import Scales, scales_of
 from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.physics import Model, Simulator
+from bayes_iwan.terminal import plain
 
 #: models to start from, by name, as the [model] table of a configuration
 BASES: dict[str, dict[str, str]] = {
@@ -463,8 +464,8 @@ def _next(data: GapData, found: Search, result: Attribution) -> NextTest | None:
 class Progress:
     """A bar over the stages of a diagnosis, quiet when not a terminal."""
 
-    def __init__(self, name: str) -> None:
-        self.bar = tqdm(desc=name, disable=None, unit=" fits", leave=False)
+    def __init__(self, name: str, shown: bool = True) -> None:
+        self.bar = tqdm(desc=plain(name), disable=None if shown else True, unit=" fits", leave=False)
 
     def __call__(self, what: str) -> None:
         self.bar.set_postfix_str(what)
@@ -482,12 +483,13 @@ def diagnose_folder(
     config: dict | None = None,
     effects_file: str | Path | None = None,
     simulator_file: str | Path | None = None,
+    progress: bool = True,
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """Diagnose a campaign folder; returns the diagnosis and what `fits.json` is to hold."""
     read = read_campaign(campaign)
     extra = load_effects(effects_file) if effects_file else ()
     simulator = load_simulator(simulator_file) if simulator_file else None
-    progress = Progress(read.name)
+    told = Progress(read.name, progress)
     try:
         result = diagnose_loops(
             read,
@@ -497,10 +499,10 @@ def diagnose_folder(
             config=config,
             extra=extra,
             simulator=simulator,
-            progress=progress,
+            progress=told,
         )
     finally:
-        progress.close()
+        told.close()
     fits = {x.names[0]: x.fit for x in result.explanations}
     files = {
         "effects_file": str(Path(effects_file).resolve()) if effects_file else None,

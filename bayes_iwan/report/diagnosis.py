@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from bayes_iwan.gap.diagnosis import BASES, Diagnosis, diagnose_folder, write_js
 from bayes_iwan.gap.findings import pictures
 from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.where import along_cycle
-from bayes_iwan.inference.config import read_config
+from bayes_iwan.inference.config import complete, read_config
 from bayes_iwan.report import gap_figures
 from bayes_iwan.report.diagnosis_page import write_diagnosis_page, write_figures
 
@@ -60,13 +61,14 @@ def diagnose_campaign(
     seed: int = 0,
     quick: bool = False,
     base: str = "generalized",
-    config: str | Path | None = None,
+    config: Mapping[str, Any] | str | Path | None = None,
     effects_file: str | Path | None = None,
     simulator_file: str | Path | None = None,
+    progress: bool = True,
 ) -> dict[str, Any]:
     """Diagnose a campaign folder and write everything into `out`; returns what `diagnosis.json` holds.
 
-    base : a name of :data:`bayes_iwan.gap.diagnosis.BASES`; config : TOML file as for `identify`; effects_file : a
+    base : a name of :data:`bayes_iwan.gap.diagnosis.BASES`; config : TOML file, or its tables, as for `identify`; effects_file : a
     user's own effects; simulator_file : a user's own model in the place of the Iwan model.
     Raises ValueError (and its kinds) with one line that names what is wrong and the mend.
     """
@@ -76,10 +78,19 @@ def diagnose_campaign(
         raise ValueError(f"--base {base} and --config both choose a model; leave one of them out")
     if simulator_file is not None and base != "generalized":
         raise ValueError(f"--base {base} and --simulator both choose a model; leave one of them out")
-    chosen = read_config(config) if config is not None else {"model": BASES[base]}
+    if config is None:
+        chosen: dict[str, Any] = {"model": BASES[base]}
+    else:
+        chosen = complete(config) if isinstance(config, Mapping) else read_config(config)
     with owned(out) as folder:
         found, fits = diagnose_folder(
-            campaign, seed=seed, quick=quick, config=chosen, effects_file=effects_file, simulator_file=simulator_file
+            campaign,
+            seed=seed,
+            quick=quick,
+            config=chosen,
+            effects_file=effects_file,
+            simulator_file=simulator_file,
+            progress=progress,
         )
         answer = found.as_dict()
         figures = diagnosis_figures(found, answer)

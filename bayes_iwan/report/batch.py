@@ -1,0 +1,302 @@
+"""Many campaigns, one after the other or side by side: `bayes-iwan batch`. Restartable; what fails is listed.
+
+OUT/specimens/NAME/   what `identify` and `diagnose` write of the campaign FOLDER/NAME, and specimen.json: what the
+                      table and the page across specimens need of it. Where that stands, the specimen is finished.
+OUT/batch.csv, batch.html, failures.csv (and batch.parquet where pyarrow is installed)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import bayes_iwan
+from bayes_iwan import executors
+from bayes_iwan.arrays import Array
+from bayes_iwan.files import owned, write_whole
+from bayes_iwan.inference import config as configuration
+from bayes_iwan.inference.population import DRAWS, Population, Specimen, population
+from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.quantities import quantities
+from bayes_iwan.report.diagnosis import diagnose_campaign
+from bayes_iwan.report.marginals import identifiable
+from bayes_iwan.report.tables import Table
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.sampling.checkpoint import CheckpointError
+
+_SCHEMA = 1
+
+
+class BatchError(ValueError):
+    """A batch that cannot be begun; the message says why."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is done with every campaign, and where."""
+
+    folder: Path
+    out: Path
+    identify: bool
+    diagnose: bool
+    quick: bool
+    seed: int
+    config: Mapping[str, Any] | None
+    keep_chains: bool
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One identifiable quantity of one specimen: its unit, median and 90 % interval, and draws (with the prior's)."""
+
+    label: str
+    unit: str
+    median: float
+    low: float
+    high: float
+    draws: Array
+    prior: Array
+
+
+@dataclass(frozen=True)
+class Finished:
+    """One specimen that was finished: what was identified (if asked for) and the cause found (if asked for)."""
+
+    name: str
+    seconds: float
+    converged: bool | None
+    message: str
+    quantities: Mapping[str, Quantity]
+    cause: str | None
+    second_cause: str | None
+    probability: float | None
+    gap_share: float | None
+    shrink: float | None
+
+
+@dataclass(frozen=True)
+class Batch:
+    """All specimens: the finished ones, the reason of each failure, and the population of each quantity."""
+
+    finished: tuple[Finished, ...]
+    failures: Mapping[str, str]
+    populations: Mapping[str, Population]
+
+    def outliers(self) -> dict[str, tuple[str, ...]]:
+        """Quantities in which a specimen stands out from the others, by specimen."""
+        found: dict[str, list[str]] = {}
+        for quantity, p in self.populations.items():
+            for name in p.outliers(0.01 / len(self.populations)):
+                found.setdefault(name, []).append(quantity)
+        return {name: tuple(q) for name, q in sorted(found.items())}
+
+    def table(self) -> Table:
+        """One row a specimen, failed ones included."""
+        names = sorted({(q, x.quantities[q].unit) for x in self.finished for q in x.quantities})
+        columns = ["specimen", "state", "message", "seconds", "cause", "second_cause", "probability"]
+        columns += ["gap_share", "shrink"] + [f"{q}_{s}" for q, _ in names for s in ("q05", "q50", "q95")]
+        rows: list[tuple[Any, ...]] = []
+        for x in self.finished:
+            state = "finished" if x.converged in (None, True) else "not converged"
+            some = (x.cause or "", x.second_cause or "", _number(x.probability))
+            row = [x.name, state, x.message, x.seconds, *some, _number(x.gap_share), _number(x.shrink)]
+            for quantity, _ in names:
+                q = x.quantities.get(quantity)
+                row += [np.nan] * 3 if q is None else [q.low, q.median, q.high]
+            rows.append(tuple(row))
+        for name, reason in self.failures.items():
+            rows.append((name, "failed", reason, np.nan, "", "", *[np.nan] * (len(columns) - 6)))
+        return Table("batch", "Specimens", tuple(columns), tuple(sorted(rows, key=lambda r: str(r[0]))))
+
+
+def batch(
+    folder: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    identify: bool = True,
+    diagnose: bool = False,
+    quick: bool = False,
+    seed: int = 0,
+    config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    keep_chains: bool = False,
+    executor: Executor | None = None,
+    progress: bool = True,
+) -> Batch:
+    """Identify or diagnose (or both) every campaign in a folder, and summarise across them.
+
+    folder : each folder in it that holds a campaign.toml is a specimen. quick : of the diagnosis. Every specimen has
+    the seed and configuration that are given, so that its answer is that of `identify` or `diagnose` alone.
+    executor : from :func:`bayes_iwan.executors.opened`. A batch that was stopped goes on: a specimen that is finished,
+    of the same data and settings, is not run again. One that fails is listed with its reason, the rest is finished.
+
+    Raises BatchError where there is nothing to do, ConfigError, OutputError.
+    """
+    from bayes_iwan.report.batch_page import write_batch_page
+
+    source = Path(folder)
+    if not (identify or diagnose):
+        raise BatchError("neither to be identified nor to be diagnosed: nothing to do")
+    if not source.is_dir():
+        raise BatchError(f"{source}: not a folder; name one that holds campaign folders")
+    names = sorted(p.parent.name for p in source.glob("*/campaign.toml"))
+    if not names:
+        raise BatchError(f"{source}: no folder in it holds a campaign.toml")
+    settings = configuration.read_config(config) if isinstance(config, str | os.PathLike) else config
+    configuration.complete(settings)
+    with owned(out) as there:
+        job = Job(source, there / "specimens", identify, diagnose, quick, seed, settings, keep_chains)
+        pieces = {name: name for name in names}
+        done = executors.run(pieces, _one, job, executor=executor, what="batch", unit="specimen", progress=progress)
+        failures = {n: x.message if x.kind.endswith("Error") else str(x) for n, x in _failed(done).items()}
+        finished = tuple(_read(job, n) for n in names if n not in failures)
+        result = Batch(finished, failures, populations(finished, seed))
+        _write(result, there)
+        write_batch_page(result, there)
+    return result
+
+
+def _failed(done: Mapping[str, Any]) -> dict[str, executors.Failure]:
+    return {n: x for n, x in done.items() if isinstance(x, executors.Failure)}
+
+
+def populations(finished: tuple[Finished, ...], seed: int = 0) -> dict[str, Population]:
+    """The population of every quantity that at least three specimens determine."""
+    out = {}
+    for name in dict.fromkeys(q for x in finished for q in x.quantities):
+        of = [(x.name, x.quantities[name]) for x in finished if name in x.quantities]
+        found = population([Specimen(n, q.draws, q.prior) for n, q in of], seed)
+        if found is not None:
+            out[name] = found
+    return out
+
+
+# ---- one specimen, in whatever process
+
+
+def _one(job: Job, name: str) -> str:
+    """Identify and diagnose one campaign into its folder, unless that is done already."""
+    campaign, out = job.folder / name, job.out / name
+    made_with = _made_with(job, campaign)
+    if _stored(out, made_with) is not None:
+        return name
+    began = time.monotonic()
+    record: dict[str, Any] = {"schema": _SCHEMA, "made_with": made_with, "quantities": {}}
+    if job.identify:
+        record |= _identified(job, campaign, out)
+    if job.diagnose:
+        answer = diagnose_campaign(campaign, out, seed=job.seed, quick=job.quick, config=job.config, progress=False)
+        verdict, gap = answer["verdict"], answer["gap"]
+        record |= {k: verdict[k] for k in ("cause", "second_cause", "probability")}
+        record |= {"gap_share": gap["before_share"], "shrink": gap["shrink"]}
+    record["seconds"] = time.monotonic() - began
+    write_whole(out / "specimen.json", json.dumps(record))
+    return name
+
+
+def _made_with(job: Job, campaign: Path) -> dict[str, Any]:
+    """What a specimen's answer depends on; another one is not this batch's."""
+    data = hashlib.sha256()
+    for path in sorted(p for p in campaign.rglob("*") if p.is_file()):
+        data.update(path.relative_to(campaign).as_posix().encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    told = {k: getattr(job, k) for k in ("identify", "diagnose", "quick", "seed", "config")}
+    return json.loads(json.dumps(told | {"data": data.hexdigest(), "version": bayes_iwan.__version__}))
+
+
+def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:
+    def run(resume: bool) -> Posterior:
+        return bayes_iwan.identify(
+            campaign,
+            out,
+            config=job.config,
+            seed=job.seed,
+            resume=resume,
+            keep_chains=job.keep_chains,
+            progress=False,
+        )
+
+    try:
+        posterior = run(resume=True)
+    except CheckpointError:  # left by other settings or another version
+        (out / CHECKPOINT).unlink(missing_ok=True)
+        posterior = run(resume=False)
+    if posterior.interrupted:
+        raise KeyboardInterrupt
+    rng = np.random.default_rng([job.seed, 62])
+    draws, labels = identifiable(posterior)
+    before = quantities(posterior.problem, posterior.problem.prior.draw(rng, 400), posterior.problem.loops[:1])
+    found = posterior.quantities()
+    record = {}
+    for name, x in draws.items():
+        low, median, high = np.quantile(x, [0.05, 0.5, 0.95])
+        prior = np.asarray(before[name].values, dtype=float)
+        record[name] = {
+            "label": labels[name],
+            "unit": found[name].unit,
+            "median": float(median),
+            "low": float(low),
+            "high": float(high),
+            "draws": _rounded(rng.choice(x, min(len(x), 2 * DRAWS), replace=False)),
+            "prior": _rounded(prior[np.isfinite(prior)]),
+        }
+    return {"converged": posterior.converged, "message": posterior.message, "quantities": record}
+
+
+def _rounded(x: Array) -> list[float]:
+    return [float(f"{v:.7g}") for v in x]
+
+
+def _number(x: float | None) -> float:
+    return float("nan") if x is None else x
+
+
+# ---- files
+
+
+def _stored(out: Path, made_with: Mapping[str, Any]) -> Finished | None:
+    """What stands in a specimen's folder, if it was made with this; None for anything else, damaged files included."""
+    try:
+        record = json.loads((out / "specimen.json").read_text())
+        if record["schema"] != _SCHEMA or record["made_with"] != made_with:
+            return None
+        found = {
+            name: Quantity(
+                q["label"], q["unit"], q["median"], q["low"], q["high"], np.array(q["draws"]), np.array(q["prior"])
+            )
+            for name, q in record["quantities"].items()
+        }
+        some = {k: record.get(k) for k in ("converged", "cause", "second_cause", "probability", "gap_share", "shrink")}
+        return Finished(out.name, record["seconds"], message=record.get("message", ""), quantities=found, **some)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _read(job: Job, name: str) -> Finished:
+    found = _stored(job.out / name, _made_with(job, job.folder / name))
+    if found is None:
+        raise BatchError(f"{job.out / name}: changed while the batch ran; run it again")
+    return found
+
+
+def _write(result: Batch, out: Path) -> None:
+    table = result.table()
+    table.write_csv(out)
+    failures = Table("failures", "Failures", ("specimen", "reason"), tuple(result.failures.items()))
+    failures.write_csv(out)
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:  # the same table is in batch.csv
+        return
+    buffer = pa.BufferOutputStream()
+    columns = {name: [row[i] for row in table.rows] for i, name in enumerate(table.columns)}
+    pq.write_table(pa.table(columns), buffer)
+    write_whole(out / "batch.parquet", buffer.getvalue().to_pybytes())

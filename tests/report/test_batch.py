@@ -1,0 +1,170 @@
+"""A batch of specimens: finished, failed, stopped half way and gone on with, the same wherever it ran."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import bayes_iwan
+from bayes_iwan import executors
+from bayes_iwan.report import batch as room
+from bayes_iwan.report.batch import BatchError, batch
+
+CONFIG = {
+    "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"},
+    "likelihood": {"kind": "gaussian"},
+    "search": {"members": 40, "evaluations": 1200, "starts": 4, "second_opinion": False},
+    "sampling": {"ensembles": 2, "walkers": 24, "r_hat": 1.1, "ess": 60.0, "taus": 8.0, "draws": 500},
+}
+
+
+@pytest.fixture(scope="module")
+def folder(made_up_campaign, tmp_path_factory):
+    """Three specimens of parallel springs and forces that differ by a known factor, one broken, one folder of none."""
+    out = tmp_path_factory.mktemp("specimens")
+    for name, factor in (("a", 1.0), ("b", 1.1), ("c", 0.9)):
+        shutil.copytree(made_up_campaign, out / name)
+        for path in (out / name).glob("*.csv"):
+            head, *rows = path.read_text().splitlines()
+            scaled = [",".join([*row.split(",")[:-1], repr(factor * float(row.split(",")[-1]))]) for row in rows]
+            path.write_text("\n".join([head, *scaled]) + "\n")
+    shutil.copytree(made_up_campaign, out / "broken <b>")
+    (out / "broken <b>" / "campaign.toml").write_text("format = 1\n[specimen\n")
+    (out / "notes").mkdir()
+    return out
+
+
+@pytest.fixture(scope="module")
+def done(folder, tmp_path_factory):
+    out = tmp_path_factory.mktemp("batch") / "out"
+    return batch(folder, out, config=CONFIG, seed=3, progress=False), out
+
+
+def test_what_is_finished_what_failed_and_the_files(done):
+    result, out = done
+    assert [x.name for x in result.finished] == ["a", "b", "c"] and all(x.converged for x in result.finished)
+    assert list(result.failures) == ["broken <b>"] and "campaign.toml" in result.failures["broken <b>"]
+    kp = {x.name: x.quantities["kp_N_mm"] for x in result.finished}
+    for name, factor in (("a", 1.0), ("b", 1.1), ("c", 0.9)):
+        assert kp[name].low < 5.5 * factor < kp[name].high or abs(kp[name].median / (5.5 * factor) - 1) < 0.01
+    rows = list(csv.DictReader((out / "batch.csv").open()))
+    assert [r["specimen"] for r in rows] == ["a", "b", "broken <b>", "c"]
+    assert float(rows[1]["kp_N_mm_q50"]) == pytest.approx(kp["b"].median) and rows[2]["state"] == "failed"
+    parquet = pytest.importorskip("pyarrow.parquet").read_table(out / "batch.parquet").to_pydict()
+    assert parquet["kp_N_mm_q50"][1] == pytest.approx(kp["b"].median)
+    page = (out / "batch.html").read_text()
+    assert "broken &lt;b&gt;" in page and "<b>" not in page and 'href="specimens/a/report.html"' in page
+    assert not [p for p in out.rglob(".*")] and not list(out.rglob("chains.ckpt"))
+    population = result.populations["kp_N_mm"]
+    assert population.typical[1] < 5.5 < population.typical[2] and population.spread[1] < 0.1 < population.spread[2]
+
+
+def test_the_answer_is_that_of_the_specimen_alone(done, folder, tmp_path):
+    _, out = done
+    bayes_iwan.identify(folder / "b", tmp_path / "b", config=CONFIG, seed=3, progress=False)
+    assert (tmp_path / "b" / "summary.csv").read_bytes() == (out / "specimens" / "b" / "summary.csv").read_bytes()
+
+
+def test_what_is_finished_is_not_run_again_unless_data_or_settings_differ(done, folder, tmp_path, monkeypatch):
+    result, out = done
+    mine = tmp_path / "out"
+    shutil.copytree(out, mine)
+    asked = []
+
+    def recorded(campaign, *args, **kwargs):
+        asked.append(Path(campaign).name)
+        raise ValueError("was run")
+
+    monkeypatch.setattr(bayes_iwan, "identify", recorded)
+    again = batch(folder, mine, config=CONFIG, seed=3, progress=False)
+    assert asked == ["broken <b>"]
+    assert (mine / "batch.csv").read_bytes().replace(b"was run", b"") != b"" and len(again.finished) == 3
+    path = mine / "specimens" / "a" / "specimen.json"
+    path.write_text(path.read_text()[:-40])  # damaged
+    record = json.loads((mine / "specimens" / "b" / "specimen.json").read_text())
+    record["made_with"]["seed"] = 4
+    (mine / "specimens" / "b" / "specimen.json").write_text(json.dumps(record))
+    asked.clear()
+    again = batch(folder, mine, config=CONFIG, seed=3, progress=False)
+    assert sorted(asked) == ["a", "b", "broken <b>"] and again.failures["a"] == "was run"
+    assert [x.name for x in again.finished] == ["c"]
+
+
+def test_nothing_to_do_is_said(tmp_path, folder):
+    with pytest.raises(BatchError, match=r"no folder in it holds a campaign\.toml"):
+        batch(tmp_path, tmp_path / "out")
+    with pytest.raises(BatchError, match="not a folder"):
+        batch(tmp_path / "none", tmp_path / "out")
+    with pytest.raises(BatchError, match="nothing to do"):
+        batch(folder, tmp_path / "out", identify=False)
+    with pytest.raises(ValueError, match="walkrs"):
+        batch(folder, tmp_path / "out", config={"sampling": {"walkrs": 3}})
+
+
+RUN = """
+import json, sys
+from bayes_iwan import executors
+from bayes_iwan.report.batch import batch
+
+if __name__ == "__main__":
+    with executors.opened(2) as executor:
+        batch(sys.argv[1], sys.argv[2], config=json.loads(sys.argv[3]), seed=3, progress=False, executor=executor)
+"""
+
+
+def test_killed_half_way_in_two_processes_it_goes_on_to_the_same_answer(done, folder, tmp_path):
+    _, whole = done
+    out, script = tmp_path / "out", tmp_path / "run.py"
+    script.write_text(RUN)
+    env = {**os.environ, "PYTHONPATH": str(Path(bayes_iwan.__file__).parents[1])}
+    words = [sys.executable, str(script), str(folder), str(out), json.dumps(CONFIG)]
+    run = subprocess.Popen(words, env=env, stderr=subprocess.DEVNULL)
+    end = time.monotonic() + 200
+    while not list(out.rglob("chains.ckpt")) and time.monotonic() < end:
+        time.sleep(0.05)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    assert subprocess.run(words, env=env, check=True).returncode == 0
+    for name in "abc":
+        for file in ("summary.csv", "point.json"):
+            one, two = ((f / "specimens" / name / file).read_bytes() for f in (out, whole))
+            assert one == two, (name, file)
+    assert not [p for p in out.rglob(".*")]
+
+
+def test_a_diagnosis_of_each(folder, tmp_path, monkeypatch):
+    """What `diagnose` says goes into the table; the diagnosis itself has its own tests."""
+    said = {"a": ("moving_mass", None, 0.8), "b": ("none", None, 0.9), "c": ("moving_mass", "free_play", 0.7)}
+
+    def diagnosed(campaign, out, **options):
+        assert options["seed"] == 5 and options["quick"] and options["progress"] is False
+        cause, second, p = said[Path(campaign).name]
+        Path(out).mkdir(parents=True, exist_ok=True)
+        return {
+            "verdict": {"cause": cause, "second_cause": second, "probability": p},
+            "gap": {"before_share": 0.05, "shrink": 0.6},
+        }
+
+    monkeypatch.setattr(room, "diagnose_campaign", diagnosed)
+    with executors.opened(1) as executor:
+        result = batch(
+            folder,
+            tmp_path / "out",
+            identify=False,
+            diagnose=True,
+            quick=True,
+            seed=5,
+            progress=False,
+            executor=executor,
+        )
+    assert [(x.cause, x.second_cause, x.probability) for x in result.finished] == list(said.values())
+    assert list(result.failures) == ["broken <b>"]  # no verdict for it: a KeyError is listed like any other
+    page = (tmp_path / "out" / "batch.html").read_text()
+    assert "moving mass + free play" in page and 'href="specimens/a/diagnosis.html"' in page
