@@ -156,16 +156,12 @@ def batch(
         job = Job(source, there / "specimens", identify, diagnose, quick, seed, settings, keep_chains)
         pieces = {name: name for name in names}
         done = executors.run(pieces, _one, job, executor=executor, what="batch", unit="specimen", progress=progress)
-        failures = {n: x.message if x.kind.endswith("Error") else str(x) for n, x in _failed(done).items()}
+        failures = {n: str(x) for n, x in done.items() if isinstance(x, executors.Failure)}
         finished = tuple(_read(job, n) for n in names if n not in failures)
         result = Batch(finished, failures, populations(finished, seed))
         _write(result, there)
         write_batch_page(result, there)
     return result
-
-
-def _failed(done: Mapping[str, Any]) -> dict[str, executors.Failure]:
-    return {n: x for n, x in done.items() if isinstance(x, executors.Failure)}
 
 
 def populations(finished: tuple[Finished, ...], seed: int = 0) -> dict[str, Population]:

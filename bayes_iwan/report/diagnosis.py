@@ -68,8 +68,8 @@ def diagnose_campaign(
 ) -> dict[str, Any]:
     """Diagnose a campaign folder and write everything into `out`; returns what `diagnosis.json` holds.
 
-    base : a name of :data:`bayes_iwan.gap.diagnosis.BASES`; config : TOML file, or its tables, as for `identify`; effects_file : a
-    user's own effects; simulator_file : a user's own model in the place of the Iwan model.
+    base : a name of :data:`bayes_iwan.gap.diagnosis.BASES`; config : TOML file, or its tables, as for `identify`;
+    effects_file : a user's own effects; simulator_file : a user's own model in the place of the Iwan model.
     Raises ValueError (and its kinds) with one line that names what is wrong and the mend.
     """
     if base not in BASES:

@@ -71,9 +71,10 @@ class Checkpoint:
         path.parent.mkdir(parents=True, exist_ok=True)
         header = {"fingerprint": dict(fingerprint), "names": list(names), "walkers": dict(walkers)}
         record, digest = _record({"header": np.array(json.dumps(header))}, b"")
+        first, digest = _record(_changes(state, {}), digest)
         with replacing(path) as temporary:
-            temporary.write_bytes(_MAGIC + record)
-        return cls(open(path, "ab"), digest, {})
+            temporary.write_bytes(_MAGIC + record + first)
+        return cls(open(path, "ab"), digest, state)
 
     @classmethod
     def resume(

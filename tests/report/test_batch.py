@@ -73,7 +73,7 @@ def test_the_answer_is_that_of_the_specimen_alone(done, folder, tmp_path):
 
 
 def test_what_is_finished_is_not_run_again_unless_data_or_settings_differ(done, folder, tmp_path, monkeypatch):
-    result, out = done
+    _, out = done
     mine = tmp_path / "out"
     shutil.copytree(out, mine)
     asked = []
@@ -85,7 +85,7 @@ def test_what_is_finished_is_not_run_again_unless_data_or_settings_differ(done, 
     monkeypatch.setattr(bayes_iwan, "identify", recorded)
     again = batch(folder, mine, config=CONFIG, seed=3, progress=False)
     assert asked == ["broken <b>"]
-    assert (mine / "batch.csv").read_bytes().replace(b"was run", b"") != b"" and len(again.finished) == 3
+    assert len(again.finished) == 3
     path = mine / "specimens" / "a" / "specimen.json"
     path.write_text(path.read_text()[:-40])  # damaged
     record = json.loads((mine / "specimens" / "b" / "specimen.json").read_text())
@@ -93,7 +93,7 @@ def test_what_is_finished_is_not_run_again_unless_data_or_settings_differ(done, 
     (mine / "specimens" / "b" / "specimen.json").write_text(json.dumps(record))
     asked.clear()
     again = batch(folder, mine, config=CONFIG, seed=3, progress=False)
-    assert sorted(asked) == ["a", "b", "broken <b>"] and again.failures["a"] == "was run"
+    assert sorted(asked) == ["a", "b", "broken <b>"] and again.failures["a"] == "ValueError: was run"
     assert [x.name for x in again.finished] == ["c"]
 
 

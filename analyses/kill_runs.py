@@ -1,0 +1,396 @@
+"""Runs killed, signalled, starved of disk and handed damaged files at random: what is lost, and is the answer the same?
+
+    python analyses/kill_runs.py --kills 300 --out kills.json
+
+Small made-up campaigns, so that a kill costs a second or two. Each trial runs a command in a forked process that is
+ended at a random moment, checks what lies in its folder, starts it again, and so on until it finishes by itself; then
+every result must be that of a run that nobody disturbed, bit for bit, with nothing else left in the folder. A diagnosis
+has no state to go on from, so its search is done once, before, and the kills strike while its files are written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import bayes_iwan
+from bayes_iwan import cli
+from bayes_iwan.campaign import Record, write_campaign
+from bayes_iwan.gap.diagnosis import BASES, diagnose_folder, write_json
+from bayes_iwan.inference.results import load
+from bayes_iwan.physics import Model, Reference, sine_motion
+from bayes_iwan.report import batch as batch_room
+from bayes_iwan.report import diagnosis as diagnosis_room
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.validation import sealed as withheld
+
+CONFIG = """
+[model]
+slip = "gamma1"
+grip = "constant"
+stiffness = "constant"
+[likelihood]
+kind = "gaussian"
+[search]
+members = 40
+evaluations = 1200
+starts = 4
+second_opinion = false
+[sampling]
+ensembles = 2
+walkers = 24
+r_hat = 1.1
+ess = 60
+taus = 8
+draws = 500
+budget_s = 100000
+"""
+#: files of which every byte must be the same after an interruption as without
+SAME = ("summary.csv", "point.json", "diagnosis.json", "fits.json", "answers.json", "batch.csv", "draws")
+
+
+@dataclass
+class Tally:
+    """What happened to one kind of run."""
+
+    kills: int = 0
+    finished: int = 0
+    equal: int = 0
+    half_files: int = 0
+    leftovers: int = 0
+    tracebacks: int = 0
+    seconds: float = 0.0
+    notes: list[str] = field(default_factory=list)
+
+
+def made_up(folder: Path, kp: float, seed: int) -> Path:
+    """Two tests of a classical Iwan specimen, 8 cycles each."""
+    model = Model(Reference(1.0, 0.1), slip="gamma1", grip="constant", stiffness="constant")
+    true = {"kp_N_mm": kp, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
+    records = []
+    for amplitude in (0.3, 1.0):
+        loop = model.force({k: np.array([v]) for k, v in true.items()}, sine_motion(amplitude, 10.0))[0, 0]
+        time_s = np.arange(8 * 128) / 1280.0
+        noise = 0.02 * np.random.default_rng([seed, int(10 * amplitude)]).standard_normal(time_s.size)
+        displacement = amplitude * np.sin(20.0 * np.pi * time_s)
+        file = f"f10_a{amplitude:g}.csv"
+        records.append(Record(file, 10.0, amplitude, "fit", {}, time_s, displacement, np.tile(loop, 8) + noise))
+    write_campaign(folder, name="made up", description="", tests=records, compress=False)
+    return folder
+
+
+def in_child(work: Callable[[], int], said: Path, limit: int | None = None) -> int:
+    """Start `work` in a forked process whose words go to a file; returns its process id."""
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 70
+    try:
+        words = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        os.dup2(words, 1)
+        os.dup2(words, 2)
+        if limit is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+        code = work()
+    except BaseException as error:
+        print(f"Traceback: {type(error).__name__}: {error}", flush=True)
+    finally:
+        os._exit(code)
+
+
+def ended(pid: int, seconds: float | None, number: int) -> int:
+    """Wait for a process, for so long at most, then signal it; its exit code, negative for a signal."""
+    end = None if seconds is None else time.monotonic() + seconds
+    while True:
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        if end is not None and time.monotonic() > end:
+            os.kill(pid, number)
+            if number != signal.SIGKILL:
+                end = None  # it ends in its own time
+                continue
+            _, status = os.waitpid(pid, 0)
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.002)
+
+
+def whole(out: Path) -> list[str]:
+    """What in a folder is half written, or new beside old."""
+    bad = []
+    for path in out.rglob("*.json"):
+        try:
+            json.loads(path.read_text())
+        except ValueError:
+            bad.append(path.name)
+    bad += [p.name for p in out.rglob("*.html") if not p.read_text().rstrip().endswith("</html>")]
+    for path in out.rglob("posterior.nc"):
+        try:
+            load(path.parent)
+        except ValueError as error:
+            bad.append(str(error))
+    for path in out.rglob("diagnosis.html"):
+        if (path.parent / "fits.json").stat().st_mtime_ns > path.stat().st_mtime_ns:
+            bad.append("a page older than its fits")
+    return bad
+
+
+def results(out: Path) -> dict[str, bytes]:
+    """What must be the same: the bytes of the results, and the draws of each posterior."""
+    found = {str(p.relative_to(out)): p.read_bytes() for p in out.rglob("*") if p.name in SAME}
+    for path in out.rglob("posterior.nc"):
+        found[str(path.relative_to(out)) + " draws"] = load(path.parent).z.tobytes()
+    if (out / "batch.csv").exists():  # seconds differ
+        lines = [line.split(",") for line in (out / "batch.csv").read_text().splitlines()]
+        found["batch.csv"] = json.dumps([[*x[:3], *x[4:]] for x in lines]).encode()
+    return found
+
+
+def quick_diagnosis(campaign: Path, out: Path, seed: int, quick: bool) -> None:
+    """A stand-in that takes a moment and always finds the same of the same: the protocol is on trial."""
+    rng = np.random.default_rng(seed)
+    for _ in range(20):
+        np.linalg.svd(rng.standard_normal((120, 120)))
+    p = float(rng.uniform())
+    write_json(out / "fits.json", {"z": rng.standard_normal(2000).tolist()})
+    write_json(out / "diagnosis.json", {"verdict": {"cause": "none", "probability": p}, "probabilities": {"none": 1.0}})
+
+
+def trial(
+    start: Callable[[], int], out: Path, expected: dict[str, bytes], tally: Tally, rng: np.random.Generator,
+    mean_s: float, wanted: int,
+) -> None:  # fmt: skip
+    """One run, ended at random until it finishes or `wanted` kills are spent; then it is left to finish."""
+    said = out.with_name("said.txt")
+    while True:
+        number = rng.choice([signal.SIGKILL] * 8 + [signal.SIGTERM, signal.SIGINT])
+        last = tally.kills >= wanted
+        began = time.monotonic()
+        code = ended(in_child(start, said), None if last else float(rng.uniform(0, 2 * mean_s)), int(number))
+        tally.seconds += time.monotonic() - began
+        if out.exists() and (bad := whole(out)):
+            tally.half_files += 1
+            tally.notes += bad
+        if code in (0, 3):
+            break
+        if code in (-signal.SIGKILL, 130):
+            tally.kills += 1
+            continue
+        tally.notes.append(f"exit code {code}: {said.read_text()[-400:]}")
+        break
+    tally.finished += 1
+    found = results(out)
+    tally.equal += found == expected
+    if found != expected:
+        tally.notes.append(f"differ: {sorted(k for k in expected if found.get(k) != expected[k])}")
+    left = [str(p) for p in out.rglob(".*")] + [str(p) for p in out.rglob(CHECKPOINT)]
+    tally.leftovers += bool(left)
+    tally.notes += left
+    tally.tracebacks += "Traceback" in said.read_text()
+    shutil.rmtree(out)
+    said.unlink()
+
+
+def killed(name: str, start: Callable[[Path], int], kills: int, rng: np.random.Generator, tmp: Path) -> Tally:
+    """So many kills of one command, spread over its whole length, and the comparison with a run left alone."""
+    reference, out = tmp / f"{name}-whole", tmp / f"{name}-cut"
+    began = time.monotonic()
+    code = ended(in_child(lambda: start(reference), tmp / "said.txt"), None, 0)
+    alone = time.monotonic() - began
+    if code not in (0, 3):
+        raise SystemExit(f"{name}: the run that nobody disturbs ends with {code}: {(tmp / 'said.txt').read_text()}")
+    (tmp / "said.txt").unlink()
+    tally, expected = Tally(), results(reference)
+    while tally.kills < kills:
+        trial(lambda: start(out), out, expected, tally, rng, 0.35 * alone, kills)
+    told(name, tally, f"{alone:.1f} s when left alone")
+    return tally
+
+
+def starved(start: Callable[[Path], int], times: int, rng: np.random.Generator, tmp: Path) -> Tally:
+    """Files that may not grow beyond a random size: one line, and the answer once there is room."""
+    tally, expected = Tally(), results(tmp / "identify-whole")
+    out, said = tmp / "starved", tmp / "said.txt"
+    for _ in range(times):
+        limit = int(10 ** rng.uniform(1, 6))
+        code = ended(in_child(lambda: start(out), said, limit), None, 0)
+        text = said.read_text()
+        tally.kills += code == 2
+        if code not in (0, 2) or "Traceback" in text or (code == 2 and "too large" not in text):
+            tally.notes.append(f"limit {limit}: exit code {code}: {text[-300:]}")
+        tally.half_files += bool(out.exists() and whole(out))
+        said.unlink()
+        trial(lambda: start(out), out, expected, tally, rng, 1e9, 0)
+    told("full disk", tally)
+    return tally
+
+
+def damaged(start: Callable[[Path], int], times: int, rng: np.random.Generator, tmp: Path) -> Tally:
+    """Checkpoints cut short or with a byte changed, then gone on from."""
+    tally, expected = Tally(), results(tmp / "identify-whole")
+    out, said = tmp / "damaged", tmp / "said.txt"
+    for i in range(times):
+        path = out / CHECKPOINT
+        while not path.exists():
+            shutil.rmtree(out, ignore_errors=True)
+            ended(in_child(lambda: start(out), said), float(rng.uniform(0.6, 1.0)) * tally_alone(tmp), signal.SIGKILL)
+        whole_file = path.read_bytes()
+        at = int(rng.integers(len(whole_file)))
+        changed = whole_file[:at] + (b"" if i % 2 else bytes([whole_file[at] ^ 255]) + whole_file[at + 1 :])
+        path.write_bytes(changed)
+        code = ended(in_child(lambda: start(out), said), None, 0)
+        if code == 2 and said.read_text().count("bayes-iwan:") == 1:  # refused: its start was hit
+            tally.kills += 1
+            tally.finished += 1
+            tally.equal += 1
+        else:
+            tally.finished += 1
+            tally.equal += results(out) == expected
+        tally.tracebacks += "Traceback" in said.read_text()
+        shutil.rmtree(out)
+        said.unlink()
+    told("damaged checkpoint", tally, f"{tally.kills} refused in one line")
+    return tally
+
+
+def tally_alone(tmp: Path) -> float:
+    return float((tmp / "alone").read_text())
+
+
+def crowded(start: Callable[[Path], int], times: int, tmp: Path) -> Tally:
+    """Two runs in one folder: one finishes, the other is refused in one line."""
+    tally, expected = Tally(), results(tmp / "identify-whole")
+    out = tmp / "crowded"
+    for _ in range(times):
+        pids = [in_child(lambda: start(out), tmp / f"said{i}.txt") for i in range(2)]
+        codes = sorted(ended(pid, None, 0) for pid in pids)
+        tally.finished += 1
+        tally.equal += codes == [0, 2] and results(out) == expected
+        if codes != [0, 2]:
+            tally.notes.append(f"exit codes {codes}")
+        shutil.rmtree(out)
+        for i in range(2):
+            (tmp / f"said{i}.txt").unlink()
+    told("two runs in one folder", tally)
+    return tally
+
+
+def jumping(start: Callable[[Path], int], tmp: Path) -> Tally:
+    """A wall clock that jumps by a year at every look."""
+
+    def run() -> int:
+        clock = iter(range(10**9))
+        time.time = lambda: (-1) ** next(clock) * 3.2e7 + 1e9  # type: ignore[assignment]
+        return start(tmp / "jump")
+
+    tally = Tally(finished=1)
+    ended(in_child(run, tmp / "said.txt"), None, 0)
+    tally.equal = int(results(tmp / "jump") == results(tmp / "identify-whole"))
+    told("clock that jumps", tally)
+    return tally
+
+
+def told(name: str, t: Tally, more: str = "") -> None:
+    print(
+        f"{name:22s} {t.kills:4d} ended, {t.finished:3d} finished, {t.equal:3d} equal, {t.half_files} half files, "
+        f"{t.leftovers} leftovers, {t.tracebacks} tracebacks {more}",
+        flush=True,
+    )
+    for note in t.notes[:5]:
+        print("    " + note, flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kills", type=int, default=300, help="in all, over the four commands")
+    parser.add_argument("--others", type=int, default=10, help="full disks, damaged checkpoints, half as many crowds")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, help="JSON file for the figures")
+    args = parser.parse_args()
+    rng = np.random.default_rng(args.seed)
+    tmp = Path(tempfile.mkdtemp(prefix="kills"))
+    config = tmp / "config.toml"
+    config.write_text(CONFIG)
+    campaign = made_up(tmp / "campaign", 5.5, 7)
+    for i in range(3):
+        made_up(tmp / "many" / f"specimen{i}", 5.0 + 0.5 * i, i)
+    cases = tmp / "cases"
+    for i in range(6):
+        made_up(cases / f"case_{i}", 5.0, i)
+    write_json(cases / "commitments.json", {"rule": withheld.RULE, "cases": {f"case_{i}": "0" * 64 for i in range(6)}})
+    found = diagnose_folder(campaign, quick=True, config={"model": BASES["classical"]}, progress=False)
+    diagnosis_room.diagnose_folder = lambda *args, **options: found
+
+    def command(*words: str) -> int:
+        return cli.main([str(w) for w in words])
+
+    def identify(out: Path) -> int:
+        more = ["--resume"] if (out / CHECKPOINT).exists() else []
+        return command("identify", str(campaign), "--out", str(out), "--config", str(config), "--seed", "1", *more)
+
+    def diagnose(out: Path) -> int:
+        return command("diagnose", str(campaign), "--out", str(out), "--quick", "--base", "classical")
+
+    def batch(out: Path) -> int:
+        return command("batch", str(tmp / "many"), "--out", str(out), "--config", str(config), "--seed", "1")
+
+    def answer(out: Path) -> int:
+        withheld.answer(cases, quick_diagnosis, out=out, seed=1)
+        return 0
+
+    def answered(out: Path) -> int:  # as `bayes-iwan withheld answer`, with the stand-in for the diagnosis
+        from bayes_iwan.files import owned
+        from bayes_iwan.terminal import terminate_as_interrupt
+
+        try:
+            with terminate_as_interrupt(), owned(out):
+                return answer(out)
+        except KeyboardInterrupt:
+            return 130
+
+    ended(in_child(lambda: identify(tmp / "warm"), tmp / "said.txt"), None, 0)  # compiled code is cached now
+    identify(tmp / "warm2")  # and loaded here, for every child to inherit
+    (tmp / "said.txt").unlink()
+    began = time.monotonic()
+    tallies = {}
+    for name, start, share in (
+        ("identify", identify, 0.35),
+        ("diagnose", diagnose, 0.2),
+        ("batch", batch, 0.2),
+        ("withheld answer", answered, 0.25),
+    ):
+        at = time.monotonic()
+        tallies[name] = killed(name, start, round(share * args.kills), rng, tmp)
+        if name == "identify":
+            again = time.monotonic()
+            ended(in_child(lambda: identify(tmp / "timed"), tmp / "said.txt"), None, 0)
+            (tmp / "alone").write_text(str(time.monotonic() - again))
+            (tmp / "said.txt").unlink()
+        print(f"    {time.monotonic() - at:.0f} s", flush=True)
+    tallies["full disk"] = starved(identify, args.others, rng, tmp)
+    tallies["damaged checkpoint"] = damaged(identify, args.others, rng, tmp)
+    tallies["two runs in one folder"] = crowded(identify, max(1, args.others // 2), tmp)
+    tallies["clock that jumps"] = jumping(identify, tmp)
+    kills = sum(t.kills for n, t in tallies.items() if n in ("identify", "diagnose", "batch", "withheld answer"))
+    good = all(t.equal == t.finished and not (t.half_files or t.leftovers or t.tracebacks) for t in tallies.values())
+    print(f"{kills} kills in {time.monotonic() - began:.0f} s: {'nothing lost' if good else 'SOMETHING WAS LOST'}")
+    if args.out is not None:
+        write_json(args.out, {k: vars(t) for k, t in tallies.items()} | {"version": bayes_iwan.__version__})
+    shutil.rmtree(tmp)
+    sys.exit(0 if good else 1)
+
+
+if __name__ == "__main__":
+    main()
