@@ -31,7 +31,6 @@ from bayes_iwan.campaign import Record, write_campaign
 from bayes_iwan.gap.diagnosis import BASES, diagnose_folder, write_json
 from bayes_iwan.inference.results import load
 from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.report import batch as batch_room
 from bayes_iwan.report import diagnosis as diagnosis_room
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.validation import sealed as withheld
