@@ -200,7 +200,7 @@ def identified(model: Model, numbers, budget_s: float, noise_N: float = 0.015, c
 
 def figure_posterior(posterior, folder: Path) -> str:
     """β against k̃ₙ and their product, with what was put in; the same in words."""
-    draws = posterior.paper()
+    draws = {name: q.values for name, q in posterior.derived().items()}
     beta, kn, lam = draws["beta"], draws["kn_1_mm"], draws["lambda_s_m"]
     figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.4), layout="constrained")
     left.plot(beta, kn, ".", color="tab:blue", markersize=1.5, alpha=0.4, rasterized=True, label="posterior draws")

@@ -105,7 +105,7 @@ def run_identify(args: argparse.Namespace) -> int:
         keep_chains=args.keep_chains,
         simulator=args.simulator,
     )
-    wanted = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
+    wanted = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N") if args.simulator is None else posterior.names
     for row in posterior.summary():
         if row.name in wanted:
             say(f"{row.name:20s} {row.q50:.4g}  ({row.q05:.4g} to {row.q95:.4g}) {row.unit}")

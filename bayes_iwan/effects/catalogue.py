@@ -50,6 +50,11 @@ def variants(
     return out
 
 
+def unlisted(simulator: Simulator) -> tuple[type[Effect], ...]:
+    """Those of :data:`UNLISTED` whose stations a simulator offers."""
+    return tuple(k for k in UNLISTED if offered(stations_of(k), simulator))
+
+
 def ordered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Effects in the order in which the signal meets them."""
     return tuple(sorted(effects, key=lambda e: e.order))

@@ -15,7 +15,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.effects.catalogue import UNLISTED, ordered
+from bayes_iwan.effects.catalogue import ordered, unlisted
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.gap.evidence import FIRST, Fit, Linear, Rows, base_problem, extended, fit_model
 from bayes_iwan.gap.strength import calibrated
@@ -228,7 +228,7 @@ def _base_again(data: GapData, base: Fit, singles: dict[str, tuple[Fit, ...]]) -
 def _unlisted(data: GapData, scales: Scales, base: Fit, progress: Callable[[str], None]) -> dict[str, Fit]:
     """Shapes without a cause that promise as much as a second effect must."""
     shapes: dict[str, tuple[Effect, ...]] = {
-        k.name: (calibrated(k, scales, data, base.problem, base.z),) for k in UNLISTED
+        k.name: (calibrated(k, scales, data, base.problem, base.z),) for k in unlisted(base.problem.model)
     }
     out = {}
     for one in candidates(data, base, shapes):

@@ -80,7 +80,7 @@ def test_loops_of_table_1_tell_the_product_alone(tmp_path):
     paper = script("reproduce_paper")
     model, numbers = paper.Model(paper.REFERENCE), paper.table_1(paper.REFERENCE)
     posterior = paper.identified(model, numbers, 2.0)
-    draws = posterior.paper()
+    draws = {name: q.values for name, q in posterior.derived().items()}
     product = draws["kn_1_mm"] * draws["beta"]
     assert np.median(product) == pytest.approx(1.79 * 0.0062, rel=0.1)
     assert np.std(np.log(draws["beta"])) > 3 * np.std(np.log(product))
