@@ -216,9 +216,8 @@ def _angle(loop: Loop) -> list[str]:
     if loss < -REVERSED and elastic < 0:
         raise CampaignError(
             f"{loop.file}: the loop gives out energy and the force pulls along with the motion (sine of the loss angle "
-            f"{loss:.2f}), so one channel is reversed. Multiply the force or the displacement column by -1; the force "
-            "must "
-            "be the one that moves the specimen along +displacement"
+            f"{loss:.2f}), so one channel is reversed. Multiply the force or the displacement column by -1 (`import "
+            "--reverse force`); the force must be the one that moves the specimen along +displacement"
         )
     if loss < 0:
         angle = math.degrees(math.atan2(-loss, elastic))

@@ -74,14 +74,14 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     folder = Path(path)
     if folder.name == "campaign.toml":
         folder = folder.parent
-    stated = _read_toml(folder / "campaign.toml")
-    _only(stated, {"format", "specimen", "channels", "test"}, "campaign.toml")
+    stated = read_toml(folder / "campaign.toml", "a campaign is a folder with a file campaign.toml in it")
+    only(stated, {"format", "specimen", "channels", "test"}, "campaign.toml")
     if stated.get("format") != FORMAT or isinstance(stated["format"], bool):
         raise CampaignError(
             f"campaign.toml: format is {shown(stated.get('format'))}; this version reads format = {FORMAT}"
         )
     specimen = _table(stated, "specimen")
-    _only(specimen, {"name", "description", "source", "licence"}, "campaign.toml [specimen]")
+    only(specimen, {"name", "description", "source", "licence"}, "campaign.toml [specimen]")
     for key, value in specimen.items():
         if not isinstance(value, str):
             raise CampaignError(f"campaign.toml [specimen]: {key} must be text in quotes, not {shown(value)}")
@@ -115,23 +115,24 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     )
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path, hint: str) -> dict[str, Any]:
+    """A TOML file's tables. Raises CampaignError; `hint` says what should have been there."""
     try:
         if path.exists() and not path.is_file():
-            raise CampaignError(f"{path}: not a file; a campaign is a folder with a file campaign.toml in it")
+            raise CampaignError(f"{path}: not a file; {hint}")
         with path.open("rb") as file:
             raw = file.read(LARGEST_TOML + 1)
         if len(raw) > LARGEST_TOML:
             raise CampaignError(f"{path}: more than {LARGEST_TOML:,} bytes; records belong in files of their own")
         return tomllib.loads(raw.decode("utf-8-sig"))
     except FileNotFoundError:
-        raise CampaignError(f"{path}: not found; a campaign is a folder with a campaign.toml in it") from None
+        raise CampaignError(f"{path}: not found; {hint}") from None
     except OSError as error:
         raise CampaignError(f"{path}: cannot be read ({error.strerror})") from None
     except CampaignError:
         raise
     except RecursionError:
-        raise CampaignError(f"{path}: not a campaign: its tables are nested too deep") from None
+        raise CampaignError(f"{path}: its tables are nested too deep") from None
     except ValueError as error:  # of TOML, of its encoding, of an integer with thousands of digits
         raise CampaignError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
 
@@ -142,7 +143,8 @@ def _table(stated: Mapping[str, Any], name: str) -> dict[str, Any]:
     return dict(stated[name])
 
 
-def _only(table: Mapping[str, Any], known: set[str], where: str) -> None:
+def only(table: Mapping[str, Any], known: set[str], where: str) -> None:
+    """Refuse a key that is not known, naming the one that was probably meant."""
     for key in table:
         if key not in known:
             near = difflib.get_close_matches(key, known, 1)
@@ -167,7 +169,7 @@ def _positive(value: Any, where: str) -> float:
 
 def _channels(stated: dict[str, Any]) -> dict[str, Any]:
     where = "campaign.toml [channels]"
-    _only(stated, CHANNELS, where)
+    only(stated, CHANNELS, where)
     for key in CHANNELS - {"sample_rate_hz"}:
         if key in stated and (not isinstance(stated[key], str) or not stated[key]):
             raise CampaignError(f"{where}: {key} must name a column, not {shown(stated[key])}")

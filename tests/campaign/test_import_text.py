@@ -1,0 +1,131 @@
+"""Text files in any layout: separators, decimal marks, encodings, lines above the table, rows of units, gaps."""
+
+import gzip
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import CampaignError
+from bayes_iwan.campaign.importing.formats import read_file
+from bayes_iwan.campaign.importing.text import Layout
+
+pytest.importorskip("pint")
+
+N = 200
+T = np.arange(N) / 1000.0
+X = np.sin(2 * np.pi * 10 * T)
+F = -3.25 * X + 1e-3 * np.cos(2 * np.pi * 10 * T)
+
+
+def rows(separator=",", decimal=".", digits=8):
+    text = [separator.join(f"{v:.{digits}g}" for v in row).replace(".", decimal) for row in zip(T, X, F)]
+    return "\n".join(text) + "\n"
+
+
+def read(tmp_path, content, name="a.csv", **layout):
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    (recording,) = read_file(path, Layout(**layout))
+    return recording
+
+
+def same(recording, names, units=None):
+    assert [c.name for c in recording.channels] == names
+    if units is not None:
+        assert [c.unit for c in recording.channels] == units
+    for channel, truth in zip(recording.channels, (T, X, F)):
+        np.testing.assert_allclose(channel.values, truth, rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " ", "  \t "])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_separators_and_decimal_marks(tmp_path, separator, decimal):
+    if separator == decimal:
+        pytest.skip("one sign cannot be both")
+    head = separator.join(["t", "x", "F"]) + "\n"
+    same(read(tmp_path, head + rows(separator, decimal)), ["t", "x", "F"], ["", "", ""])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_encodings_and_line_ends(tmp_path, encoding, end):
+    text = ("Zeit [s];Weg über Grund [µm];Kraft é [N]\n" + rows(";", ",")).replace("\n", end)
+    same(read(tmp_path, text.encode(encoding)), ["Zeit", "Weg über Grund", "Kraft é"], ["s", "µm", "N"])
+
+
+def test_lines_above_and_a_row_of_units(tmp_path):
+    above = "Prüfstand 3\nDatum;21.11.2026\nAbtastrate: 1000\n\n"
+    text = above + "Zeit;Weg;Kraft\ns;mm;kN\n" + rows(";", ",")
+    recording = read(tmp_path, text.encode("cp1252"))
+    same(recording, ["Zeit", "Weg", "Kraft"], ["s", "mm", "kN"])
+    assert "semicolons, decimal ,, cp1252, numbers from line 7" in recording.notes[0]
+    same(read(tmp_path, text.replace("s;mm;kN", "[s];[mm];[kN]")), ["Zeit", "Weg", "Kraft"], ["s", "mm", "kN"])
+    # the names' line can be told where another fits as well
+    text = "a;b;c\n" + rows(";", ",")
+    same(read(tmp_path, "first;second;third\n" + text, header_line=1), ["first", "second", "third"])
+    same(read(tmp_path, "first;second;third\n" + text), ["a", "b", "c"])
+
+
+def test_no_header_trailing_separators_quotes_and_remarks(tmp_path):
+    same(read(tmp_path, rows()), ["column 1", "column 2", "column 3"])
+    same(read(tmp_path, "t,x,F,\n" + rows().replace("\n", ",\n")), ["t", "x", "F"])
+    same(read(tmp_path, '"t","x","F"\n' + rows()), ["t", "x", "F"])
+    same(read(tmp_path, "t;x;F;remark\n" + rows(";").replace("\n", ";good\n")), ["t", "x", "F"])
+    quoted = "\n".join(";".join(f'"{cell}"' for cell in line.split(";")) for line in rows(";", ",").splitlines())
+    same(read(tmp_path, "t;x;F\n" + quoted + "\n"), ["t", "x", "F"])
+
+
+def test_times_of_day_become_seconds(tmp_path):
+    for stamp in ("2026-11-21 23:59:59.{:06d}", "21.11.2026 23:59:59,{:06d}", "23:59:59.{:06d}"):
+        lines = [f"{stamp.format(1000 * k)};{x:.8g};{f:.8g}" for k, (x, f) in enumerate(zip(X, F))]
+        same(read(tmp_path, "Zeit;x;F\n" + "\n".join(lines) + "\n"), ["Zeit", "x", "F"])
+
+
+def test_gaps_are_not_numbers_and_a_cut_last_line_is_left_out(tmp_path):
+    lines = ("t;x;F\n" + rows(";")).splitlines()
+    for gap in ("", "NaN", "-", "1.#IND", "inf"):
+        lines[51] = f"{T[50]:.8g};{gap};{F[50]:.8g}"
+        recording = read(tmp_path, "\n".join(lines) + "\n")
+        assert np.flatnonzero(np.isnan(recording.channels[1].values)).tolist() == [50]
+    cut = read(tmp_path, "t;x;F\n" + rows(";")[: rows(";").rindex(";")])
+    assert cut.channels[0].values.size == N - 1 and any("cut off" in note for note in cut.notes)
+
+
+def test_packed_text(tmp_path):
+    same(read(tmp_path, gzip.compress(("t,x,F\n" + rows()).encode()), "a.txt.gz"), ["t", "x", "F"])
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", ["empty"]),
+        (b"one line", ["no rows of numbers", "--separator"]),
+        (("t,x,F\n" + rows() + "t,x,F\n" + rows()).encode(), [f"line {N + 2}", "'t' is not a number", "second header"]),
+        (("t,x,F\n" + rows() + "1,2,3,4\n").encode(), [f"line {N + 2}: 4 columns where the lines above have 3"]),
+        (("t,x,F\n" + rows().replace("\n0.1,", "\n0.1,12:x", 1)).encode(), ["is not a number"]),
+        (("t,x,F\n" + rows()).encode()[:3000] + bytes(3000), ["zero bytes", "not written to its end"]),
+        (bytes(range(256)) * 20, ["zero bytes"]),
+        (bytes(5000), ["zero bytes"]),
+        (b"PK\x03\x04" + bytes(50), ["Excel", "CSV"]),
+    ],
+)
+def test_what_cannot_be_read(tmp_path, content, words):
+    with pytest.raises(CampaignError) as caught:
+        read(tmp_path, content)
+    message = str(caught.value)
+    assert message.startswith("a.csv") and "\n" not in message
+    for word in words:
+        assert word in message, message
+
+
+def test_a_wrong_layout_is_refused(tmp_path):
+    for layout, words in (
+        ({"encoding": "utf-99"}, "utf-99"),
+        ({"decimal": ";"}, "decimal must be"),
+        ({"separator": "ab"}, "separator must be"),
+        ({"header_line": 0}, "header line must be"),
+    ):
+        with pytest.raises(CampaignError, match=words):
+            read(tmp_path, "t,x,F\n" + rows(), **layout)
+    with pytest.raises(CampaignError, match="not written in utf-8"):
+        read(tmp_path, ("t;x;Kräfte\n" + rows(";")).encode("cp1252"), encoding="utf-8")
