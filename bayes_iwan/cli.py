@@ -143,6 +143,7 @@ def run_check(args: argparse.Namespace) -> None:
     argument("files", metavar="FILE", nargs="+", help="recordings, one test or more in each"),
     argument("--out", metavar="CAMPAIGN", help="campaign folder to write"),
     argument("--dry-run", action="store_true", help="print what was understood and write nothing"),
+    argument("--split", action="store_true", help="one test a level, where a record goes through levels of the drive"),
     argument("--recipe", metavar="TOML", help="file with what the options below say; they go before it"),
     argument(
         "--time", metavar="NAME", help="channel, by its name or its number from 1; found by unit and name if not said"
@@ -200,9 +201,9 @@ def run_import(args: argparse.Namespace) -> None:
         recipe = recipe.over(read_recipe(args.recipe))
     if not args.out and not args.dry_run:
         raise CampaignError("import: name the folder to write with --out CAMPAIGN, or only look with --dry-run")
-    tests = import_tests(args.files, recipe)
+    tests = import_tests(args.files, recipe, split=args.split)
     for test in tests:
-        print("\n    ".join(test.said))
+        print("\n    ".join((*test.said, *test.record.warnings)))
     if args.dry_run:
         print("nothing was written (--dry-run)")
         return

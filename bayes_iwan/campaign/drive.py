@@ -25,7 +25,6 @@ HELD = 3  # cycles that a level lasts at least; fewer are a transition
 SECOND = 5, 0.1  # cycles, and share of the record, from which a second level is a test of its own
 MAIN = 0.55  # share of the cycles at one level from which the rest is run-in, run-out or a disturbance
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
-MARGIN = 0.4  # of a cycle kept on either side of a piece, so that its first crossing is seen
 FEWEST = 4  # cycles below which nothing is judged
 
 
@@ -195,8 +194,8 @@ def split(record: Record) -> tuple[Record, ...]:
     for level in drive.levels:
         if level.last - level.first < FEWEST:
             continue
-        margin = MARGIN / level.frequency_hz
-        first, last = drive.start_s[[level.first, level.last]] + (-margin, margin)
+        # not a sample of the next level: a much larger one would hide this one's crossings
+        first, last = drive.start_s[[level.first, level.last]]
         keep = (record.time_s >= first) & (record.time_s <= last)
         out.append(
             replace(

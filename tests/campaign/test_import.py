@@ -49,10 +49,10 @@ RIG = Recipe(
 )
 
 
-def same_loop(loop, truth, share=1e-4):
+def same_loop(loop, truth, share=1e-4, per_hz=1e-5):
     np.testing.assert_allclose(loop.displacement_mm, truth.displacement_mm, atol=share * truth.amplitude_mm)
     np.testing.assert_allclose(loop.force_N, truth.force_N, atol=share * np.abs(truth.force_N).max())
-    assert loop.frequency_hz == pytest.approx(truth.frequency_hz, rel=1e-5)
+    assert loop.frequency_hz == pytest.approx(truth.frequency_hz, rel=per_hz)
 
 
 @pytest.mark.parametrize("kind", ["csv", "tdms", "mat"])
@@ -403,3 +403,21 @@ def test_a_million_lines(tmp_path, record):
     imported, read = (float(x) / (tmp_path / "long.txt").stat().st_size for x in done.stdout.split())
     print(f"memory over file size: {imported:.1f} imported, {read:.1f} read")
     assert imported < 10 and read < 10, (imported, read)
+
+
+@pytest.mark.parametrize("accelerometer", [False, True])
+def test_a_staircase_is_split_into_tests(tmp_path, capsys, table, record, accelerometer):
+    low, high = record(n_cycles=25, start=0.0, amplitude_mm=0.3), record(n_cycles=25, start=0.0, amplitude_mm=0.9)
+    x, f = (np.concatenate([getattr(r, name) for r in (low, high)]) for name in ("displacement_mm", "force_N"))
+    a = -((2 * np.pi * 10) ** 2) * x * 1e-3
+    motion = {"acc [m/s²]": a} if accelerometer else {"x [mm]": x}
+    path = str(table("steps.csv", motion | {"F [N]": f}))
+    said = ["import", path, "--sample-rate", "1280", "--out", str(tmp_path / "c")]
+    assert cli.main(said) == 2 and "--split" in capsys.readouterr().err
+    assert cli.main([*said, "--split"]) == 0
+    said = capsys.readouterr().out
+    assert "found in steps_1.csv: " in said and "found in steps_2.csv: " in said
+    campaign = read_campaign(tmp_path / "c")
+    assert [t.amplitude_mm for t in campaign.tests] == pytest.approx([0.3, 0.9], rel=0.01)
+    # an acceleration is integrated over the step between the levels, which leaves a slow tail
+    same_loop(campaign.loops()[1], average(high), *((5e-3, 1e-4) if accelerometer else ()))

@@ -13,14 +13,9 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.averaging import Loop, average
-from bayes_iwan.campaign.checks import (
-    check_copies,
-    check_record,
-    check_time,
-    check_units,
-    on_grid_of_rate,
-    step_warnings,
-)
+from bayes_iwan.campaign.between_tests import compared
+from bayes_iwan.campaign.checks import check_record, check_time, on_grid_of_rate, step_warnings
+from bayes_iwan.campaign.drive import split as split_levels
 from bayes_iwan.campaign.folder import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import assign
 from bayes_iwan.campaign.importing.formats import read_file
@@ -56,13 +51,16 @@ class ImportedTest:
         return list(self.columns)[2]
 
 
-def import_tests(files: Sequence[str | os.PathLike[str]], recipe: Recipe | None = None) -> tuple[ImportedTest, ...]:
+def import_tests(
+    files: Sequence[str | os.PathLike[str]], recipe: Recipe | None = None, split: bool = False
+) -> tuple[ImportedTest, ...]:
     """Read files of a data-acquisition system as tests of one campaign.
 
+    split : take a record whose drive goes through levels of amplitude or frequency as one test a level.
     Raises CampaignError, in one line with the file and the mend, for everything that `read_campaign` would refuse.
     """
     recipe = recipe or Recipe()
-    tests = [_test(x, recipe) for path in files for x in read_file(Path(path), recipe.layout)]
+    tests = [test for path in files for x in read_file(Path(path), recipe.layout) for test in _tests(x, recipe, split)]
     if not tests:
         raise CampaignError("import: no files")
     first = tests[0]
@@ -75,9 +73,8 @@ def import_tests(files: Sequence[str | os.PathLike[str]], recipe: Recipe | None 
     names = [test.record.file for test in tests]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise CampaignError(f"import: two recordings would be called {twice[0]}; rename one file")
-    check_copies(tuple(test.record for test in tests))
-    check_units([test.record for test in tests], [test.loop for test in tests])
-    return tuple(tests)
+    records = compared([test.record for test in tests], [test.loop for test in tests])
+    return tuple(replace(test, record=record) for test, record in zip(tests, records))
 
 
 def write_tests(
@@ -106,7 +103,7 @@ def write_tests(
     )
 
 
-def _test(recording: Recording, recipe: Recipe) -> ImportedTest:
+def _tests(recording: Recording, recipe: Recipe, split: bool) -> list[ImportedTest]:
     roles, notes = assign(recording, recipe)
     where = recording.file + (f", {recording.part}" if recording.part else "")
     motion_role = "displacement" if "displacement" in roles else "acceleration"
@@ -129,27 +126,38 @@ def _test(recording: Recording, recipe: Recipe) -> ImportedTest:
     file = _file_name(recording)
     check_time(file, time, rate, NO_FREQUENCY_HZ)  # check_record counts the samples a cycle
     warnings = step_warnings(time)
-    columns = {"time_s": time}
+    column = MOTION_COLUMNS[units.displacement] if split or motion_role == "displacement" else ""
+    acceleration = motion_values
     if motion_role == "acceleration":
-        columns[ACCELERATION_COLUMNS[units.displacement]] = motion_values
-        motion_values, more = displacement_from_acceleration(file, time, motion_values)
+        motion_values, more = displacement_from_acceleration(file, time, acceleration)
         warnings += more
-    else:
-        columns[MOTION_COLUMNS[units.displacement]] = motion_values
-    columns[FORCE_COLUMNS[units.force]] = force_values
     record = Record(file, 1.0, 1.0, "fit", {}, time, motion_values, force_values, warnings, units)
+    pieces = split_levels(record) if split else (record,)
+    out = []
+    for piece in pieces:
+        checked, loop = check_record(_named(piece))
+        columns = {
+            "time_s": checked.time_s,
+            column or ACCELERATION_COLUMNS[units.displacement]: checked.displacement_mm if column else acceleration,
+            FORCE_COLUMNS[units.force]: checked.force_N,
+        }
+        found = (
+            f"found{f' in {checked.file}' if len(pieces) > 1 else ''}: {loop.frequency_hz:.4g} Hz, "
+            f"{loop.amplitude_mm:.4g} {units.displacement}, {loop.n_cycles} steady cycles, force RMS "
+            f"{loop.force_N.std():.4g} {units.force}"
+        )
+        out.append(ImportedTest(checked, columns, rate, loop, ((*said, found) if piece is pieces[0] else (found,))))
+    return out
+
+
+def _named(record: Record) -> Record:
+    """The record with the frequency and amplitude that it shows, rounded to what names a test."""
     found = average(record, n_phase=64, n_harmonics=8, n_blocks=1)
-    record = replace(
+    return replace(
         record,
         frequency_hz=float(f"{found.frequency_hz:.{DIGITS}g}"),
         amplitude_mm=float(f"{found.amplitude_mm:.{DIGITS}g}"),
     )
-    record, loop = check_record(record)
-    said.append(
-        f"found: {loop.frequency_hz:.4g} Hz, {loop.amplitude_mm:.4g} {units.displacement}, {loop.n_cycles} "
-        f"steady cycles, force RMS {loop.force_N.std():.4g} {units.force}"
-    )
-    return ImportedTest(record, columns, rate, loop, (*said, *record.warnings))
 
 
 def _scaled(channel: Channel, role: str, recipe: Recipe, where: str) -> tuple[Array, str, str]:
