@@ -57,7 +57,7 @@ draws = 500
 budget_s = 100000
 """
 #: files of which every byte must be the same after an interruption as without
-SAME = ("summary.csv", "point.json", "diagnosis.json", "fits.json", "answers.json", "batch.csv", "draws")
+SAME = ("summary.csv", "diagnosis.json", "fits.json", "answers.json", "batch.csv", "draws")
 
 
 @dataclass

@@ -56,10 +56,30 @@ def stored_fits(
     }
 
 
+def read_fits(path: Path) -> dict[str, Any]:
+    """What `stored_fits` gave, read back. Raises EffectError where the file is not that, or damaged."""
+    try:
+        stored = json.loads(path.read_text())
+        if stored["schema"] != 1:
+            raise EffectError(f"{path}: not of this version; diagnose again")
+        Scales(**stored["scales"])
+        for fit in (stored["base"], *stored["with"].values()):
+            n = len(fit["names"])
+            if np.shape(np.array(fit["z"], float)) != (n,) or np.shape(np.array(fit["covariance"], float)) != (n, n):
+                raise TypeError("numbers that are not as many as their names")
+            for spec in fit["effects"]:
+                str(spec["class"]), str(spec["name"]), spec["strength_value"]
+    except EffectError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise EffectError(f"{path}: damaged ({type(error).__name__}: {' '.join(str(error).split())[:120]})") from None
+    return stored
+
+
 def find_shrink(diagnosis: Path, unseen_campaign: Path, cause: str) -> float | None:
     """Shrink of the gap on tests of another campaign folder when a diagnosis' cause (with its second, if it named one)
     is added; None if the diagnosis holds no fit of that cause."""
-    stored = json.loads((Path(diagnosis) / "fits.json").read_text())
+    stored = read_fits(Path(diagnosis) / "fits.json")
     if cause not in stored["with"]:
         return None
     data = gap_data(read_campaign(unseen_campaign).loops(**LOOPS))

@@ -182,7 +182,7 @@ def _one(job: Job, name: str) -> str:
     """Identify and diagnose one campaign into its folder, unless that is done already."""
     campaign, out = job.folder / name, job.out / name
     made_with = _made_with(job, campaign)
-    if _stored(out, made_with) is not None:
+    if stored_specimen(out, made_with) is not None:
         return name
     began = time.monotonic()
     record: dict[str, Any] = {"schema": _SCHEMA, "made_with": made_with, "quantities": {}}
@@ -257,7 +257,7 @@ def _number(x: float | None) -> float:
 # ---- files
 
 
-def _stored(out: Path, made_with: Mapping[str, Any]) -> Finished | None:
+def stored_specimen(out: Path, made_with: Mapping[str, Any]) -> Finished | None:
     """What stands in a specimen's folder, if it was made with this; None for anything else, damaged files included."""
     try:
         record = json.loads((out / "specimen.json").read_text())
@@ -276,7 +276,7 @@ def _stored(out: Path, made_with: Mapping[str, Any]) -> Finished | None:
 
 
 def _read(job: Job, name: str) -> Finished:
-    found = _stored(job.out / name, _made_with(job, job.folder / name))
+    found = stored_specimen(job.out / name, _made_with(job, job.folder / name))
     if found is None:
         raise BatchError(f"{job.out / name}: changed while the batch ran; run it again")
     return found
