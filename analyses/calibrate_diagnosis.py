@@ -24,6 +24,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import differential_evolution, minimize
 from tqdm import tqdm
 
+from bayes_iwan import executors
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.effects import catalogue
 from bayes_iwan.gap.attribution import CALIBRATION, Calibration, Table, attribute, calibration
@@ -34,7 +35,7 @@ from bayes_iwan.gap.search import search
 from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.validation import sealed as withheld
 from bayes_iwan.validation.estimates import binned, share
-from runs import each, pool
+from runs import each
 
 #: weight of each kind of case: those outside the catalogue are few, and what is outside is wider than the rig's own
 WEIGHT = {"none": 1.0, "single": 1.0, "outside": 2.0, "pair": 1.0}
@@ -132,23 +133,32 @@ def numbers_of(c: Calibration) -> np.ndarray:
     return np.clip(x, low, high)
 
 
-def searched(campaign: Path) -> Table:
+def searched(campaign: Path) -> dict[str, Any]:
     """ln evidence over the discrepancy grid of every hypothesis of a case."""
     loops = [x for x in read_campaign(campaign).loops(**LOOPS) if x.role != "held-out"]
     found = search(gap_data(loops), scales_of(loops), {}, catalogue.variants(), np.random.default_rng(0))
-    return Table.of(found)
+    table = Table.of(found)
+    return {
+        "log_z": [[list(k), v.tolist()] for k, v in table.log_z.items()],
+        "unlisted": [[k, v.tolist()] for k, v in table.unlisted.items()],
+    }
+
+
+def table_of(kept: dict[str, Any]) -> Table:
+    """The table that `searched` kept."""
+    return Table({tuple(k): np.array(v) for k, v in kept["log_z"]}, {k: np.array(v) for k, v in kept["unlisted"]})
 
 
 def cases_of(n: int, seed: int, out: Path, workers: int) -> list[Case]:
     """Make a set (unless made), search its cases (unless searched), and pair each table with its truth."""
     folder = out / f"cases_{n}_{seed}"
     if not (folder / "commitments.json").is_file():
-        with pool(workers) as executor:
+        with executors.opened(workers) as executor:
             withheld.make(n, seed, folder, executor=executor)
     truths = withheld.read_truths(withheld.truth_folder(folder) / "truth.json")
     names = sorted(truths)
-    jobs = [(out / f"tables_{n}_{seed}" / f"{name}.pkl", searched, folder / name) for name in names]
-    tables = tqdm(each(jobs, workers), total=len(jobs), desc=f"searching set {seed}", disable=None)
+    jobs = [(out / f"tables_{n}_{seed}" / f"{name}.json", searched, folder / name) for name in names]
+    tables = [table_of(x) for x in each(jobs, workers, f"searching set {seed}")]
     return [
         Case(f"{seed}/{name}", truths[name]["kind"], true_hypothesis(truths[name]), table)
         for name, table in zip(names, tables)

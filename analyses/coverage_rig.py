@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
 from bayes_iwan.campaign.averaging import average
 from bayes_iwan.gap.diagnosis import write_json
@@ -108,7 +107,7 @@ def main() -> None:
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")
     jobs = [
         (
-            args.out / "cases" / f"{args.likelihood}_{args.seed}_{i:03d}.pkl",
+            args.out / "cases" / f"{args.likelihood}_{args.seed}_{i:03d}.json",
             one_case,
             args.seed,
             i,
@@ -117,7 +116,7 @@ def main() -> None:
         )
         for i in range(args.cases)
     ]
-    cases = list(tqdm(each(jobs, args.workers), total=len(jobs), desc="cases", disable=None))
+    cases = list(each(jobs, args.workers, "cases"))
     late = sum(not c["converged"] for c in cases)
     print(f"{len(cases)} cases, {args.likelihood} likelihood, {late} posteriors short of convergence")
     names = ["kp_N_mm", "k1_N_mm", "mean_slip_force_N", "energy"]

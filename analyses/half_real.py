@@ -35,7 +35,7 @@ from bayes_iwan.gap.search import search
 from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.validation import known_gap as on_top
 from bayes_iwan.validation.estimates import bootstrap, share
-from runs import each, kept
+from runs import each
 
 #: campaign folder and the tests taken (None: all). The seal's pressures are different normal forces, each on its own
 SOURCES = {
@@ -237,10 +237,7 @@ def main() -> None:
     args = parser.parse_args()
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # of the workers: they share the machine by cases
     args.out.mkdir(parents=True, exist_ok=True)
-    found = {
-        name: kept(args.out / f"{slug(name)}.pkl", natural, args.data, name)
-        for name in tqdm(args.sources, desc="as they are", disable=None)
-    }
+    found = {name: natural(args.data, name) for name in tqdm(args.sources, desc="as they are", disable=None)}
     for name, x in found.items():
         print(
             f"{name:16s} {x['tests']} tests; natural gap: {x['cause']}{' + ' + x['second'] if x['second'] else ''}; "
@@ -249,10 +246,10 @@ def main() -> None:
         )
     jobs = []
     for i, (c, *rest) in enumerate(plan(args.cases, args.seed, list(args.sources))):
-        file = args.out / f"{args.know}_{args.seed}_{i:03d}_{slug(c)}_{rest[0]}.pkl"
+        file = args.out / f"{args.know}_{args.seed}_{i:03d}_{slug(c)}_{rest[0]}.json"
         jobs.append((file, one_case, args.data, found[c]["known"], c, *rest, args.know == "size"))
     cases: list[dict[str, Any]] = []
-    for c in tqdm(each(jobs, args.workers), total=len(jobs), desc="cases", disable=None):
+    for c in each(jobs, args.workers, "cases"):
         cases.append(c)
         print(
             f"{c['campaign']:16s} {c['effect']:21s} {100 * c['size']:4.1f} %  -> {c['answer']} "

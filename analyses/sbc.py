@@ -22,7 +22,6 @@ from typing import Any, cast
 import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
-from tqdm import tqdm
 
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.gap.diagnosis import write_json
@@ -160,7 +159,7 @@ def main() -> None:
     for kind in args.likelihoods:
         jobs = [
             (
-                args.out / "draws" / f"{kind}_{args.slip}_{args.seed}_{i:03d}.pkl",
+                args.out / "draws" / f"{kind}_{args.slip}_{args.seed}_{i:03d}.json",
                 one_draw,
                 args.campaign,
                 args.tests,
@@ -172,7 +171,7 @@ def main() -> None:
             )
             for i in range(args.draws)
         ]
-        runs = list(tqdm(each(jobs, args.workers), total=len(jobs), desc=kind, disable=None))
+        runs = list(each(jobs, args.workers, kind))
         ranks[kind] = {n: [r["rank"][n] for r in runs] for n in runs[0]["rank"]}
         tests = {n: uniformity(np.array(r)) for n, r in ranks[kind].items()}
         late = [r for r in runs if not r["converged"]]

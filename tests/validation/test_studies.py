@@ -52,7 +52,7 @@ def test_kept_runs_once_and_shares_work_in_order(study, tmp_path):
         calls.append(x)
         return x * x
 
-    jobs = [(tmp_path / "a" / f"{i}.pkl", work, i) for i in range(3)]
+    jobs = [(tmp_path / "a" / f"{i}.json", work, i) for i in range(3)]
     assert list(runs.each(jobs, 1)) == [0, 1, 4]
     assert list(runs.each(jobs, 1)) == [0, 1, 4]
     assert calls == [0, 1, 2]
