@@ -1,0 +1,243 @@
+"""Time and memory against the size of the work: tests, samples, walkers, candidates, campaigns, cores; slopes stated.
+
+    python analyses/scale.py [--quick] [--out scale.json]
+
+Every size goes over at least a decade. A slope is that of ln time (or ln memory) against ln size by least squares over
+the upper half of the sizes, where what does not grow no longer counts: 1 is in proportion. The cost of a batch follows
+from the processor seconds of one campaign, the efficiency on all cores that are here, and what is done once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import bayes_iwan
+from bayes_iwan import executors
+from bayes_iwan.campaign import Loop, Record, average, read_campaign
+from bayes_iwan.effects import catalogue
+from bayes_iwan.files import write_whole
+from bayes_iwan.gap.data import gap_data
+from bayes_iwan.gap.diagnosis import write_json
+from bayes_iwan.gap.search import search
+from bayes_iwan.inference.population import Specimen, population
+from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.scales import scales_of
+from kill_runs import CONFIG, made_up
+
+HERE = Path(__file__).parent
+
+
+def seconds(work: Callable[[], object], least: float = 0.3) -> float:
+    """Processor seconds of one call: the mean of as many as fill `least`, after one that is not counted."""
+    work()
+    calls, began = 0, time.process_time()
+    while calls == 0 or time.process_time() - began < least:
+        work()
+        calls += 1
+    return (time.process_time() - began) / calls
+
+
+def peak_of(work: Callable[[], object]) -> float:
+    """Peak memory (MB) that a call adds, in a process of its own."""
+    read, write = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        with open("/proc/self/statm") as file:
+            before = int(file.read().split()[1]) * resource.getpagesize() / 2**20
+        work()
+        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        os.write(write, f"{most - before:.1f}".encode())
+        os._exit(0)
+    os.close(write)
+    with open(read) as file:
+        told = file.read()
+    os.waitpid(pid, 0)
+    return float(told)
+
+
+def slope(sizes: list[float], values: list[float]) -> float:
+    n = len(sizes) // 2
+    return float(np.polyfit(np.log(sizes[-n - 1 :]), np.log(np.maximum(values[-n - 1 :], 1e-9)), 1)[0])
+
+
+def told(name: str, sizes: list[float], values: list[float], unit: str) -> dict[str, object]:
+    row = ", ".join(f"{s:g}: {v:.3g}" for s, v in zip(sizes, values))
+    print(f"{name:42s} slope {slope(sizes, values):5.2f}   {row} {unit}", flush=True)
+    return {"sizes": sizes, "values": values, "unit": unit, "slope": slope(sizes, values)}
+
+
+def loops_of(n: int, phases: int = 128, harmonics: int = 50) -> tuple[Loop, ...]:
+    """As many loops as asked for: those of the rope spring again and again, each moved a little in frequency."""
+    some = read_campaign(HERE.parent / "data" / "rope_spring").loops(n_phase=phases, n_harmonics=harmonics)
+    out = []
+    for i in range(n):
+        x = some[i % len(some)]
+        scale = 1.0 + 0.001 * (i // len(some))
+        out.append(replace(x, file=f"t{i}.csv", frequency_hz=x.frequency_hz * scale, role="fit"))
+    return tuple(out)
+
+
+def evaluations(problem: Problem, n: int) -> Callable[[], object]:
+    z = problem.prior.draw(np.random.default_rng(0), n)
+    return lambda: problem.log_prob(z)
+
+
+def long_record(samples: int) -> Record:
+    """A record of so many samples at 2 kHz and 20 Hz."""
+    t = np.arange(samples) / 2000.0
+    u = 0.5 * np.sin(2 * np.pi * 20.0 * t)
+    force = 5.0 * u + np.tanh(np.cos(2 * np.pi * 20.0 * t) / 0.1)
+    return Record(
+        "long.csv", 20.0, 0.5, "fit", {}, t, u, force + 0.01 * np.random.default_rng(0).standard_normal(samples)
+    )
+
+
+def candidates(quick: bool) -> dict[str, object]:
+    """The search for a cause against the number of effects that it may name."""
+    loops = loops_of(3, 80, 24)
+    data, scales, kinds = gap_data(loops), scales_of(loops), catalogue.variants()
+    sizes = [2, 6, 20] if not quick else [1, 3]
+    times = []
+    for n in sizes:
+        some = dict(list(kinds.items())[:n])
+        began = time.process_time()
+        search(data, scales, {}, some, np.random.default_rng(0))
+        times.append(time.process_time() - began)
+    return {"candidates": told("search against candidate effects", sizes, times, "s")}
+
+
+def _piece(repeats: int, seed: int) -> float:
+    """A piece of pure evaluation, the same for every seed but for its numbers."""
+    problem = make_problem(loops_of(4))
+    z = problem.prior.draw(np.random.default_rng(seed), 160)
+    return float(np.sum([problem.log_prob(z)[0] for _ in range(repeats)]))
+
+
+def cores(repeats: int) -> tuple[dict[str, object], float]:
+    """Pieces on one process and on two, and on two against one the share of the time that is not lost."""
+    pieces = {str(i): i for i in range(8)}
+    wall = []
+    for workers in (1, 2):
+        with executors.opened(workers) as executor:
+            executors.run({str(i): i for i in range(workers)}, _piece, 1, executor=executor, progress=False)  # started
+            began = time.monotonic()
+            executors.run(pieces, _piece, repeats, executor=executor, progress=False)
+            wall.append(time.monotonic() - began)
+    share = wall[0] / (2.0 * wall[1])
+    load = os.getloadavg()[0]
+    print(
+        f"8 pieces: {wall[0]:.1f} s on one core, {wall[1]:.1f} s on two: {100 * share:.0f} % of twice the speed "
+        f"({os.cpu_count()} cores here, load {load:.1f}: a busy machine has no second core to give)"
+    )
+    return {"cores": {"wall_s": wall, "share": share, "load": load}}, min(share, 1.0)
+
+
+def batch_cost(campaign_s: float, once_s: float, share: float, campaigns: int = 1000) -> dict[str, object]:
+    """Hours for a batch: the campaigns' own seconds on all cores, and what one process does at the end."""
+    out: dict[str, object] = {"campaign_s": campaign_s, "once_s": once_s, "share": share}
+    for n in (2, 16, 256):
+        hours = (campaigns * campaign_s / (n * share) + once_s) / 3600.0
+        last = campaign_s / 3600.0  # the last campaign begun is waited for
+        print(
+            f"    {campaigns} campaigns of {campaign_s:.0f} s on {n:3d} cores: {hours + last:7.2f} h "
+            f"({once_s:.0f} s of it done once; {3600 * last:.0f} s waiting for the last)"
+        )
+        out[f"hours on {n}"] = hours + last
+    return out
+
+
+def one_campaign(quick: bool) -> float:
+    """Processor seconds of `identify` with all its files, of the rope spring's twelve tests (quick: of two)."""
+    tmp = Path(tempfile.mkdtemp(prefix="scale"))
+    try:
+        campaign: Path = made_up(tmp / "campaign", 5.5, 7) if quick else HERE.parent / "data" / "rope_spring"
+        config = write_whole(tmp / "config.toml", CONFIG) if quick else None
+        began = time.process_time()
+        with executors.serial():
+            bayes_iwan.identify(campaign, tmp / "out", config=config, seed=1, progress=False)
+        took = time.process_time() - began
+        size = sum(p.stat().st_size for p in (tmp / "out").rglob("*") if p.is_file()) / 2**20
+        print(f"one campaign: {took:.0f} s, {size:.1f} MB of files")
+        return took
+    finally:
+        shutil.rmtree(tmp)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a decade of each size, and records of a million samples")
+    parser.add_argument("--campaign-s", type=float, help="processor seconds of one campaign (default: identify here)")
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    found: dict[str, Any] = {}
+    with executors.serial():
+        sizes = [2, 5, 10, 20, 50]
+        problems = [make_problem(loops_of(n)) for n in sizes]
+        found["tests"] = told(
+            "evaluation against tests",
+            sizes,
+            [1e3 * seconds(evaluations(p, 160)) for p in problems],
+            "ms for 160 draws",
+        )
+        sizes = [32, 64, 128, 256, 512]
+        problems = [make_problem(loops_of(4, n, 14)) for n in sizes]
+        found["phases"] = told(
+            "evaluation against samples of a loop",
+            sizes,
+            [1e3 * seconds(evaluations(p, 160)) for p in problems],
+            "ms for 160 draws",
+        )
+        problem = make_problem(loops_of(4))
+        sizes = [20, 40, 80, 160, 320, 640]
+        found["walkers"] = told(
+            "evaluation against walkers", sizes, [1e3 * seconds(evaluations(problem, n)) for n in sizes], "ms"
+        )
+        found["walkers, memory"] = told(
+            "memory against walkers",
+            [160, 640, 2560, 10240],
+            [peak_of(evaluations(problem, n)) for n in (160, 640, 2560, 10240)],
+            "MB",
+        )
+        sizes = [10**5, 3 * 10**5, 10**6] + ([] if args.quick else [3 * 10**6, 10**7])
+        records = {n: long_record(n) for n in sizes}
+        found["samples"] = told(
+            "averaging against samples of a record",
+            sizes,
+            [seconds(lambda r=r: average(r), 0.0) for r in records.values()],
+            "s",
+        )
+        memory = [peak_of(lambda r=r: average(r)) for r in records.values()]
+        found["samples, memory"] = told("memory of averaging", sizes, memory, "MB")
+        own = sizes[-1] * 24 / 2**20
+        print(f"    the largest record itself is {own:.0f} MB: {memory[-1] / own:.1f} times its size")
+        del records
+        sizes = [3, 10, 30, 100]
+        rng = np.random.default_rng(0)
+        some = [
+            Specimen(str(i), np.exp(rng.normal(1.6, 0.02, 320)), np.exp(rng.normal(1.5, 1.0, 400))) for i in range(100)
+        ]
+        found["population"] = told(
+            "population of one quantity, campaigns",
+            sizes,
+            [seconds(lambda n=n: population(some[:n])) for n in sizes],
+            "s",
+        )
+        found |= candidates(args.quick)
+        per_quantity = found["population"]["values"][-1] * 10.0  # of 1,000 campaigns, in proportion
+    told_cores, share = cores(20 if args.quick else 200)
+    found |= told_cores
+    campaign_s = args.campaign_s or one_campaign(args.quick)
+    found["batch of 1,000"] = batch_cost(campaign_s, 10.0 * per_quantity, share)
+    if args.out is not None:
+        write_json(args.out, found)
