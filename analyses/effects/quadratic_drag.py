@@ -4,7 +4,8 @@
 
 What must be there: a name, the strength (name, symbol, unit, description), three sentences for the reader, a first
 guess of the strength (any value of the right order: its prior is scaled to the specimen afterwards), and one station
-of the model: motion, grip, slip, force or around. More parameters would go into `shapes`.
+of the model: motion, grip, slip, force or around. More parameters would go into `extra_parameters`; `law` and `remedy`
+are sentences for the report. A second class with the same name would be another law of the same cause.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ class QuadraticDrag(Effect):
     strength = ("c2_N_s2_m2", "c₂", "N·s²/m²", "drag over speed squared")
     physics = "Air or oil is pushed through a gap: turbulent drag against the motion grows with the square of speed."
     reference = "Nayfeh & Mook, Nonlinear Oscillations, §3.3.2"
+    law = "c₂·v·|v|"
+    remedy = "Open the gap, or give the model a drag of this size."
     signature = "quadrature at the fundamental and the third harmonic ∝ (frequency × amplitude) squared"
     look_alikes = ("viscous_damping",)
     bench = "the same tests with the gap opened, or in vacuum"

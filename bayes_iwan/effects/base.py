@@ -5,14 +5,18 @@ model contains the base model. Write your own in one file: subclass :class:`Effe
 the file to `bayes-iwan diagnose --effects FILE` (`analyses/own_effect.py` is an example).
 
 Priors of strengths are not in physical units: a strength is given the prior share of the friction force that it moves
-(:data:`TYPICAL_SHARE`), and turned into the effect's own unit on the fitted base model (:mod:`.strength`). So no
-effect is favoured because its unit happens to suit the specimen.
+(:data:`TYPICAL_SHARE`), and turned into the effect's own unit on the fitted base model
+(:mod:`bayes_iwan.gap.strength`). So no effect is favoured because its unit happens to suit the specimen.
+
+Nature follows no one's formula. So an effect's law is a family: extra parameters, with priors about the classical law,
+span what the literature uses and what lies between; where one number cannot, several classes share one `name`. The
+verdict names the effect, the report also the law.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -35,8 +39,12 @@ class EffectError(ValueError):
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A parameter other than the strength: symbol, unit, description and prior (frozen scipy.stats), bounds."""
+class ExtraParameter:
+    """A parameter beside the strength: symbol, unit, description, prior (frozen scipy.stats), bounds.
+
+    scan : is it tried at several values before a refit (a relaxation time, a gap), or only refined from its prior's
+        median, as the number that bends a law about the classical one?
+    """
 
     symbol: str
     unit: str
@@ -44,6 +52,7 @@ class Shape:
     prior: Any
     lower: float = -np.inf
     upper: float = np.inf
+    scan: bool = True
 
 
 @dataclass(frozen=True)
@@ -58,9 +67,10 @@ class Effect:
     scales: Scales
     tests: tuple[str, ...] = ()
     strength_value: float | None = None
-    cache: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     name: ClassVar[str]
+    law: ClassVar[str] = ""  # the formula, in words, for the report
+    statement: ClassVar[str] = ""  # what the base's own form lacks, if that is what the effect mends
     strength: ClassVar[tuple[str, str, str, str]]  # name, symbol, unit, description of the strength
     signed: ClassVar[bool] = False  # may the strength be negative?
     limit: ClassVar[float] = np.inf  # largest |strength|
@@ -74,6 +84,7 @@ class Effect:
     signature: ClassVar[str]  # what to expect in the loops
     look_alikes: ClassVar[tuple[str, ...]] = ()
     bench: ClassVar[str] = ""  # what on the bench would tell it from its look-alikes
+    remedy: ClassVar[str] = ""  # what an engineer can do about it, in one sentence; "" where there is nothing
 
     def first_guess(self) -> float:
         """Any strength of the right order, from the campaign's scales: where calibration starts."""
@@ -83,7 +94,7 @@ class Effect:
         """Do the records allow it at all? data : the campaign's :class:`bayes_iwan.gap.data.GapData`."""
         return True
 
-    def shapes(self) -> dict[str, Shape]:
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
         """The other parameters by name."""
         return {}
 
@@ -93,31 +104,50 @@ class Effect:
         return f"{self.name}.{self.strength[0]}"
 
     @property
-    def neutral(self) -> float:
-        """The strength at which the effect vanishes."""
-        return 0.0
+    def typical(self) -> float:
+        """Median size of the strength, in its unit, in its prior."""
+        return self.first_guess() if self.strength_value is None else self.strength_value
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Strength first, then shapes, named `<effect>.<parameter>`."""
-        typical = self.first_guess() if self.strength_value is None else self.strength_value
+        """Strength first, then extra parameters, named `<effect>.<parameter>`."""
+        return (self._strength_parameter(), *self._extra())
+
+    def _strength_parameter(self) -> Parameter:
         if self.signed:  # a symmetric prior of much the same reach
-            prior, low = stats.norm(scale=1.6 * typical), -self.limit
-        else:
-            prior, low = stats.lognorm(s=self.spread, scale=typical), 0.0
-        own = Parameter(self.strength_name, *self.strength[1:], prior, low, self.limit)
-        return (
-            own,
-            *(
-                Parameter(f"{self.name}.{n}", s.symbol, s.unit, s.description, s.prior, s.lower, s.upper)
-                for n, s in self.shapes().items()
-            ),
+            return Parameter(
+                self.strength_name, *self.strength[1:], stats.norm(scale=1.6 * self.typical), -self.limit, self.limit
+            )
+        prior = stats.lognorm(s=self.spread, scale=self.typical)
+        return Parameter(self.strength_name, *self.strength[1:], prior, 0.0, self.limit)
+
+    def _extra(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(f"{self.name}.{n}", e.symbol, e.unit, e.description, e.prior, e.lower, e.upper)
+            for n, e in self.extra_parameters().items()
         )
 
     @property
     def stations(self) -> frozenset[str]:
         """The stations at which it acts: those that its class overrides."""
         return stations_of(type(self))
+
+    @property
+    def strength_names(self) -> tuple[str, ...]:
+        """Full names of the parameters that vanish together with the effect: mostly the strength alone."""
+        extra = {f"{self.name}.{n}" for n in self.extra_parameters()}
+        return tuple(p.name for p in self.parameters if p.name not in extra)
+
+    @property
+    def scanned(self) -> tuple[str, ...]:
+        """Full names of the extra parameters that are tried at several values before a refit."""
+        return tuple(f"{self.name}.{n}" for n, e in self.extra_parameters().items() if e.scan)
+
+    @property
+    def off(self) -> dict[str, float]:
+        """Values by full name at which the effect vanishes; what else it has stands at its prior's median."""
+        gone = set(self.strength_names)
+        return {p.name: 0.0 if p.name in gone else float(p.value(np.zeros(1))[0]) for p in self.parameters}
 
     def get(self, numbers: Numbers, name: str) -> Array:
         """A parameter as (draws, 1, 1)."""
@@ -132,7 +162,7 @@ class Effect:
         """The relative normal force α (the stiffness k(α) follows it)."""
         return alpha
 
-    def stiffness(self, k: Array, alpha: Array, numbers: Numbers) -> Array:
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
         """The elements' stiffness k(α), N/mm."""
         return k
 
@@ -160,7 +190,7 @@ class Effect:
     def recorded(self, data: Any, numbers: Numbers) -> Array | None:
         """What the effect adds along whole records, as block harmonics (draws, tests, blocks, H + 1), or None.
 
-        For what does not repeat with the cycle (`evolving`): a drift, a hum.
+        For what does not repeat with the cycle (`evolving`): a drift, a line of the mains.
         data : :class:`bayes_iwan.gap.data.GapData`.
         """
         return None
@@ -169,14 +199,9 @@ class Effect:
         """What it adds at 50 and 60 Hz, c + i s of c·cos + s·sin, (draws, tests, 2), or None."""
         return None
 
-    def reported(self, values: Mapping[str, Array], force_N: Callable[[], Array]) -> dict[str, tuple[Array, str]]:
-        """What a user is told: name -> (draws, unit). values: all sampled values; force_N() : the predicted force
-        (draws, tests, samples) of the model without this effect."""
+    def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
+        """What a user is told: name -> (draws, unit). values: all sampled values."""
         return {p.name.split(".", 1)[1]: (values[p.name], p.unit) for p in self.parameters}
-
-    def size(self, strength: Array) -> Array:
-        """|strength|, for reports and calibration."""
-        return np.abs(strength)
 
 
 def stations_of(kind: type[Effect]) -> frozenset[str]:
@@ -189,22 +214,15 @@ def effects_of(problem: Problem) -> tuple[Effect, ...]:
     return tuple(e for e in problem.effects if isinstance(e, Effect))
 
 
-def folded(loops: Any, signals: Callable[[int, Array], Array]) -> Array:
-    """(T, blocks, H + 1): a signal on each record's samples averaged as its force was; zero where a test has fewer
-    blocks. signals(t, time_s) : the signal of test t at the times of its record."""
-    blocks = max(len(x.block_cycle) for x in loops)
-    out = np.zeros((len(loops), blocks, loops[0].harmonics_N.shape[0]), dtype=complex)
-    for t, loop in enumerate(loops):
-        out[t, : len(loop.block_cycle)] = loop.fold(signals(t, loop.record.time_s))
-    return out
-
-
-def filtered(signal: Array, frequency_hz: Array, response: Callable[[Array], Any]) -> Array:
+def filtered(signal: Array, frequency_hz: Array, response: Callable[[Array], np.ndarray]) -> Array:
     """A steady loop through a linear filter: signal (…, loops, samples), response(f in Hz (loops, H)) gives its
     complex response (…, loops, H)."""
     n = signal.shape[-1]
     f = frequency_hz[:, None] * np.arange(n // 2 + 1)
-    return fft.irfft(fft.rfft(signal, axis=-1) * response(f), n=n, axis=-1)
+    gain = response(f)
+    out = fft.irfft(fft.rfft(signal, axis=-1) * gain, n=n, axis=-1)
+    passes = np.all(gain == 1.0, axis=-1, keepdims=True)  # a filter that does nothing does not even round
+    return np.where(passes, signal, out) if passes.any() else out
 
 
 def moved_by(motion: Motion, displacement_mm: Array) -> Motion:

@@ -2,52 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
-from bayes_iwan.effects import channels as effects_channels
-from bayes_iwan.effects import friction as effects_friction
-from bayes_iwan.effects import mounting as effects_rig
-from bayes_iwan.effects import specimen as effects_specimen
-from bayes_iwan.effects import unlisted as effects_unlisted
+from bayes_iwan.effects import along_record, channels, form, friction, mounting, specimen
 from bayes_iwan.effects.base import Effect, EffectError, stations_of
+from bayes_iwan.effects.conditions import following
 from bayes_iwan.effects.paper import missing_terms
+from bayes_iwan.effects.unlisted import EFFECTS as WITHOUT_CAUSE
 from bayes_iwan.physics import Simulator
 from bayes_iwan.physics.simulator import OUTER, offered
 
+#: what makes an effect from (scales, tests): its class, or one that knows the condition that it follows
+Maker = Callable[..., Effect]
+
 BUILT_IN: tuple[type[Effect], ...] = (
-    *effects_specimen.EFFECTS,
-    *effects_friction.EFFECTS,
-    *effects_rig.EFFECTS,
-    *effects_channels.EFFECTS,
+    *specimen.EFFECTS,
+    *friction.EFFECTS,
+    *mounting.EFFECTS,
+    *channels.EFFECTS,
+    *along_record.EFFECTS,
 )
-#: names, in the order of the signal; an effect with variants (50 and 60 Hz) is one name
+#: names, in the order of the signal; an effect with several laws is one name
 NAMES: tuple[str, ...] = tuple(dict.fromkeys(e.name for e in BUILT_IN))
 #: shapes without a cause, which stand for "unknown"
-UNLISTED: tuple[type[Effect], ...] = effects_unlisted.EFFECTS
+UNLISTED: tuple[type[Effect], ...] = WITHOUT_CAUSE
+#: causes in the base's own form
+FORM: tuple[type[Effect], ...] = form.EFFECTS
 
 
 def variants(
     extra: Sequence[type[Effect]] = (),
     simulator: Simulator | None = None,
-) -> dict[str, tuple[type[Effect], ...]]:
-    """Effect classes by name; extra are a user's own. With a simulator, those whose stations it offers, and what the
-    paper adds to an Iwan model that lacks it. Raises EffectError if a name is taken or the simulator does not offer
-    what an extra effect acts on."""
-    out: dict[str, tuple[type[Effect], ...]] = {}
-    for effect in (*BUILT_IN, *missing_terms(simulator)):
-        if simulator is not None and not offered(stations_of(effect), simulator):
+    conditions: Mapping[str, tuple[float, ...]] | None = None,
+    form: bool = False,
+) -> dict[str, tuple[Maker, ...]]:
+    """What makes effects of each name, one for each law. Raises EffectError if a name is taken or the simulator does
+    not offer what an extra effect acts on.
+
+    extra : a user's own classes; simulator : only effects whose stations it offers, and what the paper adds to an Iwan
+    model that lacks it; conditions : what each test states, by name
+    (:func:`bayes_iwan.effects.conditions.conditions_of`), which slip forces, stiffness and zero may follow; form : are
+    causes in the base's own form (:data:`FORM`) on offer?
+    """
+    out: dict[str, tuple[Maker, ...]] = {}
+
+    def fits(effect: type[Effect]) -> bool:
+        return simulator is None or offered(stations_of(effect), simulator)
+
+    for effect in (*BUILT_IN, *(FORM if form else ()), *missing_terms(simulator)):
+        if not fits(effect):
             continue
         out[effect.name] = (*out.get(effect.name, ()), effect)
+    out |= following(conditions or {}, fits)
+    own: dict[str, tuple[Maker, ...]] = {}
     for effect in extra:
         if effect.name in (*out, "none", "unknown", *(e.name for e in UNLISTED)):
             raise EffectError(f"an effect named {effect.name!r} exists already; choose another name")
-        if simulator is not None and not offered(stations_of(effect), simulator):
+        if simulator is not None and not fits(effect):
             inside = sorted(stations_of(effect) - simulator.stations - {*OUTER})
             raise EffectError(
                 f"the effect {effect.name} acts on {inside[0]}, which the simulator {simulator.name} does not offer"
             )
-        out[effect.name] = (effect,)
-    return out
+        own[effect.name] = (*own.get(effect.name, ()), effect)
+    return out | own
 
 
 def unlisted(simulator: Simulator) -> tuple[type[Effect], ...]:

@@ -1,225 +1,197 @@
-"""Effects of the measuring channels: what the electronics make of force and displacement."""
+"""Effects of the measuring channels on loops: what the electronics make of force and displacement."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
 
 import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
-from bayes_iwan.effects.base import Effect, Motion, filtered, folded
-from bayes_iwan.inference.parameters import Parameter
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
+from bayes_iwan.effects.spanning import about, power_of
 
 
 class ChannelDelay(Effect):
     name = "channel_delay"
+    law = "phase −2πfτ·(f/f_ref)^p; p = 0: a delay; a little below: an all-pass or a filter's own phase"
     strength = ("delay_s", "τ", "s", "delay of the force after the displacement")
     signed = True
     order = 3
     physics = "Force and displacement are not sampled at the same instant: multiplexing, or filters of unequal delay."
-    reference = "gap-notes, row 1; ISO 16063"
+    reference = (
+        "ISO 16063-1 (phase of transducers and amplifiers); Oppenheim & Schafer, Discrete-Time Signal Processing, §5.5 "
+        "(all-pass systems)"
+    )
     signature = "every harmonic of the force turns by hωτ: quadrature ∝ frequency × in-phase force"
     look_alikes = ("force_lowpass", "viscous_damping", "integration_highpass", "force_highpass")
     bench = "one common signal into both channels"
+    remedy = "Shift one channel by this time, or sample both at one instant."
 
     def first_guess(self) -> float:
         return 5e-5 * self.scales.length_mm / self.scales.speed_m_s
 
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {
+            "dispersion": ExtraParameter(
+                "p", "-", "growth of the delay with frequency, as a power", about(0.0, 0.2), -0.9, 0.9, scan=False
+            )
+        }
+
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        delay = self.get(numbers, "delay_s")
-        return filtered(force_N, motion.frequency_hz, lambda f: np.exp(-2j * np.pi * f * delay))
+        delay, p = self.get(numbers, "delay_s"), self.get(numbers, "dispersion")
+        reference_hz = 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm)
+
+        def response(f: Array) -> np.ndarray:
+            return np.exp(-2j * np.pi * f * delay * power_of(np.where(f > 0.0, f / reference_hz, 1.0), p))
+
+        return filtered(force_N, motion.frequency_hz, response)
+
+
+def _highpass(f: Array, corner_hz: Array, second: Array) -> np.ndarray:
+    """1/(1 − ix − q x²), x = corner/f, and 1 at f = 0 (callers say what becomes of the mean)."""
+    x = np.where(f > 0.0, corner_hz / np.where(f > 0.0, f, 1.0), 0.0)
+    return 1.0 / (1.0 - 1j * x - second * x * x)
+
+
+def _second(sd: float) -> ExtraParameter:
+    return ExtraParameter(
+        "q",
+        "-",
+        "0: first order, ¼: two equal poles, ½: Butterworth of order 2",
+        about(0.0, sd),
+        -0.7,
+        0.7,
+        scan=False,
+    )
 
 
 class IntegrationHighpass(Effect):
     name = "integration_highpass"
-    strength = ("corner_hz", "f_c", "Hz", "corner of the high-pass in the displacement channel")
+    law = "high-pass 1/(1 − ix − q x²), x = f_c/f, of the displacement; q = 0: first order, ½: Butterworth of order 2"
+    strength = ("corner_hz", "f_c", "Hz", "corner of the high-pass in the displacement channel (first order's)")
     order = -1
     physics = (
         "Integrating an accelerometer needs a high-pass against drift; near its corner the displacement is too "
         "small and runs ahead."
     )
-    reference = "gap-notes, row 4; D'Emilia et al. 2019"
+    reference = "ISO 16063-21 (phase of accelerometers); Tietze, Schenk & Gamm, Electronic Circuits, ch. 13"
     signature = "phase between displacement and force ∝ 1/frequency, opposite in sign to a high-passed force"
     look_alikes = ("force_highpass", "channel_delay", "maxwell_branch")
     bench = "a lower test frequency; the integrator's data sheet; a displacement sensor beside the accelerometer"
+    remedy = "Undo the high-pass with its known corner, or measure the displacement itself."
 
     def first_guess(self) -> float:
         return 0.01 * 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm)
 
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {"second": _second(0.25)}
+
     def motion(self, motion: Motion, numbers: Numbers) -> Motion:
-        corner = self.get(numbers, "corner_hz")
+        corner, second = self.get(numbers, "corner_hz"), self.get(numbers, "second")
 
-        def response(f: Array) -> Array:  # the inverse of the high-pass; no mean came through it
-            with np.errstate(divide="ignore", invalid="ignore"):
-                return np.where(f > 0.0, 1.0 - 1j * corner / f, 1.0)
+        def response(f: Array) -> np.ndarray:  # the inverse of the high-pass; no mean came through it
+            return 1.0 / _highpass(f, corner, second)
 
-        return motion.moved(
-            *(
-                filtered(x, motion.frequency_hz, response)
-                for x in (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)
-            )
-        )
+        seen = np.stack([motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2])
+        return motion.moved(*filtered(seen, motion.frequency_hz, response))
 
 
 class ForceHighpass(Effect):
     name = "force_highpass"
-    strength = ("corner_hz", "f_c", "Hz", "corner of the high-pass in the force channel")
+    law = "high-pass 1/(1 − ix − q x²), x = f_c/f, of the force; q = 0: first order, ½: Butterworth of order 2"
+    strength = ("corner_hz", "f_c", "Hz", "corner of the high-pass in the force channel (first order's)")
     order = 3
     physics = "A piezoelectric or AC-coupled force channel loses the mean and turns slow forces ahead."
-    reference = "gap-notes, row 3"
+    reference = "Gautschi, Piezoelectric Sensorics, ch. 11 (charge amplifiers)"
     signature = "no mean force; quadrature ∝ 1/frequency, which thins the loops at the lowest frequency"
     look_alikes = ("integration_highpass", "channel_delay", "maxwell_branch")
     bench = "DC coupling; a lower test frequency"
+    remedy = "Couple the force channel DC, choose a longer time constant, or test at higher frequency."
 
     def first_guess(self) -> float:
         return 0.01 * 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm)
 
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {"second": _second(0.25)}
+
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        corner = self.get(numbers, "corner_hz")
+        corner, second = self.get(numbers, "corner_hz"), self.get(numbers, "second")
         # below a millihertz no test would be long enough to lose the mean, so the effect has a neutral limit
         mean = 1.0 / (1.0 + (corner / 1e-3) ** 2)
-        return filtered(
-            force_N,
-            motion.frequency_hz,
-            lambda f: np.where(f > 0.0, 1.0 / (1.0 - 1j * corner / np.where(f > 0.0, f, 1.0)), mean),
-        )
+        return filtered(force_N, motion.frequency_hz, lambda f: np.where(f > 0.0, _highpass(f, corner, second), mean))
 
 
 class ForceLowpass(Effect):
     name = "force_lowpass"
+    law = "low-pass 1/(1 + ix − q x²), x = 2πfτ; q = 0: first order, ¼: two equal poles, ⅓: Bessel, ½: Butterworth"
     strength = ("tau_s", "τ", "s", "time constant of the low-pass in the force channel, 1/(2π corner)")
     order = 3
     physics = "The force channel is smoothed: a charge amplifier's or an anti-alias filter's corner is too low."
-    reference = "gap-notes, row 2"
+    reference = (
+        "Tietze, Schenk & Gamm, Electronic Circuits, ch. 13 (first order, critically damped, Bessel, Butterworth)"
+    )
     signature = "as a late force, and corners of the loop rounded"
     look_alikes = ("channel_delay", "viscous_damping")
     bench = "one common signal into both channels"
+    remedy = "Raise the filter's corner to a hundred times the test frequency, or filter the displacement alike."
 
     def first_guess(self) -> float:
         return 5e-5 * self.scales.length_mm / self.scales.speed_m_s
 
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {"second": _second(0.15)}  # near ⅓ (Bessel) the filter is a delay, and that has a name of its own
+
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        tau = self.get(numbers, "tau_s")
-        return filtered(force_N, motion.frequency_hz, lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau))
+        tau, second = self.get(numbers, "tau_s"), self.get(numbers, "second")
 
-    def reported(self, values, force_N) -> dict[str, tuple[Array, str]]:
+        def response(f: Array) -> np.ndarray:
+            x = 2.0 * np.pi * f * tau
+            return 1.0 / (1.0 + 1j * x - second * x * x)
+
+        return filtered(force_N, motion.frequency_hz, response)
+
+    def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
         tau = values[self.strength_name]
-        return {"tau_s": (tau, "s"), "corner_hz": (1.0 / (2.0 * np.pi * tau), "Hz")}
-
-
-class ForceDrift(Effect):
-    name = "force_drift"
-    strength = ("rate_N_s", "r", "N/s", "drift of the force channel's zero")
-    signed = True
-    evolving = True
-    order = 4
-    physics = "The zero of the force channel wanders during a test: temperature, charge leakage, creep of the mount."
-    reference = "gap-notes, row 26"
-    signature = "mean force grows along the record and within each cycle, the loop's shape stays"
-    bench = "a record of the unloaded cell; time to warm up"
-
-    def first_guess(self) -> float:
-        return 0.05 * self.scales.slip_N
-
-    def recorded(self, data, numbers: Numbers) -> Array:
-        if "ramp" not in self.cache:
-            self.cache["ramp"] = folded(data.loops, lambda t, time_s: time_s - time_s[0])
-        return numbers[self.strength_name][:, None, None, None] * self.cache["ramp"]
-
-
-class MainsHum(Effect):
-    name = "mains_hum"
-    strength = ("amplitude_N", "a", "N", "amplitude of the hum in the force channel")
-    evolving = True
-    order = 4
-    which: ClassVar[int] = 0  # column of data.mains_hz
-    physics = (
-        "The mains induces a sine of 50 or 60 Hz in the force channel, at another phase in each record; cosine "
-        "and sine of every test are numbers of their own."
-    )
-    reference = "gap-notes, row 12"
-    signature = "a line at 50 or 60 Hz whatever the test frequency; in loops only where that is a harmonic"
-    bench = "a record with the shaker off; test frequencies that do not divide the mains'"
-
-    def first_guess(self) -> float:
-        return 0.1 * self.scales.slip_N
-
-    def possible(self, data) -> bool:
-        """Where records can show the line and none does there is no hum, however well its free phases would fit."""
-        return data.mains_possible[self.which]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        typical = self.first_guess() if self.strength_value is None else self.strength_value
-        prior = stats.norm(scale=1.2 * typical)
-        return tuple(
-            Parameter(f"{self.name}.{part}[{test}]", part[0], "N", f"{part} of the hum in {test}", prior)
-            for part in ("cosine", "sine")
-            for test in self.tests
-        )
-
-    def _parts(self, numbers: Numbers) -> tuple[Array, Array]:
-        c, s = (np.stack([numbers[f"{self.name}.{p}[{t}]"] for t in self.tests], axis=1) for p in ("cosine", "sine"))
-        return c, s
-
-    def recorded(self, data, numbers: Numbers) -> Array:
-        if "waves" not in self.cache:
-            hz = data.mains_hz[:, self.which]
-
-            def wave(shape):
-                return folded(data.loops, lambda t, time_s: shape(2.0 * np.pi * hz[t] * time_s))
-
-            self.cache.update(waves=[wave(np.cos), wave(np.sin)], hz=float(np.median(hz)))
-        return sum(p[:, :, None, None] * w for p, w in zip(self._parts(numbers), self.cache["waves"]))
-
-    def lines(self, data, numbers: Numbers) -> Array:
-        c, s = self._parts(numbers)
-        return (c + 1j * s)[:, :, None] * (np.arange(data.mains_hz.shape[1]) == self.which)
-
-    def reported(self, values, force_N) -> dict[str, tuple[Array, str]]:
-        c, s = self._parts(values)
-        return {
-            "amplitude_N": (np.sqrt(np.mean(c * c + s * s, axis=1)), "N"),
-            "frequency_hz": (np.full(len(c), self.cache["hz"]), "Hz"),
-        }
-
-
-class MainsHum60(MainsHum):
-    which = 1
+        return super().reported(values) | {"corner_hz": (1.0 / (2.0 * np.pi * tau), "Hz")}
 
 
 class ForceClipping(Effect):
     name = "force_clipping"
+    law = "F/(1 + |F/F_max|^p)^(1/p), softness s = 1/p; s → 0: hard; s = ½: an amplifier's soft saturation"
     strength = ("inverse_limit_1_N", "1/F_max", "1/N", "inverse of the largest force that the channel passes")
     spread = 0.15  # a limit far above the largest force is none
     sudden = True
     order = 5
     physics = "The force channel reaches the end of its range, or its amplifier saturates."
-    reference = "gap-notes, row 9"
+    reference = "Rapp, Proc. 2nd European Conf. Satellite Communications, Liège (1991) 179 (soft limiter)"
     signature = "the loop's tips are flat at the same force in every test that reaches it"
     look_alikes = ("cubic_stiffness",)
     bench = "a coarser range"
+    remedy = "Raise the force range and repeat the tests that reach it."
 
     def first_guess(self) -> float:
         return 0.5 / self.scales.force_N
 
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {
+            "softness": ExtraParameter(
+                "s", "-", "0: hard, ½: soft saturation", stats.lognorm(s=1.0, scale=0.03), 2e-3, 1.0, scan=False
+            )
+        }
+
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+        inverse, soft = self.get(numbers, "inverse_limit_1_N"), self.get(numbers, "softness")
         with np.errstate(divide="ignore"):
-            limit = 1.0 / self.get(numbers, "inverse_limit_1_N")
-        return np.clip(force_N, -limit, limit)
+            log_ratio = np.log(np.abs(force_N) * inverse)
+        over = np.logaddexp(0.0, log_ratio / soft)  # ln(1 + |F/F_max|^p)
+        return force_N * np.exp(-soft * over)
 
-    def reported(self, values, force_N) -> dict[str, tuple[Array, str]]:
-        return {"limit_N": (1.0 / values[self.strength_name], "N")}
+    def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
+        return {
+            "limit_N": (1.0 / values[self.strength_name], "N"),
+            "softness": (values[f"{self.name}.softness"], "-"),
+        }
 
 
-EFFECTS: tuple[type[Effect], ...] = (
-    ChannelDelay,
-    IntegrationHighpass,
-    ForceHighpass,
-    ForceLowpass,
-    ForceDrift,
-    MainsHum,
-    MainsHum60,
-    ForceClipping,
-)
+EFFECTS: tuple[type[Effect], ...] = (ChannelDelay, IntegrationHighpass, ForceHighpass, ForceLowpass, ForceClipping)

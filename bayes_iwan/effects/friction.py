@@ -6,7 +6,8 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
-from bayes_iwan.effects.base import Effect, Motion, Shape, filtered
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
+from bayes_iwan.effects.spanning import about, decay_over_block, falling, growing, over_block, power_of
 
 
 class _OfSlipSpeed(Effect):
@@ -18,10 +19,10 @@ class _OfSlipSpeed(Effect):
 
     law_error = 0.1  # a slider's own speed is not quite the specimen's
 
-    def memory(self) -> dict[str, Shape]:
+    def memory(self) -> dict[str, ExtraParameter]:
         radian_s = 1e-3 * self.scales.length_mm / self.scales.speed_m_s
         return {
-            "memory_s": Shape(
+            "memory_s": ExtraParameter(
                 "τ",
                 "s",
                 "time in which friction follows a change of slip speed",
@@ -37,77 +38,98 @@ class _OfSlipSpeed(Effect):
 
 class StribeckWeakening(_OfSlipSpeed):
     name = "stribeck_weakening"
+    law = (
+        "1 − d·(1 − (1 + q x)^(−1/q)), x = (v/v_s)^δ; q → 0, δ = 1: exponential (Tustin), δ = 2: Gaussian; "
+        "q = 1, δ = 2: Lorentzian (Hess & Soom)"
+    )
     strength = ("drop", "d", "-", "share of the friction that is lost at high slip speed")
     limit = 0.9
     physics = (
         "Friction falls from its static to a lower kinetic level with slip speed, as asperities have less time "
         "to bond or a film begins to carry; it follows a change of speed after a short memory."
     )
-    reference = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083"
+    reference = (
+        "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083; Bo & Pavelescu, Wear 82 (1982) 277 "
+        "(exponent δ); Hess & Soom, J. Tribol. 112 (1990) 147 (Lorentzian)"
+    )
     signature = "slipping force lower in mid-stroke than at its ends, more so at high frequency × amplitude"
     look_alikes = ("rate_strengthening",)
     bench = "very slow tests, 0.1 Hz and below"
+    remedy = "Give the model's friction a falling characteristic, or a lubricant whose friction does not fall."
 
     def first_guess(self) -> float:
         return 0.1
 
-    def shapes(self) -> dict[str, Shape]:
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "v_s_m_s": Shape(
+            "v_s_m_s": ExtraParameter(
                 "v_s",
                 "m/s",
                 "slip speed over which the friction falls",
                 stats.lognorm(s=0.9, scale=0.2 * self.scales.speed_m_s),
             ),
             **self.memory(),
+            "exponent": ExtraParameter(
+                "δ", "-", "exponent of the speed", stats.lognorm(s=0.4, scale=1.0), 0.3, 1.0 / 0.3, scan=False
+            ),
+            "tail": ExtraParameter(
+                "q", "-", "0: exponential, 1: Lorentzian for δ = 2", stats.lognorm(s=1.5, scale=0.05), scan=False
+            ),
         }
 
     def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        lost = -np.expm1(-self.speed_m_s(motion, numbers) / self.get(numbers, "v_s_m_s"))
-        return alpha * (1.0 - self.get(numbers, "drop") * lost)
+        x = power_of(self.speed_m_s(motion, numbers) / self.get(numbers, "v_s_m_s"), self.get(numbers, "exponent"))
+        return alpha * (1.0 - self.get(numbers, "drop") * (1.0 - falling(x, self.get(numbers, "tail"))))
 
 
 class RateStrengthening(_OfSlipSpeed):
     name = "rate_strengthening"
+    law = "1 + c·((1 + v/v₀)^q − 1)/q; q → 0: c·ln(1 + v/v₀), close to arsinh (Prandtl–Eyring); q > 0: a power"
     strength = ("c", "c", "-", "growth of the friction per e-fold of slip speed")
     limit = 1.0
     physics = (
-        "Friction grows with the logarithm of slip speed, after a short memory: thermally activated creep of "
-        "the contacts."
+        "Friction grows with the logarithm of slip speed, or a small power of it, after a short memory: thermally "
+        "activated creep of the contacts."
     )
-    reference = "Baumberger & Caroli, Adv. Phys. 55 (2006) 279"
+    reference = (
+        "Baumberger & Caroli, Adv. Phys. 55 (2006) 279 (logarithm); Rice, Lapusta & Ranjith, J. Mech. Phys. Solids 49 "
+        "(2001) 1865 (arsinh); Briscoe & Tabor, J. Adhesion 9 (1978) 145 (polymers, small powers)"
+    )
     signature = "slipping force grows with log speed; odd harmonics; quadrature hardly depends on amplitude"
     look_alikes = ("stribeck_weakening", "viscous_damping")
     bench = "frequencies over two decades at one amplitude"
+    remedy = "Give the model's friction a rising characteristic, or quote it for the speed of use."
 
     def first_guess(self) -> float:
         return 0.03
 
-    def shapes(self) -> dict[str, Shape]:
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "v0_m_s": Shape(
+            "v0_m_s": ExtraParameter(
                 "v₀",
                 "m/s",
                 "speed below which the friction is constant",
                 stats.lognorm(s=1.2, scale=0.05 * self.scales.speed_m_s),
             ),
             **self.memory(),
+            "power": ExtraParameter("q", "-", "0: logarithm, 1: proportional", about(0.0, 0.3), -0.9, 0.9, scan=False),
         }
 
     def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
         ratio = self.speed_m_s(motion, numbers) / self.get(numbers, "v0_m_s")
-        return alpha * (1.0 + self.get(numbers, "c") * np.log1p(ratio))
+        return alpha * (1.0 + self.get(numbers, "c") * growing(ratio, self.get(numbers, "power")))
 
 
 class NormalForceLag(Effect):
     name = "normal_force_lag"
+    law = "τ dα/dt = α∞(u, u̇) − α, long after the start"
     strength = ("tau_s", "τ", "s", "relaxation time of the normal force")
-    limit = 0.5
     physics = "The compressed rope takes time to follow the spring's motion: α relaxes toward Eq. (11) with a time τ."
-    reference = "Hunt & Crossley, J. Appl. Mech. 42 (1975) 440, with a relaxing contact"
+    reference = "Hunt & Crossley, J. Appl. Mech. 42 (1975) 440, with a relaxing contact (standard linear solid)"
     signature = "the loop's asymmetry turns between the branches as frequency rises; even harmonics change phase"
     look_alikes = ("channel_delay",)
     bench = "very slow tests, where the lag vanishes"
+    remedy = "Let the normal force of the model relax with this time, or quote it for the frequency of use."
 
     def first_guess(self) -> float:
         return 2e-4 * self.scales.length_mm / self.scales.speed_m_s
@@ -117,33 +139,89 @@ class NormalForceLag(Effect):
         return np.maximum(filtered(alpha, motion.frequency_hz, lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau)), 0.02)
 
 
+class NormalForceLagFromStart(NormalForceLag):
+    """The same with its transient: a slow normal force begins a record off its steady level and creeps to it."""
+
+    law = "τ dα/dt = α∞(u, u̇) − α from the start of each record, where α is off its steady level by a number"
+    evolving = True
+    signature = (
+        "as a lag long after the start; in the first moments of every record, of the same length in seconds, friction "
+        "and stiffness creep to their level"
+    )
+
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {
+            "start": ExtraParameter(
+                "Δα₀", "-", "how far the normal force is off its steady level at a record's start", about(0.0, 0.3)
+            )
+        }
+
+    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+        tau = np.maximum(numbers[self.strength_name], 1e-9)[:, None]
+        left = decay_over_block(motion, 1.0 / (motion.frequency_hz * tau))[:, :, None]
+        return np.maximum(super().grip(alpha, motion, numbers) + self.get(numbers, "start") * left, 0.02)
+
+
 class FrictionFade(Effect):
     name = "friction_fade"
+    law = (
+        "1 − d·(1 − (1 + q x)^(−1/q)), x = (n/n₀)·(A/ℓ)^m; q → 0: exponential, 1: hyperbolic, large: logarithmic; "
+        "m = 0: by cycles, 1: by sliding distance or work; the stiffness falls by the share s of it"
+    )
     strength = ("drop", "d", "-", "share of the friction that is lost in the end")
     limit = 0.9
     evolving = True
     physics = (
         "Friction falls over the cycles of a test toward a plateau: wear particles, polishing, or the polymer "
-        "softening as it warms."
+        "softening as it warms; what softens as it warms loses stiffness, too."
     )
-    reference = "Fouvry et al., Wear 200 (1996) 186"
+    reference = (
+        "Fouvry, Kapsa & Vincent, Wear 200 (1996) 186 (dissipated work); Blau, Tribol. Int. 38 (2005) 1007 (running-in "
+        "curves); Archard, J. Appl. Phys. 24 (1953) 981 (sliding distance)"
+    )
     signature = "loops grow thinner from cycle to cycle; trend in quadrature and odd harmonics, none in the mean"
     look_alikes = ()
     bench = "return to the first test after the last; rest, then repeat (heat recovers, wear does not)"
+    remedy = (
+        "Run the specimen in before measuring, let it cool between tests, and state the cycle that numbers are for."
+    )
 
     def first_guess(self) -> float:
         return 0.1
 
-    def shapes(self) -> dict[str, Shape]:
-        return {"cycles": Shape("n₀", "-", "cycles over which it fades", stats.lognorm(s=0.8, scale=15.0), 1.0, 500.0)}
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {
+            "cycles": ExtraParameter(
+                "n₀", "-", "cycles over which it fades", stats.lognorm(s=1.0, scale=15.0), 0.5, 2000.0
+            ),
+            "tail": ExtraParameter(
+                "q", "-", "0: exponential, 1: hyperbolic, large: logarithm", stats.lognorm(s=1.8, scale=0.1), scan=False
+            ),
+            "by_stroke": ExtraParameter(
+                "m", "-", "power of the amplitude in the pace", about(0.0, 0.7), -3.0, 3.0, scan=False
+            ),
+            "of_stiffness": ExtraParameter(
+                "s", "-", "share of the loss that the stiffness follows", about(0.0, 0.4), -1.5, 1.5, scan=False
+            ),
+        }
+
+    def left(self, motion: Motion, numbers: Numbers) -> Array:
+        """The share of the friction that is left in each loop, (draws, loops, 1)."""
+        cycles, tail, stroke = (numbers[f"{self.name}.{n}"][:, None] for n in ("cycles", "tail", "by_stroke"))
+        pace = (motion.amplitude_mm / self.scales.length_mm) ** stroke / cycles
+        still = over_block(motion, lambda n: falling(n * pace, tail))
+        return 1.0 - self.get(numbers, "drop") * (1.0 - still[:, :, None])
 
     def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        gone = -np.expm1(-motion.cycle[:, None] / self.get(numbers, "cycles"))
-        return alpha * (1.0 - self.get(numbers, "drop") * gone)
+        return alpha * self.left(motion, numbers)
+
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+        return k * self.left(motion, numbers) ** self.get(numbers, "of_stiffness")
 
 
 class DirectionDependentFriction(Effect):
     name = "direction_dependent_friction"
+    law = "slip forces × (1 ± a), whole from the reversal on"
     strength = ("asymmetry", "a", "-", "friction × (1 ± asymmetry), + for slip in the direction of rising u")
     signed = True
     limit = 0.9
@@ -152,6 +230,7 @@ class DirectionDependentFriction(Effect):
     signature = "even harmonics and a mean force, at every frequency and amplitude alike"
     look_alikes = ("quadratic_stiffness",)
     bench = "the specimen mounted the other way round"
+    remedy = "Give the model two friction levels, one for each direction, or turn every second specimen round."
 
     def first_guess(self) -> float:
         return 0.1
@@ -161,10 +240,41 @@ class DirectionDependentFriction(Effect):
         return numbers[self.strength_name]
 
 
+class DirectionDependentGrip(DirectionDependentFriction):
+    """Direction dependence of the normal force, as of a wedge or a wound rope that tightens itself: the stiffness
+    follows it, and it turns over with the motion rather than at once."""
+
+    law = "normal force × (1 + a·tanh(v/v₀)): a self-tightening contact, whose stiffness follows"
+    reference = (
+        "Budynas & Nisbett, Shigley's Mechanical Engineering Design, ch. 16 (self-energizing brakes); Zmitrowicz, Int. "
+        "J. Solids Struct. 25 (1989) 1407"
+    )
+
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {
+            "v0_m_s": ExtraParameter(
+                "v₀",
+                "m/s",
+                "speed over which it turns over",
+                stats.lognorm(s=0.8, scale=0.15 * self.scales.speed_m_s),
+                scan=False,
+            )
+        }
+
+    def asymmetry(self, numbers: Numbers) -> Array:
+        return np.zeros_like(numbers[self.strength_name])
+
+    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+        turned = np.tanh(motion.velocity_m_s / self.get(numbers, "v0_m_s"))
+        return alpha * (1.0 + self.get(numbers, "asymmetry") * turned)
+
+
 EFFECTS: tuple[type[Effect], ...] = (
     StribeckWeakening,
     RateStrengthening,
     NormalForceLag,
+    NormalForceLagFromStart,
     FrictionFade,
     DirectionDependentFriction,
+    DirectionDependentGrip,
 )

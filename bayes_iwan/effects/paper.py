@@ -6,13 +6,12 @@ Together on the classical base they are Eqs. (11) and (12) exactly, with one exp
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
-from bayes_iwan.effects.base import Effect, Motion, Shape
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion
 from bayes_iwan.physics import Model, Simulator, normal_force
 from bayes_iwan.physics import stiffness as laws
 
@@ -20,8 +19,10 @@ from bayes_iwan.physics import stiffness as laws
 LEAST_ELASTICITY = 1e-6
 
 
-def _beta() -> Shape:
-    return Shape("β", "-", "exponent of the Hunt–Crossley normal force", stats.lognorm(s=1.2, scale=0.7), 0.004, 5.0)
+def _beta() -> ExtraParameter:
+    return ExtraParameter(
+        "β", "-", "exponent of the Hunt–Crossley normal force", stats.lognorm(s=1.2, scale=0.7), 0.004, 5.0
+    )
 
 
 class VaryingNormalForce(Effect):
@@ -41,7 +42,7 @@ class VaryingNormalForce(Effect):
     def first_guess(self) -> float:
         return 0.2
 
-    def shapes(self) -> dict[str, Shape]:
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {"beta": _beta()}
 
     def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
@@ -69,7 +70,7 @@ class SpeedDependentNormalForce(Effect):
     def first_guess(self) -> float:
         return 0.2
 
-    def shapes(self) -> dict[str, Shape]:
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {"beta": _beta()}
 
     def exponent(self, numbers: Numbers) -> Array:
@@ -85,7 +86,7 @@ class SpeedDependentNormalForce(Effect):
         )
         return alpha + self.get(numbers, "rate") * squeezed * (motion.speed_m_s / self.scales.speed_m_s)
 
-    def reported(self, values: Mapping[str, Array], force_N: Any) -> dict[str, tuple[Array, str]]:
+    def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
         return {"rate": (values[self.strength_name], "-"), "beta": (self.exponent(values), "-")}
 
 
@@ -103,7 +104,7 @@ class StiffnessOfNormalForce(Effect):
     def first_guess(self) -> float:
         return 0.4
 
-    def stiffness(self, k: Array, alpha: Array, numbers: Numbers) -> Array:
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
         # Eq. (12) over its value at α = 1, so that the base's k stays k(1)
         value = np.atleast_1d(numbers[self.strength_name])
         bend = laws.bend_of_elasticity(np.clip(value, LEAST_ELASTICITY, self.limit))[:, None, None]

@@ -6,58 +6,99 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
-from bayes_iwan.effects.base import Effect, Motion, Shape, filtered
+from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
+from bayes_iwan.effects.spanning import about, power_of
 
 
 class ViscousDamping(Effect):
     name = "viscous_damping"
-    strength = ("c_N_s_mm", "c", "N·s/mm", "viscous coefficient")
+    # p = 2 is left out: the drag of fluid pushed through a gap is another mechanism
+    law = "c·v_ref·|v/v_ref|^p·sgn v, v_ref the campaign's largest speed; p = 1: a force proportional to velocity"
+    strength = ("c_N_s_mm", "c", "N·s/mm", "viscous coefficient (secant, at the campaign's largest speed)")
     physics = (
-        "A force proportional to velocity beside the friction: oil, grease, squeezed air, or the matrix of the "
+        "A force that grows with velocity beside the friction: oil, grease, squeezed air, or the matrix of the "
         "polymer at frequencies well above its relaxation."
     )
-    reference = "Inman, Engineering Vibration, §1.3"
+    reference = (
+        "Inman, Engineering Vibration, §1.3 (p = 1); Symans & Constantinou, ISET J. Earthq. Technol. 35 (1998) 185; "
+        "Lee & Taylor, Struct. Des. Tall Build. 10 (2001) 311 (fluid dampers are built with p = 0.3 to 1.95)"
+    )
     signature = "quadrature force at the fundamental ∝ frequency × amplitude; loops grow fatter with frequency"
     look_alikes = ("maxwell_branch", "channel_delay", "force_lowpass", "rate_strengthening", "integration_highpass")
     bench = "the same tests at a frequency three times as high; a dummy elastic spring to see the channels' own phase"
+    remedy = "Give the model a dashpot of this coefficient, or take the grease away."
 
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N / (1e3 * self.scales.speed_m_s)
 
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {
+            "exponent": ExtraParameter(
+                "p", "-", "power of the speed", stats.lognorm(s=0.25, scale=1.0), 0.3, 1.65, scan=False
+            )
+        }
+
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        return force_N + self.get(numbers, "c_N_s_mm") * 1e3 * motion.velocity_m_s
+        top = self.scales.speed_m_s
+        grown = power_of(motion.speed_m_s / top, self.get(numbers, "exponent"))
+        return force_N + (self.get(numbers, "c_N_s_mm") * 1e3 * top) * np.sign(motion.velocity_m_s) * grown
 
 
 class MaxwellBranch(Effect):
     name = "maxwell_branch"
+    law = "k·(iωτ)^a/(1 + (iωτ)^a); a = 1: one relaxation time, less: a spread of them (fractional Maxwell)"
     strength = ("k_N_mm", "k_m", "N/mm", "stiffness of the branch")
     physics = (
         "A spring and a dashpot in series beside the rest: the polymer rope creeps, so part of its stiffness "
         "acts only above the frequency 1/(2πτ)."
     )
-    reference = "Ferry, Viscoelastic Properties of Polymers, ch. 1"
+    reference = (
+        "Ferry, Viscoelastic Properties of Polymers, ch. 1 (one time); Cole & Cole, J. Chem. Phys. 9 (1941) 341, and "
+        "Bagley & Torvik, J. Rheol. 27 (1983) 201 (spread of times)"
+    )
     signature = "in-phase and quadrature force ∝ amplitude with a knee at 1/(2πτ); fundamental only for a sine"
     look_alikes = ("viscous_damping", "force_highpass", "integration_highpass")
     bench = "a test well below 1 Hz, where the branch is relaxed, or a step and hold"
+    remedy = "Give the model a relaxing branch, or quote stiffness and loss for the frequency of use."
 
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N / self.scales.length_mm
 
-    def shapes(self) -> dict[str, Shape]:
-        return {"tau_s": Shape("τ", "s", "relaxation time", stats.lognorm(s=1.0, scale=0.012), 2e-4, 1.0)}
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        radian_s = 1e-3 * self.scales.length_mm / self.scales.speed_m_s
+        return {
+            "tau_s": ExtraParameter(
+                "τ",
+                "s",
+                "relaxation time",
+                stats.lognorm(s=1.2, scale=1.5 * radian_s),
+                0.02 * radian_s,
+                150.0 * radian_s,
+            ),
+            "spread": ExtraParameter(
+                "a",
+                "-",
+                "fractional order: 1 one relaxation time, less a spread",
+                about(1.0, 0.2),
+                0.3,
+                1.7,
+                scan=False,
+            ),
+        }
 
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        tau = self.get(numbers, "tau_s")
+        tau, order = self.get(numbers, "tau_s"), self.get(numbers, "spread")
 
         def response(f: Array) -> Array:
-            s = 2j * np.pi * f * tau
-            return s / (1.0 + s)
+            s = power_of(2.0 * np.pi * f * tau, order) * np.exp(0.5j * np.pi * order)
+            return np.where(f > 0.0, s / (1.0 + s), 0.0)
 
         return force_N + self.get(numbers, "k_N_mm") * filtered(motion.displacement_mm, motion.frequency_hz, response)
 
 
 class MovingMass(Effect):
     name = "moving_mass"
+    law = "m·ü"
     strength = ("m_kg", "m", "kg", "mass between specimen and force cell")
     order = 1
     physics = (
@@ -68,6 +109,7 @@ class MovingMass(Effect):
     signature = "in-phase force falling with frequency squared; no work"
     look_alikes = ("maxwell_branch",)
     bench = "a run of the bare fixture; a known mass added"
+    remedy = "Take m·ü of the bare fixture off the force, or put the cell on the side that rests."
 
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N * self.scales.length_mm * 1e-3 / self.scales.speed_m_s**2
@@ -78,69 +120,120 @@ class MovingMass(Effect):
 
 class QuadraticStiffness(Effect):
     name = "quadratic_stiffness"
-    strength = ("k2_N_mm2", "k₂", "N/mm²", "quadratic stiffness")
+    law = "k₂·ℓ²·|u/ℓ|^n, ℓ the campaign's largest amplitude; n = 2: quadratic"
+    strength = ("k2_N_mm2", "k₂", "N/mm²", "quadratic stiffness (the force at u = ℓ over ℓ²)")
     signed = True
     physics = "The parallel spring is asymmetric: coils that touch on one side, or a preload off the middle."
-    reference = "Nayfeh & Mook, Nonlinear Oscillations, §2.3"
+    reference = "Nayfeh & Mook, Nonlinear Oscillations, §2.3; Kovacic & Brennan, The Duffing Equation"
     signature = "second harmonic in phase ∝ amplitude squared, at every frequency alike; no work"
     look_alikes = ("end_stop", "direction_dependent_friction")
     bench = "the same tests about a shifted mid-position"
+    remedy = "Mount the specimen in its middle position, or give the model's spring an even term."
 
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N / self.scales.length_mm**2
 
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {"exponent": ExtraParameter("n", "-", "power of |u|", about(2.0, 0.4), 1.05, 2.95, scan=False)}
+
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        return force_N + self.get(numbers, "k2_N_mm2") * motion.displacement_mm**2
+        length = self.scales.length_mm
+        grown = power_of(motion.displacement_mm / length, self.get(numbers, "exponent"))
+        return force_N + (self.get(numbers, "k2_N_mm2") * length**2) * grown
 
 
 class CubicStiffness(Effect):
     name = "cubic_stiffness"
-    strength = ("k3_N_mm3", "k₃", "N/mm³", "cubic stiffness")
+    law = "k₃·ℓ³·|u/ℓ|^n·sgn u, ℓ the campaign's largest amplitude; n = 3: cubic"
+    strength = ("k3_N_mm3", "k₃", "N/mm³", "cubic stiffness (the force at u = ℓ over ℓ³)")
     signed = True
     physics = "The parallel spring hardens or softens symmetrically with stretch (geometry, coil contact, rubber)."
-    reference = "Kovacic & Brennan, The Duffing Equation, ch. 2"
+    reference = (
+        "Kovacic & Brennan, The Duffing Equation, ch. 2; Mickens, Truly Nonlinear Oscillations, ch. 1 (other powers)"
+    )
     signature = "in-phase first and third harmonics ∝ amplitude cubed, at every frequency alike; no work"
     look_alikes = ("end_stop", "force_clipping")
     bench = "larger amplitudes"
+    remedy = "Give the model's spring a hardening term, or use it within the smaller strokes."
 
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N / self.scales.length_mm**3
 
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {"exponent": ExtraParameter("n", "-", "power of |u|", about(3.0, 0.7), 1.3, 4.7, scan=False)}
+
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        return force_N + self.get(numbers, "k3_N_mm3") * motion.displacement_mm**3
+        length, u = self.scales.length_mm, motion.displacement_mm
+        grown = np.sign(u) * power_of(u / length, self.get(numbers, "exponent"))
+        return force_N + (self.get(numbers, "k3_N_mm3") * length**3) * grown
 
 
-class EndStop(Effect):
+class _Contact(Effect):
+    """A contact beyond a gap: k·p·(d/p)^e of the way d into it, with the secant stiffness k at d = p, a tenth of ℓ."""
+
     name = "end_stop"
-    strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contact; negative: the stop is on the side u < −gap")
-    signed = True
     sudden = True
     physics = "Beyond a displacement the moving part meets a stop, a coil closes, or the rope's end is reached."
-    reference = "Shaw & Holmes, J. Sound Vib. 90 (1983) 129"
-    signature = "nothing below the gap; beyond it a one-sided force, all harmonics in phase, at every frequency alike"
+    reference = (
+        "Shaw & Holmes, J. Sound Vib. 90 (1983) 129 (e = 1); Johnson, Contact Mechanics, ch. 4, and Hunt & Crossley, "
+        "J. Appl. Mech. 42 (1975) 440 (e = 3/2 for round bodies)"
+    )
     look_alikes = ("cubic_stiffness", "quadratic_stiffness")
     bench = "amplitudes just below and above the gap"
+    remedy = "Keep the stroke below the gap, or move the stop."
 
     def first_guess(self) -> float:
         return self.scales.slip_N / self.scales.length_mm
 
-    def shapes(self) -> dict[str, Shape]:
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
         a = self.scales.length_mm
         return {
-            "gap_mm": Shape(
+            "gap_mm": ExtraParameter(
                 "g",
                 "mm",
                 "displacement at which contact begins",
                 stats.lognorm(s=0.35, scale=0.75 * a),
                 0.02 * a,
                 0.99 * a,
-            )
+            ),
+            "exponent": ExtraParameter(
+                "e",
+                "-",
+                "exponent of the contact: 1 a spring, 3/2 round bodies",
+                stats.lognorm(s=0.22, scale=1.2),
+                0.8,
+                2.5,
+                scan=False,
+            ),
         }
+
+    def push_N(self, into_mm: Array, numbers: Numbers) -> Array:
+        """Force of the contact without its sign, `into_mm` beyond the gap (negative: none)."""
+        scale = 0.1 * self.scales.length_mm
+        return scale * power_of(np.maximum(into_mm, 0.0) / scale, self.get(numbers, "exponent"))
+
+
+class EndStop(_Contact):
+    law = "a contact on one side, k·p·(d/p)^e beyond the gap; e = 1: a linear spring, 3/2: Hertz"
+    strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contact; negative: the stop is on the side u < −gap")
+    signed = True
+    signature = "nothing below the gap; beyond it a one-sided force, all harmonics in phase, at every frequency alike"
 
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
         k = self.get(numbers, "k_N_mm")
         side = np.where(k < 0.0, -1.0, 1.0)
-        return force_N + k * np.maximum(side * motion.displacement_mm - self.get(numbers, "gap_mm"), 0.0)
+        return force_N + k * self.push_N(side * motion.displacement_mm - self.get(numbers, "gap_mm"), numbers)
+
+
+class EndStops(_Contact):
+    law = "contacts on both sides, k·p·(d/p)^e beyond the gap on each; e = 1: linear springs, 3/2: Hertz"
+    strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contacts")
+    signature = "nothing in mid-stroke; beyond the gap odd harmonics in phase, at every frequency alike"
+
+    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+        u = motion.displacement_mm
+        push = self.push_N(np.abs(u) - self.get(numbers, "gap_mm"), numbers)
+        return force_N + self.get(numbers, "k_N_mm") * np.sign(u) * push
 
 
 EFFECTS: tuple[type[Effect], ...] = (
@@ -150,4 +243,5 @@ EFFECTS: tuple[type[Effect], ...] = (
     QuadraticStiffness,
     CubicStiffness,
     EndStop,
+    EndStops,
 )

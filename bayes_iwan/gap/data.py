@@ -7,13 +7,15 @@ and the amplitude at 50 and 60 Hz of what averaging leaves of the record, where 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.effects.along_record import RAMPS
 from bayes_iwan.effects.base import effects_of
 from bayes_iwan.inference.discrepancy import Correlated
 from bayes_iwan.inference.loop_error import friction_level_N, harmonics_of
@@ -66,6 +68,38 @@ class GapData:
     @property
     def tests(self) -> int:
         return len(self.loops)
+
+    @cached_property
+    def longest_s(self) -> float:
+        """Duration of the longest record."""
+        return max(float(np.ptp(x.record.time_s)) for x in self.loops)
+
+    @cached_property
+    def ramps(self) -> np.ndarray:
+        """(RAMPS, T, blocks, H + 1) harmonics of (t/longest_s)^p, t from each record's start, by block of cycles."""
+        power = np.arange(RAMPS)[:, None]
+        return self.folded(lambda t, time_s: ((time_s - time_s[0]) / self.longest_s) ** power)
+
+    @cached_property
+    def mains_waves(self) -> np.ndarray:
+        """(2 mains, 2, 2, T, blocks, H + 1): cosine and sine (third axis) at once and thrice the mains' frequency."""
+
+        def waves(t: int, time_s: Array) -> Array:
+            turn = 2.0 * np.pi * self.mains_hz[t][:, None, None] * np.array([1.0, 3.0])[:, None] * time_s
+            return np.stack([np.cos(turn), np.sin(turn)], axis=2).reshape(8, -1)
+
+        out = self.folded(waves)
+        return out.reshape(2, 2, 2, *out.shape[1:])
+
+    def folded(self, signals: Callable[[int, Array], Array]) -> np.ndarray:
+        """(k, T, blocks, H + 1) signals on each record's samples averaged as its force was; zero where a test has fewer
+        blocks. signals(t, time_s) : k signals of test t at the times of its record, (k, samples)."""
+        blocks = max(len(x.block_cycle) for x in self.loops)
+        parts = []
+        for t, loop in enumerate(self.loops):
+            part = loop.averager.solve(signals(t, loop.record.time_s))[:, :-1]
+            parts.append(np.pad(part, ((0, 0), (0, blocks - part.shape[1]), (0, 0))))
+        return np.stack(parts, axis=1)
 
     def part(self, which: Sequence[int]) -> GapData:
         """The data of some of the tests."""

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.conditions import conditions_of
 from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.effects.user_file import load_effects
 from bayes_iwan.files import write_whole
@@ -277,7 +277,7 @@ def diagnose_loops(
     scales: Scales = scales_of(fitted)
     data = gap_data(fitted)
     base = Model(scales.reference, **config.get("model", {})) if simulator is None else simulator
-    kinds = catalogue.variants(extra, base)
+    kinds = catalogue.variants(extra, base, conditions_of([x.extras for x in fitted]))
     rng = np.random.default_rng([seed, 1])
     report = partial(_reported, campaign, seed, quick, config, data, held_out, progress)
     lacking = {e.name: kinds.pop(e.name) for e in missing_terms(base)}
@@ -390,12 +390,7 @@ def _explain(
     values = fit.problem.prior.values(draws)
     parameters: dict[str, dict[str, dict[str, Any]]] = {}
     for effect in fit.effects:
-
-        def force() -> Array:
-            few = {n: v[:1] for n, v in fit.problem.numbers(fit.z[None]).items()}
-            return found.base.problem.force(few, data.steady_motion)
-
-        told = effect.reported(values, force)
+        told = effect.reported(values)
         law = 1.0 + effect.law_error * rng.standard_normal(DRAWS)
         told = {n: (v * law, unit) for n, (v, unit) in told.items()}
         parameters[effect.name] = {

@@ -46,7 +46,7 @@ def groups_of(loops: Sequence[Loop]) -> tuple[str, list[list[int]]]:
 def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem:
     """The same model and priors for other tests (a hum's numbers go with its tests)."""
     files = tuple(x.file for x in loops)
-    effects = tuple(replace(e, tests=files, cache={}) for e in effects_of(problem))
+    effects = tuple(replace(e, tests=files) for e in effects_of(problem))
     return replace(problem, loops=tuple(loops), likelihood=data.likelihood).with_effects(effects)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.attribution import Attribution, Table, attribute
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.gap.evidence import SHARES, Fit, fit_model
@@ -79,7 +80,7 @@ def select_terms(
     data: GapData,
     scales: Scales,
     config: dict,
-    kinds: Mapping[str, tuple[type[Effect], ...]],
+    kinds: Mapping[str, tuple[Maker, ...]],
     rng: np.random.Generator,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Terms:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import effects_of
+from bayes_iwan.effects.by_test import ByTest
 from bayes_iwan.gap.data import TREND_FLOOR, TREND_HARMONICS, GapData, predicted
 from bayes_iwan.gap.evidence import Fit, Rows
 from bayes_iwan.inference.discrepancy import between_tests, discrepancy_spectrum
@@ -176,6 +177,5 @@ def _loop_noise(data: GapData, count: int) -> Array:
 
 def _elsewhere(problem: Problem) -> Problem:
     """The same model for tests that it was not fitted to: nothing kept from the fitted records."""
-    known = {p.name for p in problem.prior.parameters}
-    kept = tuple(replace(e, cache={}) for e in effects_of(problem) if e.strength_name in known)
+    kept = tuple(e for e in effects_of(problem) if not isinstance(e, ByTest))
     return replace(problem, effects=kept)

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.campaign import read_campaign
+from bayes_iwan.effects import conditions
 from bayes_iwan.effects.base import Effect, EffectError
 from bayes_iwan.effects.catalogue import ordered, variants
+from bayes_iwan.effects.conditions import FollowsCondition
 from bayes_iwan.effects.user_file import load_effects
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.evidence import Fit, Linear, base_problem, extended
@@ -26,7 +28,9 @@ def fit_as_dict(fit: Fit) -> dict[str, Any]:
     """A fit as plain numbers."""
     return {
         "effects": [
-            {"class": type(e).__name__, "name": e.name, "strength_value": e.strength_value} for e in fit.effects
+            {"class": type(e).__name__, "name": e.name, "strength_value": e.strength_value}
+            | ({"condition": e.condition, "values": list(e.values)} if isinstance(e, FollowsCondition) else {})
+            for e in fit.effects
         ],
         "names": list(fit.problem.names),
         "z": fit.z.tolist(),
@@ -99,7 +103,8 @@ def _rebuilt(stored: dict[str, Any], one: dict[str, Any], data) -> Fit:
     scales = Scales(**stored["scales"])
     file = stored.get("simulator_file")
     simulator = load_simulator(file) if file else Model(scales.reference, **stored["config"].get("model", {}))
-    classes = {k.__name__: k for kinds in variants(extra, simulator).values() for k in kinds}
+    makers = (k for kinds in variants(extra, simulator, form=True).values() for k in kinds)
+    classes = {k.__name__: k for k in (*makers, *conditions.EFFECTS) if isinstance(k, type)}
     # copies: these loops are not those that the model was fitted to
     elsewhere = replace(data, loops=tuple(replace(x) for x in data.loops))
     files = tuple(x.file for x in elsewhere.loops)
@@ -107,7 +112,8 @@ def _rebuilt(stored: dict[str, Any], one: dict[str, Any], data) -> Fit:
     for spec in one["effects"]:
         if spec["class"] not in classes:
             raise EffectError(f"fits.json names the effect {spec['name']!r}, which is not in the catalogue")
-        effects.append(classes[spec["class"]](scales, files, spec["strength_value"]))
+        more = {"condition": spec["condition"], "values": tuple(spec["values"])} if "condition" in spec else {}
+        effects.append(classes[spec["class"]](scales, files, spec["strength_value"], **more))
     problem = extended(base_problem(elsewhere, stored["config"], scales, simulator), ordered(effects))
     at = [one["names"].index(n) for n in problem.names if n in one["names"]]
     keep = [n for n in problem.names if n in one["names"]]

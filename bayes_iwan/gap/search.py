@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered, unlisted
 from bayes_iwan.gap.data import GapData
@@ -79,7 +80,11 @@ def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Se
     single = effect.strength_name in problem.names
     grid = [(0.0,) * len(own)]
     if single:
-        grid = [(s, *rest) for s, rest in product(STRENGTHS[effect.signed], shape_points(len(own) - 1))]
+        tried = [problem.names.index(n) for n in (effect.strength_name, *effect.scanned) if n in problem.names]
+        grid = []
+        for s, rest in product(STRENGTHS[effect.signed], shape_points(len(tried) - 1)):
+            at_trial = dict(zip(tried, (s, *rest)))
+            grid.append(tuple(at_trial.get(i, 0.0) for i in own))
     out = []
     for optimum, values in product(optima, grid):
         z = np.zeros(problem.ndim)
@@ -161,7 +166,7 @@ def search(
     data: GapData,
     scales: Scales,
     config: dict,
-    kinds: dict[str, tuple[type[Effect], ...]],
+    kinds: dict[str, tuple[catalogue.Maker, ...]],
     rng: np.random.Generator,
     progress: Callable[[str], None] = lambda what: None,
     base: Fit | None = None,
@@ -286,7 +291,7 @@ def _pairs(
 def _together(problem: Problem, first: Fit, second: Fit) -> Array:
     """(ndim,) two single effects as each was fitted alone, the base's numbers as the second left them."""
     z = dict(zip(first.problem.names, first.z)) | dict(zip(second.problem.names, second.z))
-    return np.array([z[n] for n in problem.names])
+    return np.array([z.get(n, 0.0) for n in problem.names])
 
 
 def _key(a: str, b: str) -> tuple[str, str]:

@@ -8,14 +8,15 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import TYPICAL_SHARE, Effect, effects_of
-from bayes_iwan.effects.catalogue import ordered
+from bayes_iwan.effects.by_test import ByTest
+from bayes_iwan.effects.catalogue import Maker, ordered
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.inference.loop_error import harmonics_of
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import Scales
 
 
-def calibrated(kind: type[Effect], scales: Scales, data: GapData, base: Problem, z: Array) -> Effect:
+def calibrated(kind: Maker, scales: Scales, data: GapData, base: Problem, z: Array) -> Effect:
     """An effect whose strength has the prior share of the friction force on the base model fitted at z (ndim,).
 
     The share is that of the RMS change of force, its mean included, over the RMS friction force of all tests.
@@ -23,14 +24,15 @@ def calibrated(kind: type[Effect], scales: Scales, data: GapData, base: Problem,
     files = tuple(x.file for x in data.loops)
     effect = kind(scales, files)
     guess = effect.first_guess()
-    trial = np.minimum(guess * np.logspace(-3.0, 3.0, 61), 0.999 * kind.limit)
+    trial = np.minimum(guess * np.logspace(-3.0, 3.0, 61), 0.999 * effect.limit)
     trial = np.unique(trial)
     values = {n: np.full(len(trial), v[0]) for n, v in base.prior.values(z[None]).items()}
     for p in effect.parameters:
         values[p.name] = np.full(len(trial), float(p.value(np.zeros(1))[0]))
-    if effect.strength_name not in values:  # strengths that are no single number: hums
+    if isinstance(effect, ByTest):
         return replace(effect, strength_value=float(TYPICAL_SHARE * np.sqrt(2.0) * friction_rms_N(base, z)))
-    values[effect.strength_name] = trial
+    for i, name in enumerate(effect.strength_names):
+        values[name] = trial * (-1.0) ** i  # a series: as if its coefficients took turns
     extended = base.with_effects(ordered((*effects_of(base), effect)))
     numbers = base.numbers_of(values)
     plain = harmonics_of(base.force(numbers, data.steady_motion), data.harmonics_N.shape[1])
@@ -48,7 +50,7 @@ def calibrated(kind: type[Effect], scales: Scales, data: GapData, base: Problem,
         return replace(effect, strength_value=float(guess))
     grows = np.r_[True, np.diff(share) > 0] & (share > 0)
     at = np.exp(np.interp(np.log(TYPICAL_SHARE), np.log(share[grows]), np.log(trial[grows])))
-    return replace(effect, strength_value=float(min(at, 0.5 * kind.limit)))
+    return replace(effect, strength_value=float(min(at, 0.5 * effect.limit)))
 
 
 def friction_rms_N(problem: Problem, z: Array) -> float:

@@ -127,7 +127,7 @@ class Model(Simulator):
             if self.embedded:
                 k = embedded.bent_stiffness(k, alpha, some)
             for effect in effects:
-                k = effect.stiffness(k, alpha, some)
+                k = effect.stiffness(k, alpha, moved, some)
             k = np.ascontiguousarray(k)
             for effect in effects:  # a coefficient of friction: what k(α) does not follow
                 alpha = np.maximum(effect.slip(alpha, moved, some), ALPHA_FLOOR)

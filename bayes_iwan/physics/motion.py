@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -25,6 +25,8 @@ class Motion:
     amplitude_mm, frequency_hz : (loops,); A of Eq. (11) and the loop's frequency
     cycle : (loops,) cycle number at which the loop stands in its test, for effects that evolve
     test : (loops,) index of the test that a loop belongs to
+    span_cycles : (loops,) or (1,) cycles of the record over which the loop is an average, about `cycle`
+    conditions : what else was stated for the loop's test, by name, (loops,) each: ``pressure_bar`` and the like
     periodic : loops repeat themselves (else a record that starts from rest at u = 0)
     """
 
@@ -36,6 +38,8 @@ class Motion:
     cycle: Array
     test: NDArray[np.int64]
     periodic: bool = True
+    span_cycles: Array = field(default_factory=lambda: np.ones(1))
+    conditions: Mapping[str, Array] = field(default_factory=dict)
     cache: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -118,6 +122,7 @@ def motion_of(loops: Sequence[Loop], blocks: bool = False) -> Motion:
         return np.repeat(np.stack([getattr(x, name) for x in loops]), repeat, axis=0)[None]
 
     cycle = np.concatenate([x.block_cycle if blocks else [x.block_cycle.mean()] for x in loops])
+    stated = [name for name in loops[0].extras if all(name in x.extras for x in loops)]
     return Motion(
         stacked("displacement_mm"),
         stacked("velocity_m_s"),
@@ -126,4 +131,6 @@ def motion_of(loops: Sequence[Loop], blocks: bool = False) -> Motion:
         np.repeat([x.frequency_hz for x in loops], repeat),
         np.asarray(cycle, float),
         np.repeat(np.arange(len(loops)), repeat),
+        span_cycles=np.repeat([x.n_cycles for x in loops] / repeat, repeat),
+        conditions={name: np.repeat([float(x.extras[name]) for x in loops], repeat) for name in stated},
     )

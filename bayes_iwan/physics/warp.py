@@ -13,6 +13,7 @@ same G for all φ, so no quantile is ever inverted.
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numba as nb
 import numpy as np
@@ -24,7 +25,7 @@ from bayes_iwan.physics.sliders import OCTAVES
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 #: cells of p on which the tilted distribution function is tabulated, and the cubics' error: below 1e-7 for |c| ≤ 1
-_P_CELLS = 64
+_P_CELLS = 32
 _GAUSS, _WEIGHTS = legendre.leggauss(3)
 
 
@@ -43,11 +44,22 @@ def tilt(coefficients: Array, p: Array) -> Array:
     return grown / whole.reshape(-1, *([1] * np.ndim(p)))
 
 
-def _ends_and_gauss(order: int) -> tuple[Array, Array]:
-    """The basis at the ends of the p-cells (order, cells + 1) and at each cell's Gauss points (order, cells, 3)."""
+@cache
+def _cells_basis(order: int) -> tuple[Array, Array]:
+    """The basis at the Gauss points of all cells of p, (order, 3 cells), and at their ends, (order, cells + 1)."""
     ends = np.linspace(0.0, 1.0, _P_CELLS + 1)
-    inside = ends[:-1, None] + 0.5 * (1.0 + _GAUSS) / _P_CELLS
-    return tilt_basis(order, ends), tilt_basis(order, inside)
+    inside = (ends[:-1, None] + 0.5 * (1.0 + _GAUSS) / _P_CELLS).ravel()
+    return tilt_basis(order, inside), tilt_basis(order, ends)
+
+
+def _distribution(coefficients: Array) -> tuple[Array, Array]:
+    """(draws, cells + 1) share of elements beyond the ends of equal cells of p, and its slope per cell."""
+    inside, ends = _cells_basis(coefficients.shape[1])
+    area = np.exp(coefficients @ inside).reshape(-1, _P_CELLS, len(_GAUSS)) @ (0.5 * _WEIGHTS / _P_CELLS)
+    value = np.zeros((len(coefficients), _P_CELLS + 1))
+    value[:, :-1] = np.cumsum(area[:, ::-1], axis=1)[:, ::-1]
+    slope = -np.exp(coefficients @ ends) / _P_CELLS
+    return value / value[:, :1], slope / value[:, :1]
 
 
 @_jit
@@ -64,49 +76,31 @@ def _above(p, value, slope):
 
 
 @_jit
-def _tilt_tables(tables, top, width, coefficients, ends, inside, weights, out):
+def _tilt_tables(tables, top, width, value, slope, tilted, out):
     draws, cells = tables.shape[:2]
-    order, p_cells = ends.shape[0], ends.shape[1] - 1
-    value, slope = np.empty(p_cells + 1), np.empty(p_cells + 1)
     for d in range(draws):
-        nothing = True
-        for k in range(order):
-            nothing &= coefficients[d, k] == 0.0
-        if nothing:
+        if not tilted[d]:
             out[d] = tables[d]
             continue
-        value[p_cells] = 0.0
-        for i in range(p_cells - 1, -1, -1):
-            area = 0.0
-            for g in range(weights.size):
-                log_density = 0.0
-                for k in range(order):
-                    log_density += coefficients[d, k] * inside[k, i, g]
-                area += weights[g] * math.exp(log_density)
-            value[i] = value[i + 1] + 0.5 * area / p_cells
-        whole = value[0]
-        for i in range(p_cells + 1):
-            log_density = 0.0
-            for k in range(order):
-                log_density += coefficients[d, k] * ends[k, i]
-            value[i] /= whole
-            slope[i] = -math.exp(log_density) / (whole * p_cells)
-        limited = 0.0
+        limited = start = 0.0
         for j in range(cells):
             h = width[j] * top[d]
-            c1, c2, c3 = tables[d, j, 1] / h, 2.0 * tables[d, j, 2] / h, 3.0 * tables[d, j, 3] / h
-            start = _above(1.0 - c1, value, slope)
-            middle = _above(1.0 - (c1 + 0.5 * c2 + 0.25 * c3), value, slope)
-            end = _above(1.0 - (c1 + c2 + c3), value, slope)
-            if j == 0:  # from φ = 0, where all elements hold, to the table's lowest node
-                limited = 0.5 * (1.0 + start) * top[d] * 2.0**-OCTAVES
+            per_h = 1.0 / h
+            c1, c2, c3 = tables[d, j, 1] * per_h, 2.0 * tables[d, j, 2] * per_h, 3.0 * tables[d, j, 3] * per_h
+            if j == 0:  # below the table's lowest node nearly all elements hold, whatever the tilt
+                start = _above(1.0 - c1, value[d], slope[d])
+                limited = tables[d, 0, 0] * (1.0 + start) / (1.0 + c1)
+            middle = _above(1.0 - (c1 + 0.5 * c2 + 0.25 * c3), value[d], slope[d])
+            end = _above(1.0 - (c1 + c2 + c3), value[d], slope[d])
             rise = h * (start + 4.0 * middle + end) / 6.0
             out[d, j, 0], out[d, j, 1] = limited, h * start
             out[d, j, 2] = 3.0 * rise - h * (2.0 * start + end)
             out[d, j, 3] = h * (start + end) - 2.0 * rise
             limited += rise
+            start = end
 
 
+@cache
 def cell_width(cells: int) -> Array:
     """(cells,) widths of a slip-force table's cells in shares of its top; cells is OCTAVES times a power of two."""
     return np.repeat(np.ldexp(1.0, np.arange(OCTAVES) - OCTAVES), cells // OCTAVES) / (cells // OCTAVES)
@@ -120,10 +114,8 @@ def tilted(tables: Array, top: Array, coefficients: Array) -> Array:
         moves the mean, order 2 the spread; size 0.3 changes the density by about that share.
     """
     out = np.empty_like(tables)
-    ends, inside = _ends_and_gauss(coefficients.shape[1])
-    _tilt_tables(
-        tables, top, cell_width(tables.shape[1]), np.ascontiguousarray(coefficients), ends, inside, _WEIGHTS, out
-    )
+    value, slope = _distribution(coefficients)
+    _tilt_tables(tables, top, cell_width(tables.shape[1]), value, slope, np.any(coefficients != 0.0, axis=1), out)
     return out
 
 
@@ -136,9 +128,9 @@ def with_weak_elements(tables: Array, top: Array, share: Array, slip_N: Array) -
     width = cell_width(tables.shape[1])
     node = np.concatenate([[2.0**-OCTAVES], 2.0**-OCTAVES + np.cumsum(width)])
     x = node * (top / slip_N)[:, None]
-    limited = -np.expm1(-x) * slip_N[:, None]
-    rise, slope = np.diff(limited, axis=1), np.exp(-x)[:, :-1] * (width * top[:, None])
-    slope_1 = np.exp(-x)[:, 1:] * (width * top[:, None])
+    slipped = -np.expm1(-x)
+    limited, held, h = slipped * slip_N[:, None], 1.0 - slipped, width * top[:, None]
+    rise, slope, slope_1 = np.diff(limited, axis=1), held[:, :-1] * h, held[:, 1:] * h
     weak = np.stack([limited[:, :-1], slope, 3.0 * rise - 2.0 * slope - slope_1, slope + slope_1 - 2.0 * rise], axis=-1)
     w = share[:, None, None]
     return np.where(w == 0.0, tables, (1.0 - w) * tables + w * weak)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign.averaging import TRUSTED_BAND
-from bayes_iwan.effects.channels import ForceDrift, MainsHum
+from bayes_iwan.effects.along_record import ForceDrift, ForceDriftByTest, MainsHum
 from bayes_iwan.gap.data import MAINS_HZ, TREND_HARMONICS, gap_data, predicted
 from bayes_iwan.gap.evidence import base_problem, extended
 from bayes_iwan.inference.scales import scales_of
@@ -162,6 +162,54 @@ def test_predicted_hum_is_what_a_hum_does_to_the_data(data_of, kit):
     assert np.abs(trend).max() > 5e-3
     np.testing.assert_allclose(lines[:, 0], 0.05 * np.exp(1j * (0.4 + np.arange(len(TESTS)))), atol=1e-9)
     np.testing.assert_array_equal(lines[:, 1], 0.0)
+
+
+@pytest.mark.parametrize("b", [0.0, 2.0])
+def test_predicted_drift_that_levels_off(b, data_of, kit):
+    """r·T·(1 − e^(−b t/T))/b from each record's start, T the longest record."""
+    still, rate = data_of(), 0.07
+    longest = max(np.ptp(x.record.time_s) for x in still.loops)
+
+    def drifting(time, test):
+        t = time - time[0]
+        return rate * (t if b == 0.0 else longest * -np.expm1(-b * t / longest) / b)
+
+    drifts = data_of(extra=drifting)
+    numbers = {"force_drift.rate_N_s": rate, "force_drift.levelling": b}
+    mean, trend, _ = difference(ForceDrift(kit.scales, files(still)), numbers, still, kit)
+    np.testing.assert_allclose(mean, drifts.harmonics_N - still.harmonics_N, atol=5e-5 * rate * longest)
+    np.testing.assert_allclose(trend, drifts.trend_N - still.trend_N, atol=5e-5 * rate * longest)
+
+
+def test_predicted_drift_of_each_test_at_its_own_rate(data_of, kit):
+    still, rates = data_of(), (0.03, -0.05, 0.0, 0.02)
+    drifts = data_of(extra=lambda time, test: rates[test] * (time - time[0]))
+    numbers = {f"force_drift.rate_N_s[{file}]": rate for file, rate in zip(files(still), rates)}
+    mean, trend, _ = difference(ForceDriftByTest(kit.scales, files(still)), numbers, still, kit)
+    np.testing.assert_allclose(mean, drifts.harmonics_N - still.harmonics_N, atol=1e-9)
+    np.testing.assert_allclose(trend, drifts.trend_N - still.trend_N, atol=1e-9)
+
+
+def test_predicted_third_harmonic_of_a_hum_is_locked_to_it(kit):
+    """A hum a·cos θ with a·h·cos(3θ + ψ) beside it, in tests whose fifteenth harmonic is at 150 Hz."""
+    tests, third, psi = [(10.0, 0.4), (10.0, 0.9)], 0.3, 0.7
+
+    def humming(time, test):
+        theta = 2.0 * np.pi * 50.0 * time - 0.4 - test
+        return 0.05 * (np.cos(theta) + third * np.cos(3.0 * theta + psi))
+
+    still, hums = (
+        gap_data(kit.made_up(kit.specimen_force, tests, extra=extra).loops(**kit.small)) for extra in (None, humming)
+    )
+    numbers = {"mains_hum.third_cosine": third * np.cos(psi), "mains_hum.third_sine": -third * np.sin(psi)}
+    for t, file in enumerate(files(still)):
+        numbers |= {
+            f"mains_hum.{part}[{file}]": 0.05 * wave(0.4 + t) for part, wave in (("cosine", np.cos), ("sine", np.sin))
+        }
+    still = replace(still, mains_hz=np.tile([50.0, 60.0], (2, 1)))
+    mean, _, _ = difference(MainsHum(kit.scales, files(still)), numbers, still, kit)
+    np.testing.assert_allclose(mean, hums.harmonics_N - still.harmonics_N, atol=5e-5)
+    assert np.all(np.abs(mean[:, 15]) > 0.014)
 
 
 def files(data):

@@ -122,7 +122,7 @@ def test_strengths_are_brought_to_the_specimens_scale(kit):
     """At its median strength an effect moves the prior share of the friction force."""
     from bayes_iwan.effects.base import TYPICAL_SHARE
     from bayes_iwan.gap.strength import friction_rms_N
-    from bayes_iwan.inference.likelihood import harmonics_of
+    from bayes_iwan.inference.loop_error import harmonics_of
 
     found = kit.diagnosed(None).found
     for name in ("viscous_damping", "moving_mass", "cubic_stiffness", "stribeck_weakening", "channel_delay"):

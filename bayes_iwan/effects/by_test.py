@@ -1,0 +1,41 @@
+"""Effects with numbers of their own in every test."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from scipy import stats
+
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.inference.parameters import Parameter
+
+
+class ByTest(Effect):
+    """An effect that has one number, or several, in each test, all with one prior about zero.
+
+    parts : name, symbol, unit and description of each number; per_N : their size for one newton.
+    """
+
+    parts: ClassVar[tuple[tuple[str, str, str, str], ...]]
+
+    def per_N(self) -> float:
+        """Size of a number, in its unit, that moves the force by about a newton."""
+        return 1.0
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        prior = stats.norm(scale=1.2 * self.typical * self.per_N())
+        own = tuple(
+            Parameter(f"{self.name}.{part}[{test}]", symbol, unit, f"{what} in {test}", prior)
+            for part, symbol, unit, what in self.parts
+            for test in self.tests
+        )
+        return (*own, *self._extra())
+
+    def by_test(self, numbers: Numbers) -> tuple[Array, ...]:
+        """Each part as (draws, tests)."""
+        return tuple(
+            np.stack([numbers[f"{self.name}.{part}[{test}]"] for test in self.tests], axis=1) for part, *_ in self.parts
+        )

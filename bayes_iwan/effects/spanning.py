@@ -1,0 +1,51 @@
+"""Functions of one number that contain the classic laws of a kind and what lies between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import stats
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.physics import Motion
+
+#: below this a number that bends a law is taken as zero: the limit itself, free of cancellation
+_NONE = 1e-7
+#: Gauss–Legendre points and weights (they sum to one) of an average over a block of cycles
+_POINTS, _WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 18.0
+
+
+def about(value: float, sd: float):
+    """A normal prior of a number that bends a law, with the classical law in its middle."""
+    return stats.norm(loc=value, scale=sd)
+
+
+def falling(x: Array, tail: Array) -> Array:
+    """(1 + q x)^(−1/q), x ≥ 0: e^(−x) at q → 0, 1/(1 + x) at q = 1, all but logarithmic for large q; for q < 0 it
+    reaches zero at x = 1/|q| (Tsallis' q-exponential)."""
+    q = np.where(np.abs(tail) < _NONE, _NONE, tail)
+    return np.exp(-np.log(np.maximum(1.0 + q * x, 1e-300)) / q)
+
+
+def growing(x: Array, power: Array) -> Array:
+    """((1 + x)^q − 1)/q, x ≥ 0: ln(1 + x) at q → 0, x at q = 1, saturating for q < 0 (Box and Cox)."""
+    q = np.where(np.abs(power) < _NONE, _NONE, power)
+    return np.expm1(q * np.log1p(x)) / q
+
+
+def power_of(x: Array, exponent: Array) -> Array:
+    """|x|^p, 0 at x = 0."""
+    return np.exp(exponent * np.log(np.maximum(np.abs(x), 1e-300)))
+
+
+def over_block(motion: Motion, law: Callable[[Array], Array]) -> Array:
+    """The average of a law of the cycle number over the cycles of each loop: law takes (loops,) or more axes before."""
+    return sum(w * law(np.maximum(motion.cycle + 0.5 * x * motion.span_cycles, 0.0)) for x, w in zip(_POINTS, _WEIGHTS))  # type: ignore[return-value]
+
+
+def decay_over_block(motion: Motion, per_cycle: Array) -> Array:
+    """The average of exp(−r n) over the cycles of each loop, exactly; r = per_cycle (…, loops)."""
+    half = np.minimum(0.5 * motion.span_cycles, motion.cycle)  # no cycle before the record's first
+    first, width = motion.cycle - half, per_cycle * np.maximum(2.0 * half, 1e-9)
+    return np.exp(-per_cycle * first) * -np.expm1(-width) / width

@@ -1,0 +1,74 @@
+"""Causes in the model's own form: each frees one function of the base."""
+
+import numpy as np
+import pytest
+from scipy import optimize
+
+from bayes_iwan.effects.form import EFFECTS, NormalForceFree, SlipForcesFree, StiffnessLawFree
+from bayes_iwan.physics import Model, sine_motion
+from bayes_iwan.physics.simulator import recorded_force
+from bayes_iwan.physics.warp import tilt
+
+AT = sine_motion([0.15, 0.35, 0.9], 10.0, 64)
+
+
+def coefficients(effect, values):
+    return {p.name: np.array([v]) for p, v in zip(effect.parameters, values)}
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_each_says_in_one_line_what_the_base_lacks(kind, kit):
+    effect = kind(kit.scales)
+    assert effect.statement and "\n" not in effect.statement and len(effect.statement) < 100
+    assert len(effect.strength_names) == len(effect.parameters) and effect.scanned == ()
+    assert all(v == 0.0 for v in effect.off.values())
+
+
+def test_tilt_of_one_gamma_takes_up_slip_forces_with_a_limit(kit):
+    """A specimen whose slip forces are Segalman's power law with a tenth of them at the limit, fitted by one gamma with
+    its own stiffness and spring: freeing the density takes most of the misfit away."""
+    truth = Model(kit.reference, slip="power_law", grip="constant", stiffness="constant")
+    own = {"kp_N_mm": 3.0, "k1_N_mm": 12.0, "slip_max_N": 4.0, "slip_chi": -0.4, "slip_end_share": 0.1}
+    measured = recorded_force(truth, (), {n: np.array([v]) for n, v in own.items()}, AT)[0]
+    base, effect = (
+        Model(kit.reference, slip="gamma1", grip="constant", stiffness="constant"),
+        SlipForcesFree(kit.scales),
+    )
+
+    def misfit(x):
+        base_numbers = dict(zip(("kp_N_mm", "k1_N_mm", "t1_N", "eta1"), np.exp(x[:4, None]))) | {"g1": np.ones(1)}
+        tilted = np.concatenate([x[4:], np.zeros(9 - len(x))])
+        return (recorded_force(base, (effect,), base_numbers | coefficients(effect, tilted), AT)[0] - measured).ravel()
+
+    start = np.log([3.0, 12.0, 1.0, 1.5])
+    alone = optimize.least_squares(misfit, start)
+    freed = optimize.least_squares(misfit, np.concatenate([alone.x, np.zeros(5)]), max_nfev=40)
+    assert freed.cost < 0.17**2 * alone.cost and alone.cost > 0.0
+    assert np.abs(freed.x[4:]).max() < 3.0
+
+
+def test_reported_size_is_the_share_by_which_the_density_differs(kit):
+    effect = SlipForcesFree(kit.scales)
+    c = np.array([0.05, -0.04, 0.02, 0.0, 0.03])
+    told = effect.reported(coefficients(effect, c))
+    x, w = np.polynomial.legendre.leggauss(60)
+    differs = np.sqrt(0.5 * w @ (tilt(c[None], 0.5 + 0.5 * x)[0] - 1.0) ** 2)
+    assert told["tilt"][0][0] == pytest.approx(differs, rel=0.1)
+
+
+def test_a_power_of_the_normal_force_in_place_of_a_constant_stiffness(kit):
+    """Elements that stick: their force is the stiffness at that moment times the deflection, and k ∝ α^a."""
+    effect = StiffnessLawFree(kit.scales)
+    rng = np.random.default_rng(0)
+    alpha = rng.uniform(0.3, 2.0, (1, 3, 64))
+    k = effect.stiffness(np.full((1, 3, 64), 7.0), alpha, AT, coefficients(effect, [1.0 / 3.0, 0.0]))
+    np.testing.assert_allclose(k, 7.0 * np.cbrt(alpha), rtol=1e-12)
+
+
+def test_normal_force_is_bent_by_displacement_and_speed(kit):
+    effect = NormalForceFree(kit.scales)
+    alpha = np.ones((1, 3, 64))
+    u, v = AT.displacement_mm / kit.scales.length_mm, AT.velocity_m_s / kit.scales.speed_m_s
+    c = [0.1, -0.2, 0.3, 0.05, -0.15, 0.25]
+    series = sum(a * b for a, b in zip(c, (u, u**2, abs(v), u * abs(v), v, u * v)))
+    np.testing.assert_allclose(effect.grip(alpha, AT, coefficients(effect, c)), np.exp(series), rtol=1e-12)

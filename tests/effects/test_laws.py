@@ -1,0 +1,341 @@
+"""Families of laws: each contains the classic ones of the literature, checked against their closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import integrate, optimize, signal, special
+
+from bayes_iwan.effects import catalogue
+from bayes_iwan.effects.base import moved_by
+from bayes_iwan.effects.spanning import decay_over_block, falling, growing, over_block
+from bayes_iwan.physics import Model, sine_motion
+from bayes_iwan.physics.simulator import recorded_force
+
+A_MM, F_HZ = 0.9, 20.0
+OMEGA = 2.0 * np.pi * F_HZ
+
+
+def made(kit, class_name, tests=("a.csv", "b.csv")):
+    kinds = (*catalogue.BUILT_IN, *catalogue.FORM)
+    return next(k for k in kinds if k.__name__ == class_name)(kit.scales, tests)
+
+
+def numbers_of(effect, draws=1, **given):
+    """Medians of an effect's priors, and the given ones by short name."""
+    out = {p.name: np.full(draws, float(p.value(np.zeros(1))[0])) for p in effect.parameters}
+    unknown = {f"{effect.name}.{n}" for n in given} - set(out)
+    assert not unknown
+    return out | {f"{effect.name}.{n}": np.broadcast_to(np.asarray(v, float), (draws,)) for n, v in given.items()}
+
+
+def added(effect, at, **given):
+    """What an effect adds to a force of zero, (loops, samples)."""
+    return effect.force(np.zeros((1, at.loops, at.samples)), at, numbers_of(effect, **given))[0]
+
+
+def complex_harmonics(x):
+    """c_h of Re Σ c_h exp(2πi h phase)."""
+    c = np.fft.rfft(x, axis=-1) * 2.0 / x.shape[-1]
+    c[..., 0] /= 2.0
+    return c
+
+
+def work(force, at):
+    return np.mean(force * at.velocity_m_s[0] * 1e3 / at.frequency_hz[:, None], axis=-1)
+
+
+# ---- the functions that span them
+
+
+def test_falling_is_exponential_hyperbolic_and_logarithmic():
+    x = np.geomspace(1e-3, 30.0, 60)
+    np.testing.assert_allclose(falling(x, np.zeros(1)), np.exp(-x), rtol=1e-4)
+    np.testing.assert_allclose(falling(x, np.ones(1)), 1.0 / (1.0 + x), rtol=1e-12)
+    q = 300.0  # large: the share lost grows with the logarithm of x
+    np.testing.assert_allclose(q * (1.0 - falling(x, np.array([q]))), np.log1p(q * x), rtol=0.02)
+
+
+def test_growing_is_logarithmic_proportional_and_close_to_prandtl_and_eyring():
+    x = np.geomspace(1e-3, 1e3, 200)
+    np.testing.assert_allclose(growing(x, np.zeros(1)), np.log1p(x), rtol=1e-6)
+    np.testing.assert_allclose(growing(x, np.ones(1)), x, rtol=1e-12)
+    np.testing.assert_allclose(growing(x, np.array([0.5])), 2.0 * (np.sqrt(1.0 + x) - 1.0), rtol=1e-12)
+    x = np.geomspace(0.05, 50.0, 200)  # three decades of speed across the knee
+
+    def misfit(p):
+        return np.exp(p[0]) * growing(x * np.exp(p[1]), p[2:]) - np.arcsinh(x)
+
+    found = optimize.least_squares(misfit, [0.0, 0.0, 0.0])
+    assert np.abs(found.fun).max() < 0.025 * np.arcsinh(50.0)
+
+
+def test_averages_over_a_block_of_cycles():
+    at = replace(sine_motion([A_MM, A_MM], F_HZ), cycle=np.array([2.5, 12.0]), span_cycles=np.array([5.0, 8.0]))
+    n = [np.linspace(0.0, 5.0, 20001), np.linspace(8.0, 16.0, 20001)]
+    truth = [np.trapezoid(np.exp(-0.4 * x), x) / np.ptp(x) for x in n]
+    np.testing.assert_allclose(decay_over_block(at, np.array(0.4)), truth, rtol=1e-6)
+    np.testing.assert_allclose(
+        over_block(at, lambda x: np.exp(-0.1 * x)), decay_over_block(at, np.array(0.1)), rtol=1e-4
+    )
+
+
+# ---- inside the specimen
+
+
+@pytest.mark.parametrize("p", [0.4, 1.0, 1.6])
+def test_power_law_damper_dissipates_what_its_integral_says(p, kit):
+    at, c = sine_motion([A_MM, 0.3], [F_HZ, 8.0], 4096), 0.003
+    effect = made(kit, "ViscousDamping")
+    top = 1e3 * kit.scales.speed_m_s  # mm/s
+    speed = 2.0 * np.pi * at.frequency_hz * at.amplitude_mm
+    per_cycle = 2.0 * np.sqrt(np.pi) * special.gamma(0.5 * p + 1.0) / special.gamma(0.5 * p + 1.5)
+    expected = c * top * (speed / top) ** p * at.amplitude_mm * per_cycle
+    np.testing.assert_allclose(work(added(effect, at, c_N_s_mm=c, exponent=p), at), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("a", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("x", [0.1, 1.0, 10.0])
+def test_fractional_maxwell_branch_has_cole_and_coles_storage_and_loss(a, x, kit):
+    at, k = sine_motion(A_MM, F_HZ), 0.7
+    c = complex_harmonics(added(made(kit, "MaxwellBranch"), at, k_N_mm=k, tau_s=x / OMEGA, spread=a))[0, 1] / (
+        -1j * A_MM
+    )
+    xa, turn = x**a, 0.5 * np.pi * a
+    below = 1.0 + 2.0 * xa * np.cos(turn) + xa**2
+    assert c.real == pytest.approx(k * xa * (xa + np.cos(turn)) / below, rel=1e-9)
+    assert c.imag == pytest.approx(k * xa * np.sin(turn) / below, rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [1.5, 2.0, 2.6])
+def test_power_of_an_even_spring_by_its_mean_force(n, kit):
+    at, k2 = sine_motion(A_MM, F_HZ, 4096), 0.4
+    force = added(made(kit, "QuadraticStiffness"), at, k2_N_mm2=k2, exponent=n)
+    length = kit.scales.length_mm
+    mean = special.gamma(0.5 * n + 0.5) / special.gamma(0.5 * n + 1.0) / np.sqrt(np.pi)
+    assert force.mean() == pytest.approx(k2 * length**2 * (A_MM / length) ** n * mean, rel=1e-6)
+    assert abs(work(force, at)[0]) < 1e-6
+
+
+@pytest.mark.parametrize("n", [1.6, 3.0, 4.4])
+def test_power_of_an_odd_spring_by_its_first_harmonic(n, kit):
+    at, k3 = sine_motion(A_MM, F_HZ, 4096), -0.5
+    force = added(made(kit, "CubicStiffness"), at, k3_N_mm3=k3, exponent=n)
+    length = kit.scales.length_mm
+    first = 2.0 / np.sqrt(np.pi) * special.gamma(0.5 * n + 1.0) / special.gamma(0.5 * n + 1.5)
+    expected = k3 * length**3 * (A_MM / length) ** n * first
+    assert complex_harmonics(force)[0, 1] == pytest.approx(-1j * expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("e", [1.0, 1.5])
+def test_contacts_are_linear_or_hertzian_on_one_side_or_both(e, kit):
+    at = sine_motion([A_MM, 0.3], F_HZ, 256)
+    deep = np.maximum(np.abs(at.displacement_mm[0]) - 0.5, 0.0)
+    scale = 0.1 * kit.scales.length_mm
+    hertz = 6.0 * scale * (deep / scale) ** e
+    both = added(made(kit, "EndStops"), at, k_N_mm=6.0, gap_mm=0.5, exponent=e)
+    np.testing.assert_allclose(both, np.sign(at.displacement_mm[0]) * hertz, rtol=1e-9, atol=1e-12)
+    low = added(made(kit, "EndStop"), at, k_N_mm=-6.0, gap_mm=0.5, exponent=e)
+    np.testing.assert_allclose(low, np.where(at.displacement_mm[0] < 0.0, -hertz, 0.0), rtol=1e-9, atol=1e-12)
+    assert np.abs(both[1]).max() < 1e-200  # 0.3 mm reaches neither
+
+
+# ---- on the friction
+
+
+@pytest.mark.parametrize(
+    ("exponent", "tail", "classic"),
+    [
+        (1.0, 0.0, lambda x: np.exp(-x)),  # Tustin
+        (2.0, 0.0, lambda x: np.exp(-x * x)),  # Gaussian
+        (0.5, 0.0, lambda x: np.exp(-np.sqrt(x))),  # Bo and Pavelescu
+        (2.0, 1.0, lambda x: 1.0 / (1.0 + x * x)),  # Hess and Soom
+    ],
+)
+def test_stribeck_curves_of_the_literature(exponent, tail, classic, kit):
+    effect, at = made(kit, "StribeckWeakening"), sine_motion(A_MM, F_HZ, 64)
+    given = {"drop": 0.3, "v_s_m_s": 0.05, "memory_s": 0.0, "exponent": exponent, "tail": tail}
+    got = effect.slip(np.ones((1, 1, 64)), at, numbers_of(effect, **given))
+    expected = 1.0 - 0.3 * (1.0 - classic(at.speed_m_s / 0.05))
+    np.testing.assert_allclose(got, expected, rtol=1e-5)
+
+
+def test_rate_strengthening_is_a_logarithm_or_a_power(kit):
+    effect, at = made(kit, "RateStrengthening"), sine_motion(A_MM, F_HZ, 64)
+    for power, law in ((0.0, np.log1p), (0.5, lambda x: 2.0 * (np.sqrt(1.0 + x) - 1.0))):
+        numbers = numbers_of(effect, c=0.1, v0_m_s=0.01, memory_s=0.0, power=power)
+        got = effect.slip(np.ones((1, 1, 64)), at, numbers)
+        np.testing.assert_allclose(got, 1.0 + 0.1 * law(at.speed_m_s / 0.01), rtol=1e-6)
+
+
+def test_lag_from_a_start_against_the_integrated_relaxation(kit):
+    effect, f, tau = made(kit, "NormalForceLagFromStart"), 5.0, 0.3
+
+    def steady(t):
+        return 1.0 + 0.3 * np.sin(2.0 * np.pi * f * t)
+
+    def slope(t, a):
+        return (steady(t) - a) / tau
+
+    t = np.linspace(0.0, 4.0, 20 * 256 + 1)
+    solved = integrate.solve_ivp(slope, (0.0, 4.0), [1.0], t_eval=t, rtol=1e-9, atol=1e-11).y[0][:-1].reshape(20, 256)
+    blocks = solved.reshape(5, 4, 256).mean(axis=1)
+    at = replace(sine_motion(np.full(5, A_MM), f, 256), cycle=4.0 * np.arange(5) + 2.0, span_cycles=np.full(5, 4.0))
+    turned = 0.3 / (1.0 + 2j * np.pi * f * tau)
+    start = 1.0 - (1.0 + turned.imag)  # α(0) less the steady loop's value there
+    alpha = steady(np.arange(256) / 256.0 / f) * np.ones((1, 5, 1))
+    got = effect.grip(alpha, at, numbers_of(effect, tau_s=tau, start=start))[0]
+    np.testing.assert_allclose(got.mean(axis=1), blocks.mean(axis=1), atol=3e-5)
+    np.testing.assert_allclose(got[-1], blocks[-1], atol=2e-3)
+    assert abs(blocks[0].mean() - blocks[-1].mean()) > 0.01
+
+
+def faded(kit, at, **given):
+    effect = made(kit, "FrictionFade")
+    numbers = numbers_of(effect, **{"drop": 0.4, "cycles": 10.0, "tail": 0.0} | given)
+    alpha = np.ones((1, at.loops, at.samples))
+    return effect.slip(alpha, at, numbers)[0, :, 0], effect.stiffness(5.0 * alpha, alpha, at, numbers)[0, :, 0]
+
+
+def test_fade_by_cycles_by_sliding_distance_and_with_stiffness(kit):
+    length = kit.scales.length_mm
+    at = replace(sine_motion([length, 0.5 * length], F_HZ, 8), cycle=np.array([15.0, 30.0]), span_cycles=np.zeros(2))
+    n = at.cycle
+    friction, stiffness = faded(kit, at)
+    np.testing.assert_allclose(friction, 1.0 - 0.4 * (1.0 - np.exp(-n / 10.0)), rtol=1e-6)
+    np.testing.assert_array_equal(stiffness, 5.0)
+    hyperbolic, _ = faded(kit, at, tail=1.0)
+    np.testing.assert_allclose(hyperbolic, 1.0 - 0.4 * (1.0 - 1.0 / (1.0 + n / 10.0)), rtol=1e-9)
+    # as much sliding, as much fade: 30 cycles of half the amplitude are 15 of the whole
+    slid, _ = faded(kit, at, by_stroke=1.0)
+    assert slid[0] == pytest.approx(slid[1], rel=1e-12)
+    friction, stiffness = faded(kit, at, of_stiffness=1.0)
+    np.testing.assert_allclose(stiffness / 5.0, friction, rtol=1e-12)
+
+
+def test_self_tightening_grip_moves_normal_force_and_so_the_stiffness(kit):
+    effect, at = made(kit, "DirectionDependentGrip"), sine_motion(A_MM, F_HZ, 64)
+    numbers = numbers_of(effect, asymmetry=0.2, v0_m_s=1e-6)
+    alpha = effect.grip(np.ones((1, 1, 64)), at, numbers)[0, 0]
+    assert alpha[0] == pytest.approx(1.2) and alpha[32] == pytest.approx(0.8)
+    model = Model(kit.reference)
+    base = kit.numbers(model)
+    small = sine_motion(0.02, F_HZ, 64)  # all elements stick: the force's size is the stiffness's
+    force = recorded_force(model, (effect,), base | numbers, small)[0, 0]
+    plain = recorded_force(model, (), base, small)[0, 0]
+    assert np.ptp(force) != pytest.approx(np.ptp(plain), rel=1e-3)
+
+
+# ---- in series
+
+
+def test_soft_first_part_of_a_compliance_by_root_finding(kit):
+    model, numbers = kit.elastic(kit.reference)  # 10 N/mm
+    effect, at = made(kit, "RigCompliance"), sine_motion(A_MM, F_HZ, 64)
+    compliance, ratio, first = 0.004, 4.0, 1.5
+    own = numbers_of(effect, compliance_mm_N=compliance, soft_ratio=ratio, soft_N=first)
+    force = recorded_force(model, (effect,), numbers | own, at)[0, 0]
+
+    def moved(f):
+        return f / 10.0 + compliance * (f + (ratio - 1.0) * first * (1.0 - np.exp(-abs(f) / first)) * np.sign(f))
+
+    truth = [optimize.brentq(lambda f, u=u: moved(f) - u, -20.0, 20.0) for u in at.displacement_mm[0, 0]]
+    np.testing.assert_allclose(force, truth, atol=5e-3)
+    assert np.abs(force - at.displacement_mm[0, 0] / (0.1 + compliance)).max() > 0.1
+
+
+@pytest.mark.parametrize("soft", [1e-9, 0.2, 0.5])
+def test_play_with_soft_ends_on_a_spring(soft, kit):
+    model, numbers = kit.elastic(kit.reference)
+    effect, at = made(kit, "FreePlay"), sine_motion(A_MM, F_HZ, 512)
+    own = numbers_of(effect, play_mm=0.2, softness=soft)
+    force, u = recorded_force(model, (effect,), numbers | own, at)[0, 0], at.displacement_mm[0, 0]
+    order = np.argsort(u)
+    assert np.all(np.diff(force[order]) > -1e-9) and abs(work(force[None], at)[0]) < 1e-6  # elastic
+    w = soft * 0.1
+    expected = 10.0 * integrate.cumulative_trapezoid(
+        special.expit((np.linspace(0, A_MM, 200001) - 0.1) / w)
+        + special.expit((-np.linspace(0, A_MM, 200001) - 0.1) / w),
+        np.linspace(0, A_MM, 200001),
+        initial=0.0,
+    )
+    np.testing.assert_allclose(force[u >= 0], np.interp(u[u >= 0], np.linspace(0, A_MM, 200001), expected), atol=2e-4)
+
+
+# ---- measuring channels
+
+
+def transfer(kit, class_name, **given):
+    """Response of a force effect at harmonics 1 … 12."""
+    effect, at = made(kit, class_name), sine_motion(A_MM, F_HZ, 64)
+    rng = np.random.default_rng(4)
+    force = np.fft.irfft(np.r_[0.3, rng.normal(size=12) + 1j * rng.normal(size=12), np.zeros(20)], n=64)
+    out = effect.force(force[None, None], at, numbers_of(effect, **given))[0, 0]
+    return (np.fft.rfft(out) / np.fft.rfft(force))[1:13], F_HZ * np.arange(1, 13)
+
+
+def test_filters_are_of_first_order_or_butterworths_of_second(kit):
+    corner = 70.0
+    for kind, class_name, name, value in (
+        ("low", "ForceLowpass", "tau_s", np.sqrt(2.0) / (2.0 * np.pi * corner)),
+        ("high", "ForceHighpass", "corner_hz", np.sqrt(2.0) * corner),
+    ):
+        got, f = transfer(kit, class_name, **{name: value, "second": 0.5})
+        b, a = signal.butter(2, 2.0 * np.pi * corner, kind, analog=True)
+        np.testing.assert_allclose(got, signal.freqs(b, a, 2.0 * np.pi * f)[1], rtol=1e-9)
+        one = value / np.sqrt(2.0)
+        got, f = transfer(kit, class_name, **{name: one, "second": 0.0})
+        b, a = signal.butter(1, 2.0 * np.pi * corner, kind, analog=True)
+        np.testing.assert_allclose(got, signal.freqs(b, a, 2.0 * np.pi * f)[1], rtol=1e-9)
+
+
+def test_integrators_highpass_of_second_order_is_undone(kit):
+    effect, true = made(kit, "IntegrationHighpass"), sine_motion(A_MM, F_HZ, 64)
+    corner = 3.0
+    b, a = signal.butter(2, 2.0 * np.pi * corner, "high", analog=True)
+    gain = signal.freqs(b, a, [OMEGA])[1][0]
+    seen = true.moved(
+        *(
+            np.fft.irfft(np.fft.rfft(x) * gain, n=64)
+            for x in (true.displacement_mm, true.velocity_m_s, true.acceleration_m_s2)
+        )
+    )
+    back = effect.motion(seen, numbers_of(effect, corner_hz=np.sqrt(2.0) * corner, second=0.5))
+    np.testing.assert_allclose(back.displacement_mm, true.displacement_mm, atol=1e-12)
+
+
+def test_dispersive_delay_follows_a_power_and_an_all_pass_lies_between(kit):
+    reference = 1e3 * kit.scales.speed_m_s / (2.0 * np.pi * kit.scales.length_mm)
+    got, f = transfer(kit, "ChannelDelay", delay_s=4e-4, dispersion=-0.3)
+    np.testing.assert_allclose(got, np.exp(-2j * np.pi * f * 4e-4 * (f / reference) ** -0.3), rtol=1e-9)
+    f = F_HZ * np.arange(1, 8)
+    all_pass = 2.0 * np.arctan(0.5 * 2.0 * np.pi * f * 2e-3)  # first order, 2 ms: 43 % short of a delay at the end
+
+    def misfit(p):
+        return 2.0 * np.pi * f * p[0] * (f / reference) ** p[1] - all_pass
+
+    found = optimize.least_squares(misfit, [2e-3, 0.0])
+    delay_alone = optimize.least_squares(lambda p: misfit([p[0], 0.0]), [2e-3])
+    assert np.abs(found.fun).max() < 0.35 * np.abs(delay_alone.fun).max()
+
+
+@pytest.mark.parametrize(
+    ("soft", "law"), [(0.5, lambda x: x / np.sqrt(1.0 + x * x)), (1.0, lambda x: x / (1.0 + np.abs(x)))]
+)
+def test_soft_clipping(soft, law, kit):
+    effect = made(kit, "ForceClipping")
+    force = np.linspace(-6.0, 6.0, 64)[None, None]
+    got = effect.force(force, sine_motion(A_MM, F_HZ, 64), numbers_of(effect, inverse_limit_1_N=0.5, softness=soft))
+    np.testing.assert_allclose(got, 2.0 * law(force / 2.0), rtol=1e-12)
+
+
+def test_compliance_in_series_with_friction_has_converged(kit):
+    """Friction F(x) behind a compliance C: at the positions x that the effect arrives at, u = x + C·F(x)."""
+    model, effect, at = Model(kit.reference), made(kit, "RigCompliance"), sine_motion([A_MM, 0.4], F_HZ, 128)
+    base = kit.numbers(model)
+    for compliance, left in ((0.006, 2e-5), (0.02, 1e-3)):
+        force = recorded_force(model, (effect,), base | numbers_of(effect, compliance_mm_N=compliance), at)
+        specimen = moved_by(at, at.displacement_mm - compliance * force)
+        again = recorded_force(model, (), base, specimen)
+        moved = force - recorded_force(model, (), base, at)
+        assert np.sqrt(np.mean((again - force) ** 2)) < left * np.sqrt(np.mean(moved**2))
