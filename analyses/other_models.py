@@ -45,9 +45,9 @@ def made(name: str, noise_N: float = 0.01, cycles: int = 16, rate_hz: float = 12
     simulator = load_simulator(SIMULATORS / f"{name}.py")
     numbers, cause, strength = PLANTED[name]
     kind = next(e for e in BUILT_IN if e.name == cause)
-    every = {k: np.array([v]) for k, v in (numbers | {f"{cause}.{p}": v for p, v in strength.items()}).items()}
-    effect = kind(scales_of(_campaign(simulator, every, (), 0.0, cycles, rate_hz, seed).loops()))
-    return _campaign(simulator, every, (effect,), noise_N, cycles, rate_hz, seed)
+    own = {k: np.array([v]) for k, v in numbers.items()}
+    effect = kind(scales_of(_campaign(simulator, own, (), 0.0, cycles, rate_hz, seed).loops()))
+    return _campaign(simulator, own | effect.values_at(**strength), (effect,), noise_N, cycles, rate_hz, seed)
 
 
 def _campaign(simulator: Simulator, numbers, effects, noise_N, cycles, rate_hz, seed) -> Campaign:

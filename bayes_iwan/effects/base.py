@@ -143,6 +143,18 @@ class Effect:
         """Full names of the extra parameters that are tried at several values before a refit."""
         return tuple(f"{self.name}.{n}" for n, e in self.extra_parameters().items() if e.scan)
 
+    def values_at(self, **given: float) -> dict[str, Array]:
+        """Every parameter by full name, (1,): the given ones by short name, the others at their priors' medians.
+
+        Raises EffectError for a name that the effect does not have.
+        """
+        out = {p.name: p.value(np.zeros(1)) for p in self.parameters}
+        for name, value in given.items():
+            if f"{self.name}.{name}" not in out:
+                raise EffectError(f"{self.name} has no parameter {name!r}; it has {', '.join(out)}")
+            out[f"{self.name}.{name}"] = np.array([float(value)])
+        return out
+
     @property
     def off(self) -> dict[str, float]:
         """Values by full name at which the effect vanishes; what else it has stands at its prior's median."""

@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate, optimize, signal, special
 
 from bayes_iwan.effects import catalogue
-from bayes_iwan.effects.base import moved_by
+from bayes_iwan.effects.base import EffectError, moved_by
 from bayes_iwan.effects.spanning import decay_over_block, falling, growing, over_block
 from bayes_iwan.physics import Model, sine_motion
 from bayes_iwan.physics.simulator import recorded_force
@@ -43,6 +43,14 @@ def complex_harmonics(x):
 
 def work(force, at):
     return np.mean(force * at.velocity_m_s[0] * 1e3 / at.frequency_hz[:, None], axis=-1)
+
+
+def test_values_at_are_those_given_and_medians_of_the_rest(kit):
+    effect = made(kit, "CubicStiffness")
+    at = effect.values_at(k3_N_mm3=0.4)
+    assert at["cubic_stiffness.k3_N_mm3"] == [0.4] and at["cubic_stiffness.exponent"][0] == pytest.approx(3.0)
+    with pytest.raises(EffectError, match="cubic_stiffness has no parameter 'k3'"):
+        effect.values_at(k3=0.4)
 
 
 # ---- the functions that span them
