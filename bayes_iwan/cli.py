@@ -116,25 +116,23 @@ def run_identify(args: argparse.Namespace) -> int:
     return 0 if posterior.converged else 3
 
 
-@command("check", "read a campaign and say what was found in it", CAMPAIGN)
+@command("check", "read a campaign and say what was found in it, one line each", CAMPAIGN)
 def run_check(args: argparse.Namespace) -> None:
     from bayes_iwan.campaign import read_campaign
+    from bayes_iwan.campaign.inspect import inspect_campaign
 
     campaign = read_campaign(args.campaign)
     say(campaign.name + (f": {campaign.description}" if campaign.description else ""))
-    say(
-        f"{'test':24s} {'f, Hz':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} "
-        f"{'noise, N':>9s}  role"
-    )
-    for loop in campaign.loops():
-        noise = loop.noise_N[1:4]
-        rms = float(loop.force_N.std())
+    head = f"{'f, Hz':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} {'noise, N':>9s}  role"
+    say(f"{'test':24s} {campaign.units.text(head)}")
+    for test in inspect_campaign(campaign):
+        loop = test.loop
         say(
             f"{loop.file:24s} {loop.frequency_hz:8.4g} {loop.amplitude_mm:8.4g} {loop.n_cycles:6d} "
-            f"{loop.record.time_s.size:8d} {rms:12.4g} {noise.mean():9.2g}  {loop.role}"
+            f"{loop.record.time_s.size:8d} {loop.force_N.std():12.4g} {test.noise_N:9.2g}  {loop.role}"
         )
-        for warning in loop.record.warnings:
-            say(f"    {warning}")
+        for note in test.notes:
+            say(f"    {note}")
 
 
 @command(
@@ -209,6 +207,20 @@ def run_import(args: argparse.Namespace) -> None:
         return
     write_tests(tests, args.out, recipe.specimen)
     print(f"{len(tests)} test(s) are in {args.out}; `bayes-iwan check {args.out}` reads them")
+
+
+@command(
+    "inspect",
+    "what the records show before any model: loops, energy, stiffness, damping, noise, drift, and what is wrong",
+    CAMPAIGN,
+    argument("--out", metavar="DIR", help="also write DIR/inspect.html and its figures"),
+)
+def run_inspect(args: argparse.Namespace) -> None:
+    from bayes_iwan.report.inspect_page import inspect_to
+
+    say(inspect_to(args.campaign, args.out))
+    if args.out:
+        say(f"the page is {args.out}/inspect.html")
 
 
 @command(

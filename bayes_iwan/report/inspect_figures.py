@@ -1,0 +1,179 @@
+"""Figures of a campaign before any model: the paper's Figs. 3 and 4 from the records, noise, drift and the drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayes_iwan.campaign.inspect import Estimate, Inspection
+from bayes_iwan.campaign.units import Units
+from bayes_iwan.report.loops import test_name
+from bayes_iwan.report.style import points, series, styled, subplots
+
+CYCLES = 12  # cycles drawn behind a loop
+COLUMNS = 3
+
+
+def _panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
+    columns = min(COLUMNS, count)
+    rows = -(-count // columns)
+    figure, axes = subplots(rows, columns, 3.4 * columns + 0.4 if columns > 1 else 5.0, max(height * rows + 0.4, 3.0))
+    flat = list(axes.ravel())
+    for ax in flat[count:]:
+        ax.remove()
+    return figure, flat[:count]
+
+
+def _closed(values: np.ndarray) -> np.ndarray:
+    return np.append(values, values[0])
+
+
+def _single_cycles(test: Inspection) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Displacement (mm, from the mean) and force of up to CYCLES single cycles, spread over the record."""
+    averager, record = test.loop.averager, test.loop.record
+    number = np.floor(averager.phase)
+    kept = test.loop.cut.cycles
+    out = []
+    for k in kept[np.unique(np.linspace(0, kept.size - 1, min(CYCLES, kept.size)).astype(int))]:
+        index = averager.index[number == k]
+        out.append((record.displacement_mm[index] - test.loop.offset_mm, record.force_N[index]))
+    return out
+
+
+@styled
+def loops(tests: Sequence[Inspection], units: Units, linear: bool = True) -> Figure:
+    """Every test's loop; without its straight part where `linear` is false (the paper's Fig. 3)."""
+    figure, panels = _panels(len(tests), 2.6)
+    for ax, test in zip(panels, tests):
+        slope = 0.0 if linear else test.slope_N_mm
+        mean = float(test.loop.harmonics_N[0].real)
+        zero = 0.0 if linear else mean
+        for u, force in _single_cycles(test):
+            ax.plot(u, force - zero - slope * u, color="#A8A8A8", linewidth=0.5, rasterized=True)
+        u, force = test.loop.displacement_mm, test.loop.force_N - zero - slope * test.loop.displacement_mm
+        ax.plot(_closed(u), _closed(force), color="black", linewidth=1.3)
+        ax.set_title(units.text(test_name(test.loop)))
+        ax.set_xlabel(units.text("displacement (mm)"))
+        ax.set_ylabel(units.text("force (N)" if linear else "force less the straight part (N)"))
+    return figure
+
+
+@styled
+def overlays(tests: Sequence[Inspection], units: Units) -> Figure:
+    """Loops without their straight part over one another, a panel an amplitude (the paper's Fig. 4)."""
+    groups = grouped(tests)
+    figure, panels = _panels(len(groups), 2.8)
+    for ax, (amplitude, members) in zip(panels, groups):
+        slope = float(np.mean([m.slope_N_mm for m in members]))
+        for k, m in enumerate(sorted(members, key=lambda m: m.loop.frequency_hz)):
+            u = m.loop.displacement_mm
+            force = m.loop.force_N - m.loop.harmonics_N[0].real - slope * u
+            ax.plot(_closed(u), _closed(force), label=f"{m.loop.record.frequency_hz:g} Hz", **series(k))
+        ax.set_title(units.text(f"{amplitude:g} mm, less {slope:.3g} N/mm"))
+        ax.set_xlabel(units.text("displacement (mm)"))
+        ax.set_ylabel(units.text("force less a common line (N)"))
+        ax.legend(loc="upper right")
+    return figure
+
+
+def grouped(tests: Sequence[Inspection]) -> list[tuple[float, list[Inspection]]]:
+    """Tests by stated amplitude (to 5 %), smallest first."""
+    out: list[tuple[float, list[Inspection]]] = []
+    for test in sorted(tests, key=lambda t: t.loop.record.amplitude_mm):
+        amplitude = test.loop.record.amplitude_mm
+        if out and abs(amplitude / out[-1][0] - 1) < 0.05:
+            out[-1][1].append(test)
+        else:
+            out.append((amplitude, [test]))
+    return out
+
+
+@styled
+def trends(tests: Sequence[Inspection], units: Units) -> Figure:
+    """Energy lost a cycle, equivalent stiffness and loss factor against amplitude, a line a frequency."""
+    figure, axes = subplots(1, 3, 10.6, 3.2)
+    frequencies = sorted({t.loop.record.frequency_hz for t in tests})
+    for ax, key, label in zip(
+        axes[0],
+        ("energy_mJ", "stiffness_N_mm", "loss_factor"),
+        ("energy lost a cycle (mJ)", "equivalent stiffness (N/mm)", "loss factor"),
+    ):
+        for k, f in enumerate(frequencies):
+            some = sorted((t for t in tests if t.loop.record.frequency_hz == f), key=lambda t: t.loop.amplitude_mm)
+            x = [t.loop.amplitude_mm for t in some]
+            found: list[Estimate] = [getattr(t, key) for t in some]
+            y = np.array([e.value for e in found])
+            half = np.nan_to_num(np.array([e.high - e.value for e in found]))
+            ax.errorbar(
+                x, y, half, linewidth=0.8, capsize=2.5, label=f"{f:g} Hz", **points(k), linestyle=series(k)["linestyle"]
+            )
+        ax.set_xlabel(units.text("amplitude (mm)"))
+        ax.set_ylabel(units.text(label))
+        ax.set_ylim(bottom=0)
+    axes[0, 0].legend(ncols=2 if len(frequencies) > 4 else 1)
+    return figure
+
+
+@styled
+def noise(tests: Sequence[Inspection], units: Units) -> Figure:
+    """Spectrum of what is left of the force between cycles, with the mains lines that were found."""
+    figure, panels = _panels(len(tests), 2.3)
+    for ax, test in zip(panels, tests):
+        ax.loglog(test.spectrum_hz, np.sqrt(np.maximum(test.spectrum_N2_Hz, 1e-300)), color="black", linewidth=0.9)
+        for line in test.lines:
+            ax.axvline(line.frequency_hz, color=series(1)["color"], linewidth=1.0, linestyle=(0, (4, 2)))
+            ax.text(
+                line.frequency_hz, 0.98, f" {line.frequency_hz:.4g} Hz", transform=ax.get_xaxis_transform(), va="top"
+            )
+        ax.set_title(units.text(f"{test_name(test.loop)}: {test.noise_N:.2g} N"))
+        ax.set_xlabel("frequency (Hz)")
+        ax.set_ylabel(units.text("noise (N/√Hz)"))
+    return figure
+
+
+@styled
+def drift(tests: Sequence[Inspection], units: Units) -> Figure:
+    """Energy, drive and force cycle by cycle, over their medians: what changes, and whether the drive did."""
+    figure, panels = _panels(len(tests), 2.3)
+    for ax, test in zip(panels, tests):
+        each = test.cycles
+        for k, (values, label) in enumerate(
+            (
+                (each.amplitude_mm, "displacement"),
+                (each.force_amplitude_N, "force"),
+                (test.energy_by_cycle_mJ, "energy"),
+            )
+        ):
+            ax.plot(each.number, 100 * (values / np.median(values) - 1), label=label, **series(k))
+        ax.set_title(units.text(test_name(test.loop)))
+        ax.set_xlabel("cycle")
+        ax.set_ylabel("off the median (%)")
+    panels[0].legend(ncols=3, loc="best", handlelength=1.6, columnspacing=0.8)
+    return figure
+
+
+@styled
+def drive(tests: Sequence[Inspection], units: Units) -> Figure:
+    """Harmonics of the displacement over its fundamental, one line a test; what noise hides is left out."""
+    figure, axes = subplots(1, 1, 6.4, 3.2)
+    ax = axes[0, 0]
+    orders = np.arange(2, 11)
+    for k, test in enumerate(tests):
+        ax.plot(
+            orders,
+            100 * np.where(test.drive_harmonics[1:] > 1e-7, test.drive_harmonics[1:], np.nan),
+            linewidth=0.8,
+            label=units.text(test_name(test.loop, role=False)),
+            linestyle=series(k)["linestyle"],
+            **points(k),
+        )
+    ax.set_yscale("log")
+    ax.set_xticks(orders)
+    ax.set_xlabel("harmonic of the drive")
+    ax.set_ylabel("share of the fundamental (%)")
+    if len(tests) <= 12:
+        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure

@@ -1,0 +1,191 @@
+"""The page of `bayes-iwan inspect`: what a campaign shows before any model, and what that means for an "
+"identification."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from bayes_iwan import __version__
+from bayes_iwan.campaign import Campaign, read_campaign
+from bayes_iwan.campaign.inspect import LEVEL, Inspection, inspect_campaign
+from bayes_iwan.report import inspect_figures as figures
+from bayes_iwan.report.loops import test_name
+from bayes_iwan.report.page import Page
+from bayes_iwan.report.style import save
+
+LEGEND = (
+    ("u, A", "displacement and its amplitude (half the peak-to-peak of the averaged cycle)", "mm"),
+    ("E", "energy lost a cycle: the area of the loop", "mJ"),
+    ("k", "equivalent stiffness: fundamental of the force in phase with that of the displacement, over it", "N/mm"),
+    ("η", "loss factor: the same in quadrature, over k; tan of the loss angle", "–"),
+    ("noise", "RMS of what is left of the force between cycles, averaged cycle and slow changes taken off", "N"),
+    ("distortion", "harmonics 2 to 10 of the displacement over its fundamental", "%"),
+    ("reversal", "samples within the first tenth of the stroke after a turn, in one cycle", "–"),
+)
+
+
+def inspect_to(campaign: str | os.PathLike[str], out: str | os.PathLike[str] | None = None) -> str:
+    """Inspect a campaign: its text, and with `out` a page inspect.html with figures as files beside it."""
+    read = read_campaign(campaign)
+    tests = inspect_campaign(read)
+    text = inspect_text(read, tests)
+    if out is not None:
+        write_page(read, tests, Path(out))
+    return text
+
+
+def _rows(tests: Sequence[Inspection]) -> list[tuple[str, ...]]:
+    return [
+        (
+            t.loop.file,
+            f"{t.loop.frequency_hz:.4g}",
+            f"{t.loop.amplitude_mm:.4g}",
+            f"{t.loop.n_cycles}",
+            t.energy_mJ.text(),
+            t.stiffness_N_mm.text(),
+            t.loss_factor.text(3),
+            f"{t.noise_N:.2g}",
+            f"{100 * t.distortion:.2g}",
+            f"{t.reversal_samples:.1f}",
+        )
+        for t in tests
+    ]
+
+
+COLUMNS = ("test", "f, Hz", "A, mm", "cycles", "E, mJ", "k, N/mm", "η", "noise, N", "distortion, %", "reversal")
+
+
+def inspect_text(campaign: Campaign, tests: Sequence[Inspection]) -> str:
+    """The table and every warning below its test, as text."""
+    columns = [campaign.units.text(c) for c in COLUMNS]
+    rows = _rows(tests)
+    widths = [max(len(c), *(len(row[i]) for row in rows)) for i, c in enumerate(columns)]
+    lines = ["  ".join(c.ljust(w) for c, w in zip(columns, widths)).rstrip()]
+    for test, row in zip(tests, rows):
+        lines.append("  ".join(c.ljust(w) for c, w in zip(row, widths)).rstrip())
+        lines += [f"    {note}" for note in test.notes]
+    lines.append(f"intervals: {100 * LEVEL:.0f} %, from the scatter of the cycles")
+    return "\n".join(lines)
+
+
+def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Path:
+    """Write out/inspect.html and its figures (out/figures/inspect_*.png and .pdf); returns the page's path."""
+    units = campaign.units
+    page = Page(
+        f"What the records show: {campaign.name}",
+        campaign.description,
+        footer=f"bayes-iwan {__version__}; no model was fitted. Records: {campaign.source or 'no source stated'}",
+    )
+    _answer(page, campaign, tests)
+
+    def figure(heading: str, name: str, drawing: figures.Figure, text: str, caption: str, alt: str) -> None:
+        section = page.section(heading).text(units.text(text))
+        section.figure(drawing, units.text(caption), alt)
+        for ending in ("png", "pdf"):
+            save(drawing, out / "figures" / f"inspect_{name}.{ending}")
+
+    figure(
+        "Loops",
+        "loops",
+        figures.loops(tests, units),
+        "Force over displacement. Grey: single cycles, spread over the record; black: their average. Grey that is "
+        "wider "
+        "than the line is noise or change from cycle to cycle.",
+        "Measured loops, and up to twelve single cycles of each test.",
+        "One panel a test: closed loops of force over displacement.",
+    )
+    figure(
+        "Loops less the straight part",
+        "friction",
+        figures.loops(tests, units, linear=False),
+        "A line through each loop is taken off (as in the paper's Fig. 3): what is left is friction, and whatever "
+        "bends.",
+        "Loops less their straight part.",
+        "One panel a test: loops of the force left after a straight line is taken off.",
+    )
+    figure(
+        "Across frequency",
+        "overlays",
+        figures.overlays(tests, units),
+        "Tests of one amplitude over one another, less one common line (as in the paper's Fig. 4). Rate-independent "
+        "friction gives one loop at all frequencies; loops that widen are viscous, loops that tilt have inertia.",
+        "Loops of one amplitude at all its frequencies.",
+        "One panel an amplitude: loops of several frequencies drawn over one another.",
+    )
+    figure(
+        "Energy, stiffness and damping",
+        "trends",
+        figures.trends(tests, units),
+        f"Bars are {100 * LEVEL:.0f} % intervals from the scatter of the cycles; they are often smaller than the "
+        "marks. "
+        "Stiffness that falls with amplitude is slip.",
+        "Energy lost a cycle, equivalent stiffness and loss factor against amplitude.",
+        "Three panels against amplitude, one line a frequency.",
+    )
+    figure(
+        "Noise",
+        "noise",
+        figures.noise(tests, units),
+        "What is left of the force once every cycle's average is taken off. Averaging n cycles divides it by √n. "
+        "Dashed: lines at mains frequencies.",
+        "Amplitude spectrum of the force's noise; the title gives its RMS.",
+        "One panel a test: noise against frequency on logarithmic axes.",
+    )
+    figure(
+        "Over the cycles",
+        "drift",
+        figures.drift(tests, units),
+        "Where force or energy move and the displacement does not, the specimen or the force channel changed; where "
+        "the "
+        "displacement moves, the drive did.",
+        "Amplitude of displacement and force, and energy, of each cycle against their medians.",
+        "One panel a test: three lines against the number of the cycle.",
+    )
+    figure(
+        "The drive",
+        "drive",
+        figures.drive(tests, units),
+        "Harmonics of the displacement that stand above its noise. The model is driven with the motion as it was, so a "
+        "distorted drive does no harm; "
+        "formulas for sines would.",
+        "Harmonics of the displacement over its fundamental.",
+        "Lines of the share of each harmonic, one a test.",
+    )
+    return page.write(out / "inspect.html")
+
+
+def _answer(page: Page, campaign: Campaign, tests: Sequence[Inspection]) -> None:
+    units = campaign.units
+    noted = [(test, note) for test in tests for note in test.notes]
+    section = page.section("What was found")
+    energy = [t.energy_mJ.value for t in tests]
+    stiffness = [t.stiffness_N_mm.value for t in tests]
+    section.text(
+        units.text(
+            f"{len(tests)} test(s). Equivalent stiffness {min(stiffness):.3g} to {max(stiffness):.3g} N/mm, energy "
+            "lost a "
+            f"cycle {min(energy):.3g} to {max(energy):.3g} mJ, loss factor "
+            f"{min(t.loss_factor.value for t in tests):.3g} to "
+            f"{max(t.loss_factor.value for t in tests):.3g}. No model was fitted."
+        )
+    )
+    if noted:
+        section.note(f"{len(noted)} remark(s) on the records: read them before anything is identified.", "warning")
+        section.table(
+            ("test", "what, what it does, what to do"),
+            [(test.loop.file, note) for test, note in noted],
+            "Remarks on the records",
+        )
+    else:
+        section.note("Nothing stands in the way of an identification.", "good")
+    section.table(
+        [units.text(c) for c in COLUMNS],
+        _rows(tests),
+        f"Tests; intervals in brackets: {100 * LEVEL:.0f} %, from the scatter of the cycles",
+    )
+    section.table(("symbol", "what it is", "unit"), [(a, b, units.text(c)) for a, b, c in LEGEND], "Symbols", fold=True)
+    names = ", ".join(units.text(test_name(t.loop)) for t in tests if t.loop.role == "held-out")
+    if names:
+        section.text(f"Held out of any fit: {names}.")

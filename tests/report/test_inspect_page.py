@@ -1,0 +1,50 @@
+"""The page of `bayes-iwan inspect`, and the same in the terminal."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bayes_iwan import cli
+from bayes_iwan.campaign import read_campaign, write_campaign
+from bayes_iwan.campaign.units import Units
+from bayes_iwan.report.inspect_page import inspect_to
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_a_sound_campaign(tmp_path, capsys):
+    assert cli.main(["inspect", str(ROOT / "data" / "rope_spring"), "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "f10_a0.3" in said and "inspect.html" in said and "90 %" in said
+    page = (tmp_path / "inspect.html").read_text()
+    for words in ("Nothing stands in the way", "Loops less the straight part", "Across frequency", "Symbols", "Noise"):
+        assert words in page
+    assert page.count("<svg") == 7
+    names = {p.name for p in (tmp_path / "figures").iterdir()}
+    drawn = {"loops", "friction", "overlays", "trends", "noise", "drift", "drive"}
+    assert names == {f"inspect_{n}.{e}" for n in drawn for e in ("png", "pdf")}
+
+
+def test_remarks_come_first_and_are_those_of_check(tmp_path, capsys):
+    campaign = read_campaign(ROOT / "data" / "rope_spring")
+    test = campaign.tests[0]
+    hum = 0.2 * np.sin(2 * np.pi * 50.1 * test.time_s)
+    offset = replace(test, force_N=test.force_N + 100.0 + hum)
+    write_campaign(tmp_path / "c", name="odd", description="", tests=[offset, *campaign.tests[1:3]])
+    text = inspect_to(tmp_path / "c", tmp_path / "out")
+    assert "mains in the force" in text and "static load" in text
+    page = (tmp_path / "out" / "inspect.html").read_text()
+    assert page.index("remark(s) on the records") < page.rindex("Energy, stiffness and damping</h2>")
+    assert cli.main(["check", str(tmp_path / "c")]) == 0
+    checked = capsys.readouterr().out
+    assert "mains in the force" in checked and "static load" in checked
+
+
+def test_other_quantities_keep_their_units(tmp_path):
+    campaign = read_campaign(ROOT / "data" / "rope_spring")
+    units = Units("mrad", "N·m")
+    tests = [replace(t, units=units) for t in campaign.tests[:2]]
+    write_campaign(tmp_path / "c", name="joint", description="", tests=tests)
+    text = inspect_to(tmp_path / "c")
+    assert "N·m/mrad" in text and "N/mm" not in text
