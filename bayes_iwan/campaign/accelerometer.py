@@ -4,6 +4,14 @@ Summing twice by trapezoids loses 0.36 % of a 30 Hz motion and 17 % of its seven
 a second, and turns an offset into a parabola. Here the steady motion is divided by -(2 pi f)^2 harmonic by
 harmonic, which is exact, and what is left over (cycle-to-cycle changes, run-in, noise) is integrated in the
 frequency domain above half the fundamental. The mean position is unknown to an accelerometer: it is put to 0.
+
+Response, displacement found over displacement true, for a motion of frequency f:
+- harmonics f, 2 f ... (up to 0.45 of the sampling rate, 60 at most): amplitude 1, phase 0;
+- what is not periodic: amplitude 1 and phase 0 above 0.6 f, a straight ramp to 0 between 0.6 f and 0.4 f, 0 below.
+The ramp is of zero phase, so nothing is delayed. Noise of the accelerometer at frequency g is divided by (2 pi g)^2.
+On the nine tests of `data/rope_spring_accelerometer`, against the displacement sensor of `data/rope_spring`, the
+amplitude is off by less than 0.01 % and the phase by less than 0.01 degrees (`tests/campaign/test_accelerometer.py`).
+The sensor's own response is not known here and not corrected.
 """
 
 from __future__ import annotations
@@ -14,6 +22,15 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.cycles import Cut, cut_cycles
 from bayes_iwan.campaign.harmonics import evaluate, fit
 from bayes_iwan.campaign.records import CampaignError
+
+#: for pages and terminals: what the conversion does, in one sentence
+STATED = (
+    "Displacement is the acceleration integrated twice: harmonics of the drive with amplitude 1 and phase 0 (divided "
+    "by "
+    "-(2πf)², no filter), changes between cycles with amplitude 1 and phase 0 above 0.6 of the drive's frequency and "
+    "none "
+    "below 0.4; the mean position is unknown and put to 0. The accelerometer's own response is not corrected."
+)
 
 
 def displacement_from_acceleration(file: str, time_s: Array, acceleration_m_s2: Array) -> tuple[Array, tuple[str, ...]]:

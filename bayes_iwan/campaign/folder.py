@@ -55,6 +55,7 @@ class Campaign:
     licence: str
     path: Path
     tests: tuple[Record, ...]
+    from_acceleration: bool = False  # the displacement was integrated from an accelerometer's channel
 
     @property
     def units(self) -> Units:
@@ -112,6 +113,7 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         licence=specimen.get("licence", ""),
         path=folder,
         tests=records,
+        from_acceleration="acceleration" in channels,
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from bayes_iwan import __version__
 from bayes_iwan.campaign import Campaign, read_campaign
+from bayes_iwan.campaign.accelerometer import STATED
 from bayes_iwan.campaign.inspect import LEVEL, Inspection, inspect_campaign
 from bayes_iwan.report import inspect_figures as figures
 from bayes_iwan.report.loops import test_name
@@ -67,6 +68,8 @@ def inspect_text(campaign: Campaign, tests: Sequence[Inspection]) -> str:
         lines.append("  ".join(c.ljust(w) for c, w in zip(row, widths)).rstrip())
         lines += [f"    {note}" for note in test.notes]
     lines.append(f"intervals: {100 * LEVEL:.0f} %, from the scatter of the cycles")
+    if campaign.from_acceleration:
+        lines.append(STATED)
     return "\n".join(lines)
 
 
@@ -186,6 +189,8 @@ def _answer(page: Page, campaign: Campaign, tests: Sequence[Inspection]) -> None
         f"Tests; intervals in brackets: {100 * LEVEL:.0f} %, from the scatter of the cycles",
     )
     section.table(("symbol", "what it is", "unit"), [(a, b, units.text(c)) for a, b, c in LEGEND], "Symbols", fold=True)
+    if campaign.from_acceleration:
+        section.text(STATED)
     names = ", ".join(units.text(test_name(t.loop)) for t in tests if t.loop.role == "held-out")
     if names:
         section.text(f"Held out of any fit: {names}.")

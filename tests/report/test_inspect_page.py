@@ -48,3 +48,9 @@ def test_other_quantities_keep_their_units(tmp_path):
     write_campaign(tmp_path / "c", name="joint", description="", tests=tests)
     text = inspect_to(tmp_path / "c")
     assert "N·m/mrad" in text and "N/mm" not in text
+
+
+def test_an_accelerometer_s_response_is_stated(tmp_path):
+    text = inspect_to(ROOT / "data" / "rope_spring_accelerometer", tmp_path)
+    for said in (text, (tmp_path / "inspect.html").read_text()):
+        assert "amplitude 1 and phase 0" in said and "integrated twice" in said
