@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.corners import cornered_motion
 from bayes_iwan.campaign.cycles import Cut, cut_cycles
 from bayes_iwan.campaign.harmonics import evaluate, grams, inverse, on_grid, project, to_complex
 from bayes_iwan.campaign.records import CampaignError, Record
@@ -126,8 +127,8 @@ class Loop:
     harmonics move the midrange but not the rest position. n_cycles : whole cycles averaged.
     phase : (n_phase,) uniform on [0, 1); 0 is the upward crossing of the mean.
     displacement_mm, velocity_m_s, acceleration_m_s2, force_N : (n_phase,), averages; the first three from
-    the harmonics of the displacement that stand above its noise. force_scatter_N : (n_phase,) standard
-    deviation over cycles at that phase.
+    the harmonics of the displacement that stand above its noise, or from `corners` where it has sharp ones.
+    force_scatter_N : (n_phase,) standard deviation over cycles at that phase.
     harmonics_N : (H + 1,) complex, force_N = Re sum_h c_h exp(2 pi i h phase).
     noise_N : (H + 1,) standard error of the real (= imaginary) part; inf where sampling resolves nothing.
     block_cycle : (n_blocks,) mean cycle number of each block of consecutive cycles; 0 is the first whole
@@ -191,7 +192,9 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
     block_noise = noise * inflation[:-1] / inflation[-1] / np.sqrt(shares[:, None])
 
     d = u_blocks[-1].copy()
-    d[1 : resolved + 1] *= _motion_weights(np.abs(d[1 : resolved + 1]), u_noise[1:])
+    weights, cornered = _motion_weights(np.abs(d[1 : resolved + 1]), u_noise[1:])
+    d[1 : resolved + 1] *= weights
+    kinked = cornered_motion(averager.phase, u[index], n_cycles) if cornered else None
     shift, amplitude = _crossing(d)
     offset = float(d[0].real)
     averager = replace(averager, shift=shift)
@@ -201,6 +204,12 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
     d[0] = 0.0
     f_blocks *= turn
     rate = 2j * np.pi * order * cut.frequency_hz
+    phase = np.arange(n_phase) / n_phase
+    motion = [on_grid(d * rate**k, n_phase) for k in range(3)]
+    if kinked is not None:
+        motion = [kinked.value(phase + shift, k) * cut.frequency_hz**k for k in range(3)]
+        motion[0] -= kinked.harmonics[0].real
+        amplitude = kinked.amplitude()
     return Loop(
         file=record.file,
         role=record.role,
@@ -209,10 +218,10 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
         amplitude_mm=amplitude,
         offset_mm=offset,
         n_cycles=n_cycles,
-        phase=np.arange(n_phase) / n_phase,
-        displacement_mm=on_grid(d, n_phase),
-        velocity_m_s=on_grid(d * rate, n_phase) * 1e-3,
-        acceleration_m_s2=on_grid(d * rate**2, n_phase) * 1e-3,
+        phase=phase,
+        displacement_mm=motion[0],
+        velocity_m_s=motion[1] * 1e-3,
+        acceleration_m_s2=motion[2] * 1e-3,
         force_N=on_grid(f_blocks[-1], n_phase),
         force_scatter_N=_scatter(averager.phase - shift, residual, n_phase, n_cycles),
         harmonics_N=f_blocks[-1],
@@ -240,14 +249,14 @@ def _pad(noise: Array, n_harmonics: int) -> Array:
     return out
 
 
-def _motion_weights(size: Array, noise: Array) -> Array:
-    """(n,) weights of the displacement's harmonics 1 ... n: 1 for motion, 0 for what may be noise.
+def _motion_weights(size: Array, noise: Array) -> tuple[Array, bool]:
+    """(n,) weights of the displacement's harmonics 1 ... n, 1 for motion, 0 for what may be noise; and: has it corners?
 
     A harmonic counts when it is larger than noise alone would make any of them, once in 1 / FALSE_HARMONIC
     records, and no more than three in a row below it are smaller than that. Derivatives then carry no noise
     to speak of. Motions with corners (triangles, holds) never run out of harmonics: where the upper half of those
     kept still holds a noticeable part of the velocity, it is tapered, which takes the ripple out of velocity and
-    acceleration and leaves the lower half as it is.
+    acceleration and leaves the lower half as it is; sharp corners are then described by `corners` instead.
     """
     strong = size > np.maximum(np.sqrt(2 * np.log(noise.size / FALSE_HARMONIC)) * noise, 1e-9 * size.max())
     strong[0] = True
@@ -258,9 +267,10 @@ def _motion_weights(size: Array, noise: Array) -> Array:
     weights = np.where(h <= last + 1, strong, False).astype(float)
     speed = (h * size * weights) ** 2
     upper = (h > (last + 1) / 2) & (h <= last + 1)
-    if weights.sum() >= FEWEST_TO_TAPER and speed[upper].sum() > CORNERS * speed.sum():
+    cornered = bool(weights.sum() >= FEWEST_TO_TAPER and speed[upper].sum() > CORNERS * speed.sum())
+    if cornered:
         weights[upper] *= np.cos(np.pi / 2 * np.linspace(0, 1, upper.sum() + 2)[1:-1]) ** 2
-    return weights
+    return weights, cornered
 
 
 def _crossing(d: np.ndarray) -> tuple[float, float]:

@@ -1,0 +1,52 @@
+"""Triangles and trapezoids are kept whole: amplitude, motion and velocity, not rounded at their corners."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import average
+
+
+def triangle(cycles):
+    return 2 / np.pi * np.arcsin(np.sin(2 * np.pi * cycles))
+
+
+def trapezoid(cycles):
+    return np.clip(1.6 * triangle(cycles), -1, 1)
+
+
+def skewed(cycles):
+    """Up in three tenths of the cycle, down in seven; crosses its mean upward at 0."""
+    x = (cycles + 0.15) % 1
+    return np.where(x < 0.3, x / 0.3, (1 - x) / 0.7) * 2 - 1
+
+
+@pytest.mark.parametrize("shape", [triangle, trapezoid, skewed])
+@pytest.mark.parametrize("rate", [1280.0, 837.0, 3333.0])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_corners_are_kept(record, shape, rate, noise):
+    r = record(n_cycles=20.3, rate_hz=rate, noise_N=0.01)
+    rng = np.random.default_rng(1)
+    u = 7 + shape(10 * r.time_s + 0.37) + noise * rng.normal(size=r.time_s.size)
+    loop = average(replace(r, displacement_mm=u))
+    assert loop.amplitude_mm == pytest.approx(1, abs=3e-4 + 0.3 * noise)
+    np.testing.assert_allclose(loop.displacement_mm, shape(loop.phase), atol=5e-4 + noise)
+    # each piece has its own speed, up to the corners; the ones next to a grid point may lie on either side of it
+    h = 1e-6
+    ahead, behind = ((shape(loop.phase + s * 2e-3 + h) - shape(loop.phase + s * 2e-3)) / h * 0.01 for s in (1, -1))
+    away = np.abs(ahead - behind) < 1e-6
+    assert away.mean() > 0.9
+    assert np.abs(loop.velocity_m_s - ahead)[away].max() < (0.002 + 20 * noise) * np.abs(ahead).max()
+
+
+def test_rounded_corners_are_left_to_harmonics(record):
+    r = record(n_cycles=20.3, noise_N=0.01)
+    orders = np.arange(1, 60, 2)
+    size = 8 / np.pi**2 / orders**2 * (-1.0) ** ((orders - 1) // 2) * np.exp(-((orders / 12) ** 2))
+    u = sum(a * np.sin(2 * np.pi * k * (10 * r.time_s + 0.37)) for a, k in zip(size, orders))
+    loop = average(replace(r, displacement_mm=u))
+    fine = sum(a * np.sin(2 * np.pi * k * np.arange(4096) / 4096) for a, k in zip(size, orders))
+    assert loop.amplitude_mm == pytest.approx(np.ptp(fine) / 2, rel=1e-3)
+    exact = sum(a * np.sin(2 * np.pi * k * loop.phase) for a, k in zip(size, orders))
+    np.testing.assert_allclose(loop.displacement_mm, exact, atol=2e-3)
