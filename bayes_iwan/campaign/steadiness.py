@@ -128,7 +128,8 @@ def _phase(loop: Loop, each: Cycles) -> list[str]:
     if abs(bow) > max(CLOCK, 6 * error):
         change = 8 * bow / (each.number[-1] - each.number[0] + 1)
         return [
-            f"the frequency drifts by {100 * change:+.2g} % over the record (drive or clock): the loop is averaged at "
+            f"the frequency drifts by {100 * change:+.2g} % over the record (drive, clock, or lost rows): the loop is "
+            "averaged at "
             "its "
             f"mean, {loop.frequency_hz:.5g} Hz; check the generator and the recorder's clock"
         ]

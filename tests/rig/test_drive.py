@@ -1,5 +1,7 @@
 """What the drive did is never laid on the specimen: virtual drive faults are split, refused or said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,3 +77,29 @@ def test_what_the_rig_cannot_run():
         run(dr.steady(10, 0.7, cycles=1))
     with pytest.raises(RigError, match="no block"):
         dr.missed_trigger(run(dr.steady(10, 0.7)), which=100)
+
+
+@pytest.mark.parametrize("wave", [dr.triangle, dr.trapezoid, *(dr.distorted(s) for s in (0.01, 0.05, 0.1, 0.2))])
+def test_any_periodic_drive_is_kept_whole(tmp_path, wave):
+    """The averaged displacement is the recorded one, sample for sample, with all the harmonics that it has."""
+    record = run(dr.steady(10, 0.7, wave=wave))
+    low, high = np.percentile(record.displacement_mm, [0.1, 99.9])
+    record = replace(record, amplitude_mm=float(high - low) / 2)
+    (loop,) = read(tmp_path, record).loops()
+    assert not any("drive" in w or "phase" in w or "frequency" in w for w in loop.record.warnings)
+    assert loop.amplitude_mm == pytest.approx((high - low) / 2, rel=5e-3)
+    phase = loop.averager.phase - loop.averager.shift
+    measured = record.displacement_mm[loop.averager.index] - loop.offset_mm
+    seen = np.interp(phase, loop.phase, loop.displacement_mm, period=1.0)
+    assert np.sqrt(np.mean((seen - measured) ** 2)) < 2.5e-3 * loop.amplitude_mm
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_lost_without_a_trace_in_the_time_are_seen(tmp_path, seed):
+    record = run(dr.steady(10, 0.7), seed)
+    with pytest.raises(CampaignError, match=r"phase of both channels jumps by .*rows are missing"):
+        read(tmp_path / "missed", dr.missed_trigger(record, 440))
+    (test,) = read(tmp_path / "nearly", dr.missed_trigger(record)).tests  # 17° short of two whole cycles
+    assert any("jumps by" in w for w in test.warnings)
+    (test,) = read(tmp_path / "dropped", dr.dropped_samples(record, 20, seed)).tests
+    assert any("lost rows" in w or "rows lost" in w for w in test.warnings)
