@@ -23,6 +23,7 @@ FEWEST_PER_CYCLE = 8.0
 REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
 LATE = 0.3  # below minus this the delay is so long that no loop is left to identify
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
+CORNERED = 10, 0.01  # harmonics above this one hold more than this share of the squared velocity: a drive with corners
 FLAT = 0.01  # of the force's height: what counts as its top
 FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a sliding specimen's top takes at most
 CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force bends long before
@@ -120,6 +121,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
             "is aliased. Sample faster"
         )
     notes += _angle(loop)
+    notes += _corners(loop)
     notes += disturbances(loop)
     static, height = float(loop.harmonics_N[0].real), float(np.ptp(loop.force_N))
     if abs(static) > PRELOAD * height:
@@ -148,6 +150,18 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     if not any("clipped?" in note for note in notes):
         notes += _flat_tops(loop)
     return replace(record, warnings=tuple(notes)), loop
+
+
+def _corners(loop: Loop) -> list[str]:
+    """A drive with corners is kept whole, but what the channels make of the corners is not the specimen's doing."""
+    power = np.abs(np.fft.rfft(loop.velocity_m_s)) ** 2
+    order, share = CORNERED
+    if power[order + 1 :].sum() <= share * power.sum():
+        return []
+    return [
+        "the drive has corners (a triangle, holds): it is kept whole, but a force that turns at once is more than filtered "
+        "channels pass, so a gap of a few per cent there is theirs and not the specimen's; diagnose with sines"
+    ]
 
 
 def _flat_tops(loop: Loop) -> list[str]:
