@@ -23,7 +23,7 @@ FEWEST_PER_CYCLE = 8.0
 REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
 LATE = 0.3  # below minus this the delay is so long that no loop is left to identify
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
-CORNERED = 10, 0.01  # harmonics above this one hold more than this share of the squared velocity: a drive with corners
+CORNERED = 10, 0.02  # a drive has corners if harmonics above this hold more of its squared velocity than this
 FLAT = 0.01  # of the force's height: what counts as its top
 FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a sliding specimen's top takes at most
 CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force bends long before
@@ -159,7 +159,8 @@ def _corners(loop: Loop) -> list[str]:
     if power[order + 1 :].sum() <= share * power.sum():
         return []
     return [
-        "the drive has corners (a triangle, holds): it is kept whole, but a force that turns at once is more than filtered "
+        "the drive has corners (a triangle, holds): it is kept whole, but a force that turns at once is more than "
+        "filtered "
         "channels pass, so a gap of a few per cent there is theirs and not the specimen's; diagnose with sines"
     ]
 
