@@ -3,7 +3,7 @@
 import bayes_iwan as bi
 run = bi.identify("data/rope_spring", out="results", seed=1)
 for row in run.summary():
-    print(row.name, row.unit, row.q05, row.q50, row.q95)
+    print(row.name, row.unit, row.low_90, row.q50, row.high_90)
 """
 
 from __future__ import annotations

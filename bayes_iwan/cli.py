@@ -108,7 +108,7 @@ def run_identify(args: argparse.Namespace) -> int:
     wanted = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N") if args.simulator is None else posterior.names
     for row in posterior.summary():
         if row.name in wanted:
-            say(f"{row.name:20s} {row.q50:.4g}  ({row.q05:.4g} to {row.q95:.4g}) {row.unit}")
+            say(f"{row.name:20s} {row.q50:.4g}  ({row.low_90:.4g} to {row.high_90:.4g}) {row.unit}")
     say(posterior.message)
     say(f"results are in {args.out}")
     if posterior.interrupted:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.inference.discrepancy import Correlated
+from bayes_iwan.inference.intervals import Widening, widenings
 from bayes_iwan.inference.point import Point
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.quantities import quantities
@@ -33,7 +34,12 @@ class ConvergenceRow:
 
 @dataclass(frozen=True)
 class SummaryRow:
-    """One line of summary.csv."""
+    """One line of summary.csv.
+
+    q05, q50, q95 : the posterior's own quantiles. between_sd : standard deviation between tests, each left out in turn.
+    low_90, high_90 : the 90 % interval with the between-test variance, and with what no loop reaches; reach : why a
+    number is extrapolated, and what determines it (see :mod:`.intervals`).
+    """
 
     name: str
     unit: str
@@ -45,6 +51,10 @@ class SummaryRow:
     ess_bulk: float
     ess_tail: float
     r_hat: float
+    between_sd: float
+    low_90: float
+    high_90: float
+    reach: str
 
 
 @dataclass(frozen=True)
@@ -116,6 +126,20 @@ class Posterior:
     def _quantities(self) -> dict[str, Derived]:
         return quantities(self.problem, self.flat_z(), self.loops)
 
+    @cached_property
+    def widenings(self) -> dict[str, Widening]:
+        """What adds to the posterior's interval of each reported quantity: between-test variance and reach."""
+        return widenings(self.problem, self.point.z, self.loops)
+
+    def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
+        """The interval that is reported of a quantity: the posterior's with the between-test variance and reach."""
+        values = self.quantities()[name].values
+        kept = values[np.isfinite(values)]
+        widening = self.widenings[name]
+        if not len(kept) or (widening.relative and np.any(kept <= 0.0)):
+            widening = replace(widening, relative=False, between_sd=float("nan"), unreached_sd=0.0)
+        return widening.interval(kept, level) if len(kept) else (float("nan"), float("nan"))
+
     def by_steps(self, values: Array) -> Array:
         """Values (n,) in the order of flat_z() as (chains, steps, walkers), as the diagnostics take them."""
         chains = self.z.shape[0]
@@ -147,6 +171,9 @@ class Posterior:
                     float(d.ess_bulk[i]),
                     float(d.ess_tail[i]),
                     float(d.r_hat[i]),
+                    self.widenings[name].between_sd * (float(middle) if self.widenings[name].relative else 1.0),
+                    *self.interval(name),
+                    self.widenings[name].reach,
                 )
             )
         return tuple(rows)

@@ -103,8 +103,8 @@ def _summary(section: Section, posterior: Any, p: Predictive, loop_rows: tables.
         section.table(("record", "what was noticed"), warnings, "Warnings about the records")
     section.text(
         "A gain error of the displacement or force channel cannot be seen in loops: the stiffnesses and slip "
-        "forces would absorb all of it; so would the stiffnesses a compliance of the fixture in series. The "
-        "intervals hold if the model does, and do not include any of these."
+        "forces would absorb all of it; so would the stiffnesses a compliance of the fixture in series. No "
+        "interval includes any of these."
     )
 
 
@@ -118,10 +118,25 @@ def _quantities(section: Section, posterior: Any) -> None:
         "and contraction; the same numbers are in the table of parameters.",
     )
     draws, labels = marginals.identifiable(posterior)
+    reported = posterior.quantities()
+    widened = [n for n in draws if n in reported]
     section.table(
-        ("quantity", "median", "90 % from", "to"),
-        [(labels[n], *interval(x)) for n, x in draws.items()],
-        "Identifiable quantities: median and 90 % interval (φ 25 %: a quarter of the elements slip below it)",
+        (
+            "quantity",
+            "median",
+            "posterior alone, 90 % from",
+            "to",
+            "with between-test variance, 90 % from",
+            "to",
+            "reach",
+        ),
+        [
+            (labels[n], *interval(draws[n]), *_ends(posterior.interval(n)), posterior.widenings[n].reach or "reached")
+            for n in widened
+        ],
+        "Identifiable quantities: median and 90 % interval (φ 25 %: a quarter of the elements slip below it). The "
+        "wider interval adds how far the number moves when one test after the other is left out (delete-one-test jackknife), "
+        "and for numbers that are extrapolated the share of elements that no loop resolves; quote that one.",
     )
     section.figure(
         marginals.corner_figure(draws, labels),
@@ -129,6 +144,13 @@ def _quantities(section: Section, posterior: Any) -> None:
         "Corner plot: marginal histograms on the diagonal, pairwise contours below it.",
         png=True,
     )
+
+
+def _ends(ends: tuple[float, float]) -> tuple[str, str]:
+    """Both ends of an interval with as many digits as their distance deserves."""
+    distance = abs(ends[1] - ends[0])
+    digits = 3 if not distance > 0.0 else max(2, 2 + int(np.ceil(np.log10(max(map(abs, ends)) / distance))))
+    return f"{ends[0]:.{digits}g}", f"{ends[1]:.{digits}g}"
 
 
 def _loops(page: Page, posterior: Any, p: Predictive) -> None:

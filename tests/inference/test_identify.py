@@ -75,7 +75,8 @@ def test_files_are_what_was_promised(run):
     posterior, out = run
     with open(out / "summary.csv", newline="") as file:
         table = list(csv.reader(file))
-    assert table[0] == "name,unit,mean,sd,q05,q50,q95,ess_bulk,ess_tail,r_hat".split(",")
+    columns = "name,unit,mean,sd,q05,q50,q95,ess_bulk,ess_tail,r_hat,between_sd,low_90,high_90,reach"
+    assert table[0] == columns.split(",")
     names = [row[0] for row in table[1:]]
     energies = [f"dissipated_energy_mJ[{x.file}]" for x in posterior.loops]
     for name in ("kp_N_mm", "k1_N_mm", "mean_slip_force_N", "t1_N", "eta1", "noise_N", *energies):

@@ -1,0 +1,149 @@
+"""The intervals that are reported: the posterior's, wider by what the posterior cannot know.
+
+Three variances add up. The posterior's own is right if the model is. How far the tests disagree, the between-test
+variance (:mod:`.jackknife`), is seen without that. And some numbers are not reached by any loop: elements that slip
+within the finest step that the trusted harmonics resolve after a reversal, and elements that never slip at the largest
+amplitude, are extrapolated by the family of slip forces alone. The share of the elements that slip before anything is
+resolved is taken to be known no better than to itself: it goes into k(1) and into the slip forces' quantiles.
+
+T tests give the between-test variance T − 1 degrees of freedom; Student's quantiles for the sum follow Welch (1947) and
+Satterthwaite (1946). Where all draws are positive, all this is done with logarithms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.jackknife import jackknife_variance, left_out_optima
+from bayes_iwan.inference.problem import Problem
+from bayes_iwan.inference.quantities import SLIP_SHARES, quantities
+from bayes_iwan.physics import Model
+
+#: a larger share of unresolved elements is said beside the numbers that depend on it
+_WORTH_SAYING = 0.01
+
+
+@dataclass(frozen=True)
+class Widening:
+    """What adds to the posterior's interval of one number, beside the draws' own spread.
+
+    between_sd : standard deviation between tests, in the number's unit, NaN for a single test; unreached_sd : that of
+    what no loop reaches; freedom : degrees of freedom of between_sd, its tests less one. Both are relative to the
+    number where `relative`. reach : empty, or why the number is extrapolated and what determines it.
+    """
+
+    between_sd: float
+    unreached_sd: float
+    freedom: int
+    relative: bool
+    reach: str
+
+    def interval(self, draws: Array, level: float = 0.9) -> tuple[float, float]:
+        """Central interval (low, high) of the draws (n,) with all three variances."""
+        tail = 0.5 * (1.0 - level)
+        x = np.log(draws) if self.relative else draws
+        low, middle, high = np.quantile(x, [tail, 0.5, 1.0 - tail])
+        between = 0.0 if math.isnan(self.between_sd) else self.between_sd
+        normal = float(stats.norm.isf(tail))
+        own = (high - low) / (2.0 * normal)
+        total = own**2 + between**2 + self.unreached_sd**2
+        if total == 0.0 or not math.isfinite(total):
+            return float(np.quantile(draws, tail)), float(np.quantile(draws, 1.0 - tail))
+        freedom = self.freedom * total**2 / between**4 if between > 0.0 else math.inf
+        student = float(stats.t.isf(tail, freedom)) if math.isfinite(freedom) else normal
+        added = (between**2 + self.unreached_sd**2) * normal**2
+        factor = student / normal
+        below = middle - factor * math.hypot(middle - low, added**0.5)
+        above = middle + factor * math.hypot(high - middle, added**0.5)
+        return (math.exp(below), math.exp(above)) if self.relative else (float(below), float(above))
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What the loops of a campaign reach: slip forces from lowest_N to highest_N, steps from step_mm on.
+
+    share : the elements that slip below lowest_N, at a point of the posterior; amplitudes_mm : of the tests.
+    """
+
+    step_mm: float
+    lowest_N: float
+    highest_N: float
+    share: float
+    amplitudes_mm: tuple[float, float]
+
+
+def reach_of(problem: Problem, z: Array) -> Reach | None:
+    """The reach of a problem's loops at z (ndim,); None for a simulator without slip forces.
+
+    Within a phase of π/H after a reversal, H the highest trusted harmonic, the displacement has moved A(1 − cos(π/H)).
+    Elements up to φ = k(1)·step/2 have slipped by then. Those beyond k(1)·A never slip.
+    """
+    model = problem.model
+    if not isinstance(model, Model):
+        return None
+    steps = [_step_mm(x) for x in problem.loops]
+    amplitudes = [x.amplitude_mm for x in problem.loops]
+    numbers = problem.numbers(z[None])
+    k1 = float(numbers["k1_N_mm"][0])
+    lowest, highest = 0.5 * k1 * min(steps), k1 * max(amplitudes)
+    share = 1.0 - float(model.slip_family.survival(np.array([lowest]), numbers)[0, 0])
+    return Reach(min(steps), lowest, highest, share, (min(amplitudes), max(amplitudes)))
+
+
+def _step_mm(loop: Loop) -> float:
+    order = int(np.max(np.nonzero(np.isfinite(loop.noise_N))[0]))
+    return loop.amplitude_mm * (1.0 - math.cos(math.pi / max(order, 1)))
+
+
+def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -> dict[str, Widening]:
+    """By name, for every reported quantity of the tests `loops`, at the most probable point z (ndim,)."""
+    tests = len(problem.loops)
+    without = left_out_optima(problem, z) if tests > 1 else z[None]
+    found = quantities(problem, np.concatenate([z[None], without]), loops)
+    reach = reach_of(problem, z)
+    unreached = {} if reach is None else _unreached(problem, z, reach)
+    out = {}
+    for name, quantity in found.items():
+        values = quantity.values
+        relative = bool(np.all(values > 0.0))
+        x = np.log(values) if relative else values
+        between = float(np.sqrt(jackknife_variance(x[1:]))) if tests > 1 else float("nan")
+        sd, why = unreached.get(name, (0.0, ""))
+        out[name] = Widening(between, sd if relative else sd * float(values[0]), max(tests - 1, 1), relative, why)
+    return out
+
+
+def _unreached(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[float, str]]:
+    """Relative standard deviation of what is extrapolated, and why, by name."""
+    model = problem.model
+    assert isinstance(model, Model)
+    numbers = problem.numbers(z[None])
+    said = (
+        f"extrapolated below a slip force of {reach.lowest_N:.3g} N: no step under {reach.step_mm:.2g} mm is resolved; "
+        f"determined by amplitudes {reach.amplitudes_mm[0]:.3g} to {reach.amplitudes_mm[1]:.3g} mm"
+    )
+    out = {"k1_N_mm": (reach.share, said if reach.share > _WORTH_SAYING else "")}
+    # one more or one less of the unresolved elements moves every quantile: F(φ) = p + share·(1 − p)
+    shares = np.array(SLIP_SHARES)
+    moved = np.concatenate([shares, np.clip(shares - reach.share * (1.0 - shares), 1e-3, None)])
+    at = _quantiles(model, numbers, moved, 4.0 * max(reach.highest_N, problem.scales.slip_N))
+    for share, middle, other in zip(SLIP_SHARES, at[: len(shares)], at[len(shares) :]):
+        why = said if middle < reach.lowest_N else ""
+        if middle > reach.highest_N:
+            why = f"extrapolated: elements above {reach.highest_N:.3g} N never slip at the largest amplitude"
+        out[f"slip_force_q{round(100 * share):02d}_N"] = (abs(math.log(middle / other)), why)
+    return out
+
+
+def _quantiles(model: Model, numbers: Numbers, shares: Array, top_N: float) -> Array:
+    """(shares,) N of one draw."""
+    phi = top_N * np.linspace(0.0, 1.0, 4000) ** 3
+    below = np.maximum.accumulate(1.0 - model.slip_family.survival(phi, numbers)[0])
+    return np.maximum(np.interp(shares, below, phi), 1e-9 * top_N)

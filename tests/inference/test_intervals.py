@@ -1,0 +1,83 @@
+"""Between-test variance and reach: against textbook formulas and against full refits without a test."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayes_iwan.inference.intervals import Widening, reach_of, widenings
+from bayes_iwan.inference.jackknife import jackknife_variance, left_out_optima
+from bayes_iwan.inference.point import most_probable
+from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.physics import Model
+
+SIMPLE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+
+
+@pytest.fixture(scope="module")
+def simple(known):
+    """A problem of few numbers, whose model is off: it made no such loops."""
+    problem = make_problem(known.loops(), SIMPLE)
+    optima, _, _ = most_probable(problem, problem.prior.draw(np.random.default_rng(0), 6))
+    return problem, optima[0]
+
+
+def test_jackknife_of_a_mean_is_its_textbook_variance():
+    x = np.random.default_rng(1).normal(size=(7, 3))
+    without = (x.sum(axis=0) - x) / 6
+    np.testing.assert_allclose(jackknife_variance(without), x.var(axis=0, ddof=1) / 7)
+
+
+def test_left_out_optima_are_those_of_a_refit(simple):
+    problem, z = simple
+    found = left_out_optima(problem, z, iterations=12)
+    noise = [problem.names.index(p.name) for p in problem.likelihood.parameters]
+    for t in (0, 2):
+        others = [i for i in range(4) if i != t]
+        at = problem.prior.values(z)
+        values = {p.name: {"fixed": float(at[p.name][0])} for p in problem.likelihood.parameters}
+        loops = tuple(problem.loops[i] for i in others)
+        refit = make_problem(loops, SIMPLE | {"parameters": values}, scales=problem.scales)
+        refit = type(refit)(loops, refit.scales, refit.model, refit.prior, problem.likelihood.of_tests(others))
+        start = np.delete(z, noise)[None]
+        optimum = most_probable(refit, start)[0][0]
+        np.testing.assert_allclose(np.delete(found[t], noise), optimum, atol=0.01)
+        assert np.max(np.abs(np.delete(found[t] - z, noise))) > 0.03  # the tests do disagree
+
+
+def test_interval_without_additions_is_the_draws_own():
+    x = np.random.default_rng(2).lognormal(size=20_000)
+    for relative in (True, False):
+        low, high = Widening(float("nan"), 0.0, 1, relative, "").interval(x)
+        np.testing.assert_allclose([low, high], np.quantile(x, [0.05, 0.95]), rtol=1e-6)
+
+
+def test_interval_of_between_test_variance_alone_is_students():
+    """Draws that all agree: ± t(T − 1) standard deviations between tests."""
+    low, high = Widening(0.2, 0.0, 3, False, "").interval(np.full(50, 5.0))
+    np.testing.assert_allclose([low, high], 5.0 + 0.2 * stats.t.ppf([0.05, 0.95], 3), rtol=1e-9)
+
+
+def test_variances_add():
+    x = 10.0 + stats.norm.ppf((np.arange(9999) + 0.5) / 9999)
+    low, high = Widening(0.0, 2.0, 3, False, "").interval(x)
+    np.testing.assert_allclose([low, high], 10.0 + np.sqrt(5.0) * stats.norm.ppf([0.05, 0.95]), atol=0.01)
+
+
+def test_reach_is_what_amplitudes_and_band_allow(simple):
+    problem, z = simple
+    reach = reach_of(problem, z)
+    order = [np.max(np.nonzero(np.isfinite(x.noise_N))) for x in problem.loops]
+    step = min(x.amplitude_mm * (1 - np.cos(np.pi / h)) for x, h in zip(problem.loops, order))
+    k1 = problem.numbers(z[None])["k1_N_mm"][0]
+    assert reach.lowest_N == pytest.approx(0.5 * k1 * step) and reach.highest_N == pytest.approx(k1 * 1.0, rel=1e-3)
+    assert isinstance(problem.model, Model) and 0.0 < reach.share < 0.2
+
+
+def test_every_quantity_is_widened_and_the_low_tail_is_extrapolated(simple):
+    problem, z = simple
+    found = widenings(problem, z)
+    assert {"kp_N_mm", "k1_N_mm", "mean_slip_force_N", "slip_force_q05_N"} <= set(found)
+    assert all(np.isfinite(w.between_sd) and w.freedom == 3 for w in found.values())
+    assert found["k1_N_mm"].unreached_sd == pytest.approx(reach_of(problem, z).share)
+    assert found["slip_force_q05_N"].unreached_sd > found["slip_force_q50_N"].unreached_sd
+    assert found["kp_N_mm"].unreached_sd == 0.0 and found["kp_N_mm"].reach == ""
