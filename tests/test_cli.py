@@ -12,6 +12,7 @@ from bayes_iwan import cli
 SHORT = """
 [model]
 slip = "gamma1"
+embedded = false
 grip = "constant"
 stiffness = "constant"
 [likelihood]

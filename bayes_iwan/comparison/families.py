@@ -37,7 +37,8 @@ class Family:
     simulator: Simulator | None = None
 
     def problem(self, loops: Sequence[Loop], settings: Mapping[str, Any]) -> Problem:
-        mine = {**settings, "model": {**settings.get("model", {}), **self.model}}
+        # bends would make all forms alike: forms are compared as they are written
+        mine = {**settings, "model": {**settings.get("model", {}), "embedded": False, **self.model}}
         plain = make_problem(loops, {k: v for k, v in mine.items() if k != "parameters"}, self.simulator)
         own = {p.name for p in plain.prior.parameters}
         # a configuration's parameters may belong to another family: those that this one lacks do not apply to it

@@ -1,8 +1,8 @@
 """The configuration file: what a user may change about an identification, and what is wrong with it, in one line.
 
 [loops]            n_phase, n_harmonics, n_blocks: the phase averaging
-[model]            slip, grip, stiffness: the parts of bayes_iwan.physics.Model
-[likelihood]       kind: correlated, gaussian or laplace
+[model]            slip, grip, stiffness: the parts of bayes_iwan.physics.Model; embedded: may its form bend a little?
+[likelihood]       kind: correlated, unweighted, matern, gaussian or laplace
 [parameters.NAME]  prior = {dist = "...", ...}, lower, upper, fixed, tied
 [search]           the point estimate
 [sampling]         the ensembles and when they have converged
@@ -21,7 +21,7 @@ from typing import Any
 #: every key with its default and what it must be; a default of None means "no limit"
 DEFAULTS: dict[str, dict[str, Any]] = {
     "loops": {"n_phase": 128, "n_harmonics": 50, "n_blocks": 6},
-    "model": {"slip": "gamma3", "grip": "hunt_crossley", "stiffness": "saturating"},
+    "model": {"slip": "gamma3", "grip": "hunt_crossley", "stiffness": "saturating", "embedded": True},
     "likelihood": {"kind": "correlated"},
     "search": {
         "objective": "eq8",  # what the genetic algorithm minimises: eq8, squared or likelihood

@@ -85,14 +85,14 @@ class OddEven(Spectrum):
     parameters: tuple[Parameter, ...] = (
         Parameter(
             "discrepancy_odd",
-            "a₁",
+            "a1",
             "-",
             "misfit of the model in odd harmonics, RMS over the friction level",
             stats.lognorm(s=1.2, scale=0.01),
         ),
         Parameter(
             "discrepancy_even",
-            "a₂",
+            "a2",
             "-",
             "misfit of the model in even harmonics, RMS over the friction level",
             stats.lognorm(s=1.2, scale=0.005),

@@ -155,9 +155,9 @@ def embedded_parameters() -> tuple[Parameter, ...]:
     return (
         *tilts,
         Parameter(
-            embedded.STIFFNESS_NAME, "p−1", "-", "exponent of α that multiplies k(α)", stats.norm(scale=EXPONENT_SD)
+            embedded.STIFFNESS_NAME, "q", "-", "exponent of α that multiplies k(α)", stats.norm(scale=EXPONENT_SD)
         ),
-        Parameter(embedded.CORNER_NAME, "c_A", "-", "bend of α at its corner, u = A", stats.norm(scale=CORNER_SD)),
+        Parameter(embedded.CORNER_NAME, "c0", "-", "bend of α at its corner, u = A", stats.norm(scale=CORNER_SD)),
     )
 
 

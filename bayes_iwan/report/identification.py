@@ -135,8 +135,8 @@ def _quantities(section: Section, posterior: Any) -> None:
             for n in widened
         ],
         "Identifiable quantities: median and 90 % interval (φ 25 %: a quarter of the elements slip below it). The "
-        "wider interval adds how far the number moves when one test after the other is left out (delete-one-test jackknife), "
-        "and for numbers that are extrapolated the share of elements that no loop resolves; quote that one.",
+        "wider interval adds how far the number moves when one test after the other is left out (delete-one-test "
+        "jackknife), and for numbers extrapolated the share of elements that no loop resolves; quote that one.",
     )
     section.figure(
         marginals.corner_figure(draws, labels),

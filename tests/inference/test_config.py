@@ -9,7 +9,7 @@ from bayes_iwan.inference.config import ConfigError, complete, read_config
 def test_defaults_are_filled_in_and_not_shared():
     first = complete({"sampling": {"walkers": 32}, "model": {"slip": "gamma2"}})
     assert first["sampling"]["walkers"] == 32 and first["sampling"]["ensembles"] == 4
-    assert first["model"] == {"slip": "gamma2", "grip": "hunt_crossley", "stiffness": "saturating"}
+    assert first["model"] == {"slip": "gamma2", "grip": "hunt_crossley", "stiffness": "saturating", "embedded": True}
     first["loops"]["n_phase"] = 7
     assert complete()["loops"]["n_phase"] == 128 == config.DEFAULTS["loops"]["n_phase"]
 

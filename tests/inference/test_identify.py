@@ -19,7 +19,7 @@ from bayes_iwan.physics import Model
 from bayes_iwan.sampling.checkpoint import CheckpointError
 
 SMALL = {
-    "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"},
+    "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},
     "parameters": {"force_zero_N": {"fixed": 0.0}},
     "likelihood": {"kind": "gaussian"},
     "search": {"members": 40, "evaluations": 1200, "starts": 4},

@@ -28,7 +28,7 @@ TRUTH = {
     "grip_rate": 0.07,
     "beta": 0.6,
 }
-SETTINGS = config.complete({"model": {"slip": "gamma1"}})
+SETTINGS = config.complete({"model": {"slip": "gamma1", "embedded": False}})
 
 
 def made_records(tests, truth=TRUTH, noise_N=0.01, cycles=16, change=None):

@@ -215,11 +215,14 @@ def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch):
 
 def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
     monkeypatch.setattr(rig_cases, "draw_design", small_design)
-    monkeypatch.setattr(sys, "argv", ["coverage_rig.py", "--cases", "1", "--budget", "2", "--out", str(tmp_path)])
+    monkeypatch.setattr(sys, "argv", ["coverage_rig.py", "--cases", "1", "--laplace", "--out", str(tmp_path)])
     study("coverage_rig").main()
     result = json.loads((tmp_path / "coverage.json").read_text())
-    assert result["table"]["energy"]["coverage"]["0.9"]["n"] == 2
-    assert abs(result["cases"][0]["error"]["energy 0"]) < 0.1
+    assert result["table"]["energy"]["reported"]["coverage"]["0.9"]["n"] == 2
+    numbers = result["cases"][0]["numbers"]
+    energies = [r for n, r in numbers.items() if n.startswith("dissipated_energy")]
+    assert len(energies) == 2 and all(abs(r["error"]) < 0.1 for r in energies)
+    assert all(r["width_reported"] >= 0.99 * r["width_alone"] > 0.0 for r in numbers.values())
     assert (tmp_path / "coverage.png").stat().st_size > 5000
 
 
