@@ -34,6 +34,8 @@ class Point:
     z, log_prob : the most probable point; goal_at_z : Eq. (8) there.
     optima, optima_log_prob : the different maxima that least squares ended in, best first (k, ndim).
     search, second : histories of the genetic algorithm and of differential evolution (None if it was not asked for).
+    each_z, each_log_prob : (searches, ndim), (searches,) the most probable point that each search found by itself, from
+        its own population and its own draws of the prior. The sampler's starts come from the maxima of all of them.
     """
 
     objective: str
@@ -49,6 +51,13 @@ class Point:
     second: GlobalOptimum | None
     n_evaluations: int
     seconds: float
+    each_z: Array
+    each_log_prob: Array
+
+    @property
+    def missed_nats(self) -> float:
+        """By how much the best maximum of the poorest search lies below the best of all; 0 for a single search."""
+        return float(np.max(self.each_log_prob) - np.min(self.each_log_prob))
 
 
 def goal_share(problem: Problem, z: Array) -> Array:
@@ -70,18 +79,27 @@ def find_point(problem: Problem, seed: int, settings: Mapping[str, Any], progres
         second = differential_evolution_search(objective, box, members=settings["members"], **common)
     searches = [s for s in (found, second) if s is not None]
 
-    members = np.concatenate([_some(s, 6) for s in searches])
-    polished, polishing = _polished(objective, ladder, members, box)
+    members_of = [_some(s, 6) for s in searches]
+    polished_of = [_polished(objective, ladder, m, box) for m in members_of]
+    members, polished = np.concatenate(members_of), np.concatenate([p for p, _ in polished_of])
+    polishing = sum(n for _, n in polished_of)
     reached = np.concatenate([polished, members])
     values = objective(reached)
     best = int(np.argmin(values))
     goal_z = _embedded(problem, columns, reached[best : best + 1])[0]
 
-    distinct = _different(polished, -objective(polished), tolerance=0.1, depth=np.inf)
-    starts = np.concatenate(
-        [_embedded(problem, columns, polished[distinct]), _prior_starts(problem, settings["starts"], seed)]
-    )
-    optima, log_prob, used = most_probable(problem, starts)
+    # each search seeks the most probable point by itself: what one of them misses shows beside the other
+    share = -(-settings["starts"] // len(searches))
+    each = []
+    for k in range(len(searches)):
+        own = polished_of[k][0]
+        own = own[_different(own, -objective(own), tolerance=0.1, depth=np.inf)]
+        starts = np.concatenate([_embedded(problem, columns, own), _prior_starts(problem, share, seed, k)])
+        each.append(most_probable(problem, starts))
+    optima, log_prob = np.concatenate([e[0] for e in each]), np.concatenate([e[1] for e in each])
+    order = np.argsort(-log_prob)
+    order = order[_different(optima[order], log_prob[order], tolerance=0.3)]
+    optima, log_prob, used = optima[order], log_prob[order], sum(e[2] for e in each)
     return Point(
         objective=settings["objective"],
         goal_z=goal_z,
@@ -96,6 +114,8 @@ def find_point(problem: Problem, seed: int, settings: Mapping[str, Any], progres
         second=second,
         n_evaluations=sum(s.n_evaluations for s in searches) + polishing + used,
         seconds=time.monotonic() - began,
+        each_z=np.stack([e[0][0] for e in each]),
+        each_log_prob=np.array([e[1][0] for e in each]),
     )
 
 
@@ -165,9 +185,9 @@ def joint_rows(problem: Problem, z: Array) -> Array:
     return np.concatenate([whitened, z, last[:, None]], axis=1)
 
 
-def _prior_starts(problem: Problem, count: int, seed: int) -> Array:
+def _prior_starts(problem: Problem, count: int, seed: int, search: int) -> Array:
     """The best by Eq. (8) of 32 times as many draws from the prior, noise at its median, (count, ndim)."""
-    z = problem.prior.draw(np.random.default_rng([seed, 11]), 32 * count)
+    z = problem.prior.draw(np.random.default_rng([seed, 11, search]), 32 * count)
     z[:, [name in _noise_names(problem) for name in problem.names]] = 0.0
     return z[np.argsort(problem.goal(z))[:count]]
 

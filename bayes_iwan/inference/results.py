@@ -97,6 +97,7 @@ def point_record(posterior: Posterior) -> dict[str, Any]:
             "eq8": point.goal_at_z,
             "numbers": named(point.z),
             "maxima_log_prob": point.optima_log_prob.tolist(),
+            "best_log_prob_of_each_search": point.each_log_prob.tolist(),
         },
         "search": history(point.search),
         "second_opinion": history(point.second),
@@ -240,7 +241,7 @@ def _point_of(plain: Mapping[str, Any]) -> Point:
         none = np.empty((0, len(stored["x"])))
         return GlobalOptimum(**{**stored, **arrays}, population=none, population_objective=np.empty(0))
 
-    arrays = {k: np.array(plain[k]) for k in ("goal_z", "z", "optima", "optima_log_prob")}
+    arrays = {k: np.array(plain[k]) for k in ("goal_z", "z", "optima", "optima_log_prob", "each_z", "each_log_prob")}
     return Point(**{**plain, **arrays, "search": search(plain["search"]), "second": search(plain["second"])})
 
 

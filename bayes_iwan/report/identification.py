@@ -57,6 +57,10 @@ def identification_report(
     return page.write(out / "report.html")
 
 
+#: searches whose best log posteriors differ by more have not found the same maximum
+MISSED_NATS = 2.0
+
+
 def _subtitle(posterior: Any) -> str:
     model = posterior.problem.model
     said = model.name
@@ -335,6 +339,8 @@ def _sampling(section: Section, posterior: Any, convergence: tables.Table, run: 
         "Convergence of every number",
         fold=len(convergence.rows) > 12,
     )
+    said, agree = searches_said(posterior)
+    section.note(said, "good" if agree else "warning")
     t = posterior.timings
     if "sampling_s" in t:
         section.text(
@@ -342,6 +348,28 @@ def _sampling(section: Section, posterior: Any, convergence: tables.Table, run: 
             f"walkers each, {t.get('evaluations', 0):.3g} evaluations; point estimate "
             f"{t.get('point_s', 0):.3g} s, sampling {t['sampling_s']:.3g} s."
         )
+
+
+def searches_said(posterior: Any) -> tuple[str, bool]:
+    """Whether independent searches found the same maximum, in words, and whether they did."""
+    point = posterior.point
+    count = len(point.each_log_prob)
+    if count < 2:
+        return "One search only: a maximum that it missed would not be seen.", False
+    if point.missed_nats < MISSED_NATS:
+        return (
+            f"{count} searches with populations of their own ended in the same maximum (their best log posteriors "
+            f"differ by {point.missed_nats:.1g})."
+        ), True
+    best, poorest = (point.each_z[int(f(point.each_log_prob))] for f in (np.argmax, np.argmin))
+    values = posterior.problem.prior.values(np.stack([best, poorest]))
+    furthest = [posterior.names[i] for i in np.argsort(-np.abs(best - poorest))[:3]]
+    told = ", ".join(f"{n} {values[n][0]:.4g} against {values[n][1]:.4g}" for n in furthest)
+    return (
+        f"The searches disagree: of {count}, each with a population of its own, one stayed {point.missed_nats:.3g} "
+        f"below the best log posterior, furthest apart in {told}. There are several maxima; another search may find one "
+        "more; the chains started from all that were found."
+    ), False
 
 
 def _priors(section: Section, posterior: Any) -> None:

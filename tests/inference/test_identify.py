@@ -256,3 +256,13 @@ def test_starts_are_dispersed_and_possible(small_loops):
     assert z.shape[0] > 50 and np.all(np.isfinite(problem.log_prob(z)))
     posterior = identify_problem(problem, 0, config=SMALL, progress=False)
     assert np.all(z.std(axis=0) > 1.1 * posterior.flat_z().std(axis=0))
+
+
+def test_each_search_has_a_population_and_a_maximum_of_its_own(run):
+    """Both found the one maximum there is, from different searches; the sampler's starts know both."""
+    posterior, out = run
+    point = posterior.point
+    assert point.each_z.shape == (2, posterior.ndim) and point.missed_nats < 0.1
+    assert not np.array_equal(point.each_z[0], point.each_z[1])
+    stored = json.loads((out / "point.json").read_text())
+    assert len(stored["most_probable"]["best_log_prob_of_each_search"]) == 2

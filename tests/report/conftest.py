@@ -81,6 +81,8 @@ def made_posterior(records, settings=SETTINGS, draws=1024, path=Path(".")):
         None,
         1,
         0.1,
+        optima[:1],
+        log_prob[:1],
     )
     return Posterior(
         problem,

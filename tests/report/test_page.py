@@ -7,6 +7,7 @@ import csv
 import hashlib
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 from markupsafe import Markup
 
 from bayes_iwan.report import latex_table
+from bayes_iwan.report.identification import searches_said
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import save, subplots
 
@@ -176,3 +178,15 @@ def test_latex_table_is_balanced_and_ascii_enough(posterior):
     body = [line for line in tex.splitlines() if line.endswith(r"\\")]
     assert len(body) == posterior.ndim + 1 and all(line.count(" & ") == 4 for line in body)
     assert all(ord(c) < 128 for c in tex), sorted({c for c in tex if ord(c) >= 128})
+
+
+def test_searches_that_disagree_are_said(posterior):
+    """A second search that stayed five below the first, and one that ended where the first did."""
+    z = posterior.point.z
+    other = z.copy()
+    other[posterior.names.index("kp_N_mm")] -= 2.0
+    for gap, agree in ((5.0, False), (0.1, True)):
+        point = replace(posterior.point, each_z=np.stack([z, other]), each_log_prob=np.array([0.0, -gap]))
+        said, same = searches_said(replace(posterior, point=point))
+        assert same == agree and ("kp_N_mm" in said) == (not agree)
+    assert "One search only" in searches_said(posterior)[0]
