@@ -367,8 +367,8 @@ def searches_said(posterior: Any) -> tuple[str, bool]:
     told = ", ".join(f"{n} {values[n][0]:.4g} against {values[n][1]:.4g}" for n in furthest)
     return (
         f"The searches disagree: of {count}, each with a population of its own, one stayed {point.missed_nats:.3g} "
-        f"below the best log posterior, furthest apart in {told}. There are several maxima; another search may find one "
-        "more; the chains started from all that were found."
+        f"below the best log posterior, furthest apart in {told}. There are several maxima; another search may find "
+        "one more; the chains started from all that were found."
     ), False
 
 
