@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference.intervals import Widening, reach_of, widenings, with_between_tests
+from bayes_iwan.inference.intervals import SHARED, Widening, reach_of, widenings, with_between_tests
 from bayes_iwan.inference.jackknife import jackknife_variance, left_out_optima
 from bayes_iwan.inference.point import most_probable
 from bayes_iwan.inference.problem import make_problem
@@ -59,7 +59,7 @@ def test_interval_of_between_test_variance_alone_is_students():
 
 def test_any_number_is_widened_by_what_it_is_without_each_test():
     without = np.array([1.0, 1.2, 0.9, 1.1])
-    sd = np.sqrt(0.75 * np.sum((without - 1.05) ** 2))
+    sd = SHARED * np.sqrt(0.75 * np.sum((without - 1.05) ** 2))
     ends = with_between_tests(np.full(50, 1.0), without)
     np.testing.assert_allclose(ends, 1.0 + sd * stats.t.ppf([0.05, 0.95], 3), rtol=1e-9)
     assert with_between_tests(np.arange(101.0), np.array([1.0])) == (5.0, 95.0)
