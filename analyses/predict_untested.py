@@ -20,6 +20,9 @@ from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.predictive import loop_numbers, predict
 from bayes_iwan.report.style import BLACK, band, save, styled, subplots
 
+#: a short run of the default model
+SETTINGS = {**SHORT, "model": {"embedded": True}}
+
 
 def folds(loops, what=("frequency_hz", "amplitude_mm")):
     """Names of the held-out groups and the tests in them: every nominal frequency, every nominal amplitude."""
@@ -32,7 +35,7 @@ def folds(loops, what=("frequency_hz", "amplitude_mm")):
     return out
 
 
-def held_out(loops, files, seed=0, settings=SHORT):
+def held_out(loops, files, seed=0, settings=SETTINGS):
     """The posterior of the other tests, and its prediction of those in `files`."""
     marked = [replace(x, role="held-out" if x.file in files else "fit") for x in loops]
     posterior = bi.identify_problem(

@@ -140,6 +140,15 @@ def with_between_tests(draws: Array, without: Array, level: float = 0.9) -> tupl
     return Widening(between, 0.0, max(len(without) - 1, 1), False, "").interval(draws, level)
 
 
+def between_draws(without: Array, draws: int, rng: np.random.Generator) -> Array:
+    """(draws, …) N(0, between-test covariance) of any array, e.g. forces; without (tests, …): it without each test."""
+    tests = len(without)
+    if tests < 2:
+        return np.zeros((draws, *without.shape[1:]))
+    apart = (without - without.mean(axis=0)) * (SHARED * math.sqrt((tests - 1) / tests))
+    return np.tensordot(rng.standard_normal((draws, tests)), apart, axes=1)
+
+
 def _unreached(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[float, str]]:
     """Relative standard deviation of what is extrapolated, and why, by name."""
     model = problem.model

@@ -10,6 +10,8 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.intervals import between_draws
+from bayes_iwan.inference.jackknife import left_out_optima
 from bayes_iwan.inference.likelihood import make_likelihood
 from bayes_iwan.inference.scales import loop_energy_mJ
 from bayes_iwan.physics.motion import motion_of
@@ -22,7 +24,8 @@ class Predictive:
 
     measured_N : (tests, samples) measured averages less zero_N, (tests,), which makes the mean residual of each test
         zero: the force channel's zero drifts from test to test, the likelihood gives it no weight, nor do figures.
-    force_N : what the model says, (draws, tests, samples), every draw's mean over a loop moved to their median's.
+    force_N : what the model says, (draws, tests, samples), with the variance between tests (each fitted test left
+        out in turn) beside the posterior's; every draw's mean over a loop moved to their median's.
     loop_N : the same with the likelihood's noise, as an averaged loop would be measured again.
     cycle_N : with the cycle-to-cycle scatter on top, as one more cycle would be measured.
     spring_N : (tests, samples) median parallel spring and force zero. Force less this is the friction force; taking
@@ -50,9 +53,12 @@ def predict(posterior: Any, loops: Sequence[Loop] | None = None, n: int = 300, s
     z = posterior.flat_z(n)
     numbers = problem.numbers(z)
     force = problem.force(numbers, motion_of(chosen))
+    rng = np.random.default_rng([seed, 31])
+    if len(problem.loops) > 1:
+        without = problem.predict(left_out_optima(problem, posterior.point.z), motion_of(chosen))
+        force += between_draws(without, len(force), rng)
     mean = force.mean(axis=-1, keepdims=True)
     force += np.median(mean, axis=0) - mean
-    rng = np.random.default_rng([seed, 31])
     likelihood = make_likelihood(problem.likelihood.name, chosen, problem.scales)
     loop = force + _resolved(likelihood.replicate(force, numbers, rng) - force, chosen)
     scatter = np.stack([x.force_scatter_N for x in chosen])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference.intervals import SHARED, Widening, reach_of, widenings, with_between_tests
+from bayes_iwan.inference.intervals import SHARED, Widening, between_draws, reach_of, widenings, with_between_tests
 from bayes_iwan.inference.jackknife import jackknife_variance, left_out_optima
 from bayes_iwan.inference.point import most_probable
 from bayes_iwan.inference.problem import make_problem
@@ -63,6 +63,14 @@ def test_any_number_is_widened_by_what_it_is_without_each_test():
     ends = with_between_tests(np.full(50, 1.0), without)
     np.testing.assert_allclose(ends, 1.0 + sd * stats.t.ppf([0.05, 0.95], 3), rtol=1e-9)
     assert with_between_tests(np.arange(101.0), np.array([1.0])) == (5.0, 95.0)
+
+
+def test_draws_between_tests_have_the_jackknifes_covariance():
+    rng = np.random.default_rng(3)
+    without = rng.normal(size=(5, 2, 3))
+    x = between_draws(without, 40_000, rng)
+    np.testing.assert_allclose(x.var(axis=0), SHARED**2 * jackknife_variance(without), rtol=0.05)
+    assert not between_draws(without[:1], 4, rng).any()
 
 
 def test_variances_add():
