@@ -30,6 +30,7 @@ from bayes_iwan.inference.point import Point, most_probable, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import loop_quantities
 from bayes_iwan.sampling.ensembles import sample
+from bayes_iwan.sampling.walkers import enough_walkers
 from runs import each
 
 #: draws of each posterior among which the truth is ranked: ranks 0 to 63 make equal bins
@@ -63,7 +64,7 @@ def short_posterior(
         names=problem.names,
         seed=seed,
         n_ensembles=2,
-        n_walkers=40,
+        n_walkers=max(40, enough_walkers(problem.ndim)),
         budget_s=budget_s,
         target_r_hat=1.03,
         target_ess=200.0,
