@@ -15,7 +15,8 @@ from pathlib import Path
 
 from bayes_iwan import executors
 from bayes_iwan.gap.diagnosis import diagnose
-from bayes_iwan.validation import sealed as withheld
+from bayes_iwan.validation.answering import answer
+from bayes_iwan.validation.answers import read_answer
 
 
 def main() -> None:
@@ -27,7 +28,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
     with executors.opened(args.workers) as executor:
-        answers = withheld.answer(args.source, diagnose, out=args.work, seed=args.seed, quick=True, executor=executor)
+        answers = answer(args.source, diagnose, out=args.work, seed=args.seed, quick=True, executor=executor)
     content = json.loads(answers.read_text())
     if content["failed"]:
         raise SystemExit(f"not answered: {content['failed']}")
@@ -36,16 +37,15 @@ def main() -> None:
     for case in sorted(content["answers"]):
         ship(args.source / case, args.target / case)
     short = {
-        case: {k: answer[k] for k in ("verdict", "probabilities", "gap")}
-        for case, answer in sorted(content["answers"].items())
+        case: {k: one[k] for k in ("schema", "verdict", "probabilities", "rest", "gap") if k in one}
+        for case, one in sorted(content["answers"].items())
     }
     (args.target / "answers.json").write_text(json.dumps(short, indent=1) + "\n")
-    for case, answer in short.items():
-        v = answer["verdict"]
-        print(
-            f"{case}  {v['cause']:30s} {v['probability']:.2f}  second: {v['second_cause'] or '-':25s} "
-            f"gap {100 * answer['gap']['before_share']:.1f} %  with: {', '.join(v['cannot_tell_apart'])}"
-        )
+    for case, one in short.items():
+        said = read_answer(case, one)
+        named = ", ".join(f"{c.name} {c.probability:.2f}" for c in said.causes) or "-"
+        alike = ", ".join(sorted(said.in_sets - said.names))
+        print(f"{case}  {said.kind:17s} {named:60s} gap {100 * one['gap']['before_share']:.1f} %  with: {alike}")
 
 
 def ship(source: Path, target: Path) -> None:

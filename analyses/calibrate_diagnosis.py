@@ -154,7 +154,7 @@ def cases_of(n: int, seed: int, out: Path, workers: int) -> list[Case]:
     folder = out / f"cases_{n}_{seed}"
     if not (folder / "commitments.json").is_file():
         with executors.opened(workers) as executor:
-            withheld.make(n, seed, folder, executor=executor)
+            withheld.make(n, folder, seed=seed, executor=executor)
     truths = withheld.read_truths(withheld.truth_folder(folder) / "truth.json")
     names = sorted(truths)
     jobs = [(out / f"tables_{n}_{seed}" / f"{name}.json", searched, folder / name) for name in names]

@@ -1,9 +1,10 @@
 """Make sealed cases, answer them, open the seals: what a diagnosis is worth, beside simpler ways to name a cause.
 
-    python analyses/score_withheld.py --cases 200 --seed 7 --out score [--workers 2]
+    python analyses/score_withheld.py --cases 200 --out score [--workers 2] [--laws other] [--left-out end_stop:hertz]
 
 One command for everything: cases are made on the virtual rig and sealed, answered (with baselines from the same
-data), scored with intervals, and drawn. What is there already is kept, so an interrupted run goes on.
+data), scored with intervals, and drawn. What is there already is kept, so an interrupted run goes on. With --seed the
+same cases can be made again elsewhere, and are marked as not sealed.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from bayes_iwan.gap.diagnosis import write_json
 from bayes_iwan.gap.saved_fits import find_shrink
 from bayes_iwan.report.score_figures import figures
 from bayes_iwan.validation import scoring
-from bayes_iwan.validation import sealed as withheld
+from bayes_iwan.validation.answering import answer
 from bayes_iwan.validation.baselines import NAMES, diagnose_with_baselines
+from bayes_iwan.validation.sealed import case_names, make, read_json, truth_folder
 
 
 def read_baselines(answers: Path, cases: list[str]) -> dict[str, dict[str, dict]]:
@@ -28,47 +30,49 @@ def read_baselines(answers: Path, cases: list[str]) -> dict[str, dict[str, dict]
     for case in cases:
         path = answers / case / "baselines.json"
         if path.is_file():
-            for name, answer in json.loads(path.read_text()).items():
-                out[name][case] = answer
+            for name, one in json.loads(path.read_text()).items():
+                out[name][case] = one
     return out
 
 
-def run(n: int, seed: int, out: Path, workers: int, full: bool = False) -> scoring.Score:
+def run(args: argparse.Namespace) -> scoring.Score:
     """Make (unless made), answer (what is not answered) and score."""
-    cases = out / "cases"
-    truth = withheld.truth_folder(cases) / "truth.json"
-    with executors.opened(workers) as executor:
+    cases = args.out / "cases"
+    truth = truth_folder(cases) / "truth.json"
+    with executors.opened(args.workers) as executor:
         if not (cases / "commitments.json").is_file():
-            withheld.make(n, seed, cases, executor=executor)
-        made = withheld.read_json(truth)
-        if made["seed"] != seed or len(made["cases"]) != n:
-            raise SystemExit(f"{cases} holds {len(made['cases'])} cases of seed {made['seed']}; use another --out")
-        answers = withheld.answer(
-            cases, diagnose_with_baselines, out=out / "answers", seed=seed, quick=not full, executor=executor
+            make(args.cases, cases, seed=args.seed, laws=args.laws, executor=executor)
+        made = read_json(truth)
+        if made.get("seed") != args.seed or len(made["cases"]) != args.cases:
+            raise SystemExit(f"{cases} holds {len(made['cases'])} other cases; use another --out")
+        answers = answer(
+            cases, diagnose_with_baselines, out=args.out / "answers", seed=0, quick=not args.full, executor=executor
         )
     return scoring.score(
         cases,
         truth,
         answers=answers,
         find_shrink=find_shrink,
-        seed=seed,
-        baselines=read_baselines(out / "answers", withheld.case_names(cases)),
+        left_out=args.left_out,
+        baselines=read_baselines(args.out / "answers", case_names(cases)),
     )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=200, metavar="N")
-    parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--seed", type=int, help="make these cases again (not sealed)")
     parser.add_argument("--out", type=Path, default=Path("score"))
     parser.add_argument("--workers", type=int, default=1, help="processes")
+    parser.add_argument("--laws", choices=("catalogue", "other", "all"), default="all")
+    parser.add_argument("--left-out", action="append", default=[], metavar="NAME", help="law or kind not calibrated on")
     parser.add_argument("--full", action="store_true", help="sample the leading explanations too (slow)")
     args = parser.parse_args()
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # of the workers: they share the machine by cases
-    score = run(args.cases, args.seed, args.out, args.workers, args.full)
+    score = run(args)
     table = score.table()
     print(table)
-    failed = withheld.read_json(args.out / "answers" / "answers.json")["failed"]
+    failed = read_json(args.out / "answers" / "answers.json")["failed"]
     for name, message in failed.items():
         print(f"failed: {name}: {message}")
     (args.out / "score.txt").write_text(table + "\n")

@@ -351,19 +351,31 @@ def run_batch(args: argparse.Namespace) -> int:
 
 @command(
     "withheld make",
-    "draw cases with a hidden cause on the virtual rig and seal their truths",
+    "draw cases with hidden causes on the virtual rig and seal their truths",
     argument("n", metavar="N", type=int, help="number of cases"),
-    SEED,
+    argument("--seed", metavar="S", type=int, help="development cases that can be made again: marked as not sealed"),
     OUT,
+    argument("--laws", choices=("catalogue", "other", "all"), default="all", help="laws of the causes (default: all)"),
+    argument("--leave-out-law", metavar="NAME:LAW", action="append", default=[], help="a law that is not drawn"),
+    argument("--leave-out-outside", metavar="NAME", action="append", default=[], help="an unlisted cause not drawn"),
     WORKERS,
     DASK,
 )
 def run_withheld_make(args: argparse.Namespace) -> None:
-    from bayes_iwan import executors
-    from bayes_iwan.validation import sealed as withheld
+    from bayes_iwan.executors import opened
+    from bayes_iwan.validation.sealed import make
 
-    with executors.opened(args.workers, args.dask) as executor:
-        say(f"truths are in {withheld.make(args.n, args.seed, args.out, executor=executor)}; keep them apart")
+    with opened(args.workers, args.dask) as executor:
+        truth = make(
+            args.n,
+            args.out,
+            seed=args.seed,
+            laws=args.laws,
+            leave_out_laws=args.leave_out_law,
+            leave_out_outside=args.leave_out_outside,
+            executor=executor,
+        )
+    say(f"truths are in {truth}; keep them apart")
 
 
 DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld make` wrote")
@@ -380,14 +392,17 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     DASK,
 )
 def run_withheld_answer(args: argparse.Namespace) -> None:
-    from bayes_iwan import executors
+    from bayes_iwan.executors import opened
     from bayes_iwan.files import owned
     from bayes_iwan.gap.diagnosis import diagnose
-    from bayes_iwan.validation import sealed as withheld
+    from bayes_iwan.validation.answering import answer
+    from bayes_iwan.validation.confinement import available
 
+    if not available():
+        say("this machine cannot close the truths to the answering processes (it has no Landlock)")
     out = args.out or os.path.join(args.directory, "answers")
-    with owned(out), executors.opened(args.workers, args.dask) as executor:
-        path = withheld.answer(args.directory, diagnose, out=out, seed=args.seed, quick=args.quick, executor=executor)
+    with owned(out), opened(args.workers, args.dask) as executor:
+        path = answer(args.directory, diagnose, out=out, seed=args.seed, quick=args.quick, executor=executor)
     say(f"answers are in {path}")
 
 
@@ -398,11 +413,24 @@ def run_withheld_answer(args: argparse.Namespace) -> None:
     argument("--truth", metavar="FILE", required=True, help="the truths"),
     argument("--answers", metavar="FILE", help="answers.json (default: DIR/answers/answers.json)"),
     argument("--out", metavar="DIR", help="folder for table and figures"),
+    argument(
+        "--left-out", metavar="NAME", action="append", default=[], help="law (NAME:LAW) or kind not calibrated on"
+    ),
+    argument("--allow-effects-file", action="store_true", help="run the effects file (code) that an answer names"),
 )
 def run_withheld_score(args: argparse.Namespace) -> None:
     from bayes_iwan.report.scores import write_score
 
-    say(write_score(args.directory, args.truth, answers=args.answers, out=args.out))
+    say(
+        write_score(
+            args.directory,
+            args.truth,
+            answers=args.answers,
+            out=args.out,
+            allow_effects_file=args.allow_effects_file,
+            left_out=args.left_out,
+        )
+    )
 
 
 def parser() -> argparse.ArgumentParser:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from bayes_iwan.files import write_whole
@@ -13,11 +14,25 @@ from bayes_iwan.validation.scoring import score
 
 
 def write_score(
-    directory: str | Path, truth: str | Path, *, answers: str | Path | None = None, out: str | Path | None = None
+    directory: str | Path,
+    truth: str | Path,
+    *,
+    answers: str | Path | None = None,
+    out: str | Path | None = None,
+    allow_effects_file: bool = False,
+    left_out: Sequence[str] = (),
 ) -> str:
-    """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table."""
-    result = score(directory, truth, answers=answers, find_shrink=find_shrink)
-    table = result.table()
+    """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table and,
+    case by case, what was true and what was said."""
+    result = score(
+        directory,
+        truth,
+        answers=answers,
+        find_shrink=find_shrink,
+        allow_effects_file=allow_effects_file,
+        left_out=left_out,
+    )
+    table = result.table() + "\n\n" + result.case_table()
     if out is not None:
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)

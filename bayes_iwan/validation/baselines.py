@@ -1,6 +1,7 @@
 """Simpler ways to name a cause, from the same data and refits as a diagnosis: what its answers are to be measured by.
 
-Each gives an answer as `diagnosis.json` has it ("verdict" and "probabilities"), so that one score judges all.
+Each gives an answer in the form that the first version's `diagnosis.json` had (exclusive labels), which the score reads
+beside the present one.
 """
 
 from __future__ import annotations
@@ -14,19 +15,17 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.gap.attribution import Table, attribute
 from bayes_iwan.gap.data import GapData, predicted
 from bayes_iwan.gap.diagnosis import diagnose_folder, write_json
-from bayes_iwan.gap.evidence import Fit, Rows, base_problem, extended, fit_model
-from bayes_iwan.gap.search import SINGLE_MOST, Search, candidates
-from bayes_iwan.inference.scales import Scales
+from bayes_iwan.gap.evidence import Fit, Rows, extended
+from bayes_iwan.gap.search import Search
 
 Answer = dict[str, Any]
 
 #: correlation: a residual below this share of the friction force is called none, and a signature that matches a
 #: residual with a cosine below the second is called unknown
 LITTLE, MATCH = 0.01, 0.6
-NAMES = ("uniform guess", "correlation", "BIC", "single start")
+NAMES = ("uniform guess", "correlation", "BIC")
 
 
 def answer_of(probabilities: Mapping[str, float], cause: str, second: str | None = None) -> Answer:
@@ -130,21 +129,6 @@ def _bic(data: GapData, fit: Fit, n: int) -> float:
     return n * float(np.log(rss / n)) + len(fit.z) * float(np.log(n))
 
 
-def single_start(data: GapData, scales: Scales, config: dict, effects: Mapping[str, tuple[Effect, ...]]) -> Answer:
-    """The diagnosis with one start of everything: the base from its prior's median, each effect from one point, the
-    base never fitted again, no pairs. Evidence, tempering and priors are the diagnosis' own."""
-    problem = base_problem(data, config, scales)
-    base = fit_model(data, problem, np.zeros((1, problem.ndim)))
-    singles: dict[str, tuple[Fit, ...]] = {name: () for name in effects}
-    for one in candidates(data, base, dict(effects))[:SINGLE_MOST]:
-        singles[one.name] += (fit_model(data, one.problem, one.starts[:1], iterations=20),)
-    a = attribute(Table.of(Search(data, scales, config, base, singles, {}, dict(effects))))
-    return {
-        "verdict": {"cause": a.cause, "second_cause": None, "cannot_tell_apart": list(a.cannot_tell_apart)},
-        "probabilities": a.probabilities,
-    }
-
-
 def baselines(found: Search, seed: int) -> dict[str, Answer]:
     """All baselines from the data, the base fit and the refits of one search."""
     effects = {name: tuple(replace(e) for e in some) for name, some in found.effects.items()}
@@ -152,7 +136,6 @@ def baselines(found: Search, seed: int) -> dict[str, Answer]:
         "uniform guess": uniform_guess(tuple(effects), np.random.default_rng([seed, 9])),
         "correlation": correlation(found.data, found.base, effects),
         "BIC": bic(found),
-        "single start": single_start(found.data, found.scales, found.config, effects),
     }
 
 

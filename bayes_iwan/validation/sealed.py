@@ -1,44 +1,47 @@
-"""The withheld protocol: make cases and seal their truths, have them answered, open the seals.
+"""The withheld protocol: make cases and seal their truths, open the seals.
 
 Three roles. `make` draws cases on the virtual rig and publishes, beside the data, a salted SHA-256 commitment to
-each truth; the truths go into a folder apart. `answer` runs a diagnosis over the cases, without the truth.
-`score.score` (in `gap.scoring`) checks the commitments before it compares.
+each truth; the truths go into a folder apart. `answering.answer` runs a diagnosis over the cases, without the truth.
+`scoring.score` checks the commitments before it compares.
 
 Layout::
 
-    DIR/commitments.json              {"rule": ..., "cases": {"case_01": "<sha256>", ...}}
+    DIR/commitments.json              {"rule": ..., "sealed": true, "entropy": "<sha256>", "cases": {"case_01": ...}}
     DIR/case_01/campaign.toml ...     what a diagnosis is given
-    DIR-truth/truth.json              {"schema": 1, "seed": ..., "cases": {"case_01": {...}, ...}}
+    DIR-truth/truth.json              {"schema": 2, "entropy": ..., "cases": {"case_01": {...}, ...}}
     DIR-truth/unseen/case_01/...      tests of the same specimen that no diagnosis sees, to check its predictions
 
-A case's truth is an object: "schema", "case", "kind" (none, single, pair or outside), "effects" (a list of
-{"name", "size", "visible_share", "parameters"}: size as RMS change of the force over RMS friction force, the share
-of it that no other numbers of the specimen imitate, units in the parameters' names), "specimen", "setup", "noise",
-"friction_rms_N", "design", "seed" (of the case's run), "data" (SHA-256 of each file of its campaign, so that
-neither can be changed after the other) and "salt".
+Everything random follows from 256 bits of the system's entropy, which are kept with the truths, committed to, and
+published with them at opening: whoever has the campaigns cannot try seeds until one gives them. Development cases may
+be drawn from a seed instead; their commitments say that they are not sealed.
+
+A case's truth is an object: "schema", "case", "kind" (one of `rig.cases.KINDS`), "effects" (a list of {"name", "law",
+"size", "visible_share", "share", "share_of_square", "parameters"}: size as RMS change of the force over RMS friction
+force, the share of it that no other numbers of the specimen imitate, its share of the gap that all leave together,
+units in the parameters' names), "specimen", "setup", "noise", "friction_rms_N", "design", "seed" (of the case's run),
+"data" and "unseen_data" (SHA-256 of each file of its campaign and of its unseen tests, so that none can be changed
+after the other) and "salt".
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import secrets
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_iwan import executors
 from bayes_iwan.campaign import write_campaign
+from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import write_whole
 from bayes_iwan.rig import cases as rig_cases
 
 RULE = "sha256 of the case's truth as JSON with sorted keys, salt inside"
-Diagnose = Callable[[Path, Path, int, bool], Any]
 
 
 class WithheldError(ValueError):
@@ -101,32 +104,52 @@ def truth_folder(directory: Path) -> Path:
 # ---- make
 
 
-def _make_one(where: tuple[int, Path, Path], job: tuple[str, int, str | None]) -> dict[str, Any]:
-    seed, out, unseen = where
-    name, index, kind = job
-    case = rig_cases.draw_case(np.random.default_rng([seed, index]), kind)
+@dataclass(frozen=True)
+class _Draws:
+    """What all cases of a set share: where randomness comes from, where files go, which laws are drawn."""
+
+    entropy: str
+    out: Path
+    unseen: Path
+    laws: str
+    leave_out_laws: tuple[str, ...]
+    leave_out_outside: tuple[str, ...]
+
+
+def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, Any]:
+    name, kind = piece
+    bits = hashlib.sha256(f"{draws.entropy}/{name}".encode()).digest()
+    case = rig_cases.draw_case(
+        np.random.default_rng(int.from_bytes(bits, "big")), kind, laws=draws.laws,
+        leave_out_laws=draws.leave_out_laws, leave_out_outside=draws.leave_out_outside,
+    )  # fmt: skip
     given, kept = rig_cases.simulate(case)
-    for folder, tests in ((out, given), (unseen, kept)):
+    for folder, tests in ((draws.out, given), (draws.unseen, kept)):
         write_campaign(
             folder / name, name=name, description="a rope spring on the virtual rig, one withheld case",
             tests=tests, source="bayes_iwan withheld",
         )  # fmt: skip
-    return {**case.truth(name), "data": file_hashes(out / name), "salt": secrets.token_hex(32)}
+    hashes = {"data": file_hashes(draws.out / name), "unseen_data": file_hashes(draws.unseen / name)}
+    return {**case.truth(name), **hashes, "salt": secrets.token_hex(32)}
 
 
 def make(
     n: int,
-    seed: int,
     out: Path | str,
     *,
+    seed: int | None = None,
     kinds: Sequence[str] | None = None,
+    laws: str = "all",
+    leave_out_laws: Sequence[str] = (),
+    leave_out_outside: Sequence[str] = (),
     executor: Executor | None = None,
 ) -> Path:
     """Draw `n` cases, write their campaigns to `out` and seal their truths beside it.
 
-    Parameters: `seed` settles specimens, tests, effects and records (so keep it from whoever answers); the salts
-    are fresh each time. `kinds`, one a case, in place of the random mix. `executor` runs cases side by side.
-    Returns the path of the truth file. Raises `WithheldError` if either folder exists already.
+    Parameters: `seed`, for development cases alone: it makes them again, and they are marked as not sealed; without it
+    everything follows from 256 bits of the system's entropy. `kinds`, one a case, in place of the random mix; `laws`,
+    `leave_out_laws` and `leave_out_outside` as in `rig.cases.draw_case`. `executor` makes cases side by side. Returns
+    the path of the truth file. Raises `WithheldError` if either folder exists already.
     """
     out = Path(out)
     apart = truth_folder(out)
@@ -135,62 +158,24 @@ def make(
     if kinds is not None and len(kinds) != n:
         raise WithheldError(f"{len(kinds)} kinds given for {n} cases")
     for folder in (out, apart):
-        if folder.exists() and any(folder.iterdir()):
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise WithheldError(f"{folder} exists and is not empty; choose another name or remove it")
     names = [f"case_{i + 1:0{max(2, len(str(n)))}d}" for i in range(n)]
-    jobs = {name: (name, i, kinds[i] if kinds is not None else None) for i, name in enumerate(names)}
-    where = (seed, out, apart / "unseen")
+    pieces = {name: (name, kinds[i] if kinds is not None else None) for i, name in enumerate(names)}
+    entropy = secrets.token_hex(32) if seed is None else f"seed {seed}"
+    draws = _Draws(entropy, out, apart / "unseen", laws, tuple(leave_out_laws), tuple(leave_out_outside))
     truths: dict[str, dict[str, Any]] = {}
-    for name, truth in executors.run(
-        jobs, _make_one, where, executor=executor, what="making cases", unit="case"
-    ).items():
-        if isinstance(truth, executors.Failure):
+    for name, truth in finished(pieces, _make_one, draws, executor=executor, what="making cases", unit="case"):
+        if isinstance(truth, Failure):
             raise WithheldError(f"{name} could not be made: {truth}")
         truths[name] = truth
-    write_json(apart / "truth.json", {"schema": 1, "seed": seed, "cases": truths})
-    write_json(out / "commitments.json", {"rule": RULE, "cases": {k: commitment(truths[k]) for k in names}})
+    source = {"entropy": entropy} if seed is None else {"seed": seed}
+    write_json(apart / "truth.json", {"schema": 2, **source, "cases": truths})
+    public: dict[str, Any] = {"rule": RULE, "sealed": seed is None, "cases": {k: commitment(truths[k]) for k in names}}
+    if seed is None:
+        public["entropy"] = hashlib.sha256(entropy.encode()).hexdigest()
+    write_json(out / "commitments.json", public)
     return apart / "truth.json"
-
-
-# ---- answer
-
-_forbidden: list[str] = []  # folders that this process must not read while it diagnoses
-_hooked = False
-
-
-def _watch(event: str, arguments: tuple[Any, ...]) -> None:
-    if event != "open" or not _forbidden or not isinstance(arguments[0], (str, bytes, os.PathLike)):
-        return
-    path = os.path.realpath(os.fsdecode(arguments[0]))
-    name = os.path.basename(path)
-    if (name.startswith("truth") and name.endswith(".json")) or any(
-        path == f or path.startswith(f + os.sep) for f in _forbidden
-    ):
-        raise PermissionError(f"the truth of withheld cases is closed while they are answered: {path}")
-
-
-def _answer_one(common: tuple[Diagnose, bool, str], job: tuple[Path, Path, int]) -> dict[str, Any]:
-    """Diagnose one case with the truth closed to this process."""
-    global _hooked
-    diagnose, quick, forbidden = common
-    campaign, out, seed = job
-    if not _hooked:
-        sys.addaudithook(_watch)
-        _hooked = True
-    _forbidden.append(forbidden)
-    try:
-        diagnose(campaign, out, seed, quick)
-    finally:
-        _forbidden.clear()
-    return read_diagnosis(out)
-
-
-def read_diagnosis(folder: Path) -> dict[str, Any]:
-    """A finished `diagnosis.json`. Raises `WithheldError` if it lacks a verdict or probabilities."""
-    diagnosis = read_json(folder / "diagnosis.json")
-    if not isinstance(diagnosis, dict) or not {"verdict", "probabilities"} <= set(diagnosis):
-        raise WithheldError(f"{folder / 'diagnosis.json'}: no verdict and probabilities in it")
-    return diagnosis
 
 
 def case_names(directory: Path) -> list[str]:
@@ -202,78 +187,6 @@ def case_names(directory: Path) -> list[str]:
     if missing:
         raise WithheldError(f"{directory}: no campaign for {', '.join(missing)}")
     return sorted(sealed["cases"])
-
-
-def refuse_open_truth(directory: Path) -> None:
-    """Raise `WithheldError` if a truth lies within the folder that is to be answered."""
-    for path in sorted(directory.rglob("*.json")):
-        if path.name.startswith("truth") or '"salt"' in path.read_text(errors="replace"):
-            raise WithheldError(f"{path} holds a truth; move it out of {directory} before answering")
-
-
-def answer(
-    directory: Path | str,
-    diagnose: Diagnose,
-    *,
-    out: Path | str | None = None,
-    seed: int = 0,
-    quick: bool = False,
-    executor: Executor | None = None,
-    only: Sequence[str] | None = None,
-) -> Path:
-    """Diagnose every case of a withheld folder; go on where an earlier run stopped.
-
-    Parameters: `diagnose(campaign, out, seed, quick)` writes `out/diagnosis.json`; it must be importable by name
-    when processes are used. `out`, by default `directory/answers`. `executor`, from `executors.opened`, answers
-    cases side by side. `only`, some case names.
-
-    Each case gets a seed of its own that depends on `seed` and its name alone. While it is diagnosed, files named
-    `truth*.json` and everything in the folder of truths beside `directory` cannot be opened by that process.
-
-    Returns the path of `answers.json`: {"schema", "seed", "quick", "answers": {case: diagnosis},
-    "failed": {case: message}}. Raises `WithheldError` for a truth inside the folder, for unknown names, or when
-    earlier answers were made with other settings.
-    """
-    directory = Path(directory)
-    out = Path(out) if out is not None else directory / "answers"
-    refuse_open_truth(directory)
-    names = case_names(directory)
-    unknown = sorted(set(only or ()) - set(names))
-    if unknown:
-        raise WithheldError(f"{directory}: no case {', '.join(unknown)}; there are {names[0]} to {names[-1]}")
-    target = out / "answers.json"
-    settings = {"schema": 1, "seed": seed, "quick": quick}
-    answers: dict[str, Any] = {}
-    if target.exists():
-        earlier = read_json(target)
-        if {k: earlier.get(k) for k in settings} != settings:
-            raise WithheldError(
-                f"{target} was made with seed {earlier.get('seed')}, quick {earlier.get('quick')}; use the same "
-                "settings to go on, or another --out"
-            )
-        answers = dict(earlier["answers"])
-    failed: dict[str, str] = {}
-
-    def save() -> None:
-        write_json(target, {**settings, "answers": answers, "failed": failed})
-
-    save()
-    todo = [n for n in only or names if n not in answers]
-    forbidden = str(truth_folder(directory))
-    jobs = {name: (directory / name, out / name, case_seed(seed, name)) for name in todo}
-    common = (diagnose, quick, forbidden)
-    for name, result in executors.finished(jobs, _answer_one, common, executor=executor, what="answering", unit="case"):
-        if isinstance(result, executors.Failure):
-            failed[name] = str(result)
-        else:
-            answers[name] = result
-        save()
-    return target
-
-
-def case_seed(seed: int, name: str) -> int:
-    """The seed with which a case is diagnosed: the same whatever else is answered beside it."""
-    return int.from_bytes(hashlib.sha256(f"{seed}/{name}".encode()).digest()[:4], "big")
 
 
 # ---- opening the seals
@@ -309,3 +222,9 @@ def check_seals(directory: Path | str, truths: Mapping[str, Mapping[str, Any]]) 
     changed = [n for n in sorted(sealed) if "data" in truths[n] and file_hashes(directory / n) != truths[n]["data"]]
     if changed:
         raise WithheldError(f"the campaign was changed after it was sealed: {', '.join(changed)}")
+
+
+def check_unseen(name: str, folder: Path, truth: Mapping[str, Any]) -> None:
+    """Raise `WithheldError` if the unseen tests of a case are not those that were sealed with its truth."""
+    if "unseen_data" in truth and file_hashes(folder) != truth["unseen_data"]:
+        raise WithheldError(f"the unseen tests were changed after they were sealed: {name}")

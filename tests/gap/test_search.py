@@ -23,7 +23,7 @@ FOUND = {"viscous_damping": "c_N_s_mm", "channel_delay": "delay_s"}
 @pytest.mark.parametrize("name", FOUND)
 def test_planted_effect_is_found_with_its_number(name, kit):
     plan = "held out" if name == "viscous_damping" else "grid"
-    planted = kit.rig_records(name, plan).effects[0].parameters[FOUND[name]]
+    planted = kit.rig_records(name, plan).faults[0].parameters[FOUND[name]]
     d = kit.diagnosed(name, plan)
     assert d.attribution.cause == name and d.attribution.second_cause is None
     assert d.attribution.probability > 0.6

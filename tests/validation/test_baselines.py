@@ -88,13 +88,3 @@ def test_bic_prefers_the_effect_that_made_the_data_and_pays_for_numbers(base):
     nothing = replace(effects["moving_mass"][0], strength_value=1e-12)
     exact = replace(data, harmonics_N=with_effect(data, fit, nothing).harmonics_N)
     assert baselines.bic(refits(exact))["verdict"]["cause"] == "none"
-
-
-def test_single_start_answers_like_a_diagnosis(base):
-    data, scales, fit, effects = base
-    new = with_effect(data, fit, effects["direction_dependent_friction"][0])
-    answer = baselines.single_start(new, scales, {}, effects)
-    assert set(answer["probabilities"]) == {"none", "unknown", *KINDS}
-    assert sum(answer["probabilities"].values()) == pytest.approx(1.0)
-    assert answer["verdict"]["second_cause"] is None
-    assert answer["verdict"]["cause"] in answer["probabilities"]

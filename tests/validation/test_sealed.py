@@ -4,17 +4,18 @@ import json
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 
+import answerers
 import numpy as np
 import pytest
 
-from bayes_iwan import executors
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.rig import cases as rig_cases
-from bayes_iwan.rig import simulate as rig
-from bayes_iwan.rig.simulate import PlannedTest
-from bayes_iwan.validation import scoring
-from bayes_iwan.validation import sealed as withheld
+from bayes_iwan.rig.simulate import PlannedTest, simulate_test
+from bayes_iwan.validation import confinement, scoring, sealed
+from bayes_iwan.validation.answering import answer, case_seed, refuse_open_truth
 from bayes_iwan.validation.sealed import WithheldError
+
+KINDS = ["none", "single", "outside"]
 
 
 def small_design(rng):
@@ -29,7 +30,7 @@ def made(tmp_path_factory):
     patch = pytest.MonkeyPatch()
     patch.setattr(rig_cases, "draw_design", small_design)
     folder = tmp_path_factory.mktemp("withheld") / "set"
-    truth = withheld.make(3, 7, folder, kinds=["none", "single", "outside"])
+    truth = sealed.make(3, folder, kinds=KINDS)
     yield folder, truth
     patch.undo()
 
@@ -42,16 +43,6 @@ def copy(made, tmp_path):
     return tmp_path / "set", tmp_path / "set-truth" / "truth.json"
 
 
-def diagnose_none(campaign, out, seed, quick):
-    """A diagnosis that reads its campaign and always finds nothing."""
-    read_campaign(campaign)
-    withheld.write_json(
-        out / "diagnosis.json",
-        {"verdict": {"cause": "none", "probability": 0.9}, "probabilities": {"none": 0.9, "unknown": 0.1},
-         "seed": seed, "quick": quick, "effects": []},
-    )  # fmt: skip
-
-
 # ---- make
 
 
@@ -60,45 +51,75 @@ def test_layout_and_seals(made):
     names = ["case_01", "case_02", "case_03"]
     assert sorted(p.name for p in folder.iterdir()) == [*names, "commitments.json"]
     assert truth == folder.parent / "set-truth" / "truth.json"
-    truths = withheld.read_truths(truth)
+    truths = sealed.read_truths(truth)
     assert [truths[n]["kind"] for n in names] == ["none", "single", "outside"]
-    withheld.check_seals(folder, truths)
-    sealed = json.loads((folder / "commitments.json").read_text())
-    assert set(sealed) == {"rule", "cases"} and all(len(v) == 64 for v in sealed["cases"].values())
+    sealed.check_seals(folder, truths)
+    public = json.loads((folder / "commitments.json").read_text())
+    assert set(public) == {"rule", "sealed", "entropy", "cases"} and public["sealed"] is True
+    assert all(len(v) == 64 for v in public["cases"].values())
     for n in names:
         assert len(read_campaign(folder / n).tests) == 2
         assert len(read_campaign(truth.parent / "unseen" / n).tests) == 1
         single = truths[n]["effects"]
-        assert all({"name", "size", "parameters"} <= set(e) for e in single)
+        assert all({"name", "law", "size", "visible_share", "share", "parameters"} <= set(e) for e in single)
         assert len(truths[n]["salt"]) == 64
 
 
 def test_nothing_in_the_given_folder_speaks_of_the_truth(made):
     folder, truth = made
-    truths = withheld.read_truths(truth)
+    truths = sealed.read_truths(truth)
     for name, t in truths.items():
         text = (folder / name / "campaign.toml").read_text()
         for word in (t["kind"], t["salt"], str(t["seed"]), *(e["name"] for e in t["effects"])):
             assert word not in text
-    withheld.refuse_open_truth(folder)
+    refuse_open_truth(folder)
 
 
-def test_data_follow_from_the_seed_and_seals_do_not(made, tmp_path, monkeypatch):
+def test_entropy_is_the_systems_kept_with_the_truths_and_committed_to(made):
+    folder, truth = made
+    kept = json.loads(truth.read_text())
+    assert len(kept["entropy"]) == 64 and "seed" not in kept
+    public = json.loads((folder / "commitments.json").read_text())
+    assert public["entropy"] == sealed.hashlib.sha256(kept["entropy"].encode()).hexdigest()
+    assert kept["entropy"] not in (folder / "commitments.json").read_text()
+
+
+def test_a_case_follows_from_the_published_entropy(made):
+    """Whoever opens the seals can draw the case again, and run it again."""
+    folder, truth = made
+    entropy = json.loads(truth.read_text())["entropy"]
+    bits = sealed.hashlib.sha256(f"{entropy}/case_02".encode()).digest()
+    case = rig_cases.draw_case(np.random.default_rng(int.from_bytes(bits, "big")), "single")
+    given = read_campaign(folder / "case_02").tests
+    again = simulate_test(case.specimen, case.tests[1], setup=case.setup, faults=case.faults, seed=case.seed, index=1)
+    np.testing.assert_allclose(given[1].force_N, again.force_N, atol=1e-6)
+    told = sealed.read_truths(truth)["case_02"]["effects"][0]
+    assert told["parameters"] == dict(case.faults[0].parameters) and told["law"] == case.faults[0].law
+
+
+def test_development_cases_follow_from_their_seed_and_are_marked(tmp_path, monkeypatch):
     monkeypatch.setattr(rig_cases, "draw_design", small_design)
     with ThreadPoolExecutor(1) as executor:
-        again = withheld.make(3, 7, tmp_path / "set", kinds=["none", "single", "outside"], executor=executor)
-    a, b = withheld.read_truths(made[1]), withheld.read_truths(again)
-    for name in a:
-        assert a[name]["data"] == b[name]["data"] and a[name]["effects"] == b[name]["effects"]
-        assert a[name]["salt"] != b[name]["salt"]
-    assert (made[0] / "commitments.json").read_text() != (tmp_path / "set" / "commitments.json").read_text()
+        paths = [
+            sealed.make(1, tmp_path / name, seed=5, kinds=["single"], laws="other", executor=run)
+            for name, run in (("a", executor), ("b", None))
+        ]
+    a, b = (sealed.read_truths(path)["case_01"] for path in paths)
+    assert a["data"] == b["data"] and a["effects"] == b["effects"] and a["unseen_data"] == b["unseen_data"]
+    assert a["salt"] != b["salt"]
+    public = json.loads((tmp_path / "a" / "commitments.json").read_text())
+    assert public["sealed"] is False and "entropy" not in public
+    first = sealed.make(1, tmp_path / "c", kinds=["single"])
+    assert sealed.read_truths(first)["case_01"]["data"] != a["data"]
 
 
 def test_make_refuses_to_write_over_something(made):
     with pytest.raises(WithheldError, match="not empty"):
-        withheld.make(1, 0, made[0])
+        sealed.make(1, made[0])
     with pytest.raises(WithheldError, match="at least one"):
-        withheld.make(0, 0, made[0] / "none")
+        sealed.make(0, made[0] / "none")
+    with pytest.raises(WithheldError, match=r"case_01 could not be made.*no kind of case"):
+        sealed.make(1, made[0].parent / "odd", kinds=["odd"])
 
 
 # ---- seals
@@ -110,7 +131,7 @@ def test_changed_truth_is_found(copy):
     content["cases"]["case_02"]["effects"][0]["size"] += 1e-6
     path.write_text(json.dumps(content))
     with pytest.raises(WithheldError, match=r"not the one that was sealed: case_02$"):
-        withheld.check_seals(folder, withheld.read_truths(path))
+        sealed.check_seals(folder, sealed.read_truths(path))
 
 
 def test_changed_data_are_found(copy):
@@ -118,159 +139,130 @@ def test_changed_data_are_found(copy):
     record = sorted((folder / "case_03").glob("*.csv.gz"))[0]
     record.write_bytes(record.read_bytes()[:-1])
     with pytest.raises(WithheldError, match=r"changed after it was sealed: case_03$"):
-        withheld.check_seals(folder, withheld.read_truths(path))
+        sealed.check_seals(folder, sealed.read_truths(path))
 
 
 def test_missing_case_is_found(copy):
     folder, path = copy
-    truths = withheld.read_truths(path)
+    truths = sealed.read_truths(path)
     del truths["case_01"]
     with pytest.raises(WithheldError, match="case_01 in one of them only"):
-        withheld.check_seals(folder, truths)
+        sealed.check_seals(folder, truths)
 
 
 def test_seals_in_other_spellings_and_without_salt():
     truth = {"case": "a", "kind": "none", "salt": "é1", "x": [1.5, 2]}
     for spelling in ({}, {"separators": (",", ":")}, {"ensure_ascii": False}, {"indent": 2}):
         text = json.dumps(truth, sort_keys=True, **spelling)
-        assert withheld.matches(truth, withheld.hashlib.sha256(text.encode()).hexdigest())
-    assert not withheld.matches({**truth, "kind": "pair"}, withheld.commitment(truth))
+        assert sealed.matches(truth, sealed.hashlib.sha256(text.encode()).hexdigest())
+    assert not sealed.matches({**truth, "kind": "pair"}, sealed.commitment(truth))
     with pytest.raises(WithheldError, match="salt"):
-        withheld.commitment({"case": "a"})
+        sealed.commitment({"case": "a"})
 
 
 def test_truth_files_of_other_forms(tmp_path):
     truth = {"case": "a", "kind": "none", "salt": "1"}
     for content in ({"cases": {"a": truth}}, {"a": truth}, [truth], {"cases": [truth]}):
         (tmp_path / "t.json").write_text(json.dumps(content))
-        assert withheld.read_truths(tmp_path / "t.json") == {"a": truth}
+        assert sealed.read_truths(tmp_path / "t.json") == {"a": truth}
     (tmp_path / "t.json").write_text("[1]")
     with pytest.raises(WithheldError, match="no truths"):
-        withheld.read_truths(tmp_path / "t.json")
+        sealed.read_truths(tmp_path / "t.json")
+
+
+def test_changed_unseen_tests_are_found(copy):
+    _, path = copy
+    case, truth = path.parent / "unseen" / "case_02", sealed.read_truths(path)["case_02"]
+    sealed.check_unseen("case_02", case, truth)
+    record = sorted(case.glob("*.csv.gz"))[0]
+    record.write_bytes(record.read_bytes() + b"0")
+    with pytest.raises(WithheldError, match=r"unseen tests were changed after they were sealed: case_02$"):
+        sealed.check_unseen("case_02", case, truth)
 
 
 # ---- answer
 
 
 def test_answers_are_resumed_and_failures_tried_again(made, tmp_path):
-    asked = []
-
-    def fails_once(campaign, out, seed, quick):
-        asked.append((campaign.name, seed))
-        if campaign.name == "case_02" and len(asked) < 4:
-            raise RuntimeError("no convergence")
-        diagnose_none(campaign, out, seed, quick)
-
-    path = withheld.answer(made[0], fails_once, out=tmp_path, seed=4)
+    path = answer(made[0], answerers.fails_once, out=tmp_path, seed=4)
     first = json.loads(path.read_text())
     assert sorted(first["answers"]) == ["case_01", "case_03"]
-    assert first["failed"] == {"case_02": "RuntimeError: no convergence"}
-    withheld.answer(made[0], fails_once, out=tmp_path, seed=4)
+    assert list(first["failed"]) == ["case_02"] and "RuntimeError: no convergence" in first["failed"]["case_02"]
+    made_at = (tmp_path / "case_01" / "diagnosis.json").stat().st_mtime_ns
+    answer(made[0], answerers.fails_once, out=tmp_path, seed=4)
     second = json.loads(path.read_text())
-    assert [a[0] for a in asked] == ["case_01", "case_02", "case_03", "case_02"]
     assert sorted(second["answers"]) == ["case_01", "case_02", "case_03"] and not second["failed"]
-    assert asked[1][1] == asked[3][1] == withheld.case_seed(4, "case_02") != withheld.case_seed(4, "case_01")
+    assert (tmp_path / "case_01" / "diagnosis.json").stat().st_mtime_ns == made_at
+    assert second["answers"]["case_02"]["seed"] == case_seed(4, "case_02") != case_seed(4, "case_01")
     with pytest.raises(WithheldError, match="seed 4"):
-        withheld.answer(made[0], fails_once, out=tmp_path, seed=5)
+        answer(made[0], answerers.fails_once, out=tmp_path, seed=5)
 
 
-def test_truth_cannot_be_read_while_answering(made, tmp_path):
+@pytest.mark.skipif(not confinement.available(), reason="this machine cannot confine a process")
+def test_neither_truth_nor_other_cases_can_be_read_while_answering(made, tmp_path):
     folder, truth = made
-    tried = []
+    with ThreadPoolExecutor(1) as executor:
+        path = answer(folder, answerers.spies, out=tmp_path, only=["case_02"], executor=executor)
+    content = json.loads(path.read_text())
+    assert content["confined"] is True and not content["failed"]
+    assert content["answers"]["case_02"]["got"] == []
+    assert content["answers"]["case_02"]["tests"] == 2
+    assert json.loads(truth.read_text())  # this process is as free as before
 
-    def cheat(campaign, out, seed, quick):
-        for path in (truth, truth.parent / "unseen" / campaign.name / "campaign.toml", campaign / "campaign.toml"):
-            try:
-                path.read_text()
-                tried.append("read")
-            except PermissionError:
-                tried.append("closed")
-        diagnose_none(campaign, out, seed, quick)
 
-    withheld.answer(folder, cheat, out=tmp_path, only=["case_02"])
-    assert tried == ["closed", "closed", "read"]
-    assert json.loads(truth.read_text())  # open again afterwards
+def test_what_is_not_confined_is_said(made, tmp_path, monkeypatch):
+    """The spy gets what it wants where there is no confinement, and the answers say so."""
+    monkeypatch.setattr(confinement, "available", lambda: False)
+    path = answer(made[0], answerers.none, out=tmp_path, only=["case_01"])
+    assert json.loads(path.read_text())["confined"] is False
+
+
+def test_a_closed_folder_is_left_out_of_what_is_granted_around_it(tmp_path):
+    for name in ("open", "shut"):
+        (tmp_path / "a" / name).mkdir(parents=True)
+    around = confinement._around(tmp_path, [tmp_path / "a" / "shut"])
+    assert around == [tmp_path / "a" / "open"]
+    assert confinement._around(tmp_path / "a" / "shut", [tmp_path / "a"]) == []
 
 
 def test_truth_within_the_folder_is_refused(copy):
     folder, path = copy
     shutil.copy(path, folder / "case_01" / "notes.json")
     with pytest.raises(WithheldError, match=r"notes.json holds a truth"):
-        withheld.answer(folder, diagnose_none)
-
-
-def test_spawned_workers_answer_with_the_truth_closed(made, tmp_path, monkeypatch):
-    module = tmp_path / "cheating_diagnosis.py"
-    module.write_text(
-        "import json, pathlib\n"
-        "def diagnose(campaign, out, seed, quick):\n"
-        "    truth = campaign.parent.with_name(campaign.parent.name + '-truth') / 'truth.json'\n"
-        "    try:\n"
-        "        found = json.loads(truth.read_text())['cases'][campaign.name]['kind']\n"
-        "    except PermissionError:\n"
-        "        found = 'closed'\n"
-        "    out.mkdir(parents=True, exist_ok=True)\n"
-        "    (out / 'diagnosis.json').write_text(json.dumps({'verdict': {'cause': found}, 'probabilities': {}}))\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    import cheating_diagnosis
-
-    with executors.opened(2) as executor:
-        path = withheld.answer(made[0], cheating_diagnosis.diagnose, out=tmp_path / "out", executor=executor)
-    content = json.loads(path.read_text())
-    assert not content["failed"]
-    assert {a["verdict"]["cause"] for a in content["answers"].values()} == {"closed"}
+        answer(folder, answerers.none)
 
 
 def test_unknown_case_is_refused(made, tmp_path):
     with pytest.raises(WithheldError, match="no case case_09"):
-        withheld.answer(made[0], diagnose_none, out=tmp_path, only=["case_09"])
+        answer(made[0], answerers.none, out=tmp_path, only=["case_09"])
 
 
 # ---- from answers to a score
 
 
-def test_scored_from_files_with_the_shrink_found_on_unseen_tests(made, tmp_path):
+def test_shares_on_unseen_tests_are_found_and_foreign_code_is_not_run_unasked(made, tmp_path):
     folder, truth = made
-    single = withheld.read_truths(truth)["case_02"]["effects"][0]
-
-    def oracle(campaign, out, seed, quick):
-        cause = {"case_01": "none", "case_02": single["name"], "case_03": "unknown"}[campaign.name]
-        withheld.write_json(
-            out / "diagnosis.json",
-            {"verdict": {"cause": cause}, "probabilities": {cause: 1.0},
-             "effects": [{"name": single["name"], "shrink_expected": 0.8, "parameters": {}}]},
-        )  # fmt: skip
+    answers = answer(folder, answerers.end_stop, out=tmp_path)
+    asked = []
 
     def find_shrink(diagnosis, unseen, cause):
-        assert (diagnosis / "diagnosis.json").is_file() and len(read_campaign(unseen).tests) == 1
+        asked.append((diagnosis.name, cause, len(read_campaign(unseen).tests)))
         return 0.7
 
-    answers = withheld.answer(folder, oracle, out=tmp_path)
-    score = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink)
-    assert score.summary["first answer right (none, single and outside cases)"].count == 3
-    assert score.summary["log score, nats"].value == 0
-    shrunk = score.summary["shrink: median predicted − found"]
-    assert shrunk.n == 1 and shrunk.value == pytest.approx(0.1)
+    refused = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink)
+    assert asked == [] and "--allow-effects-file): case_02" in refused.table()
+    score = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink, allow_effects_file=True)
+    assert asked == [("case_02", "end_stop", 1)]
+    inside = score.summary["share found on unseen tests: in its 90 % interval"]
+    assert (inside.count, inside.n) == (1, 1)
+    assert score.summary["no fault: a cause named or a rest flagged (false alarm)"].count == 0
 
 
 def test_score_checks_the_seals_first(copy):
     folder, path = copy
-    answers = withheld.answer(folder, diagnose_none, out=folder.parent / "answers")
+    (folder.parent / "answers").mkdir()
+    answers = folder.parent / "answers" / "answers.json"
+    answers.write_text("{}")
     path.write_text(path.read_text().replace('"outside"', '"none"'))
     with pytest.raises(WithheldError, match="sealed"):
         scoring.score(folder, path, answers=answers)
-
-
-def test_sealed_sizes_are_those_of_the_written_records(made):
-    """The effect in the truth, put into the rig again, gives the campaign that was written."""
-    folder, truth = made
-    rng = np.random.default_rng([7, 1])
-    case = rig_cases.draw_case(rng, "single")
-    given = read_campaign(folder / "case_02").tests
-    again = rig.simulate_test(
-        case.specimen, case.tests[1], setup=case.setup, faults=case.faults, seed=case.seed, index=1
-    )
-    np.testing.assert_allclose(given[1].force_N, again.force_N, atol=1e-6)
-    sealed = withheld.read_truths(truth)["case_02"]["effects"][0]
-    assert sealed["parameters"] == dict(case.faults[0].parameters)

@@ -231,8 +231,8 @@ def test_sealed_scoring_runs_from_one_command(study, tmp_path, monkeypatch, caps
     monkeypatch.setattr(sys, "argv", ["score_withheld.py", "--cases", "1", "--seed", "3", "--out", str(tmp_path)])
     study("score_withheld").main()
     result = json.loads((tmp_path / "score.json").read_text())
-    assert set(result["baselines"]) == {"uniform guess", "correlation", "BIC", "single start"}
+    assert set(result["baselines"]) == {"uniform guess", "correlation", "BIC"}
     assert result["failed"] == {}
-    assert "single start" in capsys.readouterr().out
-    for stem in ("confusion", "reliability", "accuracy", "shrink", "size_error"):
+    assert "uniform guess" in capsys.readouterr().out
+    for stem in ("confusion", "reliability", "accuracy", "shares"):
         assert (tmp_path / f"{stem}.png").is_file()
