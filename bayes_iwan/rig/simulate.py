@@ -109,7 +109,7 @@ class Fidelity:
 
 
 # sliders that remember their slip speed cost several times as much, and need fewer: they blur one another
-FULL, RATED, COARSE = Fidelity(), Fidelity(steps=1000, sliders=90), Fidelity(steps=400, sliders=60)
+FULL, RATED, COARSE = Fidelity(), Fidelity(sliders=90), Fidelity(steps=400, sliders=60)
 _REMEMBERS = {"rate_factor", "ageing", "healing"}
 _TABLE = 2000  # points of a table of a law, to either side
 _CHAIN = {f.name for f in fields(Chain)}
