@@ -43,6 +43,7 @@ from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.report.batch import stored_specimen
 from bayes_iwan.sampling.checkpoint import NAME, read_checkpoint
 from bayes_iwan.validation import sealed as withheld
+from bayes_iwan.validation.answering import read_diagnosis
 from fuzz_campaigns import Hang, limited, peak_MB
 from kill_runs import CONFIG, made_up
 
@@ -127,7 +128,7 @@ def readers(tmp: Path) -> dict[str, Reader]:
         "effects": (effect, lambda: load_effects(effect)),
         "checkpoint": (out / NAME, lambda: read_checkpoint(out / NAME, ("plain", "tempered", "production"))),
         "posterior.nc": (out / "posterior.nc", lambda: results.load(out)),
-        "diagnosis.json": (tmp / "answer" / "diagnosis.json", lambda: withheld.read_diagnosis(tmp / "answer")),
+        "diagnosis.json": (tmp / "answer" / "diagnosis.json", lambda: read_diagnosis(tmp / "answer")),
         "fits.json": (tmp / "fits" / "fits.json", lambda: read_fits(tmp / "fits" / "fits.json")),
         "commitments.json": (sealed, lambda: sealed_cases(folder, truth)),
         "truth.json": (truths, lambda: withheld.check_seals(folder, withheld.read_truths(truths))),

@@ -39,6 +39,7 @@ from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import subplots
 from bayes_iwan.sampling import run as sampling_run
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.validation import answering
 from bayes_iwan.validation import sealed as withheld
 
 CONFIG = """
@@ -385,7 +386,7 @@ def main() -> None:
         return command("batch", str(tmp / "many"), "--out", str(out), "--config", str(config), "--seed", "1")
 
     def answer(out: Path) -> int:
-        withheld.answer(cases, quick_diagnosis, out=out, seed=1)
+        answering.answer(cases, quick_diagnosis, out=out, seed=1)
         return 0
 
     def answered(out: Path) -> int:  # as `bayes-iwan withheld answer`, with the stand-in for the diagnosis

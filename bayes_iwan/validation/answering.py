@@ -104,7 +104,7 @@ def answer(
     out.mkdir(parents=True, exist_ok=True)
     save()
     todo = {n: n for n in only or names if n not in answers}
-    task = _Task(diagnose.__module__, diagnose.__qualname__, directory.resolve(), out.resolve(), seed, quick)
+    task = _Task(_module_of(diagnose), diagnose.__qualname__, directory.resolve(), out.resolve(), seed, quick)
     for name, result in finished(todo, _answer_one, task, executor=executor, what="answering", unit="case"):
         if isinstance(result, Failure):
             failed[name] = str(result)
@@ -112,6 +112,13 @@ def answer(
             answers[name] = result
         save()
     return target
+
+
+def _module_of(diagnose: Diagnose) -> str:
+    """The module by which another process can import a diagnosis; a script's own name where it is in the script."""
+    if diagnose.__module__ != "__main__":
+        return diagnose.__module__
+    return Path(str(sys.modules["__main__"].__file__)).stem
 
 
 def _answer_one(task: _Task, name: str) -> dict[str, Any]:
