@@ -150,7 +150,7 @@ def outcome(reader: Reader, rng: np.random.Generator, show: str = "") -> str:
             said = "other ValueError" if "\n" not in str(error) else "several lines"
             if show:
                 print(f"{show}: {said}: {str(error)[:300]}", flush=True)
-                traceback.print_exc()
+                traceback.print_exc(limit=-3)
             return said
         return "refused"
     except Hang:
@@ -158,7 +158,7 @@ def outcome(reader: Reader, rng: np.random.Generator, show: str = "") -> str:
     except BaseException:
         if show:
             print(f"{show}:", flush=True)
-            traceback.print_exc()
+            traceback.print_exc(limit=-3)
         return "traceback"
 
 

@@ -101,7 +101,7 @@ class ToldDiagnosis:
     """What a search would have found."""
 
     def as_dict(self) -> dict[str, object]:
-        return {"verdict": {"cause": "none", "probability": 0.9}, "numbers": list(range(3000))}
+        return {"verdict": {"cause": "none", "probability": 0.9}, "sentences": ["none"], "numbers": list(range(3000))}
 
     def about(self) -> dict[str, object]:
         return {}
@@ -123,7 +123,7 @@ def small_page(*rest: object) -> Path:
 
 def lighten() -> None:
     """Short adaptation, pages of one figure, a diagnosis that is told: in this process and its children alone."""
-    sampling_run._WARMUP_STEPS, sampling_run._ROUND_STEPS, sampling_run._ROUNDS = 20, (20, 20), (2, 3)
+    sampling_run._WARMUP_STEPS, sampling_run._ROUND_STEPS, sampling_run._ROUNDS = 40, (30, 40), (3, 5)
     report_room.identification_report = small_page
     diagnosis_room.diagnose_folder = lambda *args, **options: (ToldDiagnosis(), {"z": list(range(3000))})
     diagnosis_room.diagnosis_figures = lambda found, answer: {n: small_figure() for n in ("gap", "where", "shrink")}
@@ -143,6 +143,8 @@ def in_child(work: Callable[[], int], said: Path, limit: int | None = None) -> i
         if limit is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
         code = work()
+    except KeyboardInterrupt:  # before the command was there to catch it
+        code = 130
     except BaseException as error:
         print(f"Traceback: {type(error).__name__}: {error}", flush=True)
     finally:
@@ -224,7 +226,7 @@ def trial(
             tally.notes += bad
         if code in (0, 3):
             break
-        if code in (-signal.SIGKILL, 130):
+        if code in (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, 130):
             tally.kills += 1
             continue
         tally.notes.append(f"exit code {code}: {said.read_text()[-400:]}")
@@ -238,7 +240,7 @@ def trial(
     tally.leftovers += bool(left)
     tally.notes += left
     tally.tracebacks += "Traceback" in said.read_text()
-    shutil.rmtree(out)
+    shutil.rmtree(out, ignore_errors=True)
     said.unlink()
 
 

@@ -241,3 +241,7 @@ def main() -> None:
     found["batch of 1,000"] = batch_cost(campaign_s, 10.0 * per_quantity, share)
     if args.out is not None:
         write_json(args.out, found)
+
+
+if __name__ == "__main__":
+    main()

@@ -257,13 +257,23 @@ def run_report(args: argparse.Namespace) -> None:
         help="rank by single data left out (ArviZ "
         "LOO), by whole tests left out, or by the first where its Pareto k hold (auto)",
     ),
+    WORKERS,
+    DASK,
 )
 def run_compare(args: argparse.Namespace) -> None:
+    from bayes_iwan import executors
     from bayes_iwan.report import compare_campaign
 
-    result = compare_campaign(
-        args.campaign, args.out, families=args.families, config=args.config, seed=args.seed, by=args.by
-    )
+    with executors.opened(args.workers, args.dask) as executor:
+        result = compare_campaign(
+            args.campaign,
+            args.out,
+            families=args.families,
+            config=args.config,
+            seed=args.seed,
+            by=args.by,
+            executor=executor,
+        )
     for row in result.rows():
         say(
             f"{row.label:50s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "

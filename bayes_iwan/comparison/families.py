@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
+from bayes_iwan import executors
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
@@ -227,6 +228,7 @@ def compare(
     config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
     seed: int = 0,
     by: str = "auto",
+    executor: Executor | None = None,
     progress: bool = True,
 ) -> Comparison:
     """Fit the named families (default: all) to a campaign and rank them.
@@ -234,7 +236,7 @@ def compare(
     campaign : a campaign, its folder, or loops. config : as for `identify`; its [model] table is each family's own,
     its [search] and [sampling] tables replace :data:`SHORT` where given. by : "loo" ranks by ArviZ's
     leave-one-datum-out density, "tests" by whole tests left out, "auto" by the first if its Pareto k hold for every
-    family, else by the second.
+    family, else by the second. executor : from :func:`bayes_iwan.executors.opened`, to fit families side by side.
     Raises CompareError for unknown families or rankings.
     """
     known = FAMILIES
@@ -251,12 +253,14 @@ def compare(
         given = {**(given or {}), **SHORT}
     settings = configuration.complete(given)
     title, loops = _loops(campaign, settings)
+    common = (loops, settings, seed)
     entries = []
-    with tqdm(total=len(names), disable=None if progress else True, unit="family") as bar:
-        for name in names:
-            bar.set_description(name)
-            entries.append(_entry(known[name], loops, settings, seed))
-            bar.update()
+    for name, entry in executors.run(
+        {n: n for n in names}, _entry, common, executor=executor, what="comparing", unit="family", progress=progress
+    ).items():
+        if isinstance(entry, executors.Failure):
+            raise CompareError(f"family {name} cannot be fitted: {entry}")
+        entries.append(entry)
     if by == "auto":
         by = "loo" if all(e.loo.holds for e in entries) or entries[0].tests is None else "tests"
     if by == "tests" and entries[0].tests is None:
@@ -273,8 +277,9 @@ def _loops(campaign: Any, settings: Mapping[str, Any]) -> tuple[str, tuple[Loop,
     return source.name, source.loops(**settings["loops"])
 
 
-def _entry(family: Family, loops: Sequence[Loop], settings: Mapping[str, Any], seed: int) -> Entry:
+def _entry(common: tuple[Sequence[Loop], Mapping[str, Any], int], name: str) -> Entry:
     began = time.monotonic()
+    (loops, settings, seed), family = common, FAMILIES[name]
     problem = family.problem(loops, settings)
     posterior = identify_problem(problem, seed, config=settings, loops=problem.loops, progress=False)
     z = posterior.flat_z(1000)

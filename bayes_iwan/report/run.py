@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
 from bayes_iwan.comparison.families import Comparison, compare
 from bayes_iwan.comparison.frequencies import compare_frequencies
+from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.results import load
 from bayes_iwan.report.comparison import comparison_report
 from bayes_iwan.report.identification import identification_report
@@ -27,8 +29,10 @@ def report_run(
     where the folder has no per_test results; else quick estimates stand in.
     """
     posterior = load(folder, campaign)
-    found = compare_frequencies(posterior, folder, run=per_frequency)
-    return identification_report(posterior, folder, by_frequency=found, pdf=pdf)
+    with owned(folder) as out:
+        found = compare_frequencies(posterior, out, run=per_frequency)
+        clear(out, "report.html", "report.pdf", "tables")
+        return identification_report(posterior, out, by_frequency=found, pdf=pdf)
 
 
 def compare_campaign(
@@ -39,9 +43,12 @@ def compare_campaign(
     config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
     seed: int = 0,
     by: str = "auto",
+    executor: Executor | None = None,
     progress: bool = True,
 ) -> Comparison:
     """Fit families to a campaign, rank them, write out/compare.html and out/compare.csv."""
-    result = compare(campaign, families, config=config, seed=seed, by=by, progress=progress)
-    comparison_report(result, out)
+    with owned(out) as folder:
+        result = compare(campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress)
+        clear(folder, "compare.html", "compare.csv")
+        comparison_report(result, folder)
     return result
