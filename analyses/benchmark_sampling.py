@@ -21,15 +21,16 @@ import json
 import os
 import platform
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.inference import config
 from bayes_iwan.inference.point import find_point, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import sampled_and_paper
+from bayes_iwan.inference.settings import IdentifySettings
 from bayes_iwan.sampling.convergence import diagnose
 from bayes_iwan.sampling.ensembles import sample
 from bayes_iwan.sampling.moves import StretchMove
@@ -85,7 +86,7 @@ def ours(
 ) -> dict:
     """The package's sampler until it has converged, or for limit_s; warm-up and adaptation are charged to it."""
     extra = tuple(n for n in names if n not in problem.names)
-    s = settings["sampling"]
+    s = settings.sampling
     began, clock = time.process_time(), time.perf_counter()
     chains = sample(
         problem.log_prob,
@@ -94,11 +95,11 @@ def ours(
         seed=seed,
         quantity_names=extra,
         quantities=lambda z: numbers(problem, z, extra),
-        n_ensembles=s["ensembles"],
-        n_walkers=s["walkers"],
-        target_r_hat=s["r_hat"],
-        target_ess=s["ess"],
-        chain_taus=s["taus"],
+        n_ensembles=s.ensembles,
+        n_walkers=s.walkers,
+        target_r_hat=s.r_hat,
+        target_ess=s.ess,
+        chain_taus=s.taus,
         budget_s=limit_s,
     )
     taken = time.process_time() - began
@@ -153,12 +154,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", default="runs/benchmark_sampling.json")
     args = parser.parse_args()
-    settings = config.complete()
+    settings = IdentifySettings()
     began = time.perf_counter()
-    problem = make_problem(read_campaign(args.campaign).loops(**settings["loops"]), settings)
+    problem = make_problem(read_campaign(args.campaign).loops(**asdict(settings.loops)), settings)
     problem.log_prob(np.zeros((512, problem.ndim)))  # compiled and cached before the clock starts
     read = time.perf_counter() - began
-    point = find_point(problem, args.seed, settings["search"])
+    point = find_point(problem, args.seed, settings.search)
     population = starting_population(problem, point, args.seed, 512)
     found = time.perf_counter() - began - read
     names = tuple(n for n, q in sampled_and_paper(problem, population).items() if np.ptp(q.values) > 0)

@@ -16,9 +16,9 @@ import time
 import numpy as np
 
 from bayes_iwan.campaign import Loop, Record, average
-from bayes_iwan.inference import config
 from bayes_iwan.inference.point import find_point
 from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.inference.settings import SearchSettings
 from bayes_iwan.physics import Model, Reference, sine_motion
 from bayes_iwan.physics.normal_force import from_paper_hunt_crossley
 from bayes_iwan.physics.stiffness import from_paper_stiffness
@@ -76,7 +76,7 @@ def known_loops(noise_N: float = 0.0, seed: int = 0, cycles: int = 8) -> tuple[L
 
 def main(seeds: int) -> int:
     problem = make_problem(known_loops())
-    settings = config.complete()["search"]
+    settings = SearchSettings()
     shares = []
     for seed in range(seeds):
         began = time.perf_counter()

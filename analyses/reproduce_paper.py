@@ -11,6 +11,7 @@ see how much of the normal force's three numbers such loops can tell.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -194,7 +195,7 @@ def identified(model: Model, numbers, budget_s: float, noise_N: float = 0.015, c
         at = np.interp((f * t) % 1.0, np.arange(1025) / 1024, np.append(one, one[0]))
         u, measured = AMPLITUDE_MM * np.sin(2 * np.pi * f * t), at + noise_N * rng.standard_normal(t.size)
         loops.append(average(Record(f"f{f:g}.csv", f, AMPLITUDE_MM, "fit", {}, t, u, measured)))
-    settings = {**SHORT, "sampling": {**SHORT["sampling"], "budget_s": budget_s}}
+    settings = replace(SHORT, sampling=replace(SHORT.sampling, budget_s=budget_s))
     return bi.identify_problem(bi.make_problem(loops, settings), seed, config=settings, loops=loops, progress=False)
 
 

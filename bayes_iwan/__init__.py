@@ -1,93 +1,75 @@
 """Identify the generalized Iwan model of a friction vibration isolator from measured loops, with what is known of it.
 
 import bayes_iwan as bi
-run = bi.identify("data/rope_spring", out="results", seed=1)
-for row in run.summary():
-    print(row.name, row.unit, row.low_90, row.q50, row.high_90)
+posterior = bi.identify("data/rope_spring", out="results", seed=1)
+posterior                                                    # numbers, intervals and misfit on one screen
+posterior.predict(frequency_hz=12.0, amplitude_mm=0.5)       # loops with bands
+bi.diagnose("data/rope_spring", out="diagnosis", quick=True) # what the model misses, and why
 """
 
 from __future__ import annotations
 
 import importlib
-import os
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bayes_iwan.campaign import Campaign
-    from bayes_iwan.inference.posterior import Posterior
-    from bayes_iwan.physics import Simulator
+    from bayes_iwan.campaign import Campaign as Campaign
+    from bayes_iwan.campaign import CampaignError as CampaignError
+    from bayes_iwan.campaign import Loop as Loop
+    from bayes_iwan.campaign import Record as Record
+    from bayes_iwan.campaign import read_campaign as read_campaign
+    from bayes_iwan.campaign import write_campaign as write_campaign
+    from bayes_iwan.comparison.families import Comparison as Comparison
+    from bayes_iwan.effects.base import Effect as Effect
+    from bayes_iwan.gap.diagnosis import Diagnosis as Diagnosis
+    from bayes_iwan.inference.config import ConfigError as ConfigError
+    from bayes_iwan.inference.config import settings_of as settings_of
+    from bayes_iwan.inference.identify import NotConverged as NotConverged
+    from bayes_iwan.inference.identify import identify_problem as identify_problem
+    from bayes_iwan.inference.posterior import Posterior as Posterior
+    from bayes_iwan.inference.problem import Problem as Problem
+    from bayes_iwan.inference.problem import make_problem as make_problem
+    from bayes_iwan.inference.results import load as load
+    from bayes_iwan.inference.settings import DiagnoseSettings as DiagnoseSettings
+    from bayes_iwan.inference.settings import IdentifySettings as IdentifySettings
+    from bayes_iwan.physics import Model as Model
+    from bayes_iwan.physics import Motion as Motion
+    from bayes_iwan.physics import Parameter as Parameter
+    from bayes_iwan.physics import Scales as Scales
+    from bayes_iwan.physics import Simulator as Simulator
+    from bayes_iwan.physics import sine_motion as sine_motion
+    from bayes_iwan.public import Check as Check
+    from bayes_iwan.public import check as check
+    from bayes_iwan.public import compare as compare
+    from bayes_iwan.public import diagnose as diagnose
+    from bayes_iwan.public import identify as identify
+    from bayes_iwan.report.batch import batch as batch
+    from bayes_iwan.rig.planning import VirtualCampaign as VirtualCampaign
+    from bayes_iwan.rig.planning import simulate_campaign as simulate_campaign
+    from bayes_iwan.rig.simulate import PlannedTest as PlannedTest
 
 __version__ = "0.1.0"
 
-#: public names and the modules they live in; each is imported when it is first asked for
-_WHERE = {
-    "CampaignError": "campaign",
-    "Campaign": "campaign",
-    "Loop": "campaign",
-    "Record": "campaign",
-    "read_campaign": "campaign",
-    "write_campaign": "campaign",
-    "Model": "physics",
-    "Motion": "physics",
-    "Parameter": "physics",
-    "Scales": "physics",
-    "Simulator": "physics",
-    "sine_motion": "physics",
-    "Posterior": "inference.posterior",
-    "Problem": "inference.problem",
-    "make_problem": "inference.problem",
-    "identify_problem": "inference.identify",
-    "batch": "report.batch",
-    "load": "inference.results",
-    "read_config": "inference.config",
-    "ConfigError": "inference.config",
+#: public names by module; each is imported when it is first asked for
+_FROM = {
+    "campaign": ("Campaign", "CampaignError", "Loop", "Record", "read_campaign", "write_campaign"),
+    "comparison.families": ("Comparison",),
+    "effects.base": ("Effect",),
+    "gap.diagnosis": ("Diagnosis",),
+    "inference.config": ("ConfigError", "settings_of"),
+    "inference.identify": ("NotConverged", "identify_problem"),
+    "inference.posterior": ("Posterior",),
+    "inference.problem": ("Problem", "make_problem"),
+    "inference.results": ("load",),
+    "inference.settings": ("DiagnoseSettings", "IdentifySettings"),
+    "physics": ("Model", "Motion", "Parameter", "Scales", "Simulator", "sine_motion"),
+    "public": ("Check", "check", "compare", "diagnose", "identify"),
+    "report.batch": ("batch",),
+    "rig.planning": ("VirtualCampaign", "simulate_campaign"),
+    "rig.simulate": ("PlannedTest",),
 }
-__all__ = sorted([*_WHERE, "__version__", "identify"])
-
-
-def identify(
-    campaign: Campaign | str | os.PathLike[str],
-    out: str | os.PathLike[str] | None = None,
-    *,
-    config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
-    seed: int = 0,
-    per_test: bool = False,
-    resume: bool = False,
-    keep_chains: bool = False,
-    progress: bool = True,
-    simulator: Simulator | str | os.PathLike[str] | None = None,
-) -> Posterior:
-    """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
-
-    keep_chains : keep the checkpoint, which holds every draw, of a run that has converged.
-    See :func:`bayes_iwan.inference.identify.identify` for what is taken, written and raised.
-    """
-    from bayes_iwan.inference.config import ConfigError
-    from bayes_iwan.inference.identify import identify as run
-    from bayes_iwan.inference.identify import identify_frequencies
-
-    if per_test and out is None:
-        raise ConfigError("per_test writes files: name a folder for them (out)")
-    if out is None:
-        return run(campaign, None, config=config, seed=seed, progress=progress, simulator=simulator)
-    from bayes_iwan.files import clear, owned
-    from bayes_iwan.report import identification_report
-    from bayes_iwan.sampling.checkpoint import NAME
-
-    with owned(out) as folder:
-        posterior = run(
-            campaign, folder, config=config, seed=seed, resume=resume, progress=progress, simulator=simulator
-        )
-        if posterior.interrupted:
-            return posterior
-        identification_report(posterior, folder)  # stands should the runs of single frequencies be cut short
-        if per_test:
-            identify_frequencies(posterior, folder, resume=resume, progress=progress)
-            identification_report(posterior, folder)
-        if posterior.converged and not keep_chains:
-            clear(folder, NAME, *(f"per_test/{p.parent.name}/{NAME}" for p in folder.glob(f"per_test/*/{NAME}")))
-    return posterior
+_WHERE = {name: module for module, names in _FROM.items() for name in names}
+__all__ = sorted([*_WHERE, "__version__"])
 
 
 def __getattr__(name: str) -> Any:

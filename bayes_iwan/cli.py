@@ -90,10 +90,15 @@ SEED = argument("--seed", metavar="N", type=seed, default=0, help="seed of all r
         action="store_true",
         help="keep DIR/chains.ckpt, with every draw, when converged (default: DIR/posterior.nc with a few thousand)",
     ),
+    argument("--quick", action="store_true", help="optimum and Laplace intervals in seconds, not sampled"),
     SIMULATOR,
 )
 def run_identify(args: argparse.Namespace) -> int:
-    from bayes_iwan import identify
+    import warnings
+
+    from bayes_iwan import Model, NotConverged, identify
+
+    warnings.simplefilter("ignore", NotConverged)  # said below
 
     posterior = identify(
         args.campaign,
@@ -104,35 +109,29 @@ def run_identify(args: argparse.Namespace) -> int:
         resume=args.resume,
         keep_chains=args.keep_chains,
         simulator=args.simulator,
+        quick=args.quick,
     )
-    wanted = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N") if args.simulator is None else posterior.names
+    iwan = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
+    wanted = iwan if isinstance(posterior.problem.model, Model) else posterior.problem.names
     for row in posterior.summary():
         if row.name in wanted:
             say(f"{row.name:20s} {row.q50:.4g}  ({row.low_90:.4g} to {row.high_90:.4g}) {row.unit}")
+    misfit = posterior.misfit()
+    say(f"{'misfit':20s} {misfit.rms_N:.3g} N RMS, {100 * misfit.share:.2g} % of the friction force")
+    for text in posterior.warnings():
+        say(text)
     say(posterior.message)
     say(f"results are in {args.out}")
     if posterior.interrupted:
         return 130
-    return 0 if posterior.converged else 3
+    return 0 if posterior.converged or posterior.quick else 3
 
 
 @command("check", "read a campaign and say what was found in it, one line each", CAMPAIGN)
 def run_check(args: argparse.Namespace) -> None:
-    from bayes_iwan.campaign import read_campaign
-    from bayes_iwan.campaign.inspect import inspect_campaign
+    from bayes_iwan import check
 
-    campaign = read_campaign(args.campaign)
-    say(campaign.name + (f": {campaign.description}" if campaign.description else ""))
-    head = f"{'f, Hz':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} {'noise, N':>9s}  role"
-    say(f"{'test':24s} {campaign.units.text(head)}")
-    for test in inspect_campaign(campaign):
-        loop = test.loop
-        say(
-            f"{loop.file:24s} {loop.frequency_hz:8.4g} {loop.amplitude_mm:8.4g} {loop.n_cycles:6d} "
-            f"{loop.record.time_s.size:8d} {loop.force_N.std():12.4g} {test.noise_N:9.2g}  {loop.role}"
-        )
-        for note in test.notes:
-            say(f"    {note}")
+    say(str(check(args.campaign)))
 
 
 @command(
@@ -261,11 +260,10 @@ def run_report(args: argparse.Namespace) -> None:
     DASK,
 )
 def run_compare(args: argparse.Namespace) -> None:
-    from bayes_iwan import executors
-    from bayes_iwan.report import compare_campaign
+    from bayes_iwan import compare, executors
 
     with executors.opened(args.workers, args.dask) as executor:
-        result = compare_campaign(
+        result = compare(
             args.campaign,
             args.out,
             families=args.families,
@@ -274,13 +272,7 @@ def run_compare(args: argparse.Namespace) -> None:
             by=args.by,
             executor=executor,
         )
-    for row in result.rows():
-        say(
-            f"{row.label:50s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "
-            f"{100 * row.residual_share:5.2f} %   {row.parameters:2d} numbers   {row.seconds:4.0f} s"
-        )
-    for question, answer in result.answers():
-        say(f"{question} {answer}")
+    say(str(result))
     say(f"results are in {args.out}")
 
 

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 import numba as nb
 from threadpoolctl import threadpool_limits
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 Shared = TypeVar("Shared")
 Piece = TypeVar("Piece")

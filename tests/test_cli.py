@@ -121,6 +121,7 @@ def test_the_report_holds_the_frequencies_alone(tmp_path, capsys, made_up_campai
     from bayes_iwan.comparison.frequencies import compare_frequencies
     from bayes_iwan.inference.problem import make_problem
     from bayes_iwan.inference.results import load
+    from bayes_iwan.inference.settings import ParameterChange
 
     slow = [x.record for x in room.read_campaign(made_up_campaign).loops()]
     # the same loops at twice the speed; a rate-independent specimen, and noise of their own: no copies
@@ -158,8 +159,8 @@ def test_the_report_holds_the_frequencies_alone(tmp_path, capsys, made_up_campai
 
     joint = load(out)
     assert set(compare_frequencies(joint, out, replicates=50).alone) == names
-    config = {**joint.config, "parameters": {"kp_N_mm": {"lower": 1.0}}}
-    other = replace(joint, config=config, problem=make_problem(joint.loops, config))
+    config = replace(joint.settings, parameters={"kp_N_mm": ParameterChange(lower=1.0)})
+    other = replace(joint, settings=config, problem=make_problem(joint.loops, config))
     assert compare_frequencies(other, out, replicates=50).alone == {}  # left from another prior: not this one's
 
 

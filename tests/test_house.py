@@ -22,7 +22,7 @@ STREET = (
     "report",
 )
 #: what every room may use, and what the two rooms that know no friction, and the independent rig, may use besides
-OPEN = {"arrays", "executors", "files", "terminal", "threads"}
+OPEN = {"arrays", "drawing", "executors", "files", "terminal", "threads"}
 ALONE = {"optimize": set(), "sampling": set(), "rig": {"campaign"}}
 FILES = sorted(p.relative_to(PACKAGE) for p in PACKAGE.rglob("*.py"))
 

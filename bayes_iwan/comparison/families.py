@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,13 +17,14 @@ from bayes_iwan import executors
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
-from bayes_iwan.inference import config as configuration
+from bayes_iwan.drawing import draw
+from bayes_iwan.inference.config import Config, settings_of
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.settings import IdentifySettings, ModelSettings, SamplingSettings, SearchSettings
 from bayes_iwan.physics import Simulator
 from bayes_iwan.physics.bouc_wen import RIVALS
-from bayes_iwan.physics.simulator import straight_part
 
 
 class CompareError(ValueError):
@@ -30,21 +33,20 @@ class CompareError(ValueError):
 
 @dataclass(frozen=True)
 class Family:
-    """A model family: what to call it, and what differs from the campaign's [model] table, or a simulator instead."""
+    """A model family: what to call it, and the parts of its model, or a simulator instead."""
 
     name: str
     label: str
-    model: Mapping[str, str]
+    model: ModelSettings = field(default_factory=ModelSettings)
     simulator: Simulator | None = None
 
-    def problem(self, loops: Sequence[Loop], settings: Mapping[str, Any]) -> Problem:
+    def problem(self, loops: Sequence[Loop], settings: IdentifySettings) -> Problem:
         # bends would make all forms alike: forms are compared as they are written
-        mine = {**settings, "model": {**settings.get("model", {}), "embedded": False, **self.model}}
-        plain = make_problem(loops, {k: v for k, v in mine.items() if k != "parameters"}, self.simulator)
-        own = {p.name for p in plain.prior.parameters}
+        mine = replace(settings, model=replace(self.model, embedded=False))
+        own = {p.name for p in make_problem(loops, replace(mine, parameters={}), self.simulator).prior.parameters}
         # a configuration's parameters may belong to another family: those that this one lacks do not apply to it
-        mine["parameters"] = {k: v for k, v in settings.get("parameters", {}).items() if k in own}
-        return make_problem(loops, mine, self.simulator)
+        chosen = {k: v for k, v in settings.parameters.items() if k in own}
+        return make_problem(loops, replace(mine, parameters=chosen), self.simulator)
 
 
 _SLIP = {
@@ -55,7 +57,6 @@ _SLIP = {
     "gaussian": "Gaussian",
     "power_law": "power-law",
 }
-_PAPER = {"slip": "gamma3", "grip": "hunt_crossley", "stiffness": "saturating"}
 
 FAMILIES: dict[str, Family] = {
     f.name: f
@@ -64,25 +65,24 @@ FAMILIES: dict[str, Family] = {
             Family(
                 name,
                 f"{label} slip forces" if name != "gamma3" else "the paper's model: three gammas, Eqs. 11, 12",
-                {**_PAPER, "slip": name},
+                ModelSettings(slip=name),
             )
             for name, label in _SLIP.items()
         ),
-        Family("no_speed", "normal force without speed", {**_PAPER, "grip": "hunt_crossley_no_speed"}),
-        Family("polynomial2", "normal force a quadratic in u", {**_PAPER, "grip": "polynomial2"}),
-        Family("polynomial3", "normal force a cubic in u", {**_PAPER, "grip": "polynomial3"}),
+        Family("no_speed", "normal force without speed", ModelSettings(grip="hunt_crossley_no_speed")),
+        Family("polynomial2", "normal force a quadratic in u", ModelSettings(grip="polynomial2")),
+        Family("polynomial3", "normal force a cubic in u", ModelSettings(grip="polynomial3")),
         Family(
             "constant_grip",
             "constant normal force (classical Iwan)",
-            {**_PAPER, "grip": "constant", "stiffness": "constant"},
+            ModelSettings(grip="constant", stiffness="constant"),
         ),
-        Family("constant_stiffness", "element stiffness constant", {**_PAPER, "stiffness": "constant"}),
-        Family("bouc_wen", "Bouc–Wen", {}, RIVALS["bouc_wen"]),
+        Family("constant_stiffness", "element stiffness constant", ModelSettings(stiffness="constant")),
+        Family("bouc_wen", "Bouc–Wen", simulator=RIVALS["bouc_wen"]),
         Family(
             "generalized_bouc_wen",
             "generalized Bouc–Wen, asymmetric",
-            {},
-            RIVALS["generalized_bouc_wen"],
+            simulator=RIVALS["generalized_bouc_wen"],
         ),
     )
 }
@@ -103,18 +103,10 @@ QUESTIONS: tuple[tuple[str, str, str], ...] = (
 )
 
 #: short runs: a comparison needs predictive densities to a fraction of their standard error, not tails of parameters
-SHORT: dict[str, dict[str, Any]] = {
-    "search": {"members": 100, "evaluations": 4000, "second_opinion": False, "starts": 16},
-    "sampling": {
-        "ensembles": 2,
-        "walkers": 64,
-        "budget_s": 20.0,
-        "r_hat": 1.03,
-        "ess": 150.0,
-        "taus": 20.0,
-        "draws": 4096,
-    },
-}
+SHORT = IdentifySettings(
+    search=SearchSettings(members=100, evaluations=4000, second_opinion=False, starts=16),
+    sampling=SamplingSettings(ensembles=2, walkers=64, budget_s=20.0, r_hat=1.03, ess=150.0, taus=20.0, draws=4096),
+)
 
 
 @dataclass(frozen=True)
@@ -152,13 +144,28 @@ class Row:
     converged: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """Families ranked, best first. by : "loo" or "tests", which of the two densities ranks them."""
 
     campaign: str
     by: str
     entries: tuple[Entry, ...]
+
+    def __repr__(self) -> str:
+        rows = [
+            f"{row.label:50s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "
+            f"{100 * row.residual_share:5.2f} %   {row.parameters:2d} numbers   {row.seconds:4.0f} s"
+            for row in self.rows()
+        ]
+        return "\n".join([*rows, *(f"{question} {answer}" for question, answer in self.answers())])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+    def write(self, folder: str | os.PathLike[str]) -> Path:
+        """compare.html and compare.csv into a folder; returns the page."""
+        return Path(draw("comparison_report", self, folder))
 
     def _pointwise(self, entry: Entry) -> Array:
         return entry.loo.pointwise if self.by == "loo" or entry.tests is None else entry.tests.pointwise
@@ -225,7 +232,7 @@ def compare(
     campaign: Campaign | str | os.PathLike[str] | Sequence[Loop],
     families: Sequence[str] | None = None,
     *,
-    config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    config: Config = None,
     seed: int = 0,
     by: str = "auto",
     executor: Executor | None = None,
@@ -233,7 +240,7 @@ def compare(
 ) -> Comparison:
     """Fit the named families (default: all) to a campaign and rank them.
 
-    campaign : a campaign, its folder, or loops. config : as for `identify`; its [model] table is each family's own,
+    campaign : a campaign, its folder, or loops. config : as for `identify`, without [model];
     its [search] and [sampling] tables replace :data:`SHORT` where given. by : "loo" ranks by ArviZ's
     leave-one-datum-out density, "tests" by whole tests left out, "auto" by the first if its Pareto k hold for every
     family, else by the second. executor : from :func:`bayes_iwan.executors.opened`, to fit families side by side.
@@ -248,10 +255,11 @@ def compare(
         raise CompareError("a comparison needs at least two families")
     if by not in ("auto", "loo", "tests"):
         raise CompareError(f"by = {by!r}: choose auto, loo or tests")
-    given = configuration.read_config(config) if isinstance(config, str | os.PathLike) else config
-    if given is None or "search" not in given:
-        given = {**(given or {}), **SHORT}
-    settings = configuration.complete(given)
+    settings = settings_of(config, {"model": "since each family has its own"})
+    if settings.search == SearchSettings():
+        settings = replace(settings, search=SHORT.search)
+    if settings.sampling == SamplingSettings():
+        settings = replace(settings, sampling=SHORT.sampling)
     title, loops = _loops(campaign, settings)
     common = (loops, settings, seed)
     entries = []
@@ -270,14 +278,14 @@ def compare(
     return Comparison(title, by, tuple(order))
 
 
-def _loops(campaign: Any, settings: Mapping[str, Any]) -> tuple[str, tuple[Loop, ...]]:
+def _loops(campaign: Any, settings: IdentifySettings) -> tuple[str, tuple[Loop, ...]]:
     if isinstance(campaign, Sequence) and not isinstance(campaign, str | bytes):
         return "", tuple(campaign)
     source = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
-    return source.name, source.loops(**settings["loops"])
+    return source.name, source.loops(**asdict(settings.loops))
 
 
-def _entry(common: tuple[Sequence[Loop], Mapping[str, Any], int], name: str) -> Entry:
+def _entry(common: tuple[Sequence[Loop], IdentifySettings, int], name: str) -> Entry:
     began = time.monotonic()
     (loops, settings, seed), family = common, FAMILIES[name]
     problem = family.problem(loops, settings)
@@ -288,21 +296,4 @@ def _entry(common: tuple[Sequence[Loop], Mapping[str, Any], int], name: str) -> 
     kept = len(pointwise) // chains * chains
     loo = psis_loo(pointwise[:kept].reshape(chains, -1, pointwise.shape[1]))
     tests = leave_tests_out(posterior, seed=seed) if len(problem.loops) > 2 else None
-    return Entry(family, posterior, problem.ndim, residual_share(posterior), loo, tests, time.monotonic() - began)
-
-
-def residual_share(posterior: Posterior, n: int = 200) -> float:
-    """RMS residual of the median prediction over RMS friction force, tests weighing alike."""
-    problem = posterior.problem
-    z = posterior.flat_z(n)
-    slope = problem.model.spring_N_mm(problem.numbers(z))
-    predicted = np.median(problem.predict(z), axis=0)
-    shares = []
-    for t, loop in enumerate(problem.loops):
-        if slope is None:
-            friction = loop.force_N - straight_part(loop.force_N, loop.displacement_mm)
-        else:
-            friction = loop.force_N - float(np.median(slope)) * loop.displacement_mm
-            friction = friction - friction.mean()
-        shares.append(np.mean((loop.force_N - predicted[t]) ** 2) / np.mean(friction**2))
-    return float(np.sqrt(np.mean(shares)))
+    return Entry(family, posterior, problem.ndim, posterior.misfit().share, loo, tests, time.monotonic() - began)

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,20 +25,13 @@ from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import quantities
 from bayes_iwan.inference.results import ResultsError, load
+from bayes_iwan.inference.settings import IdentifySettings, SamplingSettings, SearchSettings
 
 #: settings of the short runs for one frequency alone; results of `identify(..., per_test=True)` come first
-SHORT: dict[str, dict[str, Any]] = {
-    "search": {"members": 60, "evaluations": 1500, "second_opinion": False, "starts": 8},
-    "sampling": {
-        "ensembles": 2,
-        "walkers": 64,
-        "budget_s": 20.0,
-        "r_hat": 1.05,
-        "ess": 100.0,
-        "taus": 15.0,
-        "draws": 2048,
-    },
-}
+SHORT = IdentifySettings(
+    search=SearchSettings(members=60, evaluations=1500, second_opinion=False, starts=8),
+    sampling=SamplingSettings(ensembles=2, walkers=64, budget_s=20.0, r_hat=1.05, ess=100.0, taus=15.0, draws=2048),
+)
 #: in a linear refit a step of z beyond this is cut: the linearisation means nothing there
 _REACH = 4.0
 #: contraction below which a quantity is not determined and says nothing about agreement
@@ -109,7 +101,7 @@ def compare_frequencies(
     *,
     run: bool = False,
     seed: int = 0,
-    settings: Mapping[str, Mapping[str, Any]] | None = None,
+    settings: IdentifySettings = SHORT,
     replicates: int = 1000,
 ) -> Frequencies:
     """Each frequency of a joint posterior's fitted tests alone, and the checks whether they agree.
@@ -126,7 +118,7 @@ def compare_frequencies(
         elif folder is not None and (stored := _stored(joint, Path(folder) / "per_test" / name, loops)) is not None:
             alone[name] = stored
         elif run:
-            chosen = {**joint.config, **(SHORT if settings is None else settings)}
+            chosen = replace(joint.settings, search=settings.search, sampling=settings.sampling)
             alone[name] = identify_problem(
                 _problem(joint, loops), seed, config=chosen, campaign=joint.campaign, loops=loops, progress=False
             )
@@ -147,7 +139,7 @@ def _stored(joint: Posterior, folder: Path, loops: Sequence[Loop]) -> Posterior 
 
 def _problem(joint: Posterior, loops: Sequence[Loop]) -> Problem:
     problem = joint.problem
-    part = make_problem(loops, joint.config, problem.model, problem.scales)
+    part = make_problem(loops, joint.settings, problem.model, problem.scales)
     return part.with_effects(problem.effects) if problem.effects else part
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.effects import catalogue

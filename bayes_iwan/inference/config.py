@@ -1,4 +1,4 @@
-"""The configuration file: what a user may change about an identification, and what is wrong with it, in one line.
+"""The configuration file: what a user may change about a run, and what is wrong with it, in one line.
 
 [loops]            n_phase, n_harmonics, n_blocks: the phase averaging
 [model]            slip, grip, stiffness: the parts of bayes_iwan.physics.Model; embedded: may its form bend a little?
@@ -6,6 +6,8 @@
 [parameters.NAME]  prior = {dist = "...", ...}, lower, upper, fixed, tied
 [search]           the point estimate
 [sampling]         the ensembles and when they have converged
+
+A table or a parameter that a command would not use is refused, not dropped.
 """
 
 from __future__ import annotations
@@ -14,118 +16,196 @@ import difflib
 import math
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-#: every key with its default and what it must be; a default of None means "no limit"
-DEFAULTS: dict[str, dict[str, Any]] = {
-    "loops": {"n_phase": 128, "n_harmonics": 50, "n_blocks": 6},
-    "model": {"slip": "gamma3", "grip": "hunt_crossley", "stiffness": "saturating", "embedded": True},
-    "likelihood": {"kind": "correlated"},
-    "search": {
-        "objective": "eq8",  # what the genetic algorithm minimises: eq8, squared or likelihood
-        "members": 200,
-        "evaluations": 20_000,
-        "second_opinion": True,  # differential evolution on the same objective
-        "reach": 4.0,  # the search box is ± so many prior standard deviations
-        "starts": 12,  # prior draws that least squares starts from, beside the searches' best members
-    },
-    "sampling": {
-        "ensembles": 4,
-        "walkers": 40,  # at least; twice the numbers and two where that is more
-        "budget_s": 240.0,
-        "max_steps": 200_000,
-        "r_hat": 1.01,
-        "ess": 400.0,
-        "taus": 50.0,
-        "draws": 8192,  # draws kept in the posterior
-    },
+from bayes_iwan.inference.settings import (
+    DiagnoseSettings,
+    IdentifySettings,
+    LikelihoodSettings,
+    LoopSettings,
+    ModelSettings,
+    ParameterChange,
+    PriorChoice,
+    SamplingSettings,
+    SearchSettings,
+)
+
+S = TypeVar("S")
+_TABLES: dict[str, type] = {
+    "loops": LoopSettings,
+    "model": ModelSettings,
+    "likelihood": LikelihoodSettings,
+    "search": SearchSettings,
+    "sampling": SamplingSettings,
 }
 CHOICES = {("search", "objective"): ("eq8", "squared", "likelihood")}
-_POSITIVE_INT = {
-    "n_phase",
-    "n_harmonics",
-    "n_blocks",
-    "members",
-    "evaluations",
-    "starts",
-    "ensembles",
-    "walkers",
-    "max_steps",
-    "draws",
-}
-_POSITIVE = {"reach", "budget_s", "r_hat", "ess", "taus"}
+#: the noise's own numbers, which a diagnosis takes from the records
+NOISE = ("noise_scale", "noise_N", "discrepancy_share", "discrepancy_length")
+#: a whole number beyond this is a slip of the pen, and more than arrays can hold
+_LARGEST = 10**9
+#: what any function here takes: a TOML file, its tables, or settings already checked
+Config = IdentifySettings | Mapping[str, Any] | str | os.PathLike[str] | None
 
 
 class ConfigError(ValueError):
     """A configuration that cannot be used; the message names the table, the key and the mend."""
 
 
-def read_config(path: str | os.PathLike[str]) -> dict[str, dict[str, Any]]:
-    """The whole configuration, defaults filled in, from a TOML file. Raises ConfigError."""
-    try:
-        given = tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid TOML: {error}") from None
-    return complete(given, str(path))
+def settings_of(config: Config = None, unused: Mapping[str, str] | None = None, bends: bool = True) -> IdentifySettings:
+    """The settings of an identification, defaults filled in. Raises ConfigError.
 
-
-def complete(given: Mapping[str, Any] | None = None, where: str = "config") -> dict[str, dict[str, Any]]:
-    """`given` checked key by key, with the defaults of all it leaves out. Raises ConfigError.
-
-    The tables [parameters.NAME] are passed on as they are: which names there are depends on the model.
+    unused : tables that this run would not use, each with the reason: they are refused. bends : is the model embedded
+    (may its form bend a little) where the tables do not say?
     """
-    given = dict(given or {})
-    _known(given, {*DEFAULTS, "parameters"}, where, "table")
-    out = {table: dict(keys) for table, keys in DEFAULTS.items()}
-    for table, keys in given.items():
-        if not isinstance(keys, Mapping):
-            raise ConfigError(f"{where}: {table} must be a table; write [{table}] and its keys below")
-        if table == "parameters":
-            for name, entry in keys.items():
-                if not isinstance(entry, Mapping):
-                    raise ConfigError(f"{where}: write [parameters.{name}] and e.g. fixed = {entry!r} below it")
-            continue
-        _known(keys, set(DEFAULTS[table]), f"{where} [{table}]", "key")
-        for key, value in keys.items():
-            out[table][key] = _checked(table, key, value, where)
-    phases, harmonics = out["loops"]["n_phase"], out["loops"]["n_harmonics"]
-    if phases < 2 * harmonics + 2:
+    if isinstance(config, IdentifySettings):
+        return config
+    given, where = _tables(config)
+    _known(given, {*_TABLES, "parameters"}, where, "table")
+    for table, reason in (unused or {}).items():
+        if table in given:
+            raise ConfigError(f"{where}: [{table}] is not used here, {reason}; leave it out")
+    loops = _filled(LoopSettings, "loops", given, where)
+    if loops.n_phase < 2 * loops.n_harmonics + 2:
         raise ConfigError(
-            f"{where} [loops]: {phases} phases cannot show {harmonics} harmonics; make n_phase at least "
-            f"{2 * harmonics + 2} or n_harmonics at most {phases // 2 - 1}"
+            f"{where} [loops]: {loops.n_phase} phases cannot show {loops.n_harmonics} harmonics; make n_phase at least "
+            f"{2 * loops.n_harmonics + 2} or n_harmonics at most {loops.n_phase // 2 - 1}"
         )
-    out["parameters"] = {name: dict(entry) for name, entry in given.get("parameters", {}).items()}
+    model = _filled(ModelSettings, "model", given, where)
+    if "embedded" not in given.get("model", {}):
+        model = replace(model, embedded=bends)
+    return IdentifySettings(
+        loops,
+        model,
+        _filled(LikelihoodSettings, "likelihood", given, where),
+        _filled(SearchSettings, "search", given, where),
+        _filled(SamplingSettings, "sampling", given, where),
+        _changes(given, where),
+    )
+
+
+def diagnose_settings_of(config: DiagnoseSettings | Config = None, own_simulator: bool = False) -> DiagnoseSettings:
+    """The settings of a diagnosis. Raises ConfigError, also for what a diagnosis does not use."""
+    if isinstance(config, DiagnoseSettings):
+        return config
+    given, where = _tables(config.as_dict() if isinstance(config, IdentifySettings) else config)
+    _known(given, {*_TABLES, "parameters"}, where, "table")
+    for table in given:
+        if table not in ("model", "parameters"):
+            raise ConfigError(f"{where}: [{table}] is not used by a diagnosis, which has its own; leave it out")
+    if own_simulator and "model" in given:
+        raise ConfigError(f"{where}: [model] chooses parts of the Iwan model, but a simulator is given; leave one out")
+    changes = _changes(given, where)
+    for name in NOISE:
+        if name in changes:
+            raise ConfigError(
+                f"{where} [parameters.{name}]: a diagnosis takes the noise from the records and the misfit from its "
+                "own grid; leave it out"
+            )
+    return DiagnoseSettings(_filled(ModelSettings, "model", given, where), changes)
+
+
+def _tables(config: Config) -> tuple[dict[str, Any], str]:
+    """The tables given, as they are, and where they came from for messages."""
+    if config is None:
+        return {}, "config"
+    if isinstance(config, IdentifySettings):
+        return config.as_dict(), "config"
+    if isinstance(config, Mapping):
+        return dict(config), "config"
+    try:
+        return tomllib.loads(Path(config).read_bytes().decode("utf-8-sig")), str(config)
+    except OSError as error:
+        raise ConfigError(f"{config}: cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{config}: not valid TOML: {error}") from None
+    except (RecursionError, ValueError) as error:  # nested without end; whole numbers of thousands of digits
+        raise ConfigError(f"{config}: not a configuration: {str(error).splitlines()[0]}") from None
+
+
+def _filled(kind: type[S], table: str, given: Mapping[str, Any], where: str) -> S:
+    """The settings of one table, every key checked."""
+    keys = given.get(table, {})
+    if not isinstance(keys, Mapping):
+        raise ConfigError(f"{where}: {table} must be a table; write [{table}] and its keys below")
+    defaults = {f.name: f.default for f in fields(kind)}  # type: ignore[arg-type]
+    _known(keys, set(defaults), f"{where} [{table}]", "key")
+    return kind(**{key: _checked(table, key, value, defaults[key], where) for key, value in keys.items()})
+
+
+def _checked(table: str, key: str, value: Any, default: Any, where: str) -> Any:
+    name = f"{where} [{table}] {key}"
+    if (table, key) in CHOICES and value not in CHOICES[table, key]:
+        raise ConfigError(f"{name} = {_shown(value)} is not known; choose one of {', '.join(CHOICES[table, key])}")
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise ConfigError(f"{name} must be true or false, not {_shown(value)}")
+    elif isinstance(default, int):
+        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _LARGEST:
+            raise ConfigError(f"{name} must be a whole number of at least 1, not {_shown(value)}")
+    elif isinstance(default, float):
+        return _number(value, name, least=0.0)
+    elif not isinstance(value, str):
+        raise ConfigError(f"{name} must be text in quotes, not {_shown(value)}")
+    return value
+
+
+def _changes(given: Mapping[str, Any], where: str) -> dict[str, ParameterChange]:
+    tables = given.get("parameters", {})
+    if not isinstance(tables, Mapping):
+        raise ConfigError(f"{where}: parameters must be a table; write [parameters.NAME] and its keys below")
+    out = {}
+    for name, table in tables.items():
+        if not isinstance(table, Mapping):
+            raise ConfigError(f"{where}: write [parameters.{name}] and e.g. fixed = {_shown(table)} below it")
+        at = f"{where} [parameters.{name}]"
+        _known(table, {"prior", "lower", "upper", "fixed", "tied"}, at, "key")
+        numbers = {k: _number(table[k], f"{at} {k}") for k in ("lower", "upper", "fixed") if k in table}
+        tied = table.get("tied")
+        if tied is not None and not isinstance(tied, str):
+            raise ConfigError(f"{at} tied must be the name of a parameter in quotes, not {_shown(tied)}")
+        if tied is not None and "fixed" in numbers:
+            raise ConfigError(f"{at}: fixed and tied exclude each other; leave one out")
+        out[str(name)] = ParameterChange(_prior(table.get("prior"), at), tied=tied, **numbers)
     return out
 
 
-def _known(table: Mapping[str, Any], known: set[str], where: str, what: str) -> None:
+def _prior(spec: Any, at: str) -> PriorChoice | None:
+    if spec is None:
+        return None
+    if not isinstance(spec, Mapping) or not isinstance(spec.get("dist"), str):
+        raise ConfigError(
+            f"{at} prior: `dist` must name a continuous scipy.stats distribution, "
+            f'e.g. prior = {{dist = "lognorm", s = 0.5, scale = 5.0}}'
+        )
+    return PriorChoice(spec["dist"], {str(k): _number(v, f"{at} prior {k}") for k, v in spec.items() if k != "dist"})
+
+
+def _number(value: Any, name: str, least: float = -math.inf) -> float:
+    if not isinstance(value, bool) and isinstance(value, int | float):
+        try:
+            if math.isfinite(number := float(value)) and number > least:
+                return number
+        except OverflowError:
+            pass
+    kind = "finite" if least < 0.0 else "finite positive"
+    raise ConfigError(f"{name} must be a {kind} number, not {_shown(value)}")
+
+
+def _shown(value: Any) -> str:
+    """A value as text of one short line."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # a whole number of thousands of digits
+        text = type(value).__name__
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _known(table: Mapping[str, Any], known: Collection[str], where: str, what: str) -> None:
     for key in table:
         if key not in known:
-            near = difflib.get_close_matches(key, known, 1)
+            near = difflib.get_close_matches(str(key), known, 1)
             mend = f"did you mean {near[0]!r}?" if near else f"use {', '.join(sorted(known))}"
-            raise ConfigError(f"{where}: unknown {what} {key!r}; {mend}")
-
-
-def _checked(table: str, key: str, value: Any, where: str) -> Any:
-    name = f"{where} [{table}] {key}"
-    if (table, key) in CHOICES and value not in CHOICES[table, key]:
-        raise ConfigError(f"{name} = {value!r} is not known; choose one of {', '.join(CHOICES[table, key])}")
-    if value is None and DEFAULTS[table][key] is None:
-        return None
-    if key in _POSITIVE_INT:
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise ConfigError(f"{name} must be a whole number of at least 1, not {value!r}")
-    elif key in _POSITIVE:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not (math.isfinite(value) and value > 0):
-            raise ConfigError(f"{name} must be a positive number, not {value!r}")
-        return float(value)
-    elif isinstance(DEFAULTS[table][key], bool):
-        if not isinstance(value, bool):
-            raise ConfigError(f"{name} must be true or false, not {value!r}")
-    elif not isinstance(value, str):
-        raise ConfigError(f"{name} must be text in quotes, not {value!r}")
-    return value
+            raise ConfigError(f"{where}: unknown {what} {_shown(key)}; {mend}")

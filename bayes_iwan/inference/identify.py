@@ -10,30 +10,35 @@ import importlib.metadata
 import os
 import platform
 import time
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
-from bayes_iwan.inference import config as configuration
 from bayes_iwan.inference import results
-from bayes_iwan.inference.point import Point, find_point, starting_population
+from bayes_iwan.inference.config import Config, ConfigError, settings_of
+from bayes_iwan.inference.point import Point, find_point, laplace_scale, starting_population
 from bayes_iwan.inference.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import sampled_and_derived
+from bayes_iwan.inference.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.physics import Simulator
+from bayes_iwan.physics.parameter import Z_LIMIT
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
-from bayes_iwan.sampling.ensembles import Chains, sample
+from bayes_iwan.sampling.ensembles import Chains, Stop, sample
 from bayes_iwan.sampling.run import CROWD, POWERS
 from bayes_iwan.sampling.walkers import enough_walkers
 
 #: tests whose frequencies differ by less than this are of one frequency
 SAME_FREQUENCY = 0.02
+#: `quick`: the search unless the configuration has its own, and the draws of the normal distribution
+QUICK_SEARCH = SearchSettings(members=100, evaluations=4000, second_opinion=False, starts=8)
+QUICK_DRAWS = 2000
 _VERSIONED = ("bayes-iwan", "numpy", "scipy", "numba", "emcee", "arviz")
 
 
@@ -41,12 +46,13 @@ def identify(
     campaign: Campaign | str | os.PathLike[str],
     out: str | os.PathLike[str] | None = None,
     *,
-    config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    config: Config = None,
     seed: int = 0,
     per_test: bool = False,
     resume: bool = False,
     progress: bool = True,
     simulator: Simulator | str | os.PathLike[str] | None = None,
+    quick: bool = False,
 ) -> Posterior:
     """The joint posterior of all the campaign's tests that are not held out.
 
@@ -54,21 +60,21 @@ def identify(
     out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.ckpt; None writes nothing.
     per_test : identify each frequency alone as well (:func:`identify_frequencies`). resume : go on from a checkpoint.
     simulator : a model of your own in the place of the Iwan model, or the Python file that defines it.
+    quick : the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
     """
     if not 0 <= seed < 2**63:
-        raise configuration.ConfigError(f"seed {seed} cannot be kept in files; give one from 0 to {2**63 - 1}")
-    settings = (
-        configuration.read_config(config) if isinstance(config, str | os.PathLike) else configuration.complete(config)
-    )
+        raise ConfigError(f"seed {seed} cannot be kept in files; give one from 0 to {2**63 - 1}")
+    unused = {} if simulator is None else {"model": "since a simulator takes the place of the Iwan model"}
+    settings = settings_of(config, unused)
     campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
     if per_test and out is None:
-        raise configuration.ConfigError("per_test writes files: name a folder for them (out)")
+        raise ConfigError("per_test writes files: name a folder for them (out)")
     simulator_file = ""
     if isinstance(simulator, str | os.PathLike):
         simulator_file, simulator = str(Path(simulator).resolve()), load_simulator(simulator)
-    loops = campaign.loops(**settings["loops"])
+    loops = campaign.loops(**asdict(settings.loops))
     posterior = identify_problem(
         make_problem(loops, settings, simulator),
         seed,
@@ -79,6 +85,7 @@ def identify(
         resume=resume,
         progress=progress,
         simulator_file=simulator_file,
+        quick=quick,
     )
     if out is not None:
         results.write(posterior, Path(out))
@@ -94,11 +101,11 @@ def identify_frequencies(joint: Posterior, out: Path, *, resume: bool = False, p
     """
     for name, group in by_frequency(joint.loops).items():
         folder = out / "per_test" / name
-        alone = make_problem(group, joint.config, joint.problem.model, joint.problem.scales)
+        alone = make_problem(group, joint.settings, joint.problem.model, joint.problem.scales)
         part = identify_problem(
             alone,
             joint.seed,
-            config=joint.config,
+            config=joint.settings,
             campaign=joint.campaign,
             loops=group,
             out=folder,
@@ -126,25 +133,30 @@ def identify_problem(
     problem: Problem,
     seed: int,
     *,
-    config: Mapping[str, Any] | None = None,
+    config: Config = None,
     campaign: Campaign | None = None,
     loops: Sequence[Loop] | None = None,
     out: str | os.PathLike[str] | None = None,
     resume: bool = False,
     progress: bool = True,
     simulator_file: str = "",
+    quick: bool = False,
 ) -> Posterior:
     """The posterior of a problem, from loops of any origin; nothing but the checkpoint is written.
 
     config : as for :func:`identify`; its [search] and [sampling] tables are read. loops : all tests, if some were
     held out. out : folder of the checkpoint. simulator_file : where the problem's simulator came from, if from a file.
     """
-    settings = configuration.complete(config)
+    settings = settings_of(config)
     began = time.monotonic()
-    point = find_point(problem, seed, settings["search"], progress)
-    s = settings["sampling"]
-    walkers = max(s["walkers"], enough_walkers(problem.ndim))
-    population = starting_population(problem, point, seed, CROWD * len(POWERS) * s["ensembles"] * walkers)
+    search = QUICK_SEARCH if quick and settings.search == SearchSettings() else settings.search
+    point = find_point(problem, seed, search, progress)
+    if quick:
+        found = _laplace(problem, point, settings, seed, campaign, loops, time.monotonic() - began)
+        return replace(found, simulator_file=simulator_file)
+    s = settings.sampling
+    walkers = max(s.walkers, enough_walkers(problem.ndim))
+    population = starting_population(problem, point, seed, CROWD * len(POWERS) * s.ensembles * walkers)
     # what is fixed, or follows from the model alone as g₁ = 1 of a single gamma does, has no convergence
     unsampled = tuple(
         name
@@ -166,29 +178,71 @@ def identify_problem(
             quantities=numbers if unsampled else None,
             quantity_names=unsampled,
             checkpoint=None if out is None else Path(out) / CHECKPOINT,
-            fingerprint=problem.fingerprint() | _origin(settings["search"], simulator_file) | {"seed": str(seed)},
-            n_ensembles=s["ensembles"],
+            fingerprint=problem.fingerprint() | _origin(settings.search, simulator_file) | {"seed": str(seed)},
+            n_ensembles=s.ensembles,
             n_walkers=walkers,
-            budget_s=s["budget_s"],
-            max_steps=s["max_steps"],
-            target_r_hat=s["r_hat"],
-            target_ess=s["ess"],
-            chain_taus=s["taus"],
+            budget_s=s.budget_s,
+            max_steps=s.max_steps,
+            target_r_hat=s.r_hat,
+            target_ess=s.ess,
+            chain_taus=s.taus,
             progress=progress,
             resume=resume,
         )
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
     timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}
-    found = _posterior(problem, chains, point, settings, seed, campaign, loops, timings)
-    return replace(found, simulator_file=simulator_file)
+    found = replace(
+        _posterior(problem, chains, point, settings, seed, campaign, loops, timings), simulator_file=simulator_file
+    )
+    if not found.converged:
+        warnings.warn(found.message, NotConverged, stacklevel=2)
+    return found
+
+
+class NotConverged(UserWarning):
+    """A run that ended before its chains had converged."""
+
+
+def _laplace(
+    problem: Problem,
+    point: Point,
+    settings: IdentifySettings,
+    seed: int,
+    campaign: Campaign | None,
+    loops: Sequence[Loop] | None,
+    seconds: float,
+) -> Posterior:
+    """Draws of the normal distribution about the most probable point, four chains of independent ones."""
+    rng = np.random.default_rng([seed, 14])
+    root = laplace_scale(problem, point.z)
+    z = point.z + rng.standard_normal((QUICK_DRAWS, problem.ndim)) @ root.T
+    z = np.clip(z, -0.95 * Z_LIMIT, 0.95 * Z_LIMIT)
+    return Posterior(
+        problem=problem,
+        campaign=campaign,
+        loops=problem.loops if loops is None else tuple(loops),
+        z=z.reshape(4, -1, problem.ndim),
+        log_prob=problem.log_prob(z).reshape(4, -1),
+        walkers=1,
+        thin=1,
+        point=point,
+        seed=seed,
+        converged=False,
+        message="quick: the most probable point and Laplace's intervals, not sampled",
+        settings=settings,
+        versions=versions(),
+        timings={"point_s": seconds, "sampling_s": 0.0, "steps": 0.0, "evaluations": float(point.n_evaluations)},
+        convergence=(),
+        stop=Stop.QUICK,
+    )
 
 
 def _posterior(
     problem: Problem,
     chains: Chains,
     point: Point,
-    settings: Mapping[str, Any],
+    settings: IdentifySettings,
     seed: int,
     campaign: Campaign | None,
     loops: Sequence[Loop] | None,
@@ -196,7 +250,7 @@ def _posterior(
 ) -> Posterior:
     """The draws thinned to about as many as were asked for, and the diagnostics of the whole run beside them."""
     ensembles, stored, walkers, ndim = chains.draws.shape
-    every = max(1, -(-stored * ensembles * walkers // settings["sampling"]["draws"]))
+    every = max(1, -(-stored * ensembles * walkers // settings.sampling.draws))
     kept = slice(stored - 1 - every * ((stored - 1) // every), None, every)
     z = np.moveaxis(chains.draws[:, kept], 2, 1).reshape(ensembles, -1, ndim)
     log_prob = np.moveaxis(chains.log_prob[:, kept], 2, 1).reshape(ensembles, -1)
@@ -221,17 +275,18 @@ def _posterior(
         seed=seed,
         converged=chains.converged,
         message=chains.message,
-        config=settings,
+        stop=chains.stop,
+        settings=settings,
         versions=versions(),
         timings=dict(timings) | {"steps": float(chains.n_steps), "evaluations": float(chains.n_evaluations)},
         convergence=rows,
     )
 
 
-def _origin(search: Mapping[str, Any], simulator_file: str) -> dict[str, str]:
+def _origin(search: SearchSettings, simulator_file: str) -> dict[str, str]:
     """What else draws depend on: the walkers start where the search led them, by this code and the user's."""
     own = hashlib.sha256(Path(simulator_file).read_bytes()).hexdigest() if simulator_file else ""
-    return {f"search {k}": str(v) for k, v in search.items()} | {"code": _code(), "simulator": own}
+    return {f"search {k}": str(v) for k, v in asdict(search).items()} | {"code": _code(), "simulator": own}
 
 
 @functools.cache

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.inference.settings import ParameterChange, PriorChoice
 from bayes_iwan.physics.parameter import Z_LIMIT, Parameter, ParameterError
 
 
@@ -76,45 +77,44 @@ class Prior:
         return np.clip(rng.standard_normal((draws, len(self.free))), -Z_LIMIT, Z_LIMIT)
 
 
-def configured(parameters: Sequence[Parameter], tables: Mapping[str, Mapping[str, Any]]) -> tuple[Parameter, ...]:
-    """Parameters with a user's changes, `tables` being the `[parameters.<name>]` tables of a TOML file.
-
-    Keys: `prior = {dist = "<scipy.stats name>", <its arguments>}`, `lower`, `upper`, `fixed`, `tied`.
-    Raises ParameterError naming the parameter and what is wrong.
-    """
+def configured(parameters: Sequence[Parameter], changes: Mapping[str, ParameterChange]) -> tuple[Parameter, ...]:
+    """Parameters with a user's changes by name. Raises ParameterError naming the parameter and what is wrong."""
     by_name = {p.name: p for p in parameters}
-    for name, table in tables.items():
+    for name, change in changes.items():
         if name not in by_name:
             raise ParameterError(f"[parameters.{name}]: no such parameter; there are {', '.join(by_name)}")
-        unknown = set(table) - {"prior", "lower", "upper", "fixed", "tied"}
-        if unknown:
-            raise ParameterError(
-                f"[parameters.{name}]: unknown key {sorted(unknown)[0]!r}; use prior, lower, upper, fixed or tied"
-            )
-        changes: dict[str, Any] = {k: table[k] for k in ("lower", "upper", "fixed", "tied") if k in table}
-        if "prior" in table:
-            changes["prior"] = _frozen(name, table["prior"])
-            changes.setdefault("lower", -np.inf)
-            changes.setdefault("upper", np.inf)
-        new = replace(by_name[name], **changes)
+        new = by_name[name]
+        if change.prior is not None:
+            new = replace(new, prior=_frozen(name, change.prior), lower=-np.inf, upper=np.inf)
+        new = replace(
+            new,
+            lower=new.lower if change.lower is None else change.lower,
+            upper=new.upper if change.upper is None else change.upper,
+            fixed=change.fixed,
+            tied=change.tied,
+        )
         if new.free and not new.prior.cdf(new.upper) - new.prior.cdf(new.lower) > 1e-12:
             raise ParameterError(f"[parameters.{name}]: the prior has no weight within [{new.lower:g}, {new.upper:g}]")
+        if new.fixed is not None and not new.lower <= new.fixed <= new.upper:
+            raise ParameterError(
+                f"[parameters.{name}]: fixed = {new.fixed:g} lies outside [{new.lower:g}, {new.upper:g}]; "
+                "choose a value within, or move lower and upper"
+            )
         by_name[name] = new
     return tuple(by_name.values())
 
 
-def _frozen(name: str, spec: Mapping[str, Any]) -> Any:
-    arguments = dict(spec)
-    dist = getattr(stats, str(arguments.pop("dist", "")), None)
+def _frozen(name: str, choice: PriorChoice) -> Any:
+    dist = getattr(stats, choice.dist, None)
     if not isinstance(dist, stats.rv_continuous):
         raise ParameterError(
             f"[parameters.{name}] prior: `dist` must name a continuous scipy.stats distribution, "
             f'e.g. prior = {{dist = "lognorm", s = 0.5, scale = 5.0}}'
         )
     try:
-        frozen = dist(**arguments)
+        frozen = dist(**choice.arguments)
         if not np.isfinite(frozen.ppf(0.5)):
             raise ValueError("its median is not finite")
     except (TypeError, ValueError) as error:
-        raise ParameterError(f"[parameters.{name}] prior {spec.get('dist')}: {error}") from None
+        raise ParameterError(f"[parameters.{name}] prior {choice.dist}: {error}") from None
     return frozen

@@ -8,9 +8,8 @@ by least squares from many of their members and from the prior, first with the n
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.loop_error import friction_level_N, goal_function, paper_weights
 from bayes_iwan.inference.parameters import Z_LIMIT
 from bayes_iwan.inference.problem import Problem
+from bayes_iwan.inference.settings import SearchSettings
 from bayes_iwan.optimize.genetic import BatchObjective, GlobalOptimum, differential_evolution_search, genetic_search
 from bayes_iwan.optimize.least_squares import BatchResiduals, least_squares_batch
 
@@ -67,16 +67,19 @@ def goal_share(problem: Problem, z: Array) -> Array:
     return problem.goal(z) / goal_function(level[None], motion.displacement_mm[0], motion.amplitude_mm)[0]
 
 
-def find_point(problem: Problem, seed: int, settings: Mapping[str, Any], progress: bool = True) -> Point:
-    """The point estimate; `settings` is the [search] table of a complete configuration."""
+def find_point(problem: Problem, seed: int, settings: SearchSettings, progress: bool = True) -> Point:
+    """The point estimate; `settings` say how it is searched for."""
     began = time.monotonic()
-    objective, ladder, columns = _objective(problem, settings["objective"])
-    box = np.tile([-settings["reach"], settings["reach"]], (len(columns), 1))
-    common = {"seed": seed, "max_evaluations": settings["evaluations"], "progress": progress}
-    found = genetic_search(objective, box, members=settings["members"], **common)
+    objective, ladder, columns = _objective(problem, settings.objective)
+    box = np.tile([-settings.reach, settings.reach], (len(columns), 1))
+    found = genetic_search(
+        objective, box, seed=seed, members=settings.members, max_evaluations=settings.evaluations, progress=progress
+    )
     second = None
-    if settings["second_opinion"]:
-        second = differential_evolution_search(objective, box, members=settings["members"], **common)
+    if settings.second_opinion:
+        second = differential_evolution_search(
+            objective, box, seed=seed, members=settings.members, max_evaluations=settings.evaluations, progress=progress
+        )
     searches = [s for s in (found, second) if s is not None]
 
     members_of = [_some(s, 6) for s in searches]
@@ -89,7 +92,7 @@ def find_point(problem: Problem, seed: int, settings: Mapping[str, Any], progres
     goal_z = _embedded(problem, columns, reached[best : best + 1])[0]
 
     # each search seeks the most probable point by itself: what one of them misses shows beside the other
-    share = -(-settings["starts"] // len(searches))
+    share = -(-settings.starts // len(searches))
     each = []
     for k in range(len(searches)):
         own = polished_of[k][0]
@@ -101,7 +104,7 @@ def find_point(problem: Problem, seed: int, settings: Mapping[str, Any], progres
     order = order[_different(optima[order], log_prob[order], tolerance=0.3)]
     optima, log_prob, used = optima[order], log_prob[order], sum(e[2] for e in each)
     return Point(
-        objective=settings["objective"],
+        objective=settings.objective,
         goal_z=goal_z,
         goal=float(values[best]),
         goal_share=float(goal_share(problem, goal_z[None])[0]),

@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Campaign, Loop
+from bayes_iwan.drawing import draw
 from bayes_iwan.inference.discrepancy import Correlated
 from bayes_iwan.inference.intervals import Widening, widenings
 from bayes_iwan.inference.point import Point
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.quantities import quantities
-from bayes_iwan.physics.motion import motion_of
+from bayes_iwan.inference.settings import IdentifySettings
+from bayes_iwan.physics.motion import motion_of, sine_motion
 from bayes_iwan.physics.simulator import FORCE_ZERO, Derived, straight_part
 from bayes_iwan.sampling.convergence import Convergence, diagnose
+from bayes_iwan.sampling.ensembles import Stop
+
+if TYPE_CHECKING:
+    import pandas
+
+#: share of the friction force above which a misfit is called large
+LARGE_MISFIT = 0.03
+#: prior standard scores beyond which a median is said to lie at the end of its prior
+AT_THE_END = 3.0
+#: ... or that its 90 % interval ends so near a bound of the prior, over the interval's width
+NEAR_THE_BOUND = 0.02
 
 
 @dataclass(frozen=True)
@@ -58,6 +74,41 @@ class SummaryRow:
 
 
 @dataclass(frozen=True)
+class Prediction:
+    """Loops that were predicted, with what the posterior knows of them.
+
+    frequency_hz, amplitude_mm : (loops,); displacement_mm : (loops, samples); force_N : (draws, loops, samples), the
+    model's alone, without noise.
+    """
+
+    frequency_hz: Array
+    amplitude_mm: Array
+    displacement_mm: Array
+    force_N: Array
+
+    def band(self, level: float = 0.9) -> tuple[Array, Array, Array]:
+        """Lower end, median and upper end of the central interval, (loops, samples) each, N."""
+        low, middle, high = np.quantile(self.force_N, [0.5 - level / 2, 0.5, 0.5 + level / 2], axis=0)
+        return low, middle, high
+
+    def __repr__(self) -> str:
+        low, _, high = self.band()
+        return "\n".join(
+            f"{f:g} Hz, {a:g} mm: ±{0.5 * np.mean(high[i] - low[i]):.3g} N (90 %, mean along the loop)"
+            for i, (f, a) in enumerate(zip(self.frequency_hz, self.amplitude_mm))
+        )
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """rms_N : RMS residual of the median prediction over the fitted tests; share : the same over the friction force's,
+    tests weighing alike."""
+
+    rms_N: float
+    share: float
+
+
+@dataclass(frozen=True, repr=False)
 class Posterior:
     """Draws of a problem's coordinates from independent ensembles.
 
@@ -66,7 +117,8 @@ class Posterior:
     in the order of the steps, `walkers` of them, so that neighbours are steps of one walker.
     thin : sampler's steps between two draws of a walker. convergence : rows for the sampled numbers over the whole
     run; message : why the run ended, and what fell short if it has not converged.
-    campaign : None for loops that came from no folder. simulator_file : where a user's own simulator came from.
+    stop : the reason
+    alone. campaign : None for loops that came from no folder. simulator_file : where a user's own simulator came from.
     """
 
     problem: Problem
@@ -80,11 +132,40 @@ class Posterior:
     seed: int
     converged: bool
     message: str
-    config: Mapping[str, Any]
+    settings: IdentifySettings
     versions: Mapping[str, str]
     timings: Mapping[str, float]
     convergence: tuple[ConvergenceRow, ...]
     simulator_file: str = ""
+    stop: Stop = Stop.CONVERGED
+
+    def __repr__(self) -> str:
+        return "\n".join((self._title(), *(f"  {row}" for row in self._shown()), *self.warnings()))
+
+    def _repr_html_(self) -> str:
+        cells = "".join(f"<tr><td><pre>{escape(row)}</pre></td></tr>" for row in self._shown())
+        said = "".join(f"<p><b>{escape(text)}</b></p>" for text in self.warnings())
+        return f"<p>{escape(self._title())}</p><table>{cells}</table>{said}"
+
+    def _title(self) -> str:
+        name = "loops" if self.campaign is None else self.campaign.name
+        draws = self.z.shape[0] * self.z.shape[1]
+        return f"{self.problem.model.name} identified from {name}: {draws} draws of {self.ndim} numbers; {self.message}"
+
+    def _shown(self) -> list[str]:
+        """Medians and 90 % intervals of the sampled numbers, and the misfit, one line each."""
+        values = self.problem.prior.values(self.flat_z(4000))
+        rows = []
+        for p in self.problem.prior.free:
+            low, middle, high = np.quantile(values[p.name], [0.05, 0.5, 0.95])
+            rows.append(f"{p.name:22s} {middle:10.4g}  ({low:.4g} to {high:.4g}) {p.unit}")
+        misfit = self.misfit()
+        return [*rows, f"{'misfit':22s} {misfit.rms_N:10.3g} N RMS, {100 * misfit.share:.2g} % of the friction force"]
+
+    @property
+    def quick(self) -> bool:
+        """Whether the draws are Laplace's approximation about the most probable point, not a sampler's."""
+        return self.stop is Stop.QUICK
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,7 +178,7 @@ class Posterior:
     @property
     def interrupted(self) -> bool:
         """Whether sampling was ended by Ctrl-C."""
-        return "interrupted" in self.message
+        return self.stop is Stop.INTERRUPTED
 
     def flat_z(self, most: int | None = None) -> Array:
         """Draws of all chains, (n, ndim), evenly thinned to at most `most`."""
@@ -178,7 +259,100 @@ class Posterior:
             )
         return tuple(rows)
 
+    def misfit(self, n: int = 200) -> Misfit:
+        """How far the median prediction misses the fitted tests."""
+        problem = self.problem
+        z = self.flat_z(n)
+        slope = problem.model.spring_N_mm(problem.numbers(z))
+        predicted = np.median(problem.predict(z), axis=0)
+        squares, shares = [], []
+        for t, loop in enumerate(problem.loops):
+            if slope is None:
+                friction = loop.force_N - straight_part(loop.force_N, loop.displacement_mm)
+            else:
+                friction = loop.force_N - float(np.median(slope)) * loop.displacement_mm
+                friction = friction - friction.mean()
+            squares.append(np.mean((loop.force_N - predicted[t]) ** 2))
+            shares.append(squares[-1] / np.mean(friction**2))
+        return Misfit(float(np.sqrt(np.mean(squares))), float(np.sqrt(np.mean(shares))))
+
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader of the intervals must know, one sentence each."""
+        out = []
+        if self.quick:
+            out.append(
+                "Quick: Laplace's approximation about the most probable point, not sampled; read as a first look."
+            )
+        elif not self.converged:
+            out.append(f"The chains have not converged ({self.message}); read every interval as too narrow.")
+        misfit = self.misfit()
+        if misfit.share > LARGE_MISFIT:
+            out.append(
+                f"The model misses the friction force by {100 * misfit.share:.2g} %: the intervals hold for a model "
+                "that fits, so diagnose the campaign, and check priors and fixed values."
+            )
+        z = self.flat_z(4000)
+        values, noise = self.problem.prior.values(z), {p.name for p in self.problem.likelihood.parameters}
+        for p, score in zip(self.problem.prior.free, np.median(z, axis=0)):
+            low, high = np.quantile(values[p.name], [0.05, 0.95])
+            end = ""
+            if score > AT_THE_END or p.upper - high < NEAR_THE_BOUND * (high - low):
+                end = "upper"
+            elif score < -AT_THE_END or low - p.lower < NEAR_THE_BOUND * (high - low):
+                end = "lower"
+            if end and p.name not in noise:
+                out.append(
+                    f"The posterior of {p.name} lies at the {end} end of its prior ({p.prior_text()}): the loops ask "
+                    "for more; widen the prior or look for a cause."
+                )
+        return tuple(out)
+
     def predict(
+        self, frequency_hz: float | Array, amplitude_mm: float | Array, n: int = 400, samples: int = 128
+    ) -> Prediction:
+        """Loops at other frequencies and amplitudes, steady sines, from n draws.
+
+        frequency_hz, amplitude_mm : one or several, broadcast against each other.
+        """
+        f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
+        motion = sine_motion(a, f, samples)
+        force = self.problem.predict(self.flat_z(n), motion)
+        return Prediction(f, a, motion.displacement_mm[0], force)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Every reported quantity in each draw: a column each, rows by chain and draw."""
+        import pandas as pd
+
+        chains, draws = self.z.shape[:2]
+        index = pd.MultiIndex.from_product([range(chains), range(draws)], names=["chain", "draw"])
+        return pd.DataFrame({name: q.values for name, q in self.quantities().items()}, index=index)
+
+    def to_arviz(self) -> Any:
+        """ArviZ's object of all groups of posterior.nc: `InferenceData` up to 0.23, `DataTree` from 1.0."""
+        from bayes_iwan.inference.results import to_arviz
+
+        return to_arviz(self)
+
+    def write(self, folder: str | os.PathLike[str]) -> Path:
+        """summary.csv, point.json, posterior.nc and report.html with its tables into a folder; returns the page."""
+        from bayes_iwan.inference.results import write
+
+        write(self, Path(folder))
+        return Path(draw("identification_report", self, folder))
+
+    def plot_loop(self, test: str | int = 0, friction: bool = True) -> Any:
+        """The measured cycles of one test (its file, or its place) and the bands of the posterior, as a figure."""
+        files = [x.file for x in self.loops]
+        if isinstance(test, str) and test not in files:
+            raise ValueError(f"there is no test {test!r}; there are {', '.join(files)}")
+        loop = self.loops[files.index(test)] if isinstance(test, str) else self.loops[test]
+        return draw("loops_figure", self, friction=friction, loops=[loop])
+
+    def plot_corner(self) -> Any:
+        """The joint posterior of the quantities that loops determine, as a figure."""
+        return draw("identifiable_corner", self)
+
+    def forces(
         self,
         n: int = 200,
         loops: Sequence[Loop] | None = None,

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.config import Config, settings_of
 from bayes_iwan.inference.likelihood import Likelihood, make_likelihood
 from bayes_iwan.inference.loop_error import goal_function, harmonics_of
-from bayes_iwan.inference.parameters import Prior, configured
+from bayes_iwan.inference.parameters import ParameterError, Prior, configured
 from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.inference.settings import ModelSettings
 from bayes_iwan.physics import Model, ModelError, Motion, Scales, Simulator
 from bayes_iwan.physics.motion import motion_of
 from bayes_iwan.physics.simulator import FORCE_ZERO, OUTER, Station, force_zero, inner_effects, offered, recorded_force
@@ -155,7 +156,7 @@ class Problem:
 
 def make_problem(
     loops: Sequence[Loop],
-    config: Mapping[str, Any] | None = None,
+    config: Config = None,
     simulator: Simulator | None = None,
     scales: Scales | None = None,
 ) -> Problem:
@@ -164,15 +165,24 @@ def make_problem(
     simulator : what is fitted (default: the Iwan model of the configuration's [model] table); scales : taken from
     the loops unless given.
     """
-    config = config or {}
+    settings = settings_of(config, bends=False)
     fitted = tuple(x for x in loops if x.role != "held-out")
     if not fitted:
         raise ValueError('no test is left to fit: every test has role = "held-out"')
     scales = scales_of(fitted) if scales is None else scales
-    model = Model(scales.reference, **config.get("model", {})) if simulator is None else simulator
-    likelihood = make_likelihood(config.get("likelihood", {}).get("kind", "correlated"), fitted, scales)
+    model = iwan_model(scales, settings.model) if simulator is None else simulator
+    likelihood = make_likelihood(settings.likelihood.kind, fitted, scales)
     parameters = list(model.parameters(scales))
     if all(p.name != FORCE_ZERO for p in parameters):
         parameters.append(force_zero(scales))
     parameters += likelihood.parameters
-    return Problem(fitted, scales, model, Prior(configured(parameters, config.get("parameters", {}))), likelihood)
+    problem = Problem(fitted, scales, model, Prior(configured(parameters, settings.parameters)), likelihood)
+    noise = {p.name for p in likelihood.parameters}
+    if all(name in noise for name in problem.names):
+        raise ParameterError("every number of the model is fixed or tied; leave at least one of them free")
+    return problem
+
+
+def iwan_model(scales: Scales, parts: ModelSettings) -> Model:
+    """The Iwan model of the chosen parts on a campaign's scales."""
+    return Model(scales.reference, parts.slip, parts.grip, parts.stiffness, embedded=parts.embedded)

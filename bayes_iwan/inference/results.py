@@ -17,14 +17,16 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop, read_campaign
 from bayes_iwan.files import clear, replacing, write_whole
-from bayes_iwan.inference import config as configuration
+from bayes_iwan.inference.config import settings_of
 from bayes_iwan.inference.point import Point
 from bayes_iwan.inference.posterior import ConvergenceRow, Posterior, SummaryRow
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import sampled_and_derived
+from bayes_iwan.inference.settings import IdentifySettings
 from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.optimize.genetic import GlobalOptimum
 from bayes_iwan.physics import Scales, Simulator
+from bayes_iwan.sampling.ensembles import Stop
 
 FORMAT = 2
 #: what stands behind posterior.nc's own end (HDF5 does not look there), before the SHA-256 of all before it
@@ -45,19 +47,20 @@ def write(posterior: Posterior, folder: Path) -> None:
     """summary.csv, point.json and posterior.nc into `folder`, which is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
     clear(folder, *WRITTEN)
-    write_whole(folder / "summary.csv", summary_csv(posterior.summary()).encode())
+    write_whole(folder / "summary.csv", summary_csv(posterior.summary(), posterior.quick).encode())
     write_whole(folder / "point.json", (json.dumps(point_record(posterior), indent=1) + "\n").encode())
     write_netcdf(posterior, folder / "posterior.nc")
 
 
-def summary_csv(rows: tuple[SummaryRow, ...]) -> str:
-    """The summary as comma-separated text."""
+def summary_csv(rows: tuple[SummaryRow, ...], quick: bool = False) -> str:
+    """The summary as comma-separated text; a quick one has a column that says so, and no diagnostics."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     columns = [f.name for f in fields(SummaryRow)]
-    writer.writerow(columns)
+    writer.writerow([*columns, "method"] if quick else columns)
     for row in rows:
-        writer.writerow([_cell(getattr(row, name)) for name in columns])
+        cells = [_cell(getattr(row, name)) for name in columns]
+        writer.writerow([*cells[: columns.index("ess_bulk")], "", "", "", "laplace"] if quick else cells)
     return out.getvalue()
 
 
@@ -198,6 +201,21 @@ def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
     }
 
 
+def to_arviz(posterior: Posterior) -> Any:
+    """The groups of posterior.nc as ArviZ's own object: `InferenceData` up to 0.23, xarray's `DataTree` from 1.0."""
+    import warnings
+
+    import xarray as xr
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # 0.23 announces 1.0 at import
+        import arviz as az
+    groups = _groups(posterior, xr)
+    if int(az.__version__.split(".")[0]) >= 1:
+        return xr.DataTree.from_dict(groups)
+    return az.InferenceData(**groups, warn_on_custom_groups=False)
+
+
 def _attributes(posterior: Posterior) -> dict[str, Any]:
     campaign = posterior.campaign
     return {
@@ -207,11 +225,12 @@ def _attributes(posterior: Posterior) -> dict[str, Any]:
         "thin": posterior.thin,
         "converged": int(posterior.converged),
         "message": posterior.message,
+        "stop": posterior.stop.name,
         "campaign_name": "" if campaign is None else campaign.name,
         "campaign_path": "" if campaign is None else str(campaign.path.resolve()),
         "loops": json.dumps([x.file for x in posterior.loops]),
         "scales": json.dumps(asdict(posterior.problem.scales)),
-        "config": json.dumps(posterior.config),
+        "config": json.dumps(posterior.settings.as_dict()),
         "simulator_file": posterior.simulator_file,
         "versions": json.dumps(dict(posterior.versions)),
         "timings": json.dumps(dict(posterior.timings)),
@@ -225,11 +244,11 @@ def _plain_point(point: Point) -> dict[str, Any]:
     def plain(value: Any) -> Any:
         if isinstance(value, np.ndarray):
             return value.tolist()
-        if isinstance(value, GlobalOptimum):  # without its populations and Jacobians
+        if isinstance(value, GlobalOptimum):  # without its populations
             return {
                 k: plain(getattr(value, k))
                 for k in (f.name for f in fields(value))
-                if k not in ("polish", "population", "population_objective")
+                if k not in ("population", "population_objective")
             }
         return value
 
@@ -264,7 +283,7 @@ def load(
         raise ResultsError(f"{path}: not found; {folder} is not a folder that `bayes-iwan identify` has finished")
     try:
         stored, unordered, log_prob = _read(path)
-        settings = configuration.complete(json.loads(stored["config"]), str(path))
+        settings = settings_of(json.loads(stored["config"]))
     except ResultsError:
         raise
     except Exception as error:  # whatever HDF5 and its readers make of damaged bytes
@@ -273,7 +292,7 @@ def load(
     if not where:
         raise ResultsError(f"{path}: its loops came from no campaign folder, so it cannot be loaded without them")
     source = read_campaign(where)
-    every = {x.file: x for x in source.loops(**settings["loops"])}
+    every = {x.file: x for x in source.loops(**asdict(settings.loops))}
     wanted = json.loads(stored["loops"])
     if missing := [file for file in wanted if file not in every]:
         raise ResultsError(f"{path}: the campaign {where} no longer has {missing[0]}; name the right campaign")
@@ -295,7 +314,8 @@ def load(
         seed=int(stored["seed"]),
         converged=bool(stored["converged"]),
         message=str(stored["message"]),
-        config=settings,
+        stop=Stop[str(stored["stop"])],
+        settings=settings,
         versions=json.loads(stored["versions"]),
         timings=json.loads(stored["timings"]),
         convergence=tuple(ConvergenceRow(**row) for row in json.loads(stored["convergence"])),
@@ -330,7 +350,7 @@ def _line(error: Exception) -> str:
 def _same_problem(
     path: Path,
     loops: tuple[Loop, ...],
-    settings: Mapping[str, Any],
+    settings: IdentifySettings,
     stored: Mapping[str, Any],
     simulator: Simulator | None,
 ) -> Problem:

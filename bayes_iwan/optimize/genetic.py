@@ -1,24 +1,22 @@
 """Global search: a real-coded genetic algorithm and, as a second opinion, scipy's differential evolution.
 
-Both work on whole populations through a batch objective, and both may end with a least-squares polish from
-several of the best members. The objective is minimised; +inf (or NaN) marks an x where the model does not
-exist.
+Both work on whole populations through a batch objective, which is minimised; +inf (or NaN) marks an x where the model
+does not exist.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.optimize.least_squares import BatchResiduals, LeastSquaresFit, least_squares_batch
 
 BatchObjective = Callable[[Array], Array]
 
@@ -33,8 +31,7 @@ class GlobalOptimum:
 
     x is the best vector of all, objective its value; population and population_objective hold the last
     population sorted from best to worst (a sampler may start from it); best and median are the history, one
-    value a generation; stopped says which rule ended the search ("stall", "evaluations" or "time"); polish is
-    the least-squares fit from the best members, None if no residuals were given.
+    value a generation; stopped says which rule ended the search ("stall", "evaluations" or "time").
     """
 
     method: str
@@ -47,7 +44,6 @@ class GlobalOptimum:
     median: Array  # (generations,)
     n_evaluations: int
     stopped: str
-    polish: LeastSquaresFit | None = None
 
 
 def genetic_search(
@@ -64,8 +60,6 @@ def genetic_search(
     crossover_index: float = 5.0,
     mutation_index: float = 20.0,
     elite: int = 4,
-    residuals: BatchResiduals | None = None,
-    polish_starts: int = 12,
     progress: bool = True,
 ) -> GlobalOptimum:
     """Minimise `objective` in a box by a real-coded genetic algorithm.
@@ -81,8 +75,6 @@ def genetic_search(
     crossover, crossover_index : probability and distribution index of simulated binary crossover (Deb &
         Agrawal 1995); mutation_index : that of polynomial mutation (Deb & Goyal 1996), one number a child on
         average. elite : members that survive unchanged.
-    residuals : maps (n, ndim) to (n, m); if given, the best and the most spread of the good members are
-        polished by `least_squares_batch`, and the outcome is kept where it lowers the objective.
 
     Raises
     ------
@@ -124,7 +116,7 @@ def genetic_search(
             if budget_s is not None and time.monotonic() - began > budget_s:
                 stopped = "time"
                 break
-    found = GlobalOptimum(
+    return GlobalOptimum(
         method="genetic",
         seed=seed,
         x=x[0].copy(),
@@ -136,7 +128,6 @@ def genetic_search(
         n_evaluations=call.count,
         stopped=stopped,
     )
-    return _polished(found, call, residuals, np.column_stack([lower, upper]), polish_starts)
 
 
 def differential_evolution_search(
@@ -146,8 +137,6 @@ def differential_evolution_search(
     seed: int,
     members: int = 150,
     max_evaluations: int = 60_000,
-    residuals: BatchResiduals | None = None,
-    polish_starts: int = 12,
     progress: bool = True,
 ) -> GlobalOptimum:
     """The same search by `scipy.optimize.differential_evolution`, over whole populations ("best1bin" there)."""
@@ -184,7 +173,7 @@ def differential_evolution_search(
     if not np.isfinite(values).any():
         raise SearchError("the objective is not finite anywhere that was tried; narrow the bounds")
     order = np.argsort(values, kind="stable")
-    found = GlobalOptimum(
+    return GlobalOptimum(
         method="differential evolution",
         seed=seed,
         x=np.asarray(outcome.x, dtype=float),
@@ -196,7 +185,6 @@ def differential_evolution_search(
         n_evaluations=call.count,
         stopped="stall" if outcome.success else "evaluations",
     )
-    return _polished(found, call, residuals, np.column_stack([lower, upper]), polish_starts)
 
 
 class _Objective:
@@ -262,33 +250,3 @@ def _stalled(best: Sequence[float], median: Sequence[float], stall: int, toleran
     fell = best[-1 - stall] - best[-1]
     spread = median[-1] - best[-1]
     return bool(fell <= tolerance * min(abs(best[-1]), spread) or spread <= 1e-12 * abs(best[-1]))
-
-
-def _polished(
-    found: GlobalOptimum, call: _Objective, residuals: BatchResiduals | None, bounds: Array, starts: int
-) -> GlobalOptimum:
-    """`found` after least squares from the best member and others spread over the better half."""
-    if residuals is None:
-        return found
-    half = found.population[np.isfinite(found.population_objective)]
-    half = half[: max(1, len(half) // 2)]
-    begin = np.concatenate([found.x[None], _spread(half, bounds[:, 1] - bounds[:, 0], starts - 1)])
-    fit = least_squares_batch(residuals, begin, bounds)
-    values = call(fit.x)
-    k = int(np.argmin(values))
-    n = found.n_evaluations + fit.n_evaluations + len(begin)
-    if values[k] < found.objective:
-        found = replace(found, x=fit.x[k].copy(), objective=float(values[k]))
-    return replace(found, polish=fit, n_evaluations=n)
-
-
-def _spread(x: Array, width: Array, n: int) -> Array:
-    """n rows of x far from each other (greedy farthest-point choice), the first row left out."""
-    chosen: list[int] = []
-    far = np.full(len(x), np.inf)
-    last = 0
-    for _ in range(min(n, len(x) - 1)):
-        far = np.minimum(far, (((x - x[last]) / width) ** 2).sum(axis=1))
-        last = int(np.argmax(far))
-        chosen.append(last)
-    return x[chosen]

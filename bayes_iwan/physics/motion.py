@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +39,6 @@ class Motion:
     periodic: bool = True
     span_cycles: Array = field(default_factory=lambda: np.ones(1))
     conditions: Mapping[str, Array] = field(default_factory=dict)
-    cache: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def loops(self) -> int:
@@ -73,7 +71,6 @@ class Motion:
             displacement_mm=displacement_mm,
             velocity_m_s=velocity_m_s,
             acceleration_m_s2=acceleration_m_s2,
-            cache={},
         )
 
 

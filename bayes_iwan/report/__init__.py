@@ -2,6 +2,7 @@
 
 from bayes_iwan.report.checks import loo_pit, loo_pit_figure, region_checks, regions_figure
 from bayes_iwan.report.comparison import comparison_report, ranking_figure
+from bayes_iwan.report.diagnosis import write_diagnosis
 from bayes_iwan.report.frequencies import wander_figure
 from bayes_iwan.report.identification import identification_report
 from bayes_iwan.report.laws import grip_figure, slip_density_figure, stiffness_figure
@@ -44,4 +45,5 @@ __all__ = [
     "traces_figure",
     "trends_figure",
     "wander_figure",
+    "write_diagnosis",
 ]

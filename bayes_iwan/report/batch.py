@@ -23,10 +23,11 @@ import bayes_iwan
 from bayes_iwan import executors
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import owned, write_whole
-from bayes_iwan.inference import config as configuration
+from bayes_iwan.inference.config import NOISE, Config, settings_of
 from bayes_iwan.inference.population import DRAWS, Population, Specimen, population
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.quantities import quantities
+from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.report.diagnosis import diagnose_campaign
 from bayes_iwan.report.marginals import identifiable
 from bayes_iwan.report.tables import Table
@@ -126,7 +127,7 @@ def batch(
     diagnose: bool = False,
     quick: bool = False,
     seed: int = 0,
-    config: Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    config: Config = None,
     keep_chains: bool = False,
     executor: Executor | None = None,
     progress: bool = True,
@@ -150,8 +151,7 @@ def batch(
     names = sorted(p.parent.name for p in source.glob("*/campaign.toml"))
     if not names:
         raise BatchError(f"{source}: no folder in it holds a campaign.toml")
-    settings = configuration.read_config(config) if isinstance(config, str | os.PathLike) else config
-    configuration.complete(settings)
+    settings = settings_of(config)
     with owned(out) as there:
         job = Job(source, there / "specimens", identify, diagnose, quick, seed, settings, keep_chains)
         pieces = {name: name for name in names}
@@ -189,7 +189,10 @@ def _one(job: Job, name: str) -> str:
     if job.identify:
         record |= _identified(job, campaign, out)
     if job.diagnose:
-        answer = diagnose_campaign(campaign, out, seed=job.seed, quick=job.quick, config=job.config, progress=False)
+        # one configuration for both: a diagnosis takes the model and its priors of it
+        own = {name: change for name, change in job.config.parameters.items() if name not in NOISE}
+        settings = DiagnoseSettings(job.config.model, own)
+        answer = diagnose_campaign(campaign, out, seed=job.seed, quick=job.quick, config=settings, progress=False)
         verdict, gap = answer["verdict"], answer["gap"]
         record |= {k: verdict[k] for k in ("cause", "second_cause", "probability")}
         record |= {"gap_share": gap["before_share"], "shrink": gap["shrink"]}
@@ -203,8 +206,12 @@ def _made_with(job: Job, campaign: Path) -> dict[str, Any]:
     data = hashlib.sha256()
     for path in sorted(p for p in campaign.rglob("*") if p.is_file()):
         data.update(path.relative_to(campaign).as_posix().encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
-    told = {k: getattr(job, k) for k in ("identify", "diagnose", "quick", "seed", "config")}
-    return json.loads(json.dumps(told | {"data": data.hexdigest(), "version": bayes_iwan.__version__}))
+    chosen = {k: getattr(job, k) for k in ("identify", "diagnose", "quick", "seed")}
+    return json.loads(
+        json.dumps(
+            chosen | {"config": job.config.as_dict(), "data": data.hexdigest(), "version": bayes_iwan.__version__}
+        )
+    )
 
 
 def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,8 @@ from bayes_iwan.gap.diagnosis import BASES, Diagnosis, diagnose_folder, write_js
 from bayes_iwan.gap.findings import pictures
 from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.where import along_cycle
-from bayes_iwan.inference.config import complete, read_config
+from bayes_iwan.inference.config import Config, diagnose_settings_of
+from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.report import gap_figures
 from bayes_iwan.report.diagnosis_page import write_diagnosis_page, write_figures
 
@@ -61,7 +61,7 @@ def diagnose_campaign(
     seed: int = 0,
     quick: bool = False,
     base: str = "generalized",
-    config: Mapping[str, Any] | str | Path | None = None,
+    config: DiagnoseSettings | Config = None,
     effects_file: str | Path | None = None,
     simulator_file: str | Path | None = None,
     progress: bool = True,
@@ -78,16 +78,39 @@ def diagnose_campaign(
         raise ValueError(f"--base {base} and --config both choose a model; leave one of them out")
     if simulator_file is not None and base != "generalized":
         raise ValueError(f"--base {base} and --simulator both choose a model; leave one of them out")
-    if config is None:
-        chosen: dict[str, Any] = {"model": BASES[base]}
-    else:
-        chosen = complete(config) if isinstance(config, Mapping) else read_config(config)
+    tables = {"model": BASES[base]} if config is None and simulator_file is None else config
+    settings = diagnose_settings_of(tables, simulator_file is not None)
+    found = write_diagnosis(
+        campaign,
+        out,
+        settings=settings,
+        seed=seed,
+        quick=quick,
+        effects_file=effects_file,
+        simulator_file=simulator_file,
+        progress=progress,
+    )
+    return found.as_dict()
+
+
+def write_diagnosis(
+    campaign: str | Path,
+    out: str | Path,
+    *,
+    settings: DiagnoseSettings,
+    seed: int = 0,
+    quick: bool = False,
+    effects_file: str | Path | None = None,
+    simulator_file: str | Path | None = None,
+    progress: bool = True,
+) -> Diagnosis:
+    """Diagnose a campaign folder and write everything into `out`."""
     with owned(out) as folder:
         found, fits = diagnose_folder(
             campaign,
             seed=seed,
             quick=quick,
-            config=chosen,
+            config=settings.as_dict(),
             effects_file=effects_file,
             simulator_file=simulator_file,
             progress=progress,
@@ -99,4 +122,4 @@ def diagnose_campaign(
         write_figures(figures, folder / "figures")
         write_diagnosis_page(answer, figures, folder / "diagnosis.html", found.about())
         write_json(folder / "diagnosis.json", answer)  # last: where it stands, all of them do
-    return answer
+    return found

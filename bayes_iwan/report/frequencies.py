@@ -119,7 +119,7 @@ def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
         return force_N - force_N.mean(axis=-1, keepdims=True)
 
     for ax, (loop, posterior) in zip(axes.ravel(), tests):
-        joint, alone = (swing(p.predict(n, loops=(loop,))[:, 0]) for p in (frequencies.joint, posterior))
+        joint, alone = (swing(p.forces(n, loops=(loop,))[:, 0]) for p in (frequencies.joint, posterior))
         middle = np.median(joint, axis=0)
         ax.plot(loop.phase, swing(loop.force_N) - middle, color="#9A9A9A", linewidth=0.6, zorder=1)
         band(ax, loop.phase, alone - middle)

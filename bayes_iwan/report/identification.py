@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
+from bayes_iwan.inference.posterior import LARGE_MISFIT
 from bayes_iwan.physics import Model
 from bayes_iwan.report import checks, frequencies, laws, loops, marginals, sampling, tables, trends
 from bayes_iwan.report.marginals import OPEN, contraction, interval, number
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.predictive import Predictive, predict
 from bayes_iwan.report.viewer import add_viewer
-
-#: share of the friction force above which a misfit is called large
-LARGE_MISFIT = 0.03
 
 
 def identification_report(
@@ -41,7 +39,8 @@ def identification_report(
     tables.write_tables(
         [parameters, tables.paper_table(posterior), quantities, loop_rows, convergence], posterior, out / "tables"
     )
-    page = Page(f"Identification of {posterior.campaign.name}", _subtitle(posterior), _footer(posterior))
+    what = "Quick identification" if posterior.quick else "Identification"
+    page = Page(f"{what} of {posterior.campaign.name}", _subtitle(posterior), _footer(posterior))
     _summary(page.section("Summary"), posterior, p, loop_rows)
     _quantities(page.section("What the loops determine"), posterior)
     _loops(page, posterior, p)
@@ -50,7 +49,8 @@ def identification_report(
     _frequencies(page.section("Each frequency alone"), by_frequency, out)
     _trends(page.section("Energy, stiffness and loss factor"), posterior, p, loop_rows)
     _checks(page.section("Is the model enough?"), posterior, p, loop_rows)
-    _sampling(page.section("Sampling"), posterior, convergence, sampling.history(posterior, out))
+    if not posterior.quick:
+        _sampling(page.section("Sampling"), posterior, convergence, sampling.history(posterior, out))
     _priors(page.section("Priors and derived numbers"), posterior)
     if pdf:
         page.write_pdf(out / "report.pdf")
@@ -92,13 +92,10 @@ def _summary(section: Section, posterior: Any, p: Predictive, loop_rows: tables.
         f"N RMS, {100 * float(np.sqrt(np.mean(share**2))):.2g} % of the friction force (worst test "
         f"{100 * float(share.max()):.2g} %)."
     )
-    section.note(
-        "The chains have converged."
-        if posterior.converged
-        else "The chains have NOT converged; read every "
-        "interval below as too narrow. Sampling " + posterior.message.removeprefix("not converged: ") + ".",
-        "good" if posterior.converged else "warning",
-    )
+    for text in posterior.warnings():
+        section.note(text, "warning")
+    if posterior.converged:
+        section.note("The chains have converged.", "good")
     open_ = [q.symbol for q, c in zip(posterior.problem.prior.free, contraction(posterior.flat_z(4000))) if c < OPEN]
     if open_:
         section.text(f"Not determined by these loops (posterior about as wide as the prior): {', '.join(open_)}.")

@@ -17,11 +17,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.sampling.convergence import Convergence, diagnose
@@ -36,6 +37,16 @@ BatchFunction = Callable[[Array], Array]
 _CHUNK = 100  # steps of production between two checkpoints
 
 
+class Stop(Enum):
+    """Why a run ended."""
+
+    CONVERGED = "converged"
+    STEPS = "the largest number of steps"
+    BUDGET = "the time budget"
+    INTERRUPTED = "interrupted"
+    QUICK = "not sampled"
+
+
 @dataclass(frozen=True)
 class Chains:
     """Production draws of independent ensembles, and what they are worth.
@@ -43,7 +54,7 @@ class Chains:
     draws[e, i, w] is walker w of ensemble e at step thin·(i + 1) of production. quantities are what the caller's
     function makes of the same draws. convergence covers names + quantity_names (None if production is too short
     to say anything). converged says whether all targets were met; message says why the run ended and, if not
-    converged, what is short of its target.
+    converged, what is short of its target; stop is that reason alone.
     """
 
     names: tuple[str, ...]
@@ -58,6 +69,7 @@ class Chains:
     convergence: Convergence | None
     converged: bool
     message: str
+    stop: Stop
     seed: int
     seconds: float
     proposal: Proposal | None
@@ -125,15 +137,15 @@ def sample(
     settings = {"seed": str(seed), "n_ensembles": str(n_ensembles), "n_walkers": str(n_walkers)}
     walkers = Walkers(log_prob, n_ensembles, n_walkers, len(names), POWERS)
     run = Run(walkers, seed, dict(fingerprint or {}) | settings, names, budget_s)
-    interrupted = False
-    stop, short, result = "", "no draws yet", None
+    stop: Stop | None = None
+    said, short, result = "", "no draws yet", None
     with tqdm(disable=None if progress else True, unit="step") as bar:
         run.bar = bar
         try:
             run.begin(np.asarray(population, dtype=float), checkpoint, resume)
             run.adapt()
             bar.set_description("sampling")
-            while not stop:
+            while stop is None:
                 enough = run.n_steps >= run.next_check or run.n_steps >= max_steps or run.late
                 if enough and run.draws.shape[1] >= 8:
                     values = run.evaluate(quantities, len(quantity_names))
@@ -144,22 +156,22 @@ def sample(
                         f"R-hat {result.worst_r_hat:.3f}, ESS {result.least_ess:.0f}, tau {result.worst_tau:.0f}"
                     )
                     if not short:
-                        stop = "converged"
+                        stop, said = Stop.CONVERGED, "converged"
                     elif run.n_steps >= max_steps:
-                        stop = f"stopped at {max_steps} steps"
+                        stop, said = Stop.STEPS, f"stopped at {max_steps} steps"
                     elif run.late:
-                        stop = f"stopped at the time budget of {budget_s:g} s"
+                        stop, said = Stop.BUDGET, f"stopped at the time budget of {budget_s:g} s"
                     elif run.restart_if_slow(result, chain_taus):
                         short, result = "no draws yet", None
                         bar.set_postfix_str("slow: proposal fitted anew")
-                if not stop:  # eight draws at least, or there is nothing to say at the end
+                if stop is None:  # eight draws at least, or there is nothing to say at the end
                     run.produce(min(_CHUNK, max(max_steps, 8 * run.thin) - run.n_steps))
         except KeyboardInterrupt:
-            interrupted = True
+            stop = Stop.INTERRUPTED
         finally:
             run.close()
-        if interrupted:
-            stop = "interrupted" if run.n_steps else "interrupted in warm-up, before any draw that counts"
+        if stop is Stop.INTERRUPTED:
+            said = "interrupted" if run.n_steps else "interrupted in warm-up, before any draw that counts"
             values = run.evaluate(quantities, len(quantity_names))
             if run.draws.shape[1] >= 8:
                 result = diagnose(np.concatenate([run.draws, values], axis=3), names + quantity_names, run.thin)
@@ -176,7 +188,8 @@ def sample(
         acceptance=run.acceptance,
         convergence=result,
         converged=not short,
-        message=stop if not short else f"not converged: {stop}; {short}",
+        message=said if not short else f"not converged: {said}; {short}",
+        stop=stop,
         seed=seed,
         seconds=time.monotonic() - run.began,
         proposal=run.proposal,

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError

@@ -1,29 +1,33 @@
 """The configuration file: defaults, checks, and messages that name the mend."""
 
+import datetime
+
 import pytest
 
-from bayes_iwan.inference import config
-from bayes_iwan.inference.config import ConfigError, complete, read_config
+from bayes_iwan.inference.config import ConfigError, diagnose_settings_of, settings_of
+from bayes_iwan.inference.parameters import ParameterError
+from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.inference.settings import ModelSettings, ParameterChange, SamplingSettings
 
 
-def test_defaults_are_filled_in_and_not_shared():
-    first = complete({"sampling": {"walkers": 32}, "model": {"slip": "gamma2"}})
-    assert first["sampling"]["walkers"] == 32 and first["sampling"]["ensembles"] == 4
-    assert first["model"] == {"slip": "gamma2", "grip": "hunt_crossley", "stiffness": "saturating", "embedded": True}
-    first["loops"]["n_phase"] = 7
-    assert complete()["loops"]["n_phase"] == 128 == config.DEFAULTS["loops"]["n_phase"]
+def test_defaults_are_filled_in():
+    found = settings_of({"sampling": {"walkers": 32}, "model": {"slip": "gamma2"}})
+    assert found.sampling == SamplingSettings(walkers=32) and found.sampling.ensembles == 4
+    assert found.model == ModelSettings(slip="gamma2") and found.loops.n_phase == 128
 
 
-def test_completing_twice_changes_nothing():
-    once = complete({"parameters": {"beta": {"fixed": 0.5}}, "sampling": {"budget_s": 60}})
-    assert complete(once) == once and once["sampling"]["budget_s"] == 60.0
+def test_settings_survive_their_own_tables():
+    prior = {"dist": "lognorm", "s": 0.5, "scale": 2.0}
+    once = settings_of({"parameters": {"beta": {"fixed": 0.5}, "eta1": {"prior": prior}}, "sampling": {"budget_s": 60}})
+    assert settings_of(once.as_dict()) == once == settings_of(once) and once.sampling.budget_s == 60.0
+    assert once.as_dict()["parameters"] == {"beta": {"fixed": 0.5}, "eta1": {"prior": prior}}
 
 
 def test_a_file_is_read(tmp_path):
     file = tmp_path / "c.toml"
     file.write_text('[model]\nslip = "uniform"\n[parameters.beta]\nfixed = 0.5\n', encoding="utf-8")
-    got = read_config(file)
-    assert got["model"]["slip"] == "uniform" and got["parameters"] == {"beta": {"fixed": 0.5}}
+    got = settings_of(file)
+    assert got.model.slip == "uniform" and got.parameters == {"beta": ParameterChange(fixed=0.5)}
 
 
 @pytest.mark.parametrize(
@@ -34,7 +38,7 @@ def test_a_file_is_read(tmp_path):
         ({"sampling": {"zzz": 64}}, "use budget_s, draws, ensembles"),
         ({"sampling": {"walkers": 0}}, "whole number of at least 1, not 0"),
         ({"sampling": {"walkers": 6.5}}, "whole number"),
-        ({"sampling": {"ess": "many"}}, "positive number, not 'many'"),
+        ({"sampling": {"ess": "many"}}, "finite positive number, not 'many'"),
         ({"sampling": {"budget_s": float("inf")}}, "positive number"),
         ({"search": {"objective": "eq9"}}, "choose one of eq8, squared, likelihood"),
         ({"search": {"second_opinion": 1}}, "true or false"),
@@ -42,11 +46,25 @@ def test_a_file_is_read(tmp_path):
         ({"model": "gamma3"}, r"write \[model\]"),
         ({"parameters": {"beta": 0.5}}, r"\[parameters.beta\] and e.g. fixed = 0.5"),
         ({"loops": {"n_phase": 64}}, "64 phases cannot show 50 harmonics"),
+        ({"loops": {"n_phase": 10**4000}}, "whole number of at least 1"),
+        ({"sampling": {"ess": 10**400}}, "finite positive number"),
+        ({"sampling": {"ess": True}}, "positive number, not True"),
+        ({"parameters": {"beta": {"fixed": True}}}, "fixed must be a finite number, not True"),
+        ({"parameters": {"beta": {"fixed": datetime.date(2026, 1, 1)}}}, "fixed must be a finite number"),
+        ({"parameters": {"beta": {"fixed": {"a": 1}}}}, "fixed must be a finite number"),
+        ({"parameters": {"beta": {"fixed": 10**400}}}, "fixed must be a finite number"),
+        ({"parameters": {"beta": {"lower": float("nan")}}}, "lower must be a finite number"),
+        ({"parameters": {"beta": {"tied": 3}}}, "name of a parameter in quotes"),
+        ({"parameters": {"beta": {"tied": "eta1", "fixed": 1.0}}}, "exclude each other"),
+        ({"parameters": {"beta": {"prior": "lognorm"}}}, "`dist` must name"),
+        ({"parameters": {"beta": {"prior": {"dist": "lognorm", "s": [1]}}}}, "prior s must be a finite number"),
+        ({"parameters": [1]}, "parameters must be a table"),
+        ({"model": {"embedded": 1}}, "true or false"),
     ],
 )
 def test_what_is_wrong_is_named(given, says):
     with pytest.raises(ConfigError, match=says):
-        complete(given)
+        settings_of(given)
 
 
 @pytest.mark.parametrize("text, says", [("[model\n", "not valid TOML"), (None, "cannot be read")])
@@ -55,4 +73,31 @@ def test_unreadable_files(tmp_path, text, says):
     if text is not None:
         file.write_text(text)
     with pytest.raises(ConfigError, match=says):
-        read_config(file)
+        settings_of(file)
+
+
+def test_what_a_command_would_not_use_is_refused():
+    for given, says in (
+        ({"search": {"members": 50}}, r"\[search\] is not used by a diagnosis"),
+        ({"loops": {"n_phase": 128}}, r"\[loops\] is not used"),
+        ({"parameters": {"noise_scale": {"fixed": 1.0}}}, "takes the noise from the records"),
+        ({"sampeling": {}}, "did you mean 'sampling'"),
+    ):
+        with pytest.raises(ConfigError, match=says):
+            diagnose_settings_of(given)
+    with pytest.raises(ConfigError, match="but a simulator is given"):
+        diagnose_settings_of({"model": {"slip": "gamma1"}}, own_simulator=True)
+    with pytest.raises(ConfigError, match="since each family has its own"):
+        settings_of({"model": {}}, {"model": "since each family has its own"})
+    kept = diagnose_settings_of({"model": {"slip": "gamma1"}, "parameters": {"beta": {"fixed": 0.5}}})
+    assert kept.as_dict() == {"model": {"slip": "gamma1"}, "parameters": {"beta": {"fixed": 0.5}}}
+
+
+def test_a_problem_with_nothing_to_fit_is_refused(known):
+    loops = known.loops()
+    fixed = {n: {"fixed": 1.0} for n in ("kp_N_mm", "force_zero_N", "k1_N_mm", "mean_slip_force_N", "slip_width")}
+    model = {"slip": "uniform", "grip": "constant", "stiffness": "constant"}
+    with pytest.raises(ParameterError, match="every number of the model is fixed"):
+        make_problem(loops, {"model": model, "parameters": fixed})
+    with pytest.raises(ParameterError, match="lies outside"):
+        make_problem(loops, {"parameters": {"beta": {"fixed": 1e9}}})

@@ -10,11 +10,12 @@ import pytest
 
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.inference import results
-from bayes_iwan.inference.config import ConfigError, complete
+from bayes_iwan.inference.config import ConfigError, settings_of
 from bayes_iwan.inference.identify import by_frequency, identify, identify_problem
 from bayes_iwan.inference.point import find_point, goal_share, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.results import ResultsError
+from bayes_iwan.inference.settings import SearchSettings
 from bayes_iwan.physics import Model
 from bayes_iwan.sampling.checkpoint import CheckpointError
 
@@ -205,22 +206,22 @@ def test_each_frequency_alone(folder, tmp_path, small_loops):
 
 def test_predictions_of_a_posterior(run):
     posterior, _ = run
-    assert posterior.predict(50).shape == (50, 4, 128)
-    friction = posterior.predict(50, friction=True)
+    assert posterior.forces(50).shape == (50, 4, 128)
+    friction = posterior.forces(50, friction=True)
     z = posterior.flat_z(50)
     n = posterior.problem.numbers(z)
     expected = posterior.problem.model.friction_force(n, posterior.problem.motion)
     np.testing.assert_allclose(friction, expected, atol=1e-9)
-    replicas = posterior.predict(300, replicate=True, rng=np.random.default_rng(0))
+    replicas = posterior.forces(300, replicate=True, rng=np.random.default_rng(0))
     z_score = (posterior.problem.measured_N - replicas.mean(axis=0)) / replicas.std(axis=0)
     assert 0.02 < np.std(z_score) < 1.5
     with pytest.raises(ValueError, match="fitted tests only"):
-        posterior.predict(5, loops=posterior.loops[:2], replicate=True)
+        posterior.forces(5, loops=posterior.loops[:2], replicate=True)
 
 
 def test_drawn_loops_are_identified_without_a_folder(small_loops):
     """As simulation-based calibration does: a draw from the prior, its replicate, and the posterior of that."""
-    template = make_problem(small_loops, complete(SMALL))
+    template = make_problem(small_loops, settings_of(SMALL))
     z = template.prior.draw(np.random.default_rng(5), 1) * 0.5
     force = template.likelihood.replicate(template.predict(z), template.numbers(z), np.random.default_rng(6))[0]
     posterior = identify_problem(template.with_force(force), 3, config=SMALL, progress=False)
@@ -233,7 +234,7 @@ def test_the_point_is_found_from_random_starts(known, seed):
     """Noise-free loops of the whole model: the objective ends below 0.1 % of the friction force (20 seeds:
     analyses/point_recovery.py)."""
     problem = make_problem(known.loops(noise_N=0.0))
-    settings = complete({"search": {"evaluations": 8000, "second_opinion": False, "starts": 6}})["search"]
+    settings = SearchSettings(evaluations=8000, second_opinion=False, starts=6)
     point = find_point(problem, seed, settings, progress=False)
     assert point.goal_share < 1e-3
     assert goal_share(problem, known.true_z(problem))[0] < 2e-4
@@ -241,17 +242,17 @@ def test_the_point_is_found_from_random_starts(known, seed):
 
 @pytest.mark.parametrize("objective", ["squared", "likelihood"])
 def test_other_objectives(small_loops, objective):
-    problem = make_problem(small_loops, complete(SMALL))
-    settings = complete(SMALL)["search"] | {"objective": objective}
+    problem = make_problem(small_loops, settings_of(SMALL))
+    settings = replace(settings_of(SMALL).search, objective=objective)
     point = find_point(problem, 0, settings, progress=False)
-    eq8 = find_point(problem, 0, complete(SMALL)["search"], progress=False)
+    eq8 = find_point(problem, 0, settings_of(SMALL).search, progress=False)
     assert point.goal_share == pytest.approx(eq8.goal_share, rel=0.05)
     np.testing.assert_allclose(point.z, eq8.z, atol=1e-2)
 
 
 def test_starts_are_dispersed_and_possible(small_loops):
-    problem = make_problem(small_loops, complete(SMALL))
-    point = find_point(problem, 0, complete(SMALL)["search"], progress=False)
+    problem = make_problem(small_loops, settings_of(SMALL))
+    point = find_point(problem, 0, settings_of(SMALL).search, progress=False)
     z = starting_population(problem, point, 0, 200)
     assert z.shape[0] > 50 and np.all(np.isfinite(problem.log_prob(z)))
     posterior = identify_problem(problem, 0, config=SMALL, progress=False)

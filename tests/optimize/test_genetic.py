@@ -17,26 +17,11 @@ def ellipsoid(x):
     return (10 ** (6 * np.arange(NDIM) / (NDIM - 1)) * (x - 0.3) ** 2).sum(axis=1)
 
 
-def rosenbrock_residuals(x):
-    return np.concatenate([10 * (x[:, 1:] - x[:, :-1] ** 2), 1 - x[:, :-1]], axis=1)
-
-
-def rosenbrock(x):
-    return (rosenbrock_residuals(x) ** 2).sum(axis=1)
-
-
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_genetic_search_finds_the_global_one_of_ten_to_the_tenth_modes(seed):
     found = genetic_search(rastrigin, BOUNDS, seed=seed, progress=False)
     assert found.objective < 0.5  # the next best mode has 0.995
     np.testing.assert_allclose(found.x, 0, atol=0.1)
-
-
-@pytest.mark.parametrize("search", [genetic_search, differential_evolution_search])
-def test_polish_ends_exactly_at_the_bottom_of_a_curved_valley(search):
-    found = search(rosenbrock, BOUNDS, seed=1, max_evaluations=6000, residuals=rosenbrock_residuals, progress=False)
-    np.testing.assert_allclose(found.x, 1, atol=1e-6)
-    assert found.objective < 1e-12 and found.polish is not None and found.polish.converged.any()
 
 
 def test_second_opinion_agrees_on_an_ill_conditioned_bowl():

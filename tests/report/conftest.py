@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Campaign, Record, average
-from bayes_iwan.inference import config
+from bayes_iwan.inference.config import settings_of
 from bayes_iwan.inference.point import Point, laplace_scale, most_probable
 from bayes_iwan.inference.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.problem import make_problem
@@ -28,7 +28,7 @@ TRUTH = {
     "grip_rate": 0.07,
     "beta": 0.6,
 }
-SETTINGS = config.complete({"model": {"slip": "gamma1", "embedded": False}})
+SETTINGS = settings_of({"model": {"slip": "gamma1", "embedded": False}})
 
 
 def made_records(tests, truth=TRUTH, noise_N=0.01, cycles=16, change=None):

@@ -132,7 +132,7 @@ def test_bad_requests_are_refused(posterior):
 def test_replicates_are_as_wide_as_measured_loops_wander(posterior):
     """Half of the measured points lie within the 50 % band, nine in ten within 90 %: mean forces included, which the
     likelihood lets err ten times further than these tests do."""
-    again = posterior.predict(600, replicate=True)
+    again = posterior.forces(600, replicate=True)
     measured = posterior.problem.measured_N
     for level, least, most in ((0.5, 0.4, 0.65), (0.9, 0.84, 0.96)):
         low, high = np.quantile(again, [0.5 - level / 2, 0.5 + level / 2], axis=0)
@@ -150,4 +150,4 @@ def test_loo_pit_is_uniform_and_without_means(posterior):
 
 def test_short_runs_have_walkers_enough_for_the_paper_s_model(posterior):
     ndim = make_problem(posterior.problem.loops).ndim
-    assert ndim == 18 and all(short["sampling"]["walkers"] >= 2 * ndim + 2 for short in (per_frequency.SHORT, SHORT))
+    assert ndim == 18 and all(short.sampling.walkers >= 2 * ndim + 2 for short in (per_frequency.SHORT, SHORT))

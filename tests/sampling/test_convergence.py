@@ -1,10 +1,11 @@
 """The diagnostics against ArviZ, against repeated runs, and on ensembles that have and have not converged."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bayes_iwan.inference import arviz_adapter
 from bayes_iwan.sampling.convergence import (
     autocorrelation_time,
     diagnose,
@@ -14,6 +15,10 @@ from bayes_iwan.sampling.convergence import (
     longest_autocorrelation_time,
     r_hat,
 )
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # 0.23 announces 1.0 at import
+    import arviz as az
 
 
 def autoregressive(phi, shape, rng):
@@ -26,10 +31,11 @@ def autoregressive(phi, shape, rng):
 @pytest.mark.parametrize("phi", [0.0, 0.6, 0.95, -0.4])
 def test_one_walker_an_ensemble_is_arvizs_number(phi):
     x = autoregressive(phi, (4, 1000, 1), np.random.default_rng(0))
-    judge = arviz_adapter.summary(arviz_adapter.to_arviz({"x": x[..., 0]}))["x"]
-    assert r_hat(x) == pytest.approx(judge["r_hat"], abs=1e-6)
-    assert ess_bulk(x) == pytest.approx(judge["ess_bulk"], rel=0.01)
-    assert ess_tail(x) == pytest.approx(judge["ess_tail"], rel=0.02)
+    one = x[..., 0]
+    assert r_hat(x) == pytest.approx(float(np.asarray(az.rhat(one))), abs=1e-6)
+    assert ess_bulk(x) == pytest.approx(float(np.asarray(az.ess(one, method="bulk"))), rel=0.01)
+    tail = float(np.asarray(az.ess(one, method="tail", prob=(0.05, 0.95))))
+    assert ess_tail(x) == pytest.approx(tail, rel=0.02)
 
 
 def test_ess_is_the_variance_of_the_mean_over_repeated_runs_even_with_walkers_that_move_together():

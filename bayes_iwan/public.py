@@ -1,0 +1,282 @@
+"""What `import bayes_iwan as bi` offers: a function a command, each with a typed result to be shown and written."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.campaign.inspect import Inspection, inspect_campaign
+from bayes_iwan.comparison.families import Comparison
+from bayes_iwan.comparison.families import compare as compare_families
+from bayes_iwan.drawing import draw
+from bayes_iwan.files import clear, owned
+from bayes_iwan.gap.diagnosis import Diagnosis, diagnose_folder, diagnose_loops
+from bayes_iwan.inference.config import Config, ConfigError, diagnose_settings_of
+from bayes_iwan.inference.identify import NotConverged, identify_frequencies
+from bayes_iwan.inference.identify import identify as run
+from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.settings import DiagnoseSettings
+from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.physics import Simulator
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
+
+PathLike = str | os.PathLike[str]
+
+
+@dataclass(frozen=True, repr=False)
+class Check:
+    """A campaign that was read, and what each of its tests shows before any model."""
+
+    campaign: Campaign
+    tests: tuple[Inspection, ...]
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        return tuple(x.loop for x in self.tests)
+
+    def __repr__(self) -> str:
+        c = self.campaign
+        head = (
+            f"{'f, Hz':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} {'noise, N':>9s}  role"
+        )
+        lines = [c.name + (f": {c.description}" if c.description else ""), f"{'test':24s} {c.units.text(head)}"]
+        for test in self.tests:
+            x = test.loop
+            lines.append(
+                f"{x.file:24s} {x.frequency_hz:8.4g} {x.amplitude_mm:8.4g} {x.n_cycles:6d} {x.record.time_s.size:8d} "
+                f"{x.force_N.std():12.4g} {test.noise_N:9.2g}  {x.role}"
+            )
+            lines += [f"    {note}" for note in test.notes]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
+def check(campaign: Campaign | PathLike) -> Check:
+    """Read a campaign and average its tests.
+
+    Parameters
+    ----------
+    campaign : a campaign, or the folder that holds its campaign.toml.
+
+    Returns
+    -------
+    Check : its loops and warnings; its last line in a notebook cell shows them.
+
+    Raises
+    ------
+    CampaignError : one line that names the file, what is wrong with it and the mend.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=1).write(folder)
+    >>> [loop.role for loop in bi.check(folder).loops]
+    ['fit', 'fit']
+    """
+    found = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    return Check(found, tuple(inspect_campaign(found)))
+
+
+def identify(
+    campaign: Campaign | PathLike,
+    out: PathLike | None = None,
+    *,
+    config: Config = None,
+    seed: int = 0,
+    per_test: bool = False,
+    resume: bool = False,
+    keep_chains: bool = False,
+    progress: bool = True,
+    simulator: Simulator | PathLike | None = None,
+    quick: bool = False,
+) -> Posterior:
+    """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
+
+    Parameters
+    ----------
+    campaign : a campaign, or its folder.
+    out : folder for the results, checked before anything is computed; None writes nothing.
+    config : a TOML file, its tables as a mapping, or :class:`bayes_iwan.IdentifySettings`.
+    seed : of all random numbers.
+    per_test : identify each frequency alone as well.
+    resume : go on from the checkpoint in out where a run was stopped.
+    keep_chains : keep that checkpoint, which holds every draw, when the run has converged.
+    simulator : a model of your own in the place of the Iwan model, or its Python file (its code is run).
+    quick : the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
+
+    Returns
+    -------
+    Posterior : draws, summary, predictions and plots.
+
+    Raises
+    ------
+    CampaignError, ConfigError, ParameterError, ModelError, CheckpointError : ValueErrors of one line.
+
+    Warns
+    -----
+    NotConverged : the run ended before its chains had converged.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=1).write(folder)
+    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False,
+    ...                         config={"model": {"slip": "gamma1"}})
+    >>> low, middle, high = posterior.predict(frequency_hz=12.0, amplitude_mm=0.6).band()
+    >>> bool((low <= high).all()), middle.shape
+    (True, (1, 128))
+    """
+    if per_test and (out is None or quick):
+        raise ConfigError("per_test writes files of sampled runs: name a folder for them (out), and leave quick away")
+    if out is None:
+        posterior = run(campaign, None, config=config, seed=seed, progress=progress, simulator=simulator, quick=quick)
+        _warn(posterior)
+        return posterior
+    with owned(out) as folder:
+        if not resume and (folder / CHECKPOINT).exists():
+            raise ConfigError(
+                f"{folder}: holds a run already ({CHECKPOINT}); go on from it with --resume, or choose another folder "
+                "(--out)"
+            )
+        posterior = run(
+            campaign,
+            folder,
+            config=config,
+            seed=seed,
+            resume=resume,
+            progress=progress,
+            simulator=simulator,
+            quick=quick,
+        )
+        _warn(posterior)
+        if posterior.interrupted:
+            return posterior
+        draw("identification_report", posterior, folder)  # stands should the runs of single frequencies be cut short
+        if per_test:
+            identify_frequencies(posterior, folder, resume=resume, progress=progress)
+            draw("identification_report", posterior, folder)
+        if posterior.converged and not keep_chains:
+            alone = (p.parent.name for p in folder.glob(f"per_test/*/{CHECKPOINT}"))
+            clear(folder, CHECKPOINT, *(f"per_test/{name}/{CHECKPOINT}" for name in alone))
+    return posterior
+
+
+def _warn(posterior: Posterior) -> None:
+    if not posterior.converged and not posterior.quick:
+        warnings.warn(posterior.message, NotConverged, stacklevel=3)
+
+
+def diagnose(
+    campaign: Campaign | PathLike,
+    out: PathLike | None = None,
+    *,
+    config: DiagnoseSettings | Config = None,
+    seed: int = 0,
+    quick: bool = False,
+    effects_file: PathLike | None = None,
+    simulator: Simulator | PathLike | None = None,
+) -> Diagnosis:
+    """Where the model misses, which cause explains it, how far the gap shrinks; files and page in `out` if given.
+
+    Parameters
+    ----------
+    campaign : a campaign, or its folder.
+    out : folder for diagnosis.json, fits.json, the page and the figures; needs a folder as campaign.
+    config : [model] and [parameters] tables, a TOML file with them, or :class:`bayes_iwan.DiagnoseSettings`.
+    seed : of all random numbers.
+    quick : stop at refits and an approximate evidence.
+    effects_file : Python file with effects of your own (its code is run).
+    simulator : a model of your own in the place of the Iwan model, or its Python file (its code is run).
+
+    Raises
+    ------
+    CampaignError, ConfigError, EffectError, ModelError : ValueErrors of one line.
+    """
+    own = simulator is not None
+    settings = diagnose_settings_of(config, own)
+    if out is not None:
+        if isinstance(campaign, Campaign) or isinstance(simulator, Simulator):
+            raise ConfigError("to write a diagnosis name the campaign's folder and the simulator's file, not objects")
+        return draw(
+            "write_diagnosis",
+            campaign,
+            out,
+            settings=settings,
+            seed=seed,
+            quick=quick,
+            effects_file=effects_file,
+            simulator_file=simulator,
+        )
+    if not isinstance(campaign, Campaign) and not isinstance(simulator, Simulator):
+        found, _ = diagnose_folder(
+            Path(campaign),
+            seed=seed,
+            quick=quick,
+            config=settings.as_dict(),
+            effects_file=None if effects_file is None else Path(effects_file),
+            simulator_file=None if simulator is None else Path(simulator),
+        )
+        return found
+    from bayes_iwan.effects.user_file import load_effects
+    from bayes_iwan.gap.saved_fits import LOOPS
+
+    read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    model = simulator if isinstance(simulator, Simulator) or simulator is None else load_simulator(simulator)
+    return diagnose_loops(
+        read,
+        read.loops(**LOOPS),
+        seed=seed,
+        quick=quick,
+        config=settings.as_dict(),
+        extra=load_effects(Path(effects_file)) if effects_file is not None else (),
+        simulator=model,
+    )
+
+
+def compare(
+    campaign: Campaign | PathLike | Sequence[Loop],
+    out: PathLike | None = None,
+    *,
+    families: Sequence[str] | None = None,
+    config: Config = None,
+    seed: int = 0,
+    by: str = "auto",
+    executor: Executor | None = None,
+    progress: bool = True,
+) -> Comparison:
+    """Fit model families to a campaign and rank them by how well they predict; compare.html in `out` if given.
+
+    Parameters
+    ----------
+    campaign : a campaign, its folder, or averaged loops.
+    families : names of :data:`bayes_iwan.comparison.families.FAMILIES` (default: all).
+    by : "loo" (single data left out), "tests" (whole tests left out) or "auto".
+
+    executor : from :func:`bayes_iwan.executors.opened`, to fit families side by side.
+
+    Raises
+    ------
+    CompareError : unknown families or rankings; CampaignError, ConfigError as for :func:`identify`.
+    """
+    if out is None:
+        return compare_families(
+            campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress
+        )
+    with owned(out) as folder:
+        result = compare_families(
+            campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress
+        )
+        draw("comparison_report", result, folder)
+    return result

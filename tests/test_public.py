@@ -1,0 +1,105 @@
+"""The public face: every name is there, results show themselves on one screen, a bad folder is refused before work."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import bayes_iwan as bi
+from bayes_iwan.cli import main
+from bayes_iwan.sampling.checkpoint import NAME
+
+ONE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+
+
+@pytest.fixture(scope="module")
+def quick(made_up_campaign, tmp_path_factory):
+    out = tmp_path_factory.mktemp("quick")
+    return bi.identify(made_up_campaign, out, config=ONE, seed=1, quick=True, progress=False), out
+
+
+def test_every_public_name_is_there():
+    for name in bi.__all__:
+        assert getattr(bi, name) is not None
+    with pytest.raises(AttributeError, match="nothing_such"):
+        getattr(bi, "nothing_such")  # noqa: B009
+
+
+def test_check_shows_itself(made_up_campaign):
+    found = bi.check(made_up_campaign)
+    assert "f10_a1.csv" in repr(found) and "<pre>" in found._repr_html_() and len(found.loops) == 2
+
+
+def test_quick_finds_the_numbers_that_made_the_loops_and_says_what_it_is(quick):
+    posterior, out = quick
+    rows = {r.name: r for r in posterior.summary()}
+    for name, true in (("kp_N_mm", 5.5), ("k1_N_mm", 14.0), ("mean_slip_force_N", 1.2)):
+        assert abs(rows[name].mean - true) < 4.0 * rows[name].sd and rows[name].sd < 0.2 * true
+    lines = (out / "summary.csv").read_text().splitlines()
+    assert lines[0].endswith(",method") and all(x.endswith(",,,,laplace") for x in lines[1:])
+    assert "Quick: Laplace" in (out / "report.html").read_text() and posterior.quick and not posterior.converged
+    again = bi.load(out)
+    assert again.quick and np.array_equal(again.z, posterior.z)
+
+
+def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
+    posterior, _ = quick
+    shown = repr(posterior)
+    assert len(shown) < 4000 and "kp_N_mm" in shown and "misfit" in shown and "<table>" in posterior._repr_html_()
+    table = posterior.to_dataframe()
+    assert table.shape[0] == posterior.flat_z().shape[0] and table.index.names == ["chain", "draw"]
+    assert table["kp_N_mm"].mean() == pytest.approx(posterior.values()["kp_N_mm"].mean())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        data = posterior.to_arviz()
+    assert float(np.asarray(data["posterior"]["kp_N_mm"]).mean()) == pytest.approx(table["kp_N_mm"].mean())
+    found = posterior.predict(frequency_hz=10.0, amplitude_mm=[0.3, 1.0])
+    low, middle, high = found.band()
+    assert middle.shape == (2, 128) and np.all(low <= middle) and np.all(middle <= high)
+    # the fitted tests, on their own nominal motion: measured loops lie where predicted
+    measured = np.stack([x.force_N for x in posterior.loops])
+    assert np.sqrt(np.mean((measured - middle) ** 2)) < 0.05
+    assert posterior.misfit().share < 0.03
+    with pytest.raises(ValueError, match="there is no test"):
+        posterior.plot_loop("nothing.csv")
+    for figure in (posterior.plot_loop("f10_a1.csv"), posterior.plot_corner()):
+        assert figure.axes
+
+
+def test_a_prior_that_excludes_the_truth_and_a_wrong_fixed_value_are_said(made_up_campaign, tmp_path, capsys):
+    config = tmp_path / "c.toml"
+    model = '[model]\nslip = "gamma1"\ngrip = "constant"\nstiffness = "constant"\n'
+    arguments = ["identify", str(made_up_campaign), "--quick", "--seed", "1", "--config", str(config)]
+    config.write_text(model + "[parameters.kp_N_mm]\nupper = 3.0\n")
+    assert main([*arguments, "--out", str(tmp_path / "cut")]) == 0
+    said = capsys.readouterr().out
+    assert "kp_N_mm lies at the upper end of its prior" in said and "misfit" in said
+    assert "lies at the upper end" in (tmp_path / "cut" / "report.html").read_text()
+    config.write_text(model + "[parameters.k1_N_mm]\nfixed = 2.0\n")
+    assert main([*arguments, "--out", str(tmp_path / "wrong")]) == 0
+    assert "misses the friction force by" in capsys.readouterr().out
+
+
+def test_out_is_looked_at_before_anything_is_computed(tmp_path, made_up_campaign, monkeypatch):
+    def never(*a, **k):
+        raise AssertionError("computed before the folder was looked at")
+
+    monkeypatch.setattr("bayes_iwan.public.run", never)
+    file, held = tmp_path / "file", tmp_path / "held"
+    file.write_text("")
+    held.mkdir()
+    (held / NAME).write_bytes(b"")
+    for out, says in ((file, "is a file"), (file / "below", "is a file"), (held, "--resume"), ("/proc/none", "cannot")):
+        with pytest.raises(ValueError, match=says) as caught:
+            bi.identify(made_up_campaign, out)
+        assert "\n" not in str(caught.value)
+
+
+def test_an_error_of_the_disk_is_one_line(monkeypatch, capsys, tmp_path, made_up_campaign):
+    def full(*a, **k):
+        raise OSError(28, "No space left on device", "summary.csv")
+
+    monkeypatch.setattr("bayes_iwan.public.run", full)
+    assert main(["identify", str(made_up_campaign), "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr().err
+    assert "summary.csv: No space left on device" in printed and printed.count("\n") == 1
