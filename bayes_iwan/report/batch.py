@@ -51,7 +51,7 @@ class Job:
     diagnose: bool
     quick: bool
     seed: int
-    config: Mapping[str, Any] | None
+    config: IdentifySettings
     keep_chains: bool
 
 
@@ -207,11 +207,8 @@ def _made_with(job: Job, campaign: Path) -> dict[str, Any]:
     for path in sorted(p for p in campaign.rglob("*") if p.is_file()):
         data.update(path.relative_to(campaign).as_posix().encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     chosen = {k: getattr(job, k) for k in ("identify", "diagnose", "quick", "seed")}
-    return json.loads(
-        json.dumps(
-            chosen | {"config": job.config.as_dict(), "data": data.hexdigest(), "version": bayes_iwan.__version__}
-        )
-    )
+    whole = chosen | {"config": job.config.as_dict(), "data": data.hexdigest(), "version": bayes_iwan.__version__}
+    return json.loads(json.dumps(whole))
 
 
 def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:
