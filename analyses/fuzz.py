@@ -36,7 +36,7 @@ from bayes_iwan.files import write_whole
 from bayes_iwan.gap.diagnosis import write_json
 from bayes_iwan.gap.saved_fits import read_fits
 from bayes_iwan.inference import results
-from bayes_iwan.inference.config import read_config
+from bayes_iwan.inference.config import settings_of
 from bayes_iwan.inference.identify import identify
 from bayes_iwan.inference.problem import make_problem
 from bayes_iwan.inference.scales import scales_of
@@ -91,7 +91,7 @@ def readers(tmp: Path) -> dict[str, Reader]:
     long = write_whole(tmp / "long.toml", LONG_CONFIG)
 
     def configured() -> None:
-        problem = make_problem(loops, read_config(long))
+        problem = make_problem(loops, settings_of(long))
         with np.errstate(all="ignore"):
             problem.log_prob(problem.prior.draw(np.random.default_rng(0), 4))
 

@@ -27,7 +27,7 @@ from bayes_iwan.inference.config import NOISE, Config, settings_of
 from bayes_iwan.inference.population import DRAWS, Population, Specimen, population
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.quantities import quantities
-from bayes_iwan.inference.settings import DiagnoseSettings
+from bayes_iwan.inference.settings import DiagnoseSettings, IdentifySettings
 from bayes_iwan.report.diagnosis import diagnose_campaign
 from bayes_iwan.report.marginals import identifiable
 from bayes_iwan.report.tables import Table
