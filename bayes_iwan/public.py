@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 
@@ -270,13 +271,12 @@ def compare(
     ------
     CompareError : unknown families or rankings; CampaignError, ConfigError as for :func:`identify`.
     """
+    chosen = partial(
+        compare_families, campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress
+    )
     if out is None:
-        return compare_families(
-            campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress
-        )
+        return chosen()
     with owned(out) as folder:
-        result = compare_families(
-            campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress
-        )
+        result = chosen()
         draw("comparison_report", result, folder)
     return result
