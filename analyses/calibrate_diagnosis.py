@@ -1,330 +1,284 @@
-"""Fit the constants that turn evidence into probabilities, on cases from the virtual rig.
+"""Fit the constants that turn figures into probabilities; laws and outside causes of the cases are left out in turn.
 
-    python analyses/calibrate_diagnosis.py --sets 120:1 120:2 --out calibration [--workers 2] [--write]
+    python analyses/calibrate_diagnosis.py study --cases 200 --seed 71 --out runs/study [--workers 2]
+    python analyses/calibrate_diagnosis.py fit runs/study/*.json [--write]
 
-Each set (cases:seed) is made on the rig and searched once; the tables of ln evidence are kept. The constants minimise
-the log score of the true hypotheses by differential evolution, from the shipped ones among others, then by Powell's
-method. With --cross each set is also scored with constants fitted to the others, which is what a new case may expect.
---write replaces the package's calibration.json; what is shipped came of 100:51001 50:51002 200:880501 100:990317,
-then "--sets 200:60607 --sought temper within", because a better search had left the answers too modest.
+`study` draws cases on the virtual rig (laws that the catalogue does not have, one to three faults, some from outside
+the catalogue), searches each and keeps its figures, one JSON file a case, so an interrupted run goes on. `fit` finds
+the constants by maximum likelihood with a weak pull to zero, scores every case with constants fitted without its fault
+kinds' laws (and without its outside kind), and prints both. --write replaces the package's calibration.json.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
+import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from scipy.optimize import differential_evolution, minimize
-from tqdm import tqdm
+from scipy.optimize import minimize
 
-from bayes_iwan import executors
-from bayes_iwan.campaign import read_campaign
-from bayes_iwan.effects import catalogue
-from bayes_iwan.gap.attribution import CALIBRATION, Calibration, Table, attribute, calibration
+from bayes_iwan.campaign import average
+from bayes_iwan.executors import Failure, finished, opened
+from bayes_iwan.files import write_whole
+from bayes_iwan.gap.budget import NO_CAUSE, shares
+from bayes_iwan.gap.calibration import (
+    CALIBRATION,
+    EFFECT_FIGURES,
+    REST_FIGURES,
+    Calibration,
+    calibration,
+    effect_figures,
+    rest_figures,
+)
 from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.diagnosis import write_json
+from bayes_iwan.gap.diagnosis import searched
+from bayes_iwan.gap.guards import Figures
 from bayes_iwan.gap.saved_fits import LOOPS
-from bayes_iwan.gap.search import search
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.validation import sealed as withheld
-from bayes_iwan.validation.estimates import binned, share
-from runs import each
+from bayes_iwan.gap.verdict import named_by, weighed
+from bayes_iwan.rig import cases as rig_cases
 
-#: weight of each kind of case: those outside the catalogue are few, and what is outside is wider than the rig's own
-WEIGHT = {"none": 1.0, "single": 1.0, "outside": 2.0, "pair": 1.0}
-#: a series compliance is hardly visible in any loop (gap-notes §0): its cases would teach the constants to guess
-UNTAUGHT = ("rig_compliance",)
-#: no answer costs more than −ln of this
-LOWEST = 1e-3
-#: constants sought: name and box. Medians of shares are sought by their logarithm
-BOX = {
-    "small": (np.log(3e-4), np.log(6e-3)),
-    "small sd": (0.3, 1.2),
-    "large": (np.log(0.01), np.log(0.1)),
-    "large sd": (0.3, 1.2),
-    "law": (0.01, 0.2),
-    "law of speed": (0.03, 0.6),
-    "law of contact": (0.02, 0.3),
-    "law spread": (0.1, 1.0),
-    "temper": (0.1, 1.0),
-    "within": (0.05, 1.0),
-    "linear": (1.0, 30.0),
-    "none": (-3.0, 40.0),
-    "unknown": (-8.0, 30.0),
-    "unlisted": (-30.0, 20.0),
-    "pair": (-45.0, -4.0),
-    "rough pair": (-40.0, 0.0),
-    "compliance": (-300.0, -20.0),
-    "direction": (-5.0, 25.0),
-}
-#: the most that an answer claims: of those that the fitted constants are surest of, so many are right (printed)
-SURE = 0.97
-#: evaluations of the local search that follows
-POLISH = 600
-#: nats within which causes are told apart no more; it does not enter the log score
-APART = 30.0
+#: pull of every weight to zero, per squared unit: a figure that tells nothing gets no weight
+PULL = 0.5
+#: a truth that leaves less than this share of the gap is not missed by anybody
+SEEN = 0.05
 
 
-@dataclass(frozen=True)
-class Case:
-    """One searched case: the hypothesis that is true ((), ("unknown",), (a,) or (a, b) sorted) and its table."""
+def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
+    """One case: drawn, run, searched and weighed."""
+    rng = np.random.default_rng([shared["seed"], index])
+    case = rig_cases.draw_case(rng, laws=shared["laws"])
+    given, _ = rig_cases.simulate(case)
+    loops = [average(r, **LOOPS) for r in given if r.role != "held-out"]
+    began = time.process_time()
+    found = weighed(searched(gap_data(loops), {}, 0), 0)
 
-    name: str
-    kind: str
-    true: tuple[str, ...]
-    table: Table
+    def key(names: frozenset[str]) -> str:
+        return "+".join(sorted(names))
 
-
-def constants(x: np.ndarray, apart: float = APART) -> Calibration:
-    """Calibration from the numbers sought, in the order of BOX."""
-    v = dict(zip(BOX, (float(one) for one in x)))
-    speed = v["law of speed"]  # laws of sliding speed are the ones that nature writes otherwise
-    return Calibration(
-        small=(float(np.exp(v["small"])), v["small sd"]),
-        large=(float(np.exp(v["large"])), v["large sd"]),
-        law=v["law"],
-        law_spread=v["law spread"],
-        laws={"stribeck_weakening": speed, "rate_strengthening": speed, "end_stop": v["law of contact"]},
-        temper=v["temper"],
-        within=v["within"],
-        linear=v["linear"],
-        none=v["none"],
-        unknown=v["unknown"],
-        unlisted=v["unlisted"],
-        pair=v["pair"],
-        rough_pair=v["rough pair"],
-        apart=apart,
-        sure=SURE,
-        effect={"rig_compliance": v["compliance"], "direction_dependent_friction": v["direction"]},
-    )
-
-
-def numbers_of(c: Calibration) -> np.ndarray:
-    """The numbers sought that make up a calibration, within BOX: where the search starts."""
-    laws, effect = c.laws or {}, c.effect or {}
-    x = (
-        np.log(c.small[0]),
-        c.small[1],
-        np.log(c.large[0]),
-        c.large[1],
-        c.law,
-        laws.get("stribeck_weakening", c.law),
-        laws.get("end_stop", c.law),
-        c.law_spread,
-        c.temper,
-        c.within,
-        c.linear,
-        c.none,
-        c.unknown,
-        c.unlisted,
-        c.pair,
-        c.rough_pair,
-        effect.get("rig_compliance", 0.0),
-        effect.get("direction_dependent_friction", 0.0),
-    )
-    low, high = np.array(list(BOX.values())).T
-    return np.clip(x, low, high)
-
-
-def searched(campaign: Path) -> dict[str, Any]:
-    """ln evidence over the discrepancy grid of every hypothesis of a case."""
-    loops = [x for x in read_campaign(campaign).loops(**LOOPS) if x.role != "held-out"]
-    found = search(gap_data(loops), scales_of(loops), {}, catalogue.variants(), np.random.default_rng(0))
-    table = Table.of(found)
     return {
-        "log_z": [[list(k), v.tolist()] for k, v in table.log_z.items()],
-        "unlisted": [[k, v.tolist()] for k, v in table.unlisted.items()],
+        "truth": case.truth(f"{shared['seed']}/{index}"),
+        "tests": len(loops),
+        "noise_N": found.sizes[frozenset()].all.noise_N,
+        "figures": [asdict(f) for f in found.figures],
+        "gap_N": {key(k): v for k, v in found.gap_N.items()},
+        "rest_share": {key(k): f.rest_share[0] for k, f in found.fits.items()},
+        "share": {key(k): {n: s.value for n, s in shares(k, found.sizes).items()} for k in found.fits if k},
+        "subharmonic": found.subharmonic,
+        "cpu_s": time.process_time() - began,
     }
 
 
-def table_of(kept: dict[str, Any]) -> Table:
-    """The table that `searched` kept."""
-    return Table({tuple(k): np.array(v) for k, v in kept["log_z"]}, {k: np.array(v) for k, v in kept["unlisted"]})
+def run_study(cases: int, seed: int, laws: str, out: Path, workers: int) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    wanted = {out / f"{seed}_{i:04d}.json": i for i in range(cases)}
+    pieces = {str(path): i for path, i in wanted.items() if not path.is_file()}
+    with opened(workers=workers) as executor:
+        for path, result in finished(
+            pieces, study, {"seed": seed, "laws": laws}, executor=executor, what="cases", unit="case"
+        ):
+            if isinstance(result, Failure):
+                print(f"{path}: {result}")
+                continue
+            write_whole(path, json.dumps(result))
 
 
-def cases_of(n: int, seed: int, out: Path, workers: int) -> list[Case]:
-    """Make a set (unless made), search its cases (unless searched), and pair each table with its truth."""
-    folder = out / f"cases_{n}_{seed}"
-    if not (folder / "commitments.json").is_file():
-        with executors.opened(workers) as executor:
-            withheld.make(n, folder, seed=seed, executor=executor)
-    truths = withheld.read_truths(withheld.truth_folder(folder) / "truth.json")
-    names = sorted(truths)
-    jobs = [(out / f"tables_{n}_{seed}" / f"{name}.json", searched, folder / name) for name in names]
-    tables = [table_of(x) for x in each(jobs, workers, f"searching set {seed}")]
+# ---- fit
+
+
+def figures_of(case: dict[str, Any]) -> list[Figures]:
+    return [Figures(**f) for f in case["figures"]]
+
+
+def truths(case: dict[str, Any]) -> set[str]:
+    return {e["name"] for e in case["truth"]["effects"]}
+
+
+def has_outside(case: dict[str, Any]) -> bool:
+    return case["truth"]["kind"] in ("outside", "known_beside_outside")
+
+
+def tags(case: dict[str, Any]) -> set[str]:
+    """What is left out together with a case: the laws of its faults, an outside kind among them."""
+    return {f"{e['name']}:{e['law']}" for e in case["truth"]["effects"]}
+
+
+def place_rows(cases: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
+    """(n, figures), (n,): every place of every case, and whether any true effect stands among its nearest rivals."""
+    rows, right = [], []
+    for case in cases:
+        true = truths(case)
+        for f in figures_of(case):
+            rows.append(effect_figures(f))
+            near = {n for n, v in f.rivals.items() if v > -calibration().apart}
+            right.append(f.name in true or (f.name not in NO_CAUSE and bool(near & true)) if f.name not in NO_CAUSE
+                         else has_outside(case))  # fmt: skip
+    return np.array(rows).reshape(-1, len(EFFECT_FIGURES)), np.array(right, dtype=float)
+
+
+def logistic_fit(x: np.ndarray, y: np.ndarray) -> tuple[tuple[float, ...], float]:
+    """Weights ≥ 0 and intercept of a logistic law by penalised maximum likelihood."""
+
+    def cost(w: np.ndarray) -> float:
+        t = np.clip(x @ w[:-1] + w[-1], -30, 30)
+        return float(np.sum(np.logaddexp(0.0, t) - y * t) + PULL * np.sum(w[:-1] ** 2))
+
+    start = np.r_[np.full(x.shape[1], 0.5), -1.0]
+    box = [(0.0, None)] * x.shape[1] + [(None, None)]
+    best = minimize(cost, start, method="L-BFGS-B", bounds=box)
+    return tuple(float(v) for v in best.x[:-1]), float(best.x[-1])
+
+
+def within_fit(cases: Sequence[dict[str, Any]]) -> float:
+    """Power of the evidence among rivals for one place."""
+    places = [
+        (np.array(list(f.rivals.values())), list(f.rivals))
+        for case in cases
+        for f in figures_of(case)
+        if len(truths(case) & set(f.rivals)) == 1 and f.name not in NO_CAUSE
+    ]
+    which = [next(i for i, n in enumerate(names) if n in t) for (_, names), t in zip(places, _truths_of(cases))]
+
+    def cost(power: float) -> float:
+        return -sum(float(power * v[i] - np.logaddexp.reduce(power * v)) for (v, _), i in zip(places, which))
+
+    grid = np.geomspace(0.02, 1.0, 40)
+    return float(grid[np.argmin([cost(p) for p in grid])])
+
+
+def _truths_of(cases: Sequence[dict[str, Any]]) -> list[set[str]]:
     return [
-        Case(f"{seed}/{name}", truths[name]["kind"], true_hypothesis(truths[name]), table)
-        for name, table in zip(names, tables)
+        truths(case)
+        for case in cases
+        for f in figures_of(case)
+        if len(truths(case) & set(f.rivals)) == 1 and f.name not in NO_CAUSE
     ]
 
 
-def true_hypothesis(truth: dict[str, Any]) -> tuple[str, ...]:
-    if truth["kind"] == "outside":
-        return ("unknown",)
-    return tuple(sorted(e["name"] for e in truth["effects"]))
+def rest_row(case: dict[str, Any], c: Calibration) -> np.ndarray:
+    """(figures,) of what is left beside the effects that these constants name."""
+    given = figures_of(case)
+    key = "+".join(sorted(named_by(given, c)))
+    before = case["gap_N"][""]
+    left = case["gap_N"][key] / before if before > 0.0 else 1.0
+    outside = max((c.contributes(f) for f in given if f.name in NO_CAUSE), default=0.0)
+    return rest_figures(case["rest_share"][key], left, outside, case["subharmonic"])
 
 
-def log_score(cases: Sequence[Case], c: Calibration) -> float:
-    """Weighted mean of −ln probability of the true hypothesis."""
-    total = weight = 0.0
-    for case in cases:
-        if case.kind == "single" and case.true[0] in UNTAUGHT:
-            continue
-        h = attribute(case.table, None, c).hypotheses
-        p = sum(np.exp(w) for k, w in h.items() if (k[:1] if k[:1] == ("unknown",) else k) == case.true)
-        total -= WEIGHT[case.kind] * np.log(max(float(p), LOWEST))
-        weight += WEIGHT[case.kind]
-    return total / weight
+def fitted(cases: Sequence[dict[str, Any]]) -> Calibration:
+    """Constants of maximum likelihood: places first, then rivals, then the rest beside what they name."""
+    old = calibration()
+    effect, bias = logistic_fit(*place_rows(cases))
+    within = within_fit(cases)
+    half = Calibration(effect, bias, old.rest, old.rest_bias, within, old.apart, old.usual)
+    rest = np.array([rest_row(case, half) for case in cases])
+    weights, rest_bias = logistic_fit(rest, np.array([float(has_outside(case)) for case in cases]))
+    return Calibration(effect, bias, weights, rest_bias, within, old.apart, old.usual)
 
 
-def fit(cases: Sequence[Case], rounds: int, seed: int, what: str, sought: Sequence[str]) -> Calibration:
-    """The constants of least log score; those not sought stay as they are shipped."""
-    whole, at = numbers_of(calibration()), [list(BOX).index(name) for name in sought]
-
-    def complete(x: np.ndarray) -> Calibration:
-        filled = whole.copy()
-        filled[at] = x
-        return constants(filled)
-
-    def cost(x: np.ndarray) -> float:
-        return log_score(cases, complete(x))
-
-    box = [BOX[name] for name in sought]
-    bar = tqdm(total=rounds, desc=f"fitting {what}", disable=None)
-    best = differential_evolution(
-        cost,
-        box,
-        maxiter=rounds,
-        popsize=3,
-        rng=np.random.default_rng(seed),
-        polish=False,
-        x0=whole[at],
-        callback=lambda intermediate_result: bool(bar.update()) and False,
-    )
-    bar.close()
-    near = minimize(cost, best.x, method="Powell", bounds=box, options={"maxfev": POLISH, "xtol": 1e-2, "ftol": 1e-4})
-    return complete(near.x if near.fun < best.fun else best.x)
+# ---- score
 
 
-def scores(cases: Sequence[Case], c: Calibration) -> dict[str, Any]:
-    """Log score and shares right, with intervals, of these constants on these cases."""
-    given = {case.name: attribute(case.table, None, c) for case in cases}
-    of = {kind: [case for case in cases if case.kind == kind] for kind in WEIGHT}
-    single = of["single"]
-    return {
-        "log score, nats": log_score(cases, c),
-        "no effect: called none": share([given[k.name].cause == "none" for k in of["none"]]),
-        "single: first answer right": share([given[k.name].cause == k.true[0] for k in single]),
-        "single: in the set": share(
-            [k.true[0] in (given[k.name].cause, *given[k.name].cannot_tell_apart) for k in single]
-        ),
-        "outside: called unknown": share([given[k.name].cause == "unknown" for k in of["outside"]]),
-        "pairs: both named": share(
-            [{given[k.name].cause, given[k.name].second_cause} == set(k.true) for k in of["pair"]]
-        ),
-    }
+def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> dict[str, tuple[float, float]]:
+    """Counts (right, of) of the targets, each case with its own constants."""
+    out: dict[str, list[float]] = {}
+
+    def count(what: str, right: bool) -> None:
+        out.setdefault(what, [0.0, 0.0])
+        out[what][0] += right
+        out[what][1] += 1
+
+    for case, c in zip(cases, constants):
+        given, true, kind = figures_of(case), truths(case), case["truth"]["kind"]
+        named = set(named_by(given, c))
+        apart = {n for f in given if f.name in named for n, v in f.rivals.items() if v > -c.apart}
+        flagged = c.unknown_rest(rest_row(case, c)) >= 0.5
+        visible = {
+            e["name"] for e in case["truth"]["effects"]
+            if e["size"] * e["visible_share"] * case["truth"]["friction_rms_N"] > case["noise_N"]
+        }  # fmt: skip
+        listed = {n for n in visible if n not in rig_cases.OUTSIDE}
+        false = {n for n in named - true if not ({r for f in given if f.name == n for r, v in f.rivals.items()
+                                                  if v > -c.apart} & true)}  # fmt: skip
+        count("false names (a name neither true nor tied with a true one), of all cases", bool(false))
+        count("strict false names, of all cases", bool(named - true))
+        if kind == "none":
+            count("none: false alarm", bool(named) or flagged)
+        if kind == "single" and listed:
+            count("single, visible: named", true <= named)
+            count("single, visible: named or in the set", true <= named | apart)
+            count("single, visible: rest flagged", flagged)
+        if kind in ("pair", "triple"):
+            for n in listed:
+                count("pairs and triples: visible effect found", n in named)
+                count("pairs and triples: visible effect found or in a set", n in named | apart)
+        if kind == "known_beside_outside":
+            for n in listed:
+                count("known beside unknown: known named", n in named)
+            if visible - listed:
+                count("known beside unknown: rest flagged", flagged)
+        if kind == "outside" and visible:
+            count("outside: flagged", flagged)
+            count("outside: something named", bool(named))
+    return {k: (v[0], v[1]) for k, v in out.items()}
 
 
-def told(title: str, s: dict[str, Any]) -> None:
-    print(title)
-    for name, value in s.items():
-        print(f"  {name:30s} {value if isinstance(value, float) else value.text()}", flush=True)
-
-
-def figure(parts: dict[str, list[tuple[float, bool]]]) -> Figure:
-    """Stated probability of the verdict against how often it was right."""
-    fig = Figure(figsize=(4.6, 4.3), layout="constrained")
-    ax = fig.add_subplot()
-    ax.plot([0, 1], [0, 1], color="#888888", lw=1)
-    for (label, points), colour in zip(parts.items(), ("#2266aa", "#cc6611")):
-        found = binned([p for p, _ in points], [r for _, r in points], np.linspace(0, 1, 6).tolist())
-        for i, (x, e) in enumerate(found):
-            ax.errorbar(
-                [x],
-                [e.value],
-                [[e.value - e.low], [e.high - e.value]],
-                fmt="o",
-                color=colour,
-                capsize=3,
-                label=f"{label} ({len(points)} cases)" if i == 0 else None,
-            )
-    ax.set_xlabel("stated probability of the verdict")
-    ax.set_ylabel("share right")
-    ax.legend(fontsize=8, frameon=False, loc="upper left")
-    return fig
-
-
-def verdicts(cases: Sequence[Case], c: Calibration) -> list[tuple[float, bool]]:
-    """Stated probability and whether right, of cases with one true answer."""
-    out = []
-    for case in cases:
-        if case.kind != "pair":
-            a = attribute(case.table, None, c)
-            out.append((a.probability, a.cause == (case.true[0] if case.true else "none")))
-    return out
+def left_out_in_turn(cases: Sequence[dict[str, Any]], folds: int) -> list[Calibration]:
+    """For every case constants fitted without its laws: laws are dealt into folds, and a fold's constants know no case
+    that has any of the fold's laws."""
+    every = sorted(set().union(*(tags(case) for case in cases)))
+    fold = {tag: i % folds for i, tag in enumerate(np.random.default_rng(0).permutation(every).tolist())}
+    fits = {k: fitted([case for case in cases if all(fold[t] != k for t in tags(case))]) for k in range(folds)}
+    none = {i: k for k, i in enumerate([i for i, case in enumerate(cases) if not tags(case)])}
+    return [fits[min(fold[t] for t in tags(case))] if tags(case) else fits[none[i] % folds]
+            for i, case in enumerate(cases)]  # fmt: skip
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sets", nargs="+", default=["120:1", "120:2"], metavar="CASES:SEED")
-    parser.add_argument("--cross", action="store_true", help="also score each set with constants from the others")
-    parser.add_argument("--rounds", type=int, default=40, help="rounds of differential evolution")
-    parser.add_argument(
-        "--sought",
-        nargs="+",
-        choices=list(BOX),
-        default=list(BOX),
-        metavar="CONSTANT",
-        help="fit these and leave the others as shipped (default: all)",
-    )
-    parser.add_argument("--out", type=Path, default=Path("calibration"))
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--seed", type=int, default=1, help="of the fit")
-    parser.add_argument("--write", action="store_true", help=f"replace {CALIBRATION.name} of the package")
+    below = parser.add_subparsers(dest="what", required=True)
+    one = below.add_parser("study")
+    one.add_argument("--cases", type=int, default=200)
+    one.add_argument("--seed", type=int, default=71)
+    one.add_argument("--laws", choices=("catalogue", "other", "all"), default="other")
+    one.add_argument("--out", type=Path, default=Path("runs/study"))
+    one.add_argument("--workers", type=int, default=1)
+    two = below.add_parser("fit")
+    two.add_argument("files", nargs="+", type=Path)
+    two.add_argument("--folds", type=int, default=8)
+    two.add_argument("--write", action="store_true", help="replace the package's calibration.json")
+    three = below.add_parser("score", help="score the shipped constants on a study that they were not fitted to")
+    three.add_argument("files", nargs="+", type=Path)
     args = parser.parse_args()
-    os.environ.setdefault("NUMBA_NUM_THREADS", "1")
-    args.out.mkdir(parents=True, exist_ok=True)
-    sets = []
-    for text in args.sets:
-        n, _, seed = text.partition(":")
-        if not (n.isdigit() and seed.isdigit() and int(n) > 0):
-            parser.error(f"--sets {text}: write CASES:SEED, for example 120:1")
-        sets.append(cases_of(int(n), int(seed), args.out, args.workers))
-    everything = [case for some in sets for case in some]
-    best = fit(everything, args.rounds, args.seed, "all", args.sought)
-    inside = scores(everything, best)
-    told(f"in sample, {len(everything)} cases:", inside)
-    result: dict[str, Any] = {"constants": asdict(best), "in sample": _plain(inside), "out of sample": []}
-    parts = {"in sample": verdicts(everything, best)}
-    if args.cross:
-        parts["out of sample"] = []
-        for i, some in enumerate(sets):
-            others = [case for k, one in enumerate(sets) if k != i for case in one]
-            c = fit(others, args.rounds, args.seed, f"all but {args.sets[i]}", args.sought)
-            outside = scores(some, c)
-            told(f"out of sample, set {args.sets[i]}, constants from the others:", outside)
-            result["out of sample"].append({"set": args.sets[i], "scores": _plain(outside), "constants": asdict(c)})
-            parts["out of sample"] += verdicts(some, c)
-    write_json(args.out / "fitted.json", result)
-    for part, points in parts.items():
-        surest = [right for p, right in points if p > 0.95 * best.sure]
-        print(f"surest answers, {part}: {share(surest).text()} right")
-    figure(parts).savefig(args.out / "reliability.png", dpi=130)
-    print(json.dumps(asdict(best)))
+    if args.what == "study":
+        run_study(args.cases, args.seed, args.laws, args.out, args.workers)
+        return
+    cases = [json.loads(p.read_text()) for p in args.files]
+    if args.what == "score":
+        _print("shipped constants", score(cases, [calibration()] * len(cases)))
+        return
+    c = fitted(cases)
+    print(f"{len(cases)} cases; constants: {len(asdict(c)['effect']) + len(asdict(c)['rest']) + 4}")
+    print("effect:", dict(zip(EFFECT_FIGURES, np.round(c.effect, 3))), "bias", round(c.effect_bias, 3))
+    print("rest:", dict(zip(REST_FIGURES, np.round(c.rest, 3))), "bias", round(c.rest_bias, 3), "within", c.within)
+    _print("in sample", score(cases, [c] * len(cases)))
+    _print(
+        f"laws and outside kinds left out in turn, {args.folds} folds",
+        score(cases, left_out_in_turn(cases, args.folds)),
+    )
     if args.write:
-        best.save()
+        c.save()
         print(f"written: {CALIBRATION}")
 
 
-def _plain(s: dict[str, Any]) -> dict[str, Any]:
-    return {k: v if isinstance(v, float) else vars(v) for k, v in s.items()}
+def _print(title: str, counts: dict[str, tuple[float, float]]) -> None:
+    print(title)
+    for what, (right, of) in counts.items():
+        print(f"  {what:75s} {right:4.0f} of {of:4.0f}  {100 * right / of:5.1f} %")
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.averaging import average, in_band
-from bayes_iwan.gap.diagnosis import write_json
+from bayes_iwan.files import write_json
 from bayes_iwan.inference.intervals import Widening, widenings
 from bayes_iwan.inference.likelihood import KINDS
 from bayes_iwan.inference.point import laplace_scale, most_probable

@@ -32,8 +32,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import mutations
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.effects.user_file import load_effects
-from bayes_iwan.files import write_whole
-from bayes_iwan.gap.diagnosis import write_json
+from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.gap.saved_fits import read_fits
 from bayes_iwan.inference import results
 from bayes_iwan.inference.config import settings_of

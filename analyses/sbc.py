@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from bayes_iwan.campaign import average, read_campaign
-from bayes_iwan.gap.diagnosis import write_json
+from bayes_iwan.files import write_json
 from bayes_iwan.inference.likelihood import KINDS
 from bayes_iwan.inference.point import Point, most_probable, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem

@@ -26,9 +26,8 @@ import bayes_iwan
 from bayes_iwan import executors
 from bayes_iwan.campaign import Loop, Record, average, read_campaign
 from bayes_iwan.effects import catalogue
-from bayes_iwan.files import write_whole
+from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.diagnosis import write_json
 from bayes_iwan.gap.search import search
 from bayes_iwan.inference.population import Specimen, population
 from bayes_iwan.inference.problem import Problem, make_problem

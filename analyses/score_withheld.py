@@ -10,29 +10,22 @@ same cases can be made again elsewhere, and are marked as not sealed.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 from pathlib import Path
 
 from bayes_iwan import executors
-from bayes_iwan.gap.diagnosis import write_json
-from bayes_iwan.gap.saved_fits import find_shrink
+from bayes_iwan.files import write_json
+from bayes_iwan.gap.answer import diagnose
+from bayes_iwan.gap.saved_fits import find_shares
 from bayes_iwan.report.score_figures import figures
 from bayes_iwan.validation import scoring
 from bayes_iwan.validation.answering import answer
-from bayes_iwan.validation.baselines import NAMES, diagnose_with_baselines
-from bayes_iwan.validation.sealed import case_names, make, read_json, truth_folder
+from bayes_iwan.validation.sealed import make, read_json, truth_folder
 
 
-def read_baselines(answers: Path, cases: list[str]) -> dict[str, dict[str, dict]]:
-    """Answers of each baseline by name and case, from the files beside the diagnoses."""
-    out: dict[str, dict[str, dict]] = {name: {} for name in NAMES}
-    for case in cases:
-        path = answers / case / "baselines.json"
-        if path.is_file():
-            for name, one in json.loads(path.read_text()).items():
-                out[name][case] = one
-    return out
+def share_found(folder: Path, unseen: Path, cause: str) -> float | None:
+    """Share of the gap that a named cause removes on tests that nobody has seen."""
+    return find_shares(folder, unseen)[1].get(cause)
 
 
 def run(args: argparse.Namespace) -> scoring.Score:
@@ -45,16 +38,13 @@ def run(args: argparse.Namespace) -> scoring.Score:
         made = read_json(truth)
         if made.get("seed") != args.seed or len(made["cases"]) != args.cases:
             raise SystemExit(f"{cases} holds {len(made['cases'])} other cases; use another --out")
-        answers = answer(
-            cases, diagnose_with_baselines, out=args.out / "answers", seed=0, quick=not args.full, executor=executor
-        )
+        answers = answer(cases, diagnose, out=args.out / "answers", seed=0, quick=not args.full, executor=executor)
     return scoring.score(
         cases,
         truth,
         answers=answers,
-        find_shrink=find_shrink,
+        find_shrink=share_found,
         left_out=args.left_out,
-        baselines=read_baselines(args.out / "answers", case_names(cases)),
     )
 
 

@@ -396,7 +396,7 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
 def run_withheld_answer(args: argparse.Namespace) -> None:
     from bayes_iwan.executors import opened
     from bayes_iwan.files import owned
-    from bayes_iwan.gap.diagnosis import diagnose
+    from bayes_iwan.gap.answer import diagnose
     from bayes_iwan.validation.answering import answer
     from bayes_iwan.validation.confinement import available
 

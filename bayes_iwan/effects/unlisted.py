@@ -8,14 +8,11 @@ the shape told. They name no cause: many mechanisms share each of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion
-from bayes_iwan.effects.by_test import ByTest
 
 
 class SpeedSquared(Effect):
@@ -60,46 +57,4 @@ class BreakAway(Effect):
         return alpha * (1.0 + self.get(numbers, "rise") * np.exp(-since / self.get(numbers, "slide_mm")))
 
 
-class _ElasticByTest(ByTest):
-    """An elastic force with a size of its own in every test."""
-
-    def first_guess(self) -> float:
-        return 0.1 * self.scales.slip_N
-
-    def share(self, motion: Motion) -> Array:
-        """How much of it there is in each loop, (loops,)."""
-        return np.ones(motion.loops)
-
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        (by_test,) = self.by_test(numbers)
-        part = by_test[:, motion.test] * (self.share(motion) / motion.amplitude_mm)
-        return force_N + part[..., None] * motion.displacement_mm
-
-    def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
-        (own,) = self.by_test(values)
-        return {"force_N": (np.sqrt(np.mean(own * own, axis=1)), "N")}
-
-
-class DifferingTests(_ElasticByTest):
-    name = "tests_differ"
-    strength = ("force_N", "F", "N", "further elastic force at the amplitude")
-    parts = (strength,)
-    physics = "a stiffness that differs from test to test, as a specimen that was mounted anew between tests has it"
-    reference = "Brake (ed.), The Mechanics of Jointed Structures, 2018 (scatter of reassembled joints)"
-    signature = "in-phase fundamental that follows neither frequency nor amplitude"
-
-
-class ChangingStiffness(_ElasticByTest):
-    name = "stiffness_changes"
-    strength = ("force_N", "F", "N", "change of the elastic force at the amplitude within some ten cycles")
-    parts = (strength,)
-    evolving = True
-    physics = "a stiffness that changes along the records, in each its own way, as a part that warms or settles has it"
-    reference = "Payne, J. Appl. Polym. Sci. 6 (1962) 57; Mullins, Rubber Chem. Technol. 42 (1969) 339"
-    signature = "trend of the in-phase fundamental, and none of the friction"
-
-    def share(self, motion: Motion) -> Array:
-        return -np.expm1(-motion.cycle / 10.0)
-
-
-EFFECTS: tuple[type[Effect], ...] = (SpeedSquared, BreakAway, DifferingTests, ChangingStiffness)
+EFFECTS: tuple[type[Effect], ...] = (SpeedSquared, BreakAway)

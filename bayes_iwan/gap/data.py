@@ -48,6 +48,7 @@ class GapData:
     contrast : (T, K, B) the weights of the contrasts over the blocks (rows orthonormal, summing to zero).
     mains_hz : (T, 2) the mains' frequencies in each record (they wander), nominal unless a line near says better.
     mains_possible : (2,) does a line stand in a record that can show it, or is there no such record?
+    subharmonic : (T,) power of a line at half the test's frequency over its local background; about 1 without one.
     mains_N, mains_noise_N : (T, 2) complex c + i s of c·cos + s·sin at 50 and 60 Hz; noise inf where it says nothing.
     """
 
@@ -62,6 +63,7 @@ class GapData:
     mains_noise_N: Array
     mains_hz: Array
     mains_possible: tuple[bool, ...]
+    subharmonic: Array
     steady_motion: Motion
     block_motion: Motion
 
@@ -118,6 +120,7 @@ class GapData:
             self.mains_noise_N[at],
             self.mains_hz[at],
             self.mains_possible,
+            self.subharmonic[at],
             motion_of(loops),
             motion_of(loops, blocks=True),
         )
@@ -159,6 +162,7 @@ def gap_data(loops: Sequence[Loop]) -> GapData:
         mains_noise,
         mains_hz,
         possible,
+        np.array([_subharmonic(x) for x in loops]),
         motion_of(loops),
         motion_of(loops, blocks=True),
     )
@@ -257,6 +261,12 @@ def _line(loop: Loop, hz: float) -> tuple[complex, float]:
     beside = [fitted(hz + k / span) for k in (-9.3, -7.7, -6.2, -4.6, 4.6, 6.2, 7.7, 9.3)]
     power = np.median([abs(v) ** 2 for v, share in beside if share >= LEAST_LEFT] or [np.inf])
     return value, float(np.sqrt(0.5 * power / np.log(2.0) / max(kept, LEAST_LEFT)))
+
+
+def _subharmonic(loop: Loop) -> float:
+    """Power of a line at half the test's frequency over its local background: every second cycle differs."""
+    value, noise = _line(loop, 0.5 * loop.frequency_hz)
+    return float(abs(value) ** 2 / (2.0 * noise**2)) if np.isfinite(noise) and noise > 0.0 else 0.0
 
 
 def predicted(data: GapData, problem: Problem, z: Array) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:

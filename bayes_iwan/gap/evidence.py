@@ -1,16 +1,17 @@
 """Evidence of one model for a campaign's data: refit from several starts, Laplace's approximation, and a grid over the
-smooth misfit that a model is allowed.
+rest that stands beside every model.
 
-Every model, with or without effects, is compared with a discrepancy beside it: Gaussian, smooth along the loop and
-between tests, of share a of the friction force (:class:`bayes_iwan.inference.discrepancy.Correlated`). So a tiny misfit
-makes nothing certain, and "unknown" is no special case: it is the base model with a large discrepancy. The evidence is
-tabulated over (a, ℓ); priors over a come later, in :mod:`.attribution`.
+measured = simulator(base + effects) + rest + noise. The rest is Gaussian, smooth along the loop and between tests, of
+share a of the friction force (:class:`bayes_iwan.inference.discrepancy.Correlated`), and changes along the record by a
+share b. Its sizes are inferred for every set of effects and need not be small: the prior over a is flat in ln a, so a
+cause may explain a part of the gap and leave the rest without a name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +22,16 @@ from bayes_iwan.gap.data import GapData, predicted
 from bayes_iwan.inference.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.scales import Scales
-from bayes_iwan.optimize.least_squares import least_squares_batch
+from bayes_iwan.optimize.least_squares import LeastSquaresFit, least_squares_batch
 from bayes_iwan.physics import Simulator
 
 #: grid of the discrepancy: RMS share of the friction level, and correlation length in cycles
 SHARES = np.geomspace(5e-4, 0.4, 12)
 LENGTHS = np.array([0.03, 0.1])
+#: shares of the friction level by which the rest may change along the record
+ALONG_SHARES = np.array([0.0, 0.004, 0.016, 0.064, 0.256])
 #: the point of the grid at which models are fitted first
-FIRST = (0.01, 0.05)
+FIRST = (0.01, 0.05, 0.004)
 #: relative change of a cost of some hundreds at which a refit ends: a tenth of a nat
 TOLERANCE = 2e-4
 #: z of every parameter stays within these prior standard deviations
@@ -40,12 +43,17 @@ _FIXED_NOISE = {
 }
 
 
+class FitError(ValueError):
+    """A model that has no finite force for these tests."""
+
+
 @dataclass(frozen=True)
 class Fit:
     """One model refitted to the data.
 
-    z : (ndim,) optimum at the grid's best point; log_z : (shares, lengths) ln evidence over the grid
-    share, length : the best point; covariance : (ndim, ndim) of z there
+    z : (ndim,) optimum at the grid's best point; log_z : (shares, lengths) ln evidence over the grid, the change of
+        the rest along the record averaged over
+    share, length, along : the best point; covariance : (ndim, ndim) of z there
     residual : (m,) measured − predicted and jacobian (m, ndim), d predicted / dz, both rotated but not whitened, in
         units of the noise; eigen : (m,) variance of the discrepancy per unit a² · spectrum; order : (m,) harmonic
     optima : (k, ndim) distinct optima found, best first
@@ -56,47 +64,82 @@ class Fit:
     log_z: Array
     share: float
     length: float
+    along: float
     covariance: Array
     optima: Array
     linear: Linear
     converged: bool
 
     @property
+    def name(self) -> str:
+        return "+".join(e.name for e in self.effects) or "none"
+
+    @property
     def effects(self) -> tuple[Effect, ...]:
         return effects_of(self.problem)
 
     @property
-    def name(self) -> str:
-        return "+".join(e.name for e in self.effects) or "none"
+    def names(self) -> frozenset[str]:
+        """Names of the effects in the model."""
+        return frozenset(e.name for e in self.effects)
 
-    def log_evidence(self, log_prior: Array) -> float:
-        """ln ∫ Z(a, ℓ) p(a, ℓ): log_prior is (shares,) or (shares, lengths), normalised."""
-        prior = log_prior if log_prior.ndim == 2 else log_prior[:, None] - np.log(len(LENGTHS))
-        return float(np.logaddexp.reduce((self.log_z + prior).ravel()))
+    @cached_property
+    def log_evidence(self) -> float:
+        """ln ∫ Z(a, ℓ) p(a, ℓ), p flat in ln a and over the lengths."""
+        return float(np.logaddexp.reduce(self.log_z.ravel()) - np.log(self.log_z.size))
+
+    @cached_property
+    def rest_share(self) -> tuple[float, float, float]:
+        """The rest's size as a share of the friction level: median and 90 % interval of its posterior."""
+        weight = np.exp(np.logaddexp.reduce(self.log_z, axis=1) - np.logaddexp.reduce(self.log_z.ravel()))
+        below = np.cumsum(weight) - 0.5 * weight
+        low, middle, high = np.exp(np.interp([0.05, 0.5, 0.95], below, np.log(SHARES)))
+        return float(middle), float(low), float(high)
+
+
+@dataclass(frozen=True)
+class Rest:
+    """How noise and rest add up in rows that are scaled by the noise: variance = 1 + a² S_order(ℓ) eigen.
+
+    eigen (m,), order (m,) the harmonic, changing (m,) rows of the change along the record, whose share is b instead
+    of a; rows with eigen = 0 (lines of the mains) carry none.
+    """
+
+    eigen: Array
+    order: NDArray[np.int64]
+    changing: NDArray[np.bool_]
+
+    def variance(self, share: float, length: float, along: float) -> Array:
+        """(m,) variance of each row at shares a and b and length ℓ (cycles); changes are as smooth as they get."""
+        return self.variances(np.array([share]), np.array([length]), along)[0]
+
+    def variances(self, share: Array, length: Array, along: float) -> Array:
+        """(draws, m) the same for several a and ℓ, (draws,) each."""
+        top = int(self.order.max(initial=0)) + 1
+        loop = discrepancy_spectrum(share, length, top)[:, self.order]
+        change = discrepancy_spectrum(np.array([along]), LENGTHS[-1:], top)[0, self.order]
+        return 1.0 + np.where(self.changing, change, loop) * self.eigen
 
 
 @dataclass(frozen=True)
 class Linear:
     """Residual and Jacobian at an optimum in coordinates in which noise and discrepancy are both diagonal.
 
-    residual (m,), jacobian (m, ndim) in units of the noise; eigen (m,), order (m,): variance = 1 + a² S_order(ℓ) eigen;
-    rows with eigen = 0 (trends, lines) carry no discrepancy. z (ndim,): the point of linearisation.
+    residual (m,), jacobian (m, ndim) in units of the noise. z (ndim,): the point of linearisation.
     """
 
     residual: Array
     jacobian: Array
-    eigen: Array
-    order: NDArray[np.int64]
+    rest: Rest
     z: Array
 
-    def variance(self, share: float, length: float) -> Array:
-        top = int(self.order.max()) + 1
-        spectrum = discrepancy_spectrum(np.array([share]), np.array([length]), top)[0]
-        return 1.0 + spectrum[self.order] * self.eigen
+    def variance(self, share: float, length: float, along: float) -> Array:
+        """(m,) see :meth:`Rest.variance`."""
+        return self.rest.variance(share, length, along)
 
-    def evidence(self, share: float, length: float) -> tuple[float, tuple[Array, Array]]:
+    def evidence(self, share: float, length: float, along: float) -> tuple[float, tuple[Array, Array]]:
         """ln evidence at one grid point by one Gauss–Newton step from z; also the stepped z and its precision."""
-        variance = self.variance(share, length)
+        variance = self.variance(share, length, along)
         j = self.jacobian / np.sqrt(variance)[:, None]
         r = self.residual / np.sqrt(variance)
         precision = j.T @ j + np.eye(len(self.z))
@@ -122,7 +165,7 @@ def extended(problem: Problem, effects: Sequence[Effect]) -> Problem:
 
 
 class Rows:
-    """Residual rows of a model in units of the noise, and what is needed to whiten them by any discrepancy."""
+    """Residual rows of a model in units of the noise, and what is needed to whiten them by any rest."""
 
     def __init__(self, data: GapData, problem: Problem) -> None:
         self.data, self.problem = data, problem
@@ -135,13 +178,39 @@ class Rows:
         self._masks = real, imaginary
         self._trend = np.isfinite(data.trend_noise_N)
         self._line = np.isfinite(data.mains_noise_N)
-        extra = 2 * (self._trend.sum() + self._line.sum()) if self.evolving else 0
-        self.eigen = np.r_[values[real], values[imaginary], np.zeros(extra)]
-        self.order = np.r_[order[real], order[imaginary], np.zeros(extra, dtype=int)].astype(np.int64)
-        # a steady model misses all trends and lines: the same cost for every such model
-        missed = np.abs(data.trend_N[self._trend] / data.trend_noise_N[self._trend]) ** 2
-        lines = np.abs(data.mains_N[self._line] / data.mains_noise_N[self._line]) ** 2
-        self.constant = 0.0 if self.evolving else -0.5 * float(missed.sum() + lines.sum())
+        loop = Rest(
+            np.r_[values[real], values[imaginary]],
+            np.r_[order[real], order[imaginary]].astype(np.int64),
+            np.zeros(int(real.sum() + imaginary.sum()), dtype=bool),
+        )
+        self.rest = loop
+        self.constant = 0.0
+        changing = self._changing()
+        if self.evolving:
+            lines = 2 * int(self._line.sum())
+            self.rest = Rest(
+                np.r_[loop.eigen, changing.eigen, np.zeros(lines)],
+                np.r_[loop.order, changing.order, np.zeros(lines, dtype=np.int64)],
+                np.r_[loop.changing, changing.changing, np.zeros(lines, dtype=bool)],
+            )
+        else:  # a steady model misses all changes and lines: what that costs, whatever its numbers
+            logdet = [0.5 * float(np.sum(np.log(changing.variance(0.0, LENGTHS[-1], b)))) for b in ALONG_SHARES]
+            cost = [-self.missed(float(b)) - d for b, d in zip(ALONG_SHARES, logdet)]
+            self.constant = float(np.logaddexp.reduce(cost) - np.log(len(cost)))
+
+    def missed(self, along: float) -> float:
+        """Half the squares of all changes along the record and lines, in units of noise and rest: a steady model's."""
+        change = (self.data.trend_N / self.data.trend_noise_N)[self._trend]
+        lines = np.abs(self.data.mains_N[self._line] / self.data.mains_noise_N[self._line]) ** 2
+        square = np.r_[change.real, change.imag] ** 2 / self._changing().variance(0.0, LENGTHS[-1], along)
+        return 0.5 * float(square.sum() + lines.sum())
+
+    def _changing(self) -> Rest:
+        """The rest in the contrasts along the record: each as large as its test's friction level times b."""
+        level = np.broadcast_to(self.data.level_N[:, None, None], self.data.trend_noise_N.shape)[self._trend]
+        eigen = (level / self.data.trend_noise_N[self._trend]) ** 2
+        order = np.broadcast_to(np.arange(self._trend.shape[2]), self._trend.shape)[self._trend].astype(np.int64)
+        return Rest(np.r_[eigen, eigen], np.r_[order, order], np.ones(2 * len(order), dtype=bool))
 
     def residual(self, z: Array) -> Array:
         """Measured − predicted in units of the noise, rotated, (draws, m)."""
@@ -166,12 +235,15 @@ class Rows:
         points = np.concatenate([z[None], z + step * np.eye(n), z - step * np.eye(n)])
         r = self.residual(points)
         jacobian = (r[n + 1 :] - r[1 : n + 1]).T / (2.0 * step)
-        return Linear(r[0], jacobian, self.eigen, self.order, z.copy())
+        return Linear(r[0], jacobian, self.rest, z.copy())
 
-    def fit(self, starts: Array, share: float, length: float, iterations: int):
-        """Least squares from all starts at one discrepancy."""
-        blank = Linear(np.zeros(0), np.zeros((0, 0)), self.eigen, self.order, np.zeros(0))
-        sd = np.sqrt(blank.variance(share, length))
+    def sd(self, share: float, length: float, along: float) -> Array:
+        """(m,) what the rows are divided by, so that they are white."""
+        return np.sqrt(self.rest.variance(share, length, along))
+
+    def fit(self, starts: Array, share: float, length: float, along: float, iterations: int) -> LeastSquaresFit:
+        """Least squares from all starts at one size of the rest."""
+        sd = self.sd(share, length, along)
 
         def rows(z: Array) -> Array:
             with np.errstate(all="ignore"):
@@ -182,41 +254,61 @@ class Rows:
 
 
 def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 40) -> Fit:
-    """Fit a model from all starts, tabulate its evidence over the discrepancy grid, refit at the best point."""
+    """Fit a model from all starts, tabulate its evidence over the rest's grid, refit at the best point.
+
+    Raises FitError where no start reaches a finite cost: the model has no force there.
+    """
     rows = Rows(data, problem)
     found = rows.fit(starts, *FIRST, iterations)
     cost = np.where(np.isfinite(found.cost), found.cost, np.inf)
     order = np.argsort(cost)
+    if not np.isfinite(cost[order[0]]):
+        raise FitError(f"{'+'.join(e.name for e in effects_of(problem)) or 'the base model'}: no finite force")
     optima = _distinct(found.x[order], cost[order])
-    linear = rows.linear(optima[0])
-    log_z, z, covariance, best = _grid(linear)
-    if abs(np.log(SHARES[best[0]] / FIRST[0])) > 0.5:
-        near = np.stack([*optima, np.clip(z, -Z_BOX, Z_BOX)])  # the best there may be another one
-        again = rows.fit(near, SHARES[best[0]], LENGTHS[best[1]], iterations)
-        linear = rows.linear(again.x[again.best])
-        log_z, z, covariance, best = _grid(linear)
+    grid = _grid(rows.linear(optima[0]))
+    if abs(np.log(grid.best[0] / FIRST[0])) > 0.5:
+        near = np.stack([*optima, np.clip(grid.z, -Z_BOX, Z_BOX)])  # the best there may be another one
+        again = rows.fit(near, *grid.best, iterations)
+        grid = _grid(rows.linear(again.x[again.best]))
     return Fit(
         problem,
-        linear.z,
-        log_z + rows.constant,
-        float(SHARES[best[0]]),
-        float(LENGTHS[best[1]]),
-        covariance,
+        grid.linear.z,
+        grid.log_z + rows.constant,
+        *grid.best,
+        grid.covariance,
         optima,
-        linear,
+        grid.linear,
         bool(found.converged[order[0]]),
     )
 
 
-def _grid(linear: Linear) -> tuple[Array, Array, Array, tuple[int, int]]:
+@dataclass(frozen=True)
+class _Grid:
+    """ln evidence (shares, lengths) over the rest's grid; the best point and the step to its optimum z there."""
+
+    linear: Linear
+    log_z: Array
+    z: Array
+    covariance: Array
+    best: tuple[float, float, float]
+
+
+def _grid(linear: Linear) -> _Grid:
+    along, change = ALONG_SHARES[0], 0.0
+    if linear.rest.changing.any():  # the change along the record has its own size, found where the loops' is best
+        share = max(SHARES[::2], key=lambda a: linear.evidence(float(a), LENGTHS[-1], FIRST[2])[0])
+        by_change = np.array([linear.evidence(float(share), LENGTHS[-1], float(b))[0] for b in ALONG_SHARES])
+        along = ALONG_SHARES[int(np.argmax(by_change))]
+        change = float(np.logaddexp.reduce(by_change) - np.log(len(by_change)) - by_change.max())
     log_z = np.empty((len(SHARES), len(LENGTHS)))
     kept: dict[tuple[int, int], tuple[Array, Array]] = {}
     for i, share in enumerate(SHARES):
         for k, length in enumerate(LENGTHS):
-            log_z[i, k], kept[i, k] = linear.evidence(share, length)
+            log_z[i, k], kept[i, k] = linear.evidence(float(share), float(length), float(along))
     i, k = divmod(int(np.argmax(log_z)), len(LENGTHS))
     z, precision = kept[i, k]
-    return log_z, z, np.asarray(np.linalg.inv(precision)), (i, k)
+    covariance = np.asarray(np.linalg.inv(precision))
+    return _Grid(linear, log_z + change, z, covariance, (float(SHARES[i]), float(LENGTHS[k]), float(along)))
 
 
 def _distinct(x: Array, cost: Array, most: int = 4) -> Array:

@@ -91,6 +91,7 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
         removed = {kind: residual.noise_power(kind) for kind in kinds}
         error = error + residual.draw_parameters(draws, rng)
     raw = {kind: residual.power(residual.value, kind) for kind in kinds}
+    removed = {kind: _at_most(removed[kind], raw[kind]) for kind in kinds}
     found, spread = {}, {}
     for kind in kinds:
         found[kind] = raw[kind] - removed[kind]
@@ -119,6 +120,19 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
         high,
         plausible,
     )
+
+
+def gap_power_N2(residual: Residual) -> Array:
+    """(T,) squared gap of each test, its noise taken off: may be negative. The quick form of :func:`gap_size` for
+    tests that the model was not fitted to."""
+    raw = {kind: residual.power(residual.value, kind) for kind in COUNTED}
+    return np.sum([raw[kind] - _at_most(residual.noise_power(kind), raw[kind]) for kind in COUNTED], axis=0)
+
+
+def _at_most(noise: Array, raw: Array) -> Array:
+    """Noise power of each test, (T,), but over all tests no more than there is: what varies within the blocks of a
+    record, as a drift does, counts as noise of their means, and must not eat the gap of the loops."""
+    return noise * min(1.0, float(raw.sum()) / max(float(noise.sum()), 1e-300))
 
 
 def ceiling_N(residual: Residual) -> float:

@@ -63,7 +63,7 @@ class LawSearch:
         shape = (f / f.max())[None, None] ** self.f_powers[:, None, None]
         shape = (shape * (a / a.max())[None, None] ** self.a_powers[None, :, None]).reshape(-1, len(f))
         linear, z = residual.fit.linear, residual.fit.z
-        sd = np.sqrt(linear.variance(typical_misfit, LENGTH))
+        sd = np.sqrt(linear.variance(typical_misfit, LENGTH, 0.0))
         # the prior's rows stand below the data's: a law may cost the specimen's numbers something too
         q, _ = np.linalg.qr(np.concatenate([linear.jacobian / sd[:, None], np.eye(len(z))]))
 
@@ -73,7 +73,7 @@ class LawSearch:
 
         self.left = free(residual.rows_of(residual.value[None]), -z[None])[0]
         simulated = free(residual.rows_of(null), np.zeros((len(null), len(z))))
-        self.order = np.r_[linear.order, np.full(len(z), -1)]
+        self.order = np.r_[linear.rest.order, np.full(len(z), -1)]
         self.names: list[tuple[int, str]] = []
         self.signatures: list[Array] = []
         roots = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -11,10 +11,10 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
-from bayes_iwan.gap.attribution import calibration
+from bayes_iwan.gap.calibration import calibration
+from bayes_iwan.gap.candidates import extra_points
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.gap.evidence import Fit, Rows, extended
-from bayes_iwan.gap.search import shape_points
 from bayes_iwan.inference.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.loop_error import harmonics_of
 from bayes_iwan.physics import sine_motion
@@ -27,12 +27,12 @@ WORTH_NATS = 4.0
 PLANNED_HARMONICS = 9
 
 
-def visible_nats(data: GapData, base: Fit, effects: dict[str, tuple[Effect, ...]]) -> dict[str, float]:
+def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, ...]]) -> dict[str, float]:
     """Expected ln evidence for each effect, were it present at its typical size: half the squared signature that is
     left, in units of noise and of a specimen's usual misfit, once the base has refitted itself."""
-    share, length = calibration().small[0], 0.05
+    share, length = calibration().usual[0], 0.05
     linear = base.linear
-    variance = linear.variance(share, length)
+    variance = linear.variance(share, length, 0.0)
     j = linear.jacobian / np.sqrt(variance)[:, None]
     precision = j.T @ j + np.eye(len(base.z))
     out = {}
@@ -46,7 +46,7 @@ def visible_nats(data: GapData, base: Fit, effects: dict[str, tuple[Effect, ...]
             single = effect.strength_name in problem.names
             on, off = [], []
             tried = [own[0], *(problem.names.index(n) for n in effect.scanned if n in problem.names)]
-            for shapes in shape_points(len(tried) - 1) if single else [()]:
+            for shapes in extra_points(len(tried) - 1) if single else [()]:
                 z = np.zeros(problem.ndim)
                 z[at] = base.z
                 z[tried if single else own] = (0.6 if effect.signed else 0.0, *shapes) if single else 1.0 / np.sqrt(2.0)
@@ -55,10 +55,7 @@ def visible_nats(data: GapData, base: Fit, effects: dict[str, tuple[Effect, ...]
                 z[own[0] if single else own] = 0.0 if effect.signed or not single else -8.0
                 off.append(z)
             s = rows.residual(np.array(on)) - rows.residual(np.array(off))
-            sd = np.sqrt(
-                1.0 + discrepancy_spectrum(np.array([share]), np.array([length]), rows.used)[0][rows.order] * rows.eigen
-            )
-            s = s / sd
+            s = s / rows.sd(share, length, 0.0)
             shared = s[:, : len(variance)]
             b = shared @ j
             left = np.sum(s * s, axis=1) - np.einsum("ni,ni->n", b, np.linalg.solve(precision, b.T).T)
@@ -110,7 +107,7 @@ def next_test(data: GapData, a: Fit, b: Fit, names: tuple[str, str], bench: Sequ
 
     (ya, ja), (yb, jb) = harmonics(a), harmonics(b)
     level = float(np.median(data.level_N))
-    typical = calibration().small[0] * level
+    typical = calibration().usual[0] * level
     noise = np.array(
         [
             np.median([x.noise_N[h] for x in data.loops if np.isfinite(x.noise_N[h])] or [0.01 * level])

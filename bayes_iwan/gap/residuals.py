@@ -38,7 +38,7 @@ class Residual:
     real : (M,) numbers without an imaginary part (means)
     kind : (M,) LOOP, MEAN, ALONG or HUM; order : (M,) harmonic (−1: none); contrast : (M,) index of the contrast
         between blocks, or −1
-    slope : (ndim, T, M) complex d predicted / dz
+    problem : the model as it predicts these tests
     refitted : are these the data that the model was fitted to?
     """
 
@@ -52,8 +52,16 @@ class Residual:
     kind: NDArray[np.int64]
     order: NDArray[np.int64]
     contrast: NDArray[np.int64]
-    slope: np.ndarray
+    problem: Problem
     refitted: bool
+
+    @cached_property
+    def slope(self) -> np.ndarray:
+        """(ndim, T, M) complex d predicted / dz, by central differences."""
+        n, step = len(self.fit.z), 1e-4
+        z = np.concatenate([self.fit.z + step * np.eye(n), self.fit.z - step * np.eye(n)])
+        flat = _flat(self.data, self.problem, z)
+        return np.where(self.weight > 0.0, (flat[:n] - flat[n:]) / (2.0 * step), 0.0)
 
     def power(self, value: np.ndarray, *kinds: int) -> Array:
         """Mean square force of complex residuals (…, T, M), by test (…, T), N²; of the kinds named."""
@@ -87,7 +95,7 @@ class Residual:
         """What remains of small changes of the data (draws, T, M) once the model has been fitted again."""
         if not self.refitted:
             return change
-        sd = np.sqrt(self.fit.linear.variance(self.fit.share, self.fit.length))
+        sd = np.sqrt(self.fit.linear.variance(self.fit.share, self.fit.length, self.fit.along))
         moved = (self.rows_of(change) / sd) @ self._gain.T
         return change - np.einsum("dn,ntm->dtm", moved, self.slope)
 
@@ -103,7 +111,7 @@ class Residual:
     @cached_property
     def _gain(self) -> Array:
         """(ndim, rows) d ẑ / d whitened data."""
-        sd = np.sqrt(self.fit.linear.variance(self.fit.share, self.fit.length))
+        sd = np.sqrt(self.fit.linear.variance(self.fit.share, self.fit.length, self.fit.along))
         return self.fit.covariance @ (self.fit.linear.jacobian / sd[:, None]).T
 
     def rows_of(self, change: np.ndarray) -> Array:
@@ -125,24 +133,15 @@ class Residual:
         return np.concatenate(parts, axis=1)
 
 
-def residual_of(data: GapData, fit: Fit, step: float = 1e-4) -> Residual:
-    """The residual of a fitted model for its own data or for any other tests (held out, unseen) of the same specimen.
+def residual_of(data: GapData, fit: Fit, *, refitted: bool = True) -> Residual:
+    """The residual of a fitted model for its own data, or (`refitted` False) for other tests of the same specimen.
 
-    Effects whose numbers belong to single tests (a hum's phase) predict nothing for tests that were not fitted.
+    Effects whose parameters belong to single tests (a mains line's phase) predict nothing for tests that were not
+    fitted.
     """
-    mine = fit.problem.loops
-    refitted = len(mine) == len(data.loops) and all(a is b for a, b in zip(mine, data.loops))
     problem = fit.problem if refitted else _elsewhere(fit.problem)
-    n = len(fit.z)
-    points = np.concatenate([fit.z[None], fit.z + step * np.eye(n), fit.z - step * np.eye(n)])
     tests, count = data.harmonics_N.shape
-    mean, trend, lines = predicted(data, problem, points)
-    flat = np.zeros((len(points), tests, count + data.trend_N[0].size + 2), dtype=complex)
-    flat[..., :count] = mean
-    if trend is not None:
-        flat[..., count:-2] = trend.reshape(len(points), tests, -1)
-    if lines is not None:
-        flat[..., -2:] = lines
+    flat = _flat(data, problem, fit.z[None])[0]
     measured = np.concatenate([data.harmonics_N, data.trend_N.reshape(tests, -1), data.mains_N], axis=1)
     allowed = np.concatenate(
         [_loop_noise(data, count), data.trend_noise_N.reshape(tests, -1), data.mains_noise_N], axis=1
@@ -158,11 +157,21 @@ def residual_of(data: GapData, fit: Fit, step: float = 1e-4) -> Residual:
     blocks = np.array([len(x.block_cycle) for x in data.loops])
     weight = np.where(order == 0, 1.0, 0.5) * np.where(kind == ALONG, 1.0 / blocks[:, None], 1.0)
     there = np.isfinite(allowed)
-    slope = (flat[1 : n + 1] - flat[n + 1 :]) / (2.0 * step)
-    value, noise, allowed, weight, slope = (
-        np.where(there, x, 0.0) for x in (measured - flat[0], noise, allowed, weight, slope)
-    )
-    return Residual(data, fit, value, noise, allowed, weight, order == 0, kind, order, contrast, slope, refitted)
+    value, noise, allowed, weight = (np.where(there, x, 0.0) for x in (measured - flat, noise, allowed, weight))
+    return Residual(data, fit, value, noise, allowed, weight, order == 0, kind, order, contrast, problem, refitted)
+
+
+def _flat(data: GapData, problem: Problem, z: Array) -> np.ndarray:
+    """(draws, T, M) complex predictions: harmonics, changes along the record, lines."""
+    tests, count = data.harmonics_N.shape
+    mean, trend, lines = predicted(data, problem, z)
+    flat = np.zeros((len(z), tests, count + data.trend_N[0].size + 2), dtype=complex)
+    flat[..., :count] = mean
+    if trend is not None:
+        flat[..., count:-2] = trend.reshape(len(z), tests, -1)
+    if lines is not None:
+        flat[..., -2:] = lines
+    return flat
 
 
 def _loop_noise(data: GapData, count: int) -> Array:

@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.effects import conditions
 from bayes_iwan.effects.base import Effect, EffectError
-from bayes_iwan.effects.catalogue import ordered, variants
+from bayes_iwan.effects.catalogue import UNLISTED, ordered, variants
 from bayes_iwan.effects.conditions import FollowsCondition
 from bayes_iwan.effects.user_file import load_effects
-from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.evidence import Fit, Linear, base_problem, extended
-from bayes_iwan.gap.gap_size import gap_size
+from bayes_iwan.gap.budget import shapley
+from bayes_iwan.gap.data import GapData, gap_data
+from bayes_iwan.gap.evidence import Fit, Linear, Rest, base_problem, extended
+from bayes_iwan.gap.gap_size import gap_power_N2
 from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.inference.scales import Scales
 from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.physics import Model
+
+SCHEMA = 2
+#: phases, harmonics and blocks of cycles that diagnoses work on
+LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
+
+
+class SavedFitsError(ValueError):
+    """`fits.json` that cannot be read or used; the message names the file and what is wrong."""
 
 
 def fit_as_dict(fit: Fit) -> dict[str, Any]:
@@ -37,89 +48,96 @@ def fit_as_dict(fit: Fit) -> dict[str, Any]:
         "covariance": fit.covariance.tolist(),
         "share": fit.share,
         "length": fit.length,
+        "along": fit.along,
     }
 
 
 def stored_fits(
-    base: Fit,
-    fits: dict[str, Fit],
+    fits: Mapping[frozenset[str], Fit],
     scales: Scales,
     config: dict,
     effects_file: str | None,
-    simulator_file: str | None = None,
+    simulator_file: str | None,
 ) -> dict[str, Any]:
-    """What `fits.json` holds."""
+    """What `fits.json` holds: the fit of every set of named effects, the base under "base"."""
     return {
-        "schema": 1,
+        "schema": SCHEMA,
         "scales": asdict(scales),
         "config": config,
         "effects_file": effects_file,
         "simulator_file": simulator_file,
-        "base": fit_as_dict(base),
-        "with": {name: fit_as_dict(f) for name, f in fits.items()},
+        "fits": {"+".join(sorted(names)) or "base": fit_as_dict(f) for names, f in fits.items()},
     }
 
 
 def read_fits(path: Path) -> dict[str, Any]:
-    """What `stored_fits` gave, read back. Raises EffectError where the file is not that, or damaged."""
+    """What `fits.json` holds. Raises SavedFitsError in one line where it is missing, damaged or of another version."""
     try:
-        stored = json.loads(path.read_text())
-        if stored["schema"] != 1:
-            raise EffectError(f"{path}: not of this version; diagnose again")
-        Scales(**stored["scales"])
-        for fit in (stored["base"], *stored["with"].values()):
-            n = len(fit["names"])
-            if np.shape(np.array(fit["z"], float)) != (n,) or np.shape(np.array(fit["covariance"], float)) != (n, n):
-                raise TypeError("numbers that are not as many as their names")
-            for spec in fit["effects"]:
-                str(spec["class"]), str(spec["name"]), spec["strength_value"]
-    except EffectError:
-        raise
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise EffectError(f"{path}: damaged ({type(error).__name__}: {' '.join(str(error).split())[:120]})") from None
+        stored = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SavedFitsError(f"{path}: cannot be read ({error.strerror}); diagnose the campaign again") from None
+    except (ValueError, RecursionError):
+        raise SavedFitsError(f"{path}: damaged, no JSON; diagnose the campaign again") from None
+    if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
+        raise SavedFitsError(f"{path}: not fits of this version (schema {SCHEMA}); diagnose the campaign again")
     return stored
 
 
-def find_shrink(diagnosis: Path, unseen_campaign: Path, cause: str) -> float | None:
-    """Shrink of the gap on tests of another campaign folder when a diagnosis' cause (with its second, if it named one)
-    is added; None if the diagnosis holds no fit of that cause."""
-    stored = read_fits(Path(diagnosis) / "fits.json")
-    if cause not in stored["with"]:
-        return None
+def find_shares(
+    diagnosis: Path, unseen_campaign: Path, *, allow_own_files: bool = False
+) -> tuple[float | None, dict[str, float]]:
+    """What the named causes of a diagnosis remove of the gap on tests of another campaign folder of the specimen.
+
+    Returns the shrink by all of them together (None where none is named or there is no gap) and each one's share of
+    the gap (Shapley value). allow_own_files : run the Python files of own effects or simulators that `fits.json` names.
+    Raises SavedFitsError, EffectError.
+    """
+    path = Path(diagnosis) / "fits.json"
+    stored = read_fits(path)
+    own = stored["effects_file"] or stored["simulator_file"]
+    if own and not allow_own_files:
+        raise SavedFitsError(f"{path}: names a Python file, which is not run unasked: {own}")
     data = gap_data(read_campaign(unseen_campaign).loops(**LOOPS))
-    before = gap_size(residual_of(data, _rebuilt(stored, stored["base"], data)))
-    after = gap_size(residual_of(data, _rebuilt(stored, stored["with"][cause], data)), friction_N=before.friction_N)
-    if before.all.rms_N <= 0.0:
-        return None
-    return 1.0 - after.all.rms_N / before.all.rms_N
+    try:
+        sets = {frozenset() if k == "base" else frozenset(k.split("+")): _rebuilt(stored, f, data)
+                for k, f in stored["fits"].items()}  # fmt: skip
+        gap = {k: _gap_N(data, f) for k, f in sets.items()}
+        whole, before = max(sets, key=len), gap[frozenset()]
+        if before <= 0.0 or not whole:
+            return None, {}
+        parts = shapley(whole, lambda k: np.array(-gap[k] / before))
+    except (KeyError, TypeError, IndexError, AttributeError, np.linalg.LinAlgError) as error:
+        raise SavedFitsError(
+            f"{path}: damaged ({type(error).__name__}: {error}); diagnose the campaign again"
+        ) from None
+    return 1.0 - gap[whole] / before, {n: float(v) for n, v in parts.items()}
 
 
-#: grid and harmonics that diagnoses work on
-LOOPS = {"n_phase": 80, "n_harmonics": 24}
+def _gap_N(data: GapData, fit: Fit) -> float:
+    return float(np.sqrt(max(float(gap_power_N2(residual_of(data, fit, refitted=False)).mean()), 0.0)))
 
 
-def _rebuilt(stored: dict[str, Any], one: dict[str, Any], data) -> Fit:
+def _rebuilt(stored: dict[str, Any], one: dict[str, Any], data: GapData) -> Fit:
     extra = load_effects(stored["effects_file"]) if stored["effects_file"] else ()
-    scales = Scales(**stored["scales"])
-    file = stored.get("simulator_file")
+    scales, file = Scales(**stored["scales"]), stored["simulator_file"]
     simulator = load_simulator(file) if file else Model(scales.reference, **stored["config"].get("model", {}))
-    makers = (k for kinds in variants(extra, simulator, form=True).values() for k in kinds)
-    classes = {k.__name__: k for k in (*makers, *conditions.EFFECTS) if isinstance(k, type)}
-    # copies: these loops are not those that the model was fitted to
-    elsewhere = replace(data, loops=tuple(replace(x) for x in data.loops))
-    files = tuple(x.file for x in elsewhere.loops)
+    kinds = [k for some in variants(extra, simulator, form=True).values() for k in some]
+    classes = {k.__name__: k for k in (*kinds, *UNLISTED, *conditions.EFFECTS) if isinstance(k, type)}
+    files = tuple(x.file for x in data.loops)
     effects: list[Effect] = []
     for spec in one["effects"]:
         if spec["class"] not in classes:
             raise EffectError(f"fits.json names the effect {spec['name']!r}, which is not in the catalogue")
         more = {"condition": spec["condition"], "values": tuple(spec["values"])} if "condition" in spec else {}
         effects.append(classes[spec["class"]](scales, files, spec["strength_value"], **more))
-    problem = extended(base_problem(elsewhere, stored["config"], scales, simulator), ordered(effects))
-    at = [one["names"].index(n) for n in problem.names if n in one["names"]]
+    problem = extended(base_problem(data, stored["config"], scales, simulator), ordered(effects))
     keep = [n for n in problem.names if n in one["names"]]
-    if len(keep) != len(problem.names):  # numbers of single tests (a hum's phases) predict nothing elsewhere
+    if len(keep) != len(problem.names):  # parameters of single tests (a mains line's phases) predict nothing elsewhere
         problem = extended(problem, [e for e in effects if all(p.name in keep for p in e.parameters)])
-    z = np.array(one["z"])[at]
+    at = [one["names"].index(n) for n in problem.names]
+    z: Array = np.array(one["z"])[at]
     covariance = np.array(one["covariance"])[np.ix_(at, at)]
-    nothing = Linear(np.zeros(0), np.zeros((0, len(z))), np.zeros(0), np.zeros(0, dtype=np.int64), z)
-    return Fit(problem, z, np.zeros((1, 1)), one["share"], one["length"], covariance, z[None], nothing, True)
+    none = Rest(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))
+    linear = Linear(np.zeros(0), np.zeros((0, len(z))), none, z)
+    size = float(one["share"]), float(one["length"]), float(one["along"])
+    return Fit(problem, z, np.zeros((1, 1)), *size, covariance, z[None], linear, True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.gap.attribution import calibration
+from bayes_iwan.gap.calibration import calibration
 from bayes_iwan.gap.data import MAINS_HZ
 from bayes_iwan.gap.evidence import LENGTHS
 from bayes_iwan.gap.gap_size import LEVEL
@@ -89,7 +89,7 @@ class Where:
 
 def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> Where:
     """Look everywhere; the residual is that of the base model on the fitted tests."""
-    typical_misfit, _ = calibration().small
+    typical_misfit, _ = calibration().usual
     rng = np.random.default_rng([seed, 72])
     null = simulated(residual, simulations, rng, typical_misfit)
     noise = residual.after_refit(residual.draw_noise(200, rng))
@@ -161,7 +161,7 @@ def along_cycle(residual: Residual, value: np.ndarray) -> Array:
 
 def simulated(residual: Residual, draws: int, rng: np.random.Generator, typical_misfit: float) -> np.ndarray:
     """(draws, T, M) complex: residuals where the model is right but for a typical small misfit, after a refit."""
-    shares = typical_misfit * np.exp(calibration().small[1] * rng.standard_normal(draws))
+    shares = typical_misfit * np.exp(calibration().usual[1] * rng.standard_normal(draws))
     misfit = residual.draw_misfit(shares, rng.choice(LENGTHS, draws), rng)
     return residual.after_refit(residual.draw_noise(draws, rng, allowed=True) + misfit)
 

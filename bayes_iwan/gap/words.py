@@ -19,71 +19,102 @@ def title(name: str) -> str:
 
 
 def sentences(d: dict[str, Any]) -> list[str]:
-    """The answer in three sentences: how large, which cause, what to do."""
-    gap, verdict = d["gap"], d["verdict"]
-    cause, p = verdict["cause"], verdict["probability"]
-    size = (
-        f"The model misses {_force(gap['before_rms_N'])} RMS ({_force(gap['before_interval_N'][0])} to "
-        f"{_force(gap['before_interval_N'][1])}), {100 * gap['before_share']:.1f} % of the friction force, "
-        f"beyond the records' own noise of {_force(gap['noise_rms_N'])}."
-    )
-    apart = [n for n in verdict["cannot_tell_apart"] if n != cause]
-    if cause == "none":
-        which = (
-            f"No effect outside the model is needed (probability {p:.2f}): what is left is no more than a real "
-            "specimen's usual difference from the model."
-        )
-    elif cause == "unknown":
-        which = (
-            f"The cause is unknown (probability {p:.2f}): the gap is real, but no effect of the catalogue closes "
-            "it on all tests."
-        )
-        if d.get("looks_like"):
-            which = f"{which[:-1]}; it looks most like {d['looks_like']['physics']}."
-    if cause in ("none", "unknown"):
-        if apart:
-            which = f"{which[:-1]}; {_list(apart)} cannot be excluded."
-    else:
-        lead = next((e for e in d["effects"] if e["name"] == cause), None)
-        which = f"The likeliest cause is {title(cause)} (probability {p:.2f})"
-        if verdict["second_cause"]:
-            which += f", together with {title(verdict['second_cause'])}"
-        if apart:
-            which += f"; these tests cannot tell it from {_list(apart)}"
-        if lead:
-            held = lead.get("shrink_held_out")
-            added = "both" if verdict["second_cause"] else "it"
-            which += f"; with {added} the gap shrinks by {100 * lead['shrink']:.0f} %"
-            which += f" ({100 * held:.0f} % on tests left out of the fit)" if held is not None else ""
-        which += "."
-    following = d["next_test"]
-    if following is None and apart:
-        next_step = f"No loop test was found that would settle whether it is {_list(apart)}."
-    elif following is None:
-        next_step = "No further test is needed to settle this."
-    elif following["bench"]:
-        next_step = (
-            f"No loop test would separate {_list(following['separates'])} well; at the bench: {following['bench']}."
-        )
-    else:
-        next_step = (
-            f"To separate {_list(following['separates'])}, run {following['frequency_hz']:g} Hz at "
-            f"{following['amplitude_mm']:g} mm for {following['cycles']} cycles (expected odds "
-            f"{_odds(following['expected_log_odds'])})."
-        )
-    return [size, which, next_step]
+    """The answer: how large the gap is, what makes it, what is left, what to do."""
+    return [_size(d["gap"]), *_which(d), *_rest(d), *_remedies(d), _next(d)]
 
 
-def beyond_sentence(terms: Sequence[str], beyond: dict[str, Any]) -> str:
-    """What remains once terms that the base model lacked are in; beyond : that part of `diagnosis.json`."""
-    gap, verdict = beyond["gap"], beyond["verdict"]
-    cause = {"none": "needs no further cause", "unknown": "has a cause outside the catalogue"}.get(
-        verdict["cause"], f"is likeliest due to {title(verdict['cause'])}"
-    )
+def _size(gap: dict[str, Any]) -> str:
+    low, high = gap["before_interval_N"]
+    if low <= 0.0:
+        return (
+            f"The gap between measurement and model is zero within its interval: at most {force(high)} RMS, "
+            f"{_percent(gap['before_share_interval'][1])} of the friction force, beyond the records' own noise of "
+            f"{force(gap['noise_rms_N'])}."
+        )
     return (
-        f"With {_list(list(terms))} in the model it misses {_force(gap['before_rms_N'])}, "
-        f"{100 * gap['before_share']:.1f} % of the friction force, which {cause} "
-        f"(probability {verdict['probability']:.2f})."
+        f"The model misses {force(gap['before_rms_N'])} RMS ({force(low)} to {force(high)}), "
+        f"{_percent(gap['before_share'])} of the friction force, beyond the records' own noise of "
+        f"{force(gap['noise_rms_N'])}."
+    )
+
+
+def _which(d: dict[str, Any]) -> list[str]:
+    verdict = d["verdict"]
+    if verdict["kind"] == "none":
+        p = d["probabilities"]["none"]
+        doubt = [c["name"] for c in d["considered"]]
+        tail = f"; {listed(doubt)} cannot be excluded" if doubt else ""
+        return [
+            f"No effect outside the model is needed (probability {p:.2f}): what is left is no more than a real "
+            f"specimen's usual difference from the model{tail}."
+        ]
+    if verdict["kind"] == "unknown":
+        p = d["probabilities"]["unknown"]
+        doubt = [c["name"] for c in d["considered"]]
+        tail = f"; {listed(doubt)} cannot be excluded" if doubt else ""
+        return [
+            f"The cause is unknown (probability {p:.2f}): the gap is real, but no effect of the catalogue explains a "
+            f"part of it that holds on all tests{tail}."
+        ]
+    return [_sentence(c, d) for c in verdict["causes"]]
+
+
+def _sentence(c: dict[str, Any], d: dict[str, Any]) -> str:
+    """One cause: its number, its share of the gap, fitted and on tests left out, and what it cannot be told from."""
+    effect = next(e for e in d["effects"] if e["name"] == c["name"])
+    number = _number(effect["parameters"])
+    text = f"{_capital(title(c['name']))}{number} (probability {c['probability']:.2f}) removes {_percent(c['share'])} "
+    text += f"of the gap ({_percent(c['share_interval'][0])} to {_percent(c['share_interval'][1])})"
+    if c["share_held_out"] is not None:
+        text += f", {_percent(c['share_held_out'])} on tests left out of the fit"
+    if c["cannot_tell_apart"]:
+        text += f"; these tests cannot tell it from {listed(c['cannot_tell_apart'])}"
+    return text + "."
+
+
+def _number(parameters: dict[str, Any]) -> str:
+    """The first parameter with its standard deviation."""
+    if not parameters:
+        return ""
+    name, p = next(iter(parameters.items()))
+    unit = "" if p["unit"] in ("-", "") else f" {p['unit']}"
+    what = name.split("[")[0].rsplit("_", name.count("_") if len(name.split("_")) > 2 else 1)[0].replace("_", " ")
+    return f" of {p['mean']:.3g} ± {p['sd']:.1g}{unit}" if unit else f" ({what} {p['mean']:.3g} ± {p['sd']:.1g})"
+
+
+def _rest(d: dict[str, Any]) -> list[str]:
+    rest, kind = d["rest"], d["verdict"]["kind"]
+    if kind == "explained":
+        return [f"What is left, {_percent(rest['share'])} of the gap, is no more than a law slightly off leaves."]
+    if kind not in ("partly_explained", "unknown"):
+        return []
+    out = []
+    if kind == "partly_explained":
+        out.append(
+            f"The cause of the rest, {_percent(rest['share'])} of the gap, is unknown "
+            f"(probability {rest['probability']:.2f} that it has one)."
+        )
+    if rest["physics"]:
+        out.append(f"It looks most like {rest['physics']}.")
+    if rest["line_at_half_frequency"] > 20.0:
+        out.append("The records hold a line at half the test frequency: every second cycle differs.")
+    return out
+
+
+def _remedies(d: dict[str, Any]) -> list[str]:
+    return [f"{_capital(title(e['name']))}: {e['remedy'].rstrip('.')}." for e in d["effects"] if e.get("remedy")]
+
+
+def _next(d: dict[str, Any]) -> str:
+    following = d["next_test"]
+    if following is None:
+        return "No further loop test is needed to settle which of the catalogue's effects contribute."
+    pair = listed(following["separates"])
+    if following["bench"]:
+        return f"No loop test would separate {pair} well; at the bench: {following['bench']}."
+    return (
+        f"To separate {pair}, run {following['frequency_hz']:g} Hz at {following['amplitude_mm']:g} mm for "
+        f"{following['cycles']} cycles (expected odds {_odds(following['expected_log_odds'])})."
     )
 
 
@@ -91,12 +122,22 @@ def _odds(log_odds: float) -> str:
     return "over 1000 : 1" if log_odds > 6.9 else f"{2.718281828**log_odds:.0f} : 1"
 
 
-def _list(names: list[str]) -> str:
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if abs(share) < 0.095 else f"{100 * share:.0f} %"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names of effects in running text."""
     words = [title(n) for n in names]
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
-def _force(newton: float) -> str:
+def force(newton: float) -> str:
+    """A force to three digits in kN, N or mN."""
     for scale, unit in ((1e3, "kN"), (1.0, "N"), (1e-3, "mN")):
         if newton >= scale:
             return f"{newton / scale:.3g} {unit}"

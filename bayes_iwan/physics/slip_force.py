@@ -98,11 +98,15 @@ def _closed_form(limited, survival, top: Array) -> tuple[Array, Array]:
 
 @_jit
 def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inverse, top, limited, survival):
-    """L and S of mixtures at the nodes: blend the unit table along η^¼ (cubic), read it along (φ/t)^¼ (Hermite)."""
+    """L and S of mixtures at the nodes: blend the unit table along η^¼ (cubic), read it along (φ/t)^¼ (Hermite).
+
+    Where each node lies in the table, and the table's cubics, are worked out in vectors; reading them cannot be.
+    """
     draws, components = t.shape
     nodes, columns = root.size, unit.shape[2]
+    value, slope, cubic = np.empty(columns), np.empty(columns), np.empty((columns, 4))
+    cell, place = np.empty(nodes, np.uint64), np.empty(nodes)
     for d in range(draws):
-        row = np.empty((2, columns))
         top[d] = 0.0
         for i in range(components):
             end = t[d, i] * (math.sqrt(eta[d, i]) + reach) ** 2
@@ -122,29 +126,33 @@ def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inv
             c = -w * (w - 1.0) * (w - 3.0) / 2.0
             e = w * (w - 1.0) * (w - 2.0) / 6.0
             last = min(int(math.sqrt(math.sqrt(eta[d, i]) + reach) / column_step) + 1, columns - 1)
-            for m in range(2):
-                for j in range(last + 1):
-                    row[m, j] = (
-                        a * unit[first, m, j]
-                        + b * unit[first + 1, m, j]
-                        + c * unit[first + 2, m, j]
-                        + e * unit[first + 3, m, j]
-                    )
+            r0, r1, r2, r3 = unit[first], unit[first + 1], unit[first + 2], unit[first + 3]
+            for j in range(last + 1):
+                value[j] = a * r0[0, j] + b * r1[0, j] + c * r2[0, j] + e * r3[0, j]
+                slope[j] = a * r0[1, j] + b * r1[1, j] + c * r2[1, j] + e * r3[1, j]
+            for p in range(last):
+                rise = value[p + 1] - value[p]
+                cubic[p, 0], cubic[p, 1] = value[p], slope[p]
+                cubic[p, 2] = 3.0 * rise - 2.0 * slope[p] - slope[p + 1]
+                cubic[p, 3] = slope[p] + slope[p + 1] - 2.0 * rise
+            cubic[last, 0], cubic[last, 1], cubic[last, 2], cubic[last, 3] = (
+                value[last],
+                0.0,
+                0.0,
+                0.0,
+            )  # S has died out
             stride = math.sqrt(math.sqrt(top[d] / t[d, i])) / column_step
             value_scale = g[d, i] * t[d, i]
             slope_scale = g[d, i] / (4.0 * column_step**4 * stride**3)
             for j in range(nodes):
-                s = root[j] * stride
-                if s >= last:
-                    limited[d, j] += value_scale * row[0, last]
-                    continue
+                s = min(root[j] * stride, float(last))
                 p = int(s)
-                w = s - p
-                rise = row[0, p + 1] - row[0, p]
-                c2 = 3.0 * rise - 2.0 * row[1, p] - row[1, p + 1]
-                c3 = row[1, p] + row[1, p + 1] - 2.0 * rise
-                limited[d, j] += value_scale * (row[0, p] + w * (row[1, p] + w * (c2 + w * c3)))
-                survival[d, j] += slope_scale * inverse[j] * (row[1, p] + w * (2.0 * c2 + w * 3.0 * c3))
+                cell[j], place[j] = p, s - p
+            for j in range(nodes):
+                q, w = cell[j], place[j]
+                c1, c2, c3 = cubic[q, 1], cubic[q, 2], cubic[q, 3]
+                limited[d, j] += value_scale * (cubic[q, 0] + w * (c1 + w * (c2 + w * c3)))
+                survival[d, j] += slope_scale * inverse[j] * (c1 + w * (2.0 * c2 + w * 3.0 * c3))
 
 
 @dataclass(frozen=True)

@@ -8,49 +8,43 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_iwan.files import clear, owned
-from bayes_iwan.gap.diagnosis import BASES, Diagnosis, diagnose_folder, write_json
+from bayes_iwan.files import clear, finite, owned
+from bayes_iwan.gap.answer import about, to_dict, write_answer
+from bayes_iwan.gap.diagnosis import BASES, Diagnosis, diagnose_folder
 from bayes_iwan.gap.findings import pictures
-from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.where import along_cycle
+from bayes_iwan.gap.words import listed
 from bayes_iwan.inference.config import Config, diagnose_settings_of
 from bayes_iwan.inference.settings import DiagnoseSettings
-from bayes_iwan.report import gap_figures
+from bayes_iwan.report import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis_page import write_diagnosis_page, write_figures
 
 
-def diagnosis_figures(found: Diagnosis, answer: dict[str, Any]) -> dict[str, Figure]:
-    """Every figure of a diagnosis by name; answer : its `as_dict()`."""
+def diagnosis_figures(found: Diagnosis) -> dict[str, Figure]:
+    """Every figure of a diagnosis by name."""
     drawn = pictures(found.residual, found.where, found.before)
     out = gap_figures.figures_of_gap(drawn)
-    verdict = answer["verdict"]
-    out["probabilities"] = gap_figures.probabilities_figure(answer["probabilities"], verdict["cannot_tell_apart"])
+    verdict, budget = found.verdict, found.budget
+    out["budget"] = budget_figures.budget_figure(budget)
+    out["probabilities"] = budget_figures.probabilities_figure(verdict.probabilities, verdict.names)
     worst = int(np.argmax(drawn["gap_N"]))
-    after = None
-    if found.explanations and verdict["cause"] not in ("none", "unknown"):
-        lead = found.explanations[0]
-        cause = " + ".join(lead.names)
-        left = residual_of(found.data, lead.fit)
-        after = along_cycle(left, left.value)
-        out["before_after"] = gap_figures.before_after_figure(
-            drawn["names"], drawn["residual_N"], after, drawn["expected_N"], cause
+    after, causes = None, ""
+    if verdict.causes:
+        causes = listed(verdict.names) if len(verdict.names) < 3 else "all named causes"
+        after = along_cycle(found.after_residual, found.after_residual.value)
+        out["before_after"] = budget_figures.before_after_figure(
+            drawn["names"], drawn["residual_N"], after, drawn["expected_N"], causes
         )
-        out["moved"] = gap_figures.moved_figure(lead.moved)
-    out["headline"] = gap_figures.headline_figure(
-        answer["probabilities"],
+        out["moved"] = budget_figures.moved_figure(found.moved)
+        out["shares"] = budget_figures.shares_figure(budget)
+    out["headline"] = budget_figures.headline_figure(
+        budget,
         drawn["names"][worst],
         drawn["residual_N"][worst],
         drawn["expected_N"][worst],
         None if after is None else after[worst],
-        "" if after is None else verdict["cause"].replace("_", " "),
+        causes,
     )
-    if found.explanations:
-        out["shrink"] = gap_figures.shrink_figure(
-            [
-                (" + ".join(x.names), *x.shrink, None if x.unseen is None else x.unseen.shrink)
-                for x in found.explanations
-            ]
-        )
     return out
 
 
@@ -68,9 +62,9 @@ def diagnose_campaign(
 ) -> dict[str, Any]:
     """Diagnose a campaign folder and write everything into `out`; returns what `diagnosis.json` holds.
 
-    base : a name of :data:`bayes_iwan.gap.diagnosis.BASES`; config : TOML file, or its tables, as for `identify`;
-    effects_file : a user's own effects; simulator_file : a user's own model in the place of the Iwan model.
-    Raises ValueError (and its kinds) with one line that names what is wrong and the mend.
+    base : a name of :data:`bayes_iwan.gap.diagnosis.BASES`; config : TOML file as for `identify`; effects_file : a
+    user's own effects, simulator_file : their own model; both are Python and are run. Raises ValueError (and its kinds)
+    with one line that names what is wrong and the mend.
     """
     if base not in BASES:
         raise ValueError(f"--base {base}: not known; choose one of {', '.join(BASES)}")
@@ -90,7 +84,7 @@ def diagnose_campaign(
         simulator_file=simulator_file,
         progress=progress,
     )
-    return found.as_dict()
+    return finite(to_dict(found))
 
 
 def write_diagnosis(
@@ -106,7 +100,7 @@ def write_diagnosis(
 ) -> Diagnosis:
     """Diagnose a campaign folder and write everything into `out`."""
     with owned(out) as folder:
-        found, fits = diagnose_folder(
+        found = diagnose_folder(
             campaign,
             seed=seed,
             quick=quick,
@@ -115,11 +109,9 @@ def write_diagnosis(
             simulator_file=simulator_file,
             progress=progress,
         )
-        answer = found.as_dict()
-        figures = diagnosis_figures(found, answer)
+        answer, figures = finite(to_dict(found)), diagnosis_figures(found)
         clear(folder, "diagnosis.json", "diagnosis.html", "figures", "fits.json")
-        write_json(folder / "fits.json", fits)
         write_figures(figures, folder / "figures")
-        write_diagnosis_page(answer, figures, folder / "diagnosis.html", found.about())
-        write_json(folder / "diagnosis.json", answer)  # last: where it stands, all of them do
+        write_diagnosis_page(answer, figures, folder / "diagnosis.html", about(found))
+        write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
     return found

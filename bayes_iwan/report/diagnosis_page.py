@@ -16,9 +16,14 @@ from bayes_iwan.report.style import save
 #: caption and description of each figure, in the order in which they stand
 _CAPTIONS = {
     "headline": (
-        "Left: how probable each cause is. Right: what the model misses in the test where it misses most, "
-        "along one cycle; the grey band is what a right model would leave.",
-        "Bars of probabilities and the residual force of one test with and without the likeliest cause",
+        "Left: the gap as a sum, from the whole gap down to the rest, the records' noise beside it. Right: what the "
+        "model misses in the test where it misses most, along one cycle; the grey band is what a right model leaves.",
+        "Waterfall of the gap and the residual force of one test with and without the named causes",
+    ),
+    "budget": (
+        "The gap as a sum: how much of it each named cause removes (Shapley values, so that effects that overlap "
+        "share fairly) and what is left.",
+        "Waterfall from the gap down to the rest",
     ),
     "gap_loops": (
         "Measured loops of every test. Red and thick: the measured force is above the model's there; blue: "
@@ -50,21 +55,21 @@ _CAPTIONS = {
         "Gap against cycle number for every test",
     ),
     "probabilities": (
-        "Probability of each cause. “None”: the model needs nothing more. “Unknown”: something is "
-        "missing that is not in the catalogue.",
-        "Bar chart of the probability of each cause",
+        "Probability that each effect contributes. “None”: the model needs nothing more. “Unknown”: what is left "
+        "has a cause that is not in the catalogue. Several effects may contribute, so these need not sum to one.",
+        "Bar chart of the probability that each effect contributes",
     ),
     "before_after": (
-        "What is missed along the cycle without the likeliest cause and with it, all numbers fitted anew.",
-        "Residual force along the cycle of every test with and without the cause",
+        "What is missed along the cycle by the model alone and with the named causes, everything fitted anew.",
+        "Residual force along the cycle of every test with and without the causes",
     ),
-    "shrink": (
-        "How much smaller the gap becomes with each cause. The diamond counts: tests that the fit has not seen.",
-        "Shrink of the gap by cause with intervals, on fitted and on unseen tests",
+    "shares": (
+        "Share of the gap that each named cause removes. The diamond counts: tests that the fit has not seen.",
+        "Share of the gap by cause with intervals, on fitted and on unseen tests",
     ),
     "moved": (
-        "Change of the specimen's own numbers once the cause is in the model. Long stems: these had been bent to "
-        "imitate the cause.",
+        "Change of the specimen's own numbers once the causes are in the model. Long stems: these had been bent to "
+        "imitate them.",
         "Change of each parameter in standard deviations",
     ),
 }
@@ -84,7 +89,7 @@ def write_diagnosis_page(
     d, about = diagnosis, about or {}
     page = Page(
         f"Diagnosis: {d.get('campaign', 'campaign')}",
-        "What the model misses, the likeliest cause and the next test",
+        "What the model misses, what makes it, what is left and the next test",
         f"bayes_iwan, seed {d['seed']}. Every number here is in diagnosis.json.",
     )
     _answer(page.section("Answer"), d, figures)
@@ -112,11 +117,45 @@ def _draw(section: Section, figures: Mapping[str, Figure], *names: str) -> None:
 
 
 def _answer(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
-    cause = d["verdict"]["cause"]
-    kind = {"none": "good", "unknown": "warning"}.get(cause, "note")
-    section.note(" ".join(d["sentences"][:3]), kind)
+    kind = {"none": "good", "unknown": "warning", "partly_explained": "note"}.get(d["verdict"]["kind"], "note")
+    section.note(" ".join(d["sentences"]), kind)
     _draw(section, figures, *(("headline",) if "headline" in figures else ("gap_loops",)))
-    section.text(*d["sentences"][3:])
+    causes = d["verdict"]["causes"]
+    if causes:
+        rows = [
+            (
+                _words(c["name"]),
+                f"{c['probability']:.2f}",
+                _percent(c["share"]),
+                _percents(c["share_interval"]),
+                _percent(c["share_held_out"]),
+                _percents(c["share_held_out_interval"]),
+                _listed(c["cannot_tell_apart"]) if c["cannot_tell_apart"] else "–",
+            )
+            for c in causes
+        ]
+        rest = d["rest"]
+        rows.append(
+            (
+                "rest" + (", cause unknown" if d["verdict"]["unknown_rest"] else ""),
+                f"{rest['probability']:.2f}",
+                _percent(rest["share"]),
+                _percents(rest["interval"]),
+                "",
+                "",
+                "",
+            )
+        )
+        section.table(
+            ("part of the gap", "probability", "share", "90 % interval", "on tests left out", "90 % interval",
+             "cannot be told from"),
+            rows,
+            "The gap as a sum",
+        )  # fmt: skip
+    where = d["rest"]["where"] if d["verdict"]["unknown_rest"] else []
+    if where:
+        section.heading_below("Where the rest sits")
+        section.html(Markup("<ul>{}</ul>").format(Markup("").join(Markup("<li>{}</li>").format(x) for x in where)))
 
 
 def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
@@ -185,13 +224,15 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
 def _which(
     section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure], about: Mapping[str, Mapping[str, Any]]
 ) -> None:
-    verdict = d["verdict"]
     _draw(section, figures, "probabilities")
     for effect in d["effects"]:
         name = effect["name"]
-        section.heading_below(_words(name) + (" (the likeliest)" if name == verdict["cause"] else ""))
+        cause = next(c for c in d["verdict"]["causes"] if c["name"] == name)
+        section.heading_below(_words(name))
         told = about.get(name, {})
         section.text(*(told[k] for k in ("physics",) if told.get(k)))
+        if cause["law"]:
+            section.text(f"Law that fits best: {cause['law']}.")
         if told.get("signature"):
             section.text(f"In the loops: {told['signature']}.")
         rows = [
@@ -199,86 +240,89 @@ def _which(
                 p,
                 _number(v["mean"]),
                 _number(v["sd"]),
-                f"{_number(v['q05'])} to {_number(v['q95'])}" if "q05" in v else "–",
+                f"{_number(v['q05'])} to {_number(v['q95'])}",
                 v["unit"],
             )
-            for p, v in (effect.get("all_parameters") or effect["parameters"]).items()
+            for p, v in effect["parameters"].items()
         ]
         section.table(
-            ("number", "mean", "sd", "90 % interval", "unit"),
+            ("parameter", "mean", "sd", "90 % interval", "unit"),
             rows,
-            f"{_words(name)}: fitted together with the specimen's own numbers",
+            f"{_words(name)}: fitted together with the specimen's own parameters",
         )
+        section.text(
+            f"It gains {effect['log_evidence']:.0f} nats over the model without it and leads the next effect of "
+            f"another kind by {effect['lead']:.0f}; fitted on halves of the tests its strength differs by "
+            f"{effect['strength_differs_by']:.1f} standard deviations."
+        )
+        if effect.get("remedy"):
+            section.text(f"Remedy: {effect['remedy']}")
         if told.get("reference"):
             section.text(f"Source: {told['reference']}.")
     if not d["effects"]:
-        section.text("No effect of the catalogue came into question.")
+        section.text("No effect of the catalogue is named.")
+    rows = [
+        (
+            _words(c["name"]),
+            f"{c['probability']:.2f}",
+            _percent(c["shrink"]),
+            _percent(c["shrink_held_out"]),
+            "–" if c["strength_differs_by"] is None else f"{c['strength_differs_by']:.1f}",
+        )
+        for c in d["considered"]
+    ]
+    if rows:
+        section.table(
+            ("effect", "probability", "shrink", "on tests left out", "strength differs by (sd)"),
+            rows,
+            "Considered, not named",
+        )
+    if d["failed"]:
+        section.table(("effect", "why"), [(_words(n), w) for n, w in d["failed"].items()], "Effects that failed")
 
 
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     gap = d["gap"]
     section.text(
-        f"Shrink is 1 − gap after / gap before, the gap before being {_force(gap['before_rms_N'])} RMS. What "
-        "a cause does on the tests that it was fitted to flatters it; the tests left out of the fit judge it. "
-        f"The ceiling is {100 * gap['ceiling_shrink']:.0f} %: so far a smooth discrepancy, free of any "
+        f"The gap before is {_force(gap['before_rms_N'])} RMS, with all named causes {_force(gap['after_rms_N'])}. "
+        "What a cause does on the tests that it was fitted to flatters it; the tests left out of the fit judge it. "
+        f"The ceiling is {100 * gap['ceiling_shrink']:.0f} %: so far a smooth rest, free of any "
         "cause, closes the gap, and no added effect can be expected to close it further."
     )
-    _draw(section, figures, "shrink", "before_after")
-    rows = []
-    for e in d["effects"]:
-        unseen = e.get("shrink_held_out")
-        rows.append(
-            (
-                _words(" + ".join([e["name"], *e.get("with", [])])),
-                _force(e["gap_after_rms_N"]),
-                _percent(e["shrink"]),
-                " to ".join(_percent(x) for x in e.get("shrink_interval") or []) or "–",
-                _percent(unseen),
-                _force(e.get("gap_after_held_out_rms_N")),
-                e.get("held_out_by") or "–",
-            )
-        )
-    if rows:
-        section.table(
-            ("cause", "gap after", "shrink", "90 % interval", "shrink, unseen tests", "gap after, unseen", "unseen"),
-            rows,
-            "How far each cause shrinks the gap",
-        )
+    _draw(section, figures, "budget", "shares", "before_after")
 
 
 def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
-    lead = next((e for e in d["effects"] if e["name"] == d["verdict"]["cause"]), None)
-    if lead is None or not lead.get("moved"):
+    if not d["moved"]:
         section.text("No cause is named, so the identified numbers stand as they are.")
         return
     section.text(
-        "A model without the cause bends its own numbers to imitate it. These are the specimen's numbers "
-        f"without and with {_words(lead['name'])}."
+        "A model without the causes bends its own parameters to imitate them. These are the specimen's without and "
+        "with them."
     )
     _draw(section, figures, "moved")
     section.table(
         ("number", "without", "with", "sd", "unit"),
-        [(n, _number(m["before"]), _number(m["after"]), _number(m["sd"]), m["unit"]) for n, m in lead["moved"].items()],
-        "Identified numbers without and with the cause",
+        [(n, _number(m["before"]), _number(m["after"]), _number(m["sd"]), m["unit"]) for n, m in d["moved"].items()],
+        "Identified parameters without and with the causes",
     )
 
 
 def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[str, Any]]) -> None:
     verdict, following = d["verdict"], d["next_test"]
-    apart = [n for n in verdict["cannot_tell_apart"] if n != verdict["cause"]]
     section.heading_below("Cannot be told apart")
+    tied = [c for c in verdict["causes"] if c["cannot_tell_apart"]]
     section.text(
-        f"These tests do not separate {_words(verdict['cause'])} from {_listed(apart)}."
-        if apart
-        else "No other cause explains these tests nearly as well."
+        *(f"These tests do not separate {_words(c['name'])} from {_listed(c['cannot_tell_apart'])}." for c in tied)
+        or ("No named cause has a rival that explains these tests nearly as well.",)
     )
     section.heading_below("Next test")
     if following is None:
-        section.text("None is needed.")
+        section.text("None is needed to settle which of the catalogue's effects contribute.")
     else:
         pair = " from ".join(_words(x) for x in following["separates"])
-        cycles = f" for {following['cycles']} cycles" if following.get("cycles") else ""
-        test = f"{following['frequency_hz']:.3g} Hz at {following['amplitude_mm']:.3g} mm{cycles}"
+        test = f"{following['frequency_hz']:.3g} Hz at {following['amplitude_mm']:.3g} mm"
+        test += f" for {following['cycles']} cycles" if following.get("cycles") else ""
         odds = f"{following['expected_log_odds']:.1f} expected log odds (5 is strong evidence)"
         if following.get("bench"):
             section.note(f"At the bench: {following['bench']}.")
@@ -299,11 +343,8 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
         "stiffnesses: no loop test can see it. Check the sensor against a known displacement.",
         "warning",
     )
-    benches = [
-        (_words(n), a["bench"])
-        for n, a in about.items()
-        if a.get("bench") and n in (verdict["cause"], verdict.get("second_cause"), *apart)
-    ]
+    asked = {n for c in verdict["causes"] for n in (c["name"], *c["cannot_tell_apart"])}
+    benches = [(_words(n), a["bench"]) for n, a in about.items() if a.get("bench") and n in asked]
     if benches:
         section.table(("cause", "what on the bench would show it"), benches, "At the bench")
 
@@ -359,6 +400,10 @@ def _percent(x: float | None) -> str:
     if x is None or x != x:
         return "–"
     return f"{100 * x:.1f} %" if abs(x) < 0.1 else f"{100 * x:.0f} %"
+
+
+def _percents(pair: Sequence[float] | None) -> str:
+    return "–" if not pair else f"{_percent(pair[0])} to {_percent(pair[1])}"
 
 
 def _number(x: float | None) -> str:

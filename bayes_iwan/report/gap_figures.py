@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: where the gap is, which cause is likely, how far it shrinks. All take plain arrays.
+"""Figures of the gap itself: where it is and how it grows. All take plain arrays.
 
 Arguments named as in `bayes_iwan.gap.findings.pictures`: T tests, n samples a cycle, phase 0 the upward crossing.
 """
@@ -18,14 +18,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, points, series, styled, subplots
+from bayes_iwan.report.style import BLACK, BLUE, PRIOR, points, series, styled, subplots
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
 _DIVERGING = "RdBu_r"
 _TEST_MARKERS = "osD^v<>PX*"
 
 
-def _panels(count: int, width: float = 2.5, height: float = 2.2) -> tuple[Figure, list[Axes]]:
+def panels(count: int, width: float = 2.5, height: float = 2.2) -> tuple[Figure, list[Axes]]:
+    """A figure of so many panels in rows of three or four."""
     columns = min(4 if count % 3 else 3, count)
     rows = math.ceil(count / columns)
     figure, axes = subplots(rows, columns, max(width * columns + 0.9, 4.5), height * rows + 0.6)
@@ -48,7 +49,7 @@ def gap_loops_figure(
     shares: Sequence[float] | None = None,
 ) -> Figure:
     """Every test's measured loop, its colour and thickness telling what the model misses there; (T, n) arrays."""
-    figure, axes = _panels(len(names))
+    figure, axes = panels(len(names))
     limit = _strength(residual_N)
     norm = TwoSlopeNorm(0.0, -limit, limit)
     colours = colormaps[_DIVERGING]
@@ -253,173 +254,6 @@ def gap_regions_figure(regions: Sequence[tuple[str, float, float, float, float, 
     return figure
 
 
-@styled
-def probabilities_figure(
-    probabilities: Mapping[str, float],
-    cannot_tell_apart: Sequence[str] = (),
-    not_testable: Sequence[str] = (),
-    most: int = 10,
-) -> Figure:
-    """Probability of each cause, "none" and "unknown" among them; hatched: cannot be told apart from the leader."""
-    ranked = sorted(probabilities.items(), key=lambda x: -x[1])
-    keep = [x for x in ranked if x[0] in ("none", "unknown") or x[1] >= 0.005][:most]
-    keep += [x for x in ranked if x[0] in ("none", "unknown") and x not in keep]
-    figure, axes = subplots(1, 1, 6.2, 0.3 * len(keep) + 0.8)
-    ax = axes[0, 0]
-    y = np.arange(len(keep))[::-1]
-    for i, (k, (name, p)) in enumerate(zip(y, keep)):
-        colour = {"none": GREEN, "unknown": ORANGE}.get(name, BLUE)
-        ax.barh(
-            k,
-            p,
-            0.68,
-            color=colour,
-            alpha=0.85,
-            hatch="///" if i and name in cannot_tell_apart else None,
-            edgecolor="white",
-        )
-        ax.annotate(
-            f"{p:.2f}" if p >= 0.005 else "< 0.01",
-            (p, k),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.5,
-        )
-    ax.set_yticks(y, [_words(name) for name, _ in keep])
-    ax.set_xlim(0.0, 1.08)
-    ax.set_xticks(np.linspace(0, 1, 6))
-    ax.set_xlabel("probability")
-    ax.grid(axis="y", visible=False)
-    rest = 1.0 - sum(p for _, p in keep)
-    note = [f"all others together: {rest:.2f}"] if rest > 0.005 else []
-    if any(name in cannot_tell_apart for name, _ in keep[1:]):
-        note.append("hatched: these tests cannot tell it from the first")
-    if note:
-        ax.set_title("; ".join(note), loc="right", fontsize=7.5, color="#555555")
-    return figure
-
-
-@styled
-def before_after_figure(names: Sequence[str], before_N: Array, after_N: Array, expected_N: Array, cause: str) -> Figure:
-    """Residual along the cycle with the base model and with the cause in it, (T, n); grey: a right model."""
-    figure, axes = _panels(len(names), height=1.7)
-    phase = np.arange(before_N.shape[1]) / before_N.shape[1]
-    for t, ax in enumerate(axes):
-        ax.fill_between(
-            phase,
-            -2 * expected_N[t],
-            2 * expected_N[t],
-            color="#D9D9D9",
-            linewidth=0,
-            label="a right model leaves (2 sd)",
-        )
-        ax.plot(phase, before_N[t], color=RED, linestyle=(0, (5, 1.5)), label="without the cause")
-        ax.plot(phase, after_N[t], color=BLUE, label=f"with {_words(cause)}")
-        ax.set_title(names[t], loc="left")
-        ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
-        ax.locator_params(axis="y", nbins=4)
-    figure.supxlabel("phase of the cycle (0: upward through the middle)", fontsize=9)
-    figure.supylabel("measured − model (N)", fontsize=9)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
-    return figure
-
-
-@styled
-def headline_figure(
-    probabilities: Mapping[str, float],
-    name: str,
-    before_N: Array,
-    expected_N: Array,
-    after_N: Array | None = None,
-    cause: str = "",
-) -> Figure:
-    """The answer in one picture: the likeliest causes, and the worst test's residual (n,) with and without one."""
-    figure, axes = subplots(1, 2, 7.6, 2.7, width_ratios=[1.0, 1.25])
-    ax, right = axes[0]
-    keep = sorted(probabilities.items(), key=lambda x: -x[1])[:5]
-    y = np.arange(len(keep))[::-1]
-    ax.barh(y, [p for _, p in keep], 0.66, color=[{"none": GREEN, "unknown": ORANGE}.get(n, BLUE) for n, _ in keep])
-    for k, (_, p) in zip(y, keep):
-        ax.annotate(
-            f"{p:.2f}" if p >= 0.005 else "< 0.01",
-            (p, k),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.5,
-        )
-    ax.set_yticks(y, [n.replace("_", " ") for n, _ in keep])
-    ax.set_xlim(0.0, 1.15)
-    ax.set_xticks([0.0, 0.5, 1.0])
-    ax.set_title("probability of each cause", loc="left")
-    ax.grid(axis="y", visible=False)
-    phase = np.arange(len(before_N)) / len(before_N)
-    right.fill_between(
-        phase, -2 * expected_N, 2 * expected_N, color="#D9D9D9", linewidth=0, label="a right model leaves (2 sd)"
-    )
-    right.plot(phase, before_N, color=RED, linestyle=(0, (5, 1.5)), label="model alone")
-    if after_N is not None:
-        right.plot(phase, after_N, color=BLUE, label=f"with {_words(cause) if cause else 'the likeliest cause'}")
-    right.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
-    right.set_xlabel("phase of the cycle")
-    right.set_ylabel("measured − model (N)")
-    right.set_title(f"where it shows most: {name}", loc="left")
-    low, high = right.get_ylim()
-    right.set_ylim(low, high + 0.5 * (high - low))
-    right.legend(loc="upper left", fontsize=7)
-    return figure
-
-
-@styled
-def shrink_figure(
-    rows: Sequence[tuple[str, float, float, float, float | None]], ceiling: float | None = None
-) -> Figure:
-    """Shrink of the gap by cause: (name, value, low, high, on tests left out or None), shares of one."""
-    rows = [r for r in rows if all(math.isfinite(x) for x in r[1:4])]
-    figure, axes = subplots(1, 1, 6.2, 0.36 * max(len(rows), 1) + 1.0)
-    ax = axes[0, 0]
-    y = np.arange(len(rows))[::-1]
-    least = 0.0
-    for i, (k, (_name, value, low, high, unseen)) in enumerate(zip(y, rows)):
-        ax.plot([low, high], [k, k], color=BLUE, linewidth=2.2)
-        ax.plot(value, k, "o", color=BLUE, label=None if i else "on the fitted tests, 90 % interval")
-        least = min(least, low)
-        if unseen is not None and math.isfinite(unseen):
-            ax.plot(max(unseen, -1.0), k - 0.22, "D", color=RED, markerfacecolor="white", markersize=5)
-            least = min(least, max(unseen, -1.0))
-    if any(r[4] is not None and math.isfinite(r[4]) for r in rows):
-        ax.plot([], [], "D", color=RED, markerfacecolor="white", label="on tests left out of the fit")
-    if ceiling is not None:
-        ax.axvline(ceiling, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="the most any cause could")
-    ax.axvline(0.0, color=BLACK, linewidth=0.6)
-    ax.set_yticks(y, [_words(r[0]) for r in rows])
-    ax.set_ylim(-0.7, max(len(rows), 1) - 0.4)
-    ax.set_xlim(min(-0.05, 1.05 * least), 1.03)
-    ax.set_xlabel("shrink of the gap: 1 − gap after / gap before")
-    figure.legend(loc="outside upper center", ncols=3, fontsize=7.5)
-    return figure
-
-
-@styled
-def moved_figure(moved: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Change of each of the specimen's numbers once the cause is in, in standard deviations."""
-    names = list(moved)
-    change = [(moved[n]["after"] - moved[n]["before"]) / max(moved[n]["sd"], 1e-300) for n in names]
-    figure, axes = subplots(1, 1, 6.2, 0.25 * len(names) + 0.8)
-    ax = axes[0, 0]
-    y = np.arange(len(names))[::-1]
-    ax.axvspan(-1, 1, color="#E8E8E8", linewidth=0)
-    ax.axvline(0.0, color=BLACK, linewidth=0.6)
-    ax.hlines(y, 0.0, change, color=BLUE, linewidth=1.2)
-    ax.plot(change, y, "o", color=BLUE)
-    ax.set_yticks(y, names)
-    ax.set_ylim(-0.6, len(names) - 0.4)
-    ax.set_xlabel("change in standard deviations (grey: within one)")
-    return figure
-
-
 def figures_of_gap(pictures: Mapping[str, Any]) -> dict[str, Figure]:
     """All figures of the gap itself, by name, from `bayes_iwan.gap.findings.pictures`."""
     p = pictures
@@ -437,12 +271,6 @@ def figures_of_gap(pictures: Mapping[str, Any]) -> dict[str, Figure]:
     if any(len(x) > 1 for x in p["cycle"]):
         out["gap_cycles"] = gap_cycles_figure(p["names"], p["cycle"], p["along_N"], p["along_low_N"], p["along_high_N"])
     return out
-
-
-def _words(name: str) -> str:
-    return {"none": "none: the model suffices", "unknown": "unknown: not in the catalogue"}.get(
-        name, name.replace("_", " ")
-    )
 
 
 def _percent(share: float) -> str:

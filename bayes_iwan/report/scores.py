@@ -7,10 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bayes_iwan.files import write_whole
-from bayes_iwan.gap.saved_fits import find_shrink
+from bayes_iwan.gap.saved_fits import find_shares
 from bayes_iwan.report.diagnosis_page import write_figures
 from bayes_iwan.report.score_figures import figures
 from bayes_iwan.validation.scoring import score
+
+
+def _share(folder: Path, unseen: Path, cause: str, allow_own_files: bool = False) -> float | None:
+    return find_shares(folder, unseen, allow_own_files=allow_own_files)[1].get(cause)
 
 
 def write_score(
@@ -28,7 +32,7 @@ def write_score(
         directory,
         truth,
         answers=answers,
-        find_shrink=find_shrink,
+        find_shrink=_share,
         allow_effects_file=allow_effects_file,
         left_out=left_out,
     )

@@ -13,7 +13,7 @@ CHOSEN = ("viscous_damping", "moving_mass", "rig_compliance", "friction_fade")
 @pytest.fixture(scope="module")
 def nats(kit):
     """Expected nats of some effects at two frequencies and at one of them."""
-    found = kit.diagnosed(None).found
+    found = kit.diagnosed(None).search
     effects = {n: found.effects[n] for n in CHOSEN}
     one = gap_data(found.data.loops[:2])
     base = fit_base(one, kit.config, found.scales, np.random.default_rng(2))
@@ -33,17 +33,17 @@ def test_one_frequency_cannot_show_a_mass(nats):
 
 
 def test_next_test_separates_two_models_within_reach(kit):
-    found = kit.diagnosed("channel_delay").found
-    delay, base = found.singles["channel_delay"][0], found.base
+    found = kit.diagnosed("channel_delay").search
+    delay, base = found.fit({"channel_delay"}), found.base
     plan = next_test(found.data, delay, base, ("channel_delay", "none"), ["bench action"])
     f, a = [x.frequency_hz for x in found.data.loops], [x.amplitude_mm for x in found.data.loops]
     assert 0.39 * min(f) < plan.frequency_hz < 2.01 * max(f) and 0.59 * min(a) < plan.amplitude_mm < 1.26 * max(a)
     assert plan.expected_log_odds > 4.0 and plan.bench == "" and plan.cycles >= 20
-    assert plan.as_dict()["separates"] == ["channel_delay", "none"]
+    assert plan.separates == ("channel_delay", "none")
 
 
 def test_where_no_test_separates_the_bench_is_named(kit):
-    found = kit.diagnosed("channel_delay").found
+    found = kit.diagnosed("channel_delay").search
     actions = ["do this", "", "do that", "do this"]
     plan = next_test(found.data, found.base, found.base, ("a", "b"), actions)
     assert plan.expected_log_odds == 0.0 and plan.bench == "do this; or do that"

@@ -63,13 +63,10 @@ def test_dahl_is_wens_model_with_exponent_and_share_one():
 def test_a_planted_effect_is_found(name):
     campaign = made(name)
     found = diagnose_loops(campaign, campaign.loops(**SMALL), seed=1, quick=True, simulator=simulator_of(name))
-    answer = found.as_dict()
-    assert answer["verdict"]["cause"] == PLANTED[name][1] and answer["verdict"]["probability"] > 0.8
-    assert answer["gap"]["shrink"] > 0.9
-    planted = PLANTED[name][2]
-    strength, true = next(iter(planted.items()))
-    found_size = answer["effects"][0]["parameters"][strength]
-    assert found_size["mean"] == pytest.approx(true, rel=0.25)
+    assert found.verdict.cause == PLANTED[name][1] and found.verdict.causes[0].probability > 0.8
+    assert found.verdict.causes[0].share.value > 0.9
+    strength, true = next(iter(PLANTED[name][2].items()))
+    assert found.parameters[PLANTED[name][1]][strength].mean == pytest.approx(true, rel=0.25)
     # no elements, so nothing is said of what sticks
     assert found.where.sticking is None
     assert not {"microslip", "gross slip"} & {x.name for x in found.where.of("region")}

@@ -79,7 +79,7 @@ def test_a_perfect_model_reads_zero_within_its_interval(plain):
         assert size.all.high_N < size.all.noise_N
         unbiased.append((size.all.residual_N**2 - size.all.noise_N**2) / size.all.noise_N**2)
         unseen = gap_data(made_loops(seed=500 + seed, tests=[(15.0, 0.45), (50.0, 1.0)]))
-        zero_unseen += gap_size(residual_of(unseen, fit), seed=seed, draws=200).all.low_N == 0.0
+        zero_unseen += gap_size(residual_of(unseen, fit, refitted=False), seed=seed, draws=200).all.low_N == 0.0
     assert zero >= 10  # 95 % each; below 10 of 12 once in 50 such tests
     assert zero_unseen >= 9  # fewer numbers: the noise's own standard error is uncertain too
     assert abs(np.mean(unbiased)) < 0.1
@@ -190,11 +190,11 @@ def test_small_misfits_of_the_typical_size_are_false_alarms_in_one_of_twenty_at_
     """Data drawn as the looks suppose: the largest of all looks must exceed its bound in about 5 % of them."""
     from dataclasses import replace
 
-    from bayes_iwan.gap.attribution import calibration
+    from bayes_iwan.gap.calibration import calibration
     from bayes_iwan.gap.where import simulated
 
     residual = residual_of(*plain)
-    draws = simulated(residual, 20, np.random.default_rng(9), calibration().small[0])
+    draws = simulated(residual, 20, np.random.default_rng(9), calibration().usual[0])
     alarms = 0
     for seed, value in enumerate(draws):
         found = where(replace(residual, value=value), seed=seed, simulations=150)
@@ -213,10 +213,12 @@ def test_a_named_cause_shrinks_the_gap_and_another_set_of_tests_is_refused(visco
     found = shrink(before, after)
     assert found.value > 0.9 and found.low > 0.7 and found.high <= 1.0
     unseen = gap_data(made_loops(lambda u, v, a, n: 1.5 * v, seed=7, tests=[(50.0, 1.0)]))
-    held_out = shrink(gap_size(residual_of(unseen, base)), gap_size(residual_of(unseen, fit)))
+    held_out = shrink(
+        gap_size(residual_of(unseen, base, refitted=False)), gap_size(residual_of(unseen, fit, refitted=False))
+    )
     assert held_out.value > 0.9
     with pytest.raises(ValueError, match="different tests"):
-        shrink(before, gap_size(residual_of(unseen, fit)))
+        shrink(before, gap_size(residual_of(unseen, fit, refitted=False)))
 
 
 def test_one_frequency_tells_no_power_of_frequency():

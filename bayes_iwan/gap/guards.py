@@ -1,0 +1,120 @@
+"""What tells an effect that contributes from one that merely absorbs: a few figures for each effect of the chosen set.
+
+A flexible rest and a wrong law together invite effects that absorb what is not theirs. So evidence alone names nothing:
+the shrink on whole frequencies and amplitudes left out, the constancy of the effect's strength between halves of the
+tests, and its lead over effects of another kind speak with it (:mod:`bayes_iwan.gap.calibration` weighs them).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_iwan.gap.data import GapData
+from bayes_iwan.gap.evidence import Fit
+from bayes_iwan.gap.gap_size import gap_size, moved_shares
+from bayes_iwan.gap.leave_out import HELD_OUT, Unseen, halves, left_out, refitted
+from bayes_iwan.gap.residuals import residual_of
+from bayes_iwan.gap.search import Search
+
+#: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:
+#: nature's law is not quite the catalogue's
+LOOSE = 0.2
+#: draws of the noise behind each gap
+DRAWS = 100
+
+
+@dataclass(frozen=True)
+class Figures:
+    """One effect of the chosen set.
+
+    gain : nats over the set without it; lead : nats over the best effect of another kind in its place (no look-alike)
+    rivals : ln evidence of each effect in its place, itself included, less its own
+    fitted : share of the gap without it that it removes, on the fitted tests; unseen : on tests left out (the mean
+        over frequencies and amplitudes; the fitted one where no test can judge it)
+    differs : by how many standard deviations its strength differs between halves of the tests (larger split)
+    moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force
+    """
+
+    name: str
+    gain: float
+    lead: float
+    rivals: dict[str, float]
+    fitted: float
+    unseen: float
+    differs: float
+    moved: float
+    gap: float
+
+
+def look_alike(search: Search, one: str, other: str) -> bool:
+    """Do the catalogue's authors expect the two to be hard to tell apart?"""
+    known = search.effects
+    return one == other or other in known[one][0].look_alikes or one in known[other][0].look_alikes
+
+
+def figures(search: Search) -> tuple[Figures, ...]:
+    """The figures of every effect of the chosen set; () where it is empty."""
+    if not search.chosen:
+        return ()
+    data, whole = search.data, search.fit(search.chosen)
+    without = {n: search.fit(set(search.chosen) - {n}) for n in search.chosen}
+    models = {f.names: f for f in (whole, *without.values())}
+    unseen = [u for u in left_out(list(models.values()), data) if u.by != HELD_OUT]
+    differs = _differences(whole, data)
+    moved = moved_shares(whole, data)
+    level = float(np.sqrt(np.mean(data.level_N**2)))
+    gap = {k: _gap_N(data, f) for k, f in models.items()}
+    out = []
+    for name in search.chosen:
+        less = without[name]
+        rivals = {n: f.log_evidence - whole.log_evidence for n, f in search.rivals(name).items()}
+        others = [v for n, v in rivals.items() if not look_alike(search, name, n)]
+        before, after = gap[less.names], gap[whole.names]
+        fitted = float(np.clip(1.0 - after / before, -1.0, 1.0)) if before > 0.0 else 0.0
+        gain = whole.log_evidence - less.log_evidence
+        out.append(
+            Figures(
+                name,
+                gain,
+                min(gain, -max(others, default=-np.inf)),
+                rivals,
+                fitted,
+                _judged(whole, name, unseen, fitted),
+                differs.get(name, 0.0),
+                moved[name],
+                before / level,
+            )
+        )
+    return tuple(out)
+
+
+def _gap_N(data: GapData, fit: Fit) -> float:
+    return gap_size(residual_of(data, fit), draws=DRAWS).all.rms_N
+
+
+def _judged(whole: Fit, name: str, unseen: list[Unseen], fitted: float) -> float:
+    """Shrink by one effect on tests left out; parameters of single tests (a mains line) no other test can judge."""
+    effect = next(e for e in whole.effects if e.name == name)
+    if effect.strength_name not in whole.problem.names or not unseen:
+        return fitted
+    found = [u.shrink(whole.names - {name}, whole.names) for u in unseen]
+    found = [x for x in found if np.isfinite(x)]
+    return float(np.mean(found)) if found else fitted
+
+
+def _differences(whole: Fit, data: GapData) -> dict[str, float]:
+    """By how many standard deviations each strength differs between halves of the tests, the largest of the splits."""
+    out: dict[str, float] = {}
+    for split in halves(data):
+        parts = [refitted(whole, data.part(sorted(part))) for part in split]
+        for effect in whole.effects:
+            name = effect.strength_name
+            if name not in whole.problem.names:
+                continue
+            at = [f.problem.names.index(name) for f in parts]
+            z = [float(f.z[i]) for f, i in zip(parts, at)]
+            variance = sum(float(f.covariance[i, i]) for f, i in zip(parts, at)) + LOOSE**2
+            out[effect.name] = max(out.get(effect.name, 0.0), abs(z[0] - z[1]) / float(np.sqrt(variance)))
+    return out

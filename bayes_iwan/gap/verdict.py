@@ -1,0 +1,141 @@
+"""From a finished search to a verdict: which effects are named, how sure, and whether the rest has its own cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.gap.budget import (
+    NAMED,
+    NO_CAUSE,
+    Cause,
+    Kind,
+    Verdict,
+    contributing,
+    fits_of_subsets,
+    rest_figures_of,
+    shares,
+    subsets,
+    unseen_shares,
+)
+from bayes_iwan.gap.calibration import Calibration
+from bayes_iwan.gap.evidence import Fit
+from bayes_iwan.gap.gap_size import GapSize, gap_size
+from bayes_iwan.gap.guards import Figures, figures
+from bayes_iwan.gap.leave_out import HELD_OUT, Unseen, left_out
+from bayes_iwan.gap.residuals import residual_of
+from bayes_iwan.gap.search import LAST, Search
+
+#: share of the gap that an effect must remove to be named; more where it is so flexible that it always removes some
+LEAST_SHARE, LEAST_FLEXIBLE = 0.02, 0.2
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Everything behind a verdict but the calibration's constants.
+
+    figures : of every effect of the chosen set; fits, sizes : by every subset of it; subharmonic : the largest power
+    of a line at half a test's frequency over its background
+    """
+
+    search: Search
+    figures: tuple[Figures, ...]
+    fits: Mapping[frozenset[str], Fit]
+    sizes: Mapping[frozenset[str], GapSize]
+    subharmonic: float
+
+    @property
+    def gap_N(self) -> dict[frozenset[str], float]:
+        """RMS gap by set of effects."""
+        return {k: s.all.rms_N for k, s in self.sizes.items()}
+
+
+def weighed(search: Search, seed: int) -> Weighed:
+    """Figures of the chosen effects, fits and gaps of all their subsets."""
+    fits = fits_of_subsets(search)
+    before = gap_size(residual_of(search.data, fits[frozenset()]), seed)
+    sizes = {
+        k: before if not k else gap_size(residual_of(search.data, f), seed, friction_N=before.friction_N)
+        for k, f in fits.items()
+    }
+    return Weighed(search, figures(search), fits, sizes, float(np.max(search.data.subharmonic, initial=0.0)))
+
+
+def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
+    """Effects that probably contribute: the likeliest rival of each place where probably something does."""
+    out = []
+    for f in given:
+        among = c.among(f)
+        if f.name not in NO_CAUSE and c.contributes(f) * among[f.name] >= NAMED * max(among.values()):
+            out.append(f.name)
+    return tuple(out)
+
+
+def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
+    """The named effects less those that do not make the gap smaller: evidence weighs every harmonic by its noise and
+    may rise where the force in newtons is missed by more. The least helpful goes first, the rest is judged anew."""
+    kept = list(named)
+    while kept:
+        share = shares(kept, {k: found.sizes[k] for k in subsets(kept)})
+        short = {n: share[n].value - (LEAST_FLEXIBLE if n in LAST else LEAST_SHARE) for n in kept}
+        worst = min(kept, key=lambda n: short[n])
+        if short[worst] >= 0.0:
+            break
+        kept.remove(worst)
+    return tuple(kept)
+
+
+def rest_of(found: Weighed, named: Sequence[str], c: Calibration) -> tuple[Array, float]:
+    """Figures of what is left beside the named effects, and the probability that it has a cause of its own."""
+    _, places = contributing(found.figures, c)
+    at = rest_figures_of(frozenset(named), found.fits, found.gap_N, places, found.subharmonic)
+    return at, c.unknown_rest(at)
+
+
+def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
+    """Name causes, give each its share of the gap, and say whether the rest needs a cause of its own."""
+    named = helping(found, named_by(found.figures, c))
+    _, rest = rest_of(found, named, c)
+    p, places = contributing(found.figures, c)
+    probabilities = {n: 0.0 for n in found.search.effects if n not in NO_CAUSE} | {
+        n: v for n, v in p.items() if n not in NO_CAUSE
+    }
+    unnamed = np.prod([1.0 - v for n, v in places.items() if n not in NO_CAUSE])
+    probabilities |= {"none": float(unnamed * (1.0 - rest)), "unknown": rest}
+    causes = _causes(found, named, probabilities, c, held_out)
+    flagged = rest >= 0.5
+    kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
+    return Verdict(kind, causes, flagged, probabilities)
+
+
+def _causes(
+    found: Weighed, named: Sequence[str], probabilities: Mapping[str, float], c: Calibration, held_out: Sequence[Loop]
+) -> tuple[Cause, ...]:
+    if not named:
+        return ()
+    keys = subsets(named)
+    share = shares(named, {k: found.sizes[k] for k in keys})
+    unseen = left_out([found.fits[k] for k in keys], found.search.data, held_out)
+    judges: tuple[Unseen, ...] = tuple(u for u in unseen if u.by == HELD_OUT) or unseen
+    predicted = unseen_shares(named, judges) if judges else {}
+    whole = found.fits[frozenset(named)]
+    out = []
+    for f in found.figures:
+        if f.name not in named:
+            continue
+        effect = next(e for e in whole.effects if e.name == f.name)
+        predicts = effect.strength_name in whole.problem.names
+        apart = tuple(
+            n
+            for n, v in sorted(f.rivals.items(), key=lambda nv: -nv[1])
+            if n != f.name and n not in NO_CAUSE and v > -c.apart
+        )
+        by = " and ".join(dict.fromkeys(u.by for u in judges)) if predicts else ""
+        held = predicted.get(f.name) if predicts else None
+        law = str(getattr(effect, "law", ""))
+        out.append(Cause(f.name, law, probabilities[f.name], share[f.name], held, by, apart, f))
+    return tuple(sorted(out, key=lambda x: -x.share.value))

@@ -1,0 +1,197 @@
+"""Figures of a diagnosis' answer: the budget of the gap, the causes' probabilities, what is missed with and without."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.gap.budget import GapBudget
+from bayes_iwan.gap.diagnosis import Moved
+from bayes_iwan.report.gap_figures import panels
+from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, styled, subplots
+
+
+def _waterfall(ax: Axes, budget: GapBudget) -> None:
+    """Bars from the gap down to the rest, in percent of the gap; the noise beside them for scale."""
+    before = budget.before.rms_N
+    rows: list[tuple[str, float, float, str, tuple[float, float] | None]] = [("gap", 0.0, 1.0, BLACK, None)]
+    top = 1.0
+    for c in budget.causes:
+        rows.append((c.name.replace("_", " "), top - c.share.value, c.share.value, BLUE, (c.share.low, c.share.high)))
+        top -= c.share.value
+    rest = budget.rest.share
+    flagged = budget.rest.probability >= 0.5
+    label = "rest: no name" if flagged else "rest"
+    rows.append((label, 0.0, top, ORANGE if flagged else GREEN, (rest.low, rest.high) if budget.causes else None))
+    if before > 0.0:
+        rows.append(("noise", 0.0, min(budget.before.noise_N / before, 1.15), PRIOR, None))
+    y = np.arange(len(rows))[::-1]
+    for k, (_, left, width, colour, interval) in zip(y, rows):
+        ax.barh(k, width, 0.62, left=left, color=colour, alpha=0.88)
+        text = f"{100 * width:.0f} %" + (f"  ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})" if interval else "")
+        end = max(left + width, left)
+        inside = end > 0.62
+        ax.annotate(text, (left if inside else end, k), xytext=(-3 if inside and left > 0.3 else 3, 0),
+                    textcoords="offset points", va="center", ha="right" if inside and left > 0.3 else "left",
+                    fontsize=7.5, color="white" if inside and left <= 0.3 else "black")  # fmt: skip
+    for k, (_, left, _, _, _) in zip(y[1:-1], rows[1:-1]):
+        ax.plot([left, left], [k - 1.31, k + 0.31], color="#888888", linewidth=0.6, zorder=0)
+    ax.set_yticks(y, [r[0] for r in rows])
+    ax.set_xlim(0.0, 1.18)
+    ax.set_xticks(np.linspace(0, 1, 5), [f"{p} %" for p in (0, 25, 50, 75, 100)])
+    ax.grid(axis="y", visible=False)
+
+
+@styled
+def budget_figure(budget: GapBudget) -> Figure:
+    """The gap as a waterfall: what each named cause removes, and the rest."""
+    figure, axes = subplots(1, 1, 6.6, 0.36 * (len(budget.causes) + 3) + 0.7)
+    _waterfall(axes[0, 0], budget)
+    axes[0, 0].set_xlabel(f"share of the gap of {budget.before.rms_N:.3g} N RMS, 90 % intervals in brackets")
+    return figure
+
+
+@styled
+def headline_figure(
+    budget: GapBudget, name: str, before_N: Array, expected_N: Array, after_N: Array | None, causes: str
+) -> Figure:
+    """The answer in one picture: the budget, and the worst test's residual (n,) with and without the named causes."""
+    figure, axes = subplots(1, 2, 7.8, 2.8, width_ratios=[1.05, 1.2])
+    ax, right = axes[0]
+    _waterfall(ax, budget)
+    ax.set_title("what makes the gap", loc="left")
+    phase = np.arange(len(before_N)) / len(before_N)
+    right.fill_between(
+        phase, -2 * expected_N, 2 * expected_N, color="#D9D9D9", linewidth=0, label="a right model leaves (2 sd)"
+    )
+    right.plot(phase, before_N, color=RED, linestyle=(0, (5, 1.5)), label="model alone")
+    if after_N is not None:
+        right.plot(phase, after_N, color=BLUE, label=f"with {causes}")
+    right.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
+    right.set_xlabel("phase of the cycle")
+    right.set_ylabel("measured − model (N)")
+    right.set_title(f"where it shows most: {name}", loc="left")
+    low, high = right.get_ylim()
+    right.set_ylim(low, high + 0.5 * (high - low))
+    right.legend(loc="upper left", fontsize=7)
+    return figure
+
+
+@styled
+def shares_figure(budget: GapBudget) -> Figure:
+    """Share of the gap that each named cause removes, on the fitted tests and on tests left out."""
+    causes = budget.causes
+    figure, axes = subplots(1, 1, 6.2, 0.42 * len(causes) + 1.1)
+    ax = axes[0, 0]
+    y = np.arange(len(causes))[::-1]
+    least = 0.0
+    for i, (k, c) in enumerate(zip(y, causes)):
+        ax.plot([c.share.low, c.share.high], [k + 0.12] * 2, color=BLUE, linewidth=2.2)
+        ax.plot(c.share.value, k + 0.12, "o", color=BLUE, label=None if i else "on the fitted tests")
+        if c.held_out is not None:
+            ax.plot([c.held_out.low, c.held_out.high], [k - 0.14] * 2, color=RED, linewidth=1.2)
+            ax.plot(c.held_out.value, k - 0.14, "D", color=RED, markerfacecolor="white", markersize=5)
+            least = min(least, c.held_out.low)
+    if any(c.held_out is not None for c in causes):
+        ax.plot([], [], "D", color=RED, markerfacecolor="white", label="on tests left out of the fit")
+    ax.axvline(0.0, color=BLACK, linewidth=0.6)
+    ax.set_yticks(y, [c.name.replace("_", " ") for c in causes])
+    ax.set_ylim(-0.7, len(causes) - 0.4)
+    ax.set_xlim(min(-0.05, 1.05 * least), 1.03)
+    ax.set_xlabel("share of the gap that it removes, with 90 % intervals")
+    figure.legend(loc="outside upper center", ncols=2, fontsize=7.5)
+    return figure
+
+
+@styled
+def probabilities_figure(
+    probabilities: Mapping[str, float],
+    named: Sequence[str] = (),
+    most: int = 10,
+) -> Figure:
+    """Probability that each effect contributes, that none does, and that the rest has a cause without a name."""
+    ranked = sorted(probabilities.items(), key=lambda x: -x[1])
+    keep = [x for x in ranked if x[0] in ("none", "unknown") or x[1] >= 0.005][:most]
+    keep += [x for x in ranked if x[0] in ("none", "unknown") and x not in keep]
+    figure, axes = subplots(1, 1, 6.2, 0.3 * len(keep) + 0.8)
+    ax = axes[0, 0]
+    y = np.arange(len(keep))[::-1]
+    for k, (name, p) in zip(y, keep):
+        colour = {"none": GREEN, "unknown": ORANGE}.get(name, BLUE if name in named else PRIOR)
+        ax.barh(
+            k,
+            p,
+            0.68,
+            color=colour,
+            alpha=0.85,
+            edgecolor="white",
+        )
+        ax.annotate(
+            f"{p:.2f}" if p >= 0.005 else "< 0.01",
+            (p, k),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7.5,
+        )
+    ax.set_yticks(y, [_words(name) for name, _ in keep])
+    ax.set_xlim(0.0, 1.08)
+    ax.set_xticks(np.linspace(0, 1, 6))
+    ax.axvline(0.5, color=BLACK, linewidth=0.6, linestyle=(0, (4, 2)))
+    ax.set_xlabel("probability (effects add up freely: several may contribute; named from 0.5 on)")
+    ax.grid(axis="y", visible=False)
+    return figure
+
+
+@styled
+def before_after_figure(names: Sequence[str], before_N: Array, after_N: Array, expected_N: Array, cause: str) -> Figure:
+    """Residual along the cycle with the base model and with the cause in it, (T, n); grey: a right model."""
+    figure, axes = panels(len(names), height=1.7)
+    phase = np.arange(before_N.shape[1]) / before_N.shape[1]
+    for t, ax in enumerate(axes):
+        ax.fill_between(
+            phase,
+            -2 * expected_N[t],
+            2 * expected_N[t],
+            color="#D9D9D9",
+            linewidth=0,
+            label="a right model leaves (2 sd)",
+        )
+        ax.plot(phase, before_N[t], color=RED, linestyle=(0, (5, 1.5)), label="model alone")
+        ax.plot(phase, after_N[t], color=BLUE, label=f"with {cause}")
+        ax.set_title(names[t], loc="left")
+        ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
+        ax.locator_params(axis="y", nbins=4)
+    figure.supxlabel("phase of the cycle (0: upward through the middle)", fontsize=9)
+    figure.supylabel("measured − model (N)", fontsize=9)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure
+
+
+@styled
+def moved_figure(moved: Mapping[str, Moved]) -> Figure:
+    """Change of each of the specimen's numbers once the cause is in, in standard deviations."""
+    names = list(moved)
+    change = [(moved[n].after - moved[n].before) / max(moved[n].sd, 1e-300) for n in names]
+    figure, axes = subplots(1, 1, 6.2, 0.25 * len(names) + 0.8)
+    ax = axes[0, 0]
+    y = np.arange(len(names))[::-1]
+    ax.axvspan(-1, 1, color="#E8E8E8", linewidth=0)
+    ax.axvline(0.0, color=BLACK, linewidth=0.6)
+    ax.hlines(y, 0.0, change, color=BLUE, linewidth=1.2)
+    ax.plot(change, y, "o", color=BLUE)
+    ax.set_yticks(y, names)
+    ax.set_ylim(-0.6, len(names) - 0.4)
+    ax.set_xlabel("change in standard deviations (grey: within one)")
+    return figure
+
+
+def _words(name: str) -> str:
+    return {"none": "none: the model suffices", "unknown": "unknown: the rest has a cause"}.get(
+        name, name.replace("_", " ")
+    )

@@ -1,0 +1,100 @@
+"""The budget's arithmetic against closed forms, and the calibration's promises."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.gap.budget import shapley, subsets
+from bayes_iwan.gap.calibration import (
+    EFFECT_FIGURES,
+    REST_FIGURES,
+    SUREST,
+    Calibration,
+    calibration,
+    effect_figures,
+    from_json,
+    rest_figures,
+)
+from bayes_iwan.gap.guards import Figures
+
+
+def test_subsets_are_all_of_them_the_empty_one_first():
+    assert subsets("ba") == [frozenset(), frozenset("a"), frozenset("b"), frozenset("ab")]
+    assert len(subsets("abcd")) == 16
+
+
+def test_shapley_of_an_additive_game_is_each_players_own_part():
+    part = {"a": 0.3, "b": 0.5, "c": 0.1}
+    found = shapley(part, lambda s: np.array(sum(part[n] for n in s)))
+    for name, value in part.items():
+        assert found[name] == pytest.approx(value)
+
+
+def test_shapley_shares_what_overlaps_and_sums_to_the_whole():
+    """Two players that achieve the same, alone or together, share it; a third that adds nothing gets nothing."""
+    found = shapley("abc", lambda s: np.array(0.8 if s & {"a", "b"} else 0.0))
+    assert found["a"] == pytest.approx(0.4) and found["b"] == pytest.approx(0.4)
+    assert found["c"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_shapley_of_three_by_the_orders_written_out():
+    """The mean over the six orders, by hand, for v = |s|² and a bonus for a with b."""
+
+    def value(s):
+        return np.array(len(s) ** 2 + 2.0 * ({"a", "b"} <= s))
+
+    orders = ["abc", "acb", "bac", "bca", "cab", "cba"]
+    by_hand = {n: 0.0 for n in "abc"}
+    for order in orders:
+        for i, n in enumerate(order):
+            by_hand[n] += float(value(frozenset(order[: i + 1])) - value(frozenset(order[:i]))) / 6.0
+    found = shapley("abc", value)
+    for n in "abc":
+        assert found[n] == pytest.approx(by_hand[n])
+
+
+PLACE = Figures("a", 20.0, 10.0, {"a": 0.0, "b": -4.0}, 0.5, 0.4, 1.0, 0.05, 0.03)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"gain": 80.0}, {"lead": 60.0}, {"fitted": 0.9}, {"unseen": 0.9}, {"differs": 0.1}, {"moved": 0.1}],
+    ids=lambda c: next(iter(c)),
+)
+def test_better_figures_never_make_a_cause_less_probable(change):
+    c = calibration()
+    assert c.contributes(replace(PLACE, **change)) >= c.contributes(PLACE)
+    assert 1.0 - SUREST <= c.contributes(PLACE) <= SUREST
+
+
+def test_no_evidence_names_nothing():
+    weak = Figures("a", 3.0, 0.5, {"a": 0.0, "b": -0.5}, 0.05, -0.2, 4.0, 0.002, 0.002)
+    assert calibration().contributes(weak) < 0.5
+
+
+def test_rivals_share_their_places_probability():
+    shares = calibration().among(PLACE)
+    assert sum(shares.values()) == pytest.approx(1.0) and shares["a"] > shares["b"] > 0.0
+
+
+def test_a_larger_rest_is_likelier_to_have_a_cause():
+    c = calibration()
+    p = [c.unknown_rest(rest_figures(share, 1.0, 0.0, 1.0)) for share in (0.0005, 0.005, 0.05)]
+    assert p[0] < 0.5 < p[2] and p == sorted(p)
+    assert c.unknown_rest(rest_figures(0.004, 0.5, 0.0, 800.0)) >= c.unknown_rest(rest_figures(0.004, 0.5, 0.0, 1.0))
+
+
+def test_shipped_constants_have_one_sign_and_one_weight_for_each_figure():
+    c = calibration()
+    assert len(c.effect) == len(EFFECT_FIGURES) == len(effect_figures(PLACE))
+    assert len(c.rest) == len(REST_FIGURES)
+    assert min(c.effect) >= 0.0 and min(c.rest) >= 0.0
+
+
+def test_saved_constants_are_read_back(tmp_path):
+    import json
+
+    c = Calibration((1.0, 2.0, 0.5, 0.25, 0.125, 3.0), -1.5, (1.0, 0.0, 2.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5))
+    c.save(tmp_path / "constants.json")
+    assert from_json(json.loads((tmp_path / "constants.json").read_text())) == c
