@@ -221,7 +221,7 @@ def diagnose(
             simulator_file=simulator,
         )
     if not isinstance(campaign, Campaign) and not isinstance(simulator, Simulator):
-        found, _ = diagnose_folder(
+        found = diagnose_folder(
             Path(campaign),
             seed=seed,
             quick=quick,

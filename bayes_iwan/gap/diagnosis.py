@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.drawing import draw
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.conditions import conditions_of
@@ -67,7 +70,7 @@ class Moved:
     unit: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis:
     """Everything that was found.
 
@@ -94,6 +97,31 @@ class Diagnosis:
     not_testable: tuple[str, ...]
     expected_nats: dict[str, float]
     next_test: NextTest | None
+
+    def __repr__(self) -> str:
+        return "\n".join((f"diagnosis of {self.campaign.name}:", *(f"  {s}" for s in self.sentences())))
+
+    def _repr_html_(self) -> str:
+        said = "".join(f"<li>{escape(s)}</li>" for s in self.sentences())
+        return f"<p>diagnosis of {escape(self.campaign.name)}</p><ul>{said}</ul>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `diagnosis.json` holds."""
+        from bayes_iwan.gap.answer import to_dict
+
+        return to_dict(self)
+
+    def sentences(self) -> list[str]:
+        """The answer in plain words."""
+        return list(self.to_dict()["sentences"])
+
+    def plot_gap(self) -> Any:
+        """The budget of the gap, and what is missed where it shows most, as a figure."""
+        return draw("headline_of", self)
+
+    def write(self, folder: str | Path) -> Path:
+        """diagnosis.json, fits.json, the figures and the page into a folder; returns the page."""
+        return Path(draw("write_found", self, Path(folder)))
 
     @property
     def search(self) -> Search:

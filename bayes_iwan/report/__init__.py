@@ -2,7 +2,7 @@
 
 from bayes_iwan.report.checks import loo_pit, loo_pit_figure, region_checks, regions_figure
 from bayes_iwan.report.comparison import comparison_report, ranking_figure
-from bayes_iwan.report.diagnosis import write_diagnosis
+from bayes_iwan.report.diagnosis import headline_of, write_diagnosis, write_found
 from bayes_iwan.report.frequencies import wander_figure
 from bayes_iwan.report.identification import identification_report
 from bayes_iwan.report.laws import grip_figure, slip_density_figure, stiffness_figure
@@ -23,6 +23,7 @@ __all__ = [
     "corner_figure",
     "frequencies_figure",
     "grip_figure",
+    "headline_of",
     "identifiable_corner",
     "identification_report",
     "latex_table",
@@ -46,4 +47,5 @@ __all__ = [
     "trends_figure",
     "wander_figure",
     "write_diagnosis",
+    "write_found",
 ]

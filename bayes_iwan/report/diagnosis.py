@@ -109,9 +109,26 @@ def write_diagnosis(
             simulator_file=simulator_file,
             progress=progress,
         )
-        answer, figures = finite(to_dict(found)), diagnosis_figures(found)
-        clear(folder, "diagnosis.json", "diagnosis.html", "figures", "fits.json")
-        write_figures(figures, folder / "figures")
-        write_diagnosis_page(answer, figures, folder / "diagnosis.html", about(found))
-        write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
+        _write(found, folder, effects_file, simulator_file)
     return found
+
+
+def write_found(found: Diagnosis, out: Path) -> Path:
+    """Write a diagnosis that was made before; returns the page. What `fits.json` then names of a user's own files is
+    unknown, so fits with own effects cannot be read back."""
+    with owned(out) as folder:
+        return _write(found, folder, None, None)
+
+
+def _write(found: Diagnosis, folder: Path, effects_file: str | Path | None, simulator_file: str | Path | None) -> Path:
+    answer, figures = finite(to_dict(found)), diagnosis_figures(found)
+    clear(folder, "diagnosis.json", "diagnosis.html", "figures", "fits.json")
+    write_figures(figures, folder / "figures")
+    page = write_diagnosis_page(answer, figures, folder / "diagnosis.html", about(found))
+    write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
+    return page
+
+
+def headline_of(found: Diagnosis) -> Figure:
+    """The answer of a diagnosis in one picture."""
+    return diagnosis_figures(found)["headline"]
