@@ -21,7 +21,7 @@ from bayes_iwan.report.predictive import loop_numbers, predict
 from bayes_iwan.report.style import BLACK, band, save, styled, subplots
 
 #: a short run of the default model
-SETTINGS = {**SHORT, "model": {"embedded": True}}
+SETTINGS = replace(SHORT, model=bi.IdentifySettings().model)
 
 
 def folds(loops, what=("frequency_hz", "amplitude_mm")):

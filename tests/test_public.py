@@ -103,3 +103,11 @@ def test_an_error_of_the_disk_is_one_line(monkeypatch, capsys, tmp_path, made_up
     assert main(["identify", str(made_up_campaign), "--out", str(tmp_path / "out")]) == 2
     printed = capsys.readouterr().err
     assert "summary.csv: No space left on device" in printed and printed.count("\n") == 1
+
+
+def test_a_run_that_did_not_converge_warns(made_up_campaign):
+    few = {"search": {"members": 40, "evaluations": 400, "second_opinion": False, "starts": 4}}
+    few |= {"sampling": {"ensembles": 2, "walkers": 16, "max_steps": 40}, **ONE}
+    with pytest.warns(bi.NotConverged, match="not converged: stopped at"):
+        found = bi.identify(made_up_campaign, config=few, seed=1, progress=False)
+    assert not found.converged and "have not converged" in repr(found)

@@ -10,7 +10,6 @@ import importlib.metadata
 import os
 import platform
 import time
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -192,12 +191,8 @@ def identify_problem(
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
     timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}
-    found = replace(
-        _posterior(problem, chains, point, settings, seed, campaign, loops, timings), simulator_file=simulator_file
-    )
-    if not found.converged:
-        warnings.warn(found.message, NotConverged, stacklevel=2)
-    return found
+    found = _posterior(problem, chains, point, settings, seed, campaign, loops, timings)
+    return replace(found, simulator_file=simulator_file)
 
 
 class NotConverged(UserWarning):

@@ -108,7 +108,7 @@ def test_the_family_that_made_the_loops_wins(comparison):
     first, second = comparison.rows()
     assert first.difference == 0 and second.difference < -20
     assert first.residual_share < 0.02 < second.residual_share
-    assert first.parameters == 12
+    assert first.parameters == 13
 
 
 def test_page_and_table_of_a_comparison(comparison, tmp_path):
@@ -150,4 +150,4 @@ def test_loo_pit_is_uniform_and_without_means(posterior):
 
 def test_short_runs_have_walkers_enough_for_the_paper_s_model(posterior):
     ndim = make_problem(posterior.problem.loops).ndim
-    assert ndim == 18 and all(short.sampling.walkers >= 2 * ndim + 2 for short in (per_frequency.SHORT, SHORT))
+    assert ndim == 19 and all(short.sampling.walkers >= 2 * ndim + 2 for short in (per_frequency.SHORT, SHORT))
