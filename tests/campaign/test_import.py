@@ -1,5 +1,6 @@
 """From files of a data-acquisition system to a campaign: scaled, named, checked, and equal to the truth."""
 
+import runpy
 import subprocess
 import sys
 from dataclasses import replace
@@ -421,3 +422,24 @@ def test_a_staircase_is_split_into_tests(tmp_path, capsys, table, record, accele
     assert [t.amplitude_mm for t in campaign.tests] == pytest.approx([0.3, 0.9], rel=0.01)
     # an acceleration is integrated over the step between the levels, which leaves a slow tail
     same_loop(campaign.loops()[1], average(high), *((5e-3, 1e-4) if accelerometer else ()))
+
+
+def test_the_sample_recordings(tmp_path, monkeypatch, capsys):
+    """The files of analyses/sample_recordings.py become the shipped campaigns again, by the commands it names."""
+    pytest.importorskip("nptdms")
+    script = Path(__file__).parents[2] / "analyses" / "sample_recordings.py"
+    monkeypatch.setattr(sys, "argv", [str(script), "--out", str(tmp_path)])
+    runpy.run_path(str(script), run_name="__main__")
+    rig = ["--sensitivity", "acceleration=105 mV/g", "--sensitivity", "force=9.55 mV/N"]
+    assert cli.main(["import", str(tmp_path / "rope_spring.tdms"), *rig, "--out", str(tmp_path / "c")]) == 0
+    for loop, truth in zip(
+        read_campaign(tmp_path / "c").loops(), read_campaign(DATA / "rope_spring_accelerometer").loops(), strict=True
+    ):
+        same_loop(loop, truth, 1e-5)
+        assert (loop.record.frequency_hz, loop.record.amplitude_mm) == (
+            truth.record.frequency_hz,
+            truth.record.amplitude_mm,
+        )
+    assert cli.main(["import", str(tmp_path / "Versuch 10 Hz.csv"), "--out", str(tmp_path / "d")]) == 0
+    assert "semicolons, decimal ,, cp1252, numbers from line 6" in capsys.readouterr().out
+    same_loop(read_campaign(tmp_path / "d").loops()[0], read_campaign(DATA / "rope_spring").loops()[1])

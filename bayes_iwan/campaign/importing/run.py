@@ -28,7 +28,8 @@ from bayes_iwan.campaign.units import Units
 ACCELERATION_COLUMNS = {"mm": "acceleration_m_s2", "mrad": "acceleration_rad_s2"}
 SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other
 NO_FREQUENCY_HZ = 1e-9
-DIGITS = 4  # of the frequency and amplitude that campaign.toml states: they only name the test
+#: digits of what campaign.toml states; it names the test, so that 0.9962 and 1.003 mm belong together as 1 mm
+FREQUENCY_DIGITS, AMPLITUDE_DIGITS = 4, 2
 
 
 @dataclass(frozen=True)
@@ -155,8 +156,8 @@ def _named(record: Record) -> Record:
     found = average(record, n_phase=64, n_harmonics=8, n_blocks=1)
     return replace(
         record,
-        frequency_hz=float(f"{found.frequency_hz:.{DIGITS}g}"),
-        amplitude_mm=float(f"{found.amplitude_mm:.{DIGITS}g}"),
+        frequency_hz=float(f"{found.frequency_hz:.{FREQUENCY_DIGITS}g}"),
+        amplitude_mm=float(f"{found.amplitude_mm:.{AMPLITUDE_DIGITS}g}"),
     )
 
 
