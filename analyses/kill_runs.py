@@ -23,6 +23,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,7 +31,7 @@ from matplotlib.figure import Figure
 import bayes_iwan
 from bayes_iwan import cli
 from bayes_iwan import report as report_room
-from bayes_iwan.campaign import Record, write_campaign
+from bayes_iwan.campaign import Record, read_campaign, write_campaign
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.results import load
 from bayes_iwan.physics import Model, Reference, sine_motion
@@ -127,12 +128,12 @@ def lighten() -> None:
     """Short adaptation, pages of one figure, a diagnosis that is told: in this process and its children alone."""
     sampling_run._WARMUP_STEPS, sampling_run._ROUND_STEPS, sampling_run._ROUNDS = 40, (30, 40), (3, 5)
     report_room.identification_report = small_page
-    diagnosis_room.diagnose_folder = lambda *args, **options: None
+    diagnosis_room.diagnose_folder = lambda campaign, **options: SimpleNamespace(campaign=read_campaign(campaign))
     diagnosis_room.to_dict = lambda found: as_found()
     diagnosis_room.about = lambda found: {}
     diagnosis_room.write_answer = write_told
     diagnosis_room.diagnosis_figures = lambda found: {n: small_figure() for n in ("gap", "where", "shares")}
-    diagnosis_room.write_diagnosis_page = lambda answer, figures, path, about: small_page(path)
+    diagnosis_room.write_diagnosis_page = lambda answer, figures, path, about, units: small_page(path)
 
 
 def in_child(work: Callable[[], int], said: Path, limit: int | None = None) -> int:

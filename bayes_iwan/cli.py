@@ -111,13 +111,14 @@ def run_identify(args: argparse.Namespace) -> int:
         simulator=args.simulator,
         quick=args.quick,
     )
+    units = posterior.problem.units
     iwan = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
     wanted = iwan if isinstance(posterior.problem.model, Model) else posterior.problem.names
     for row in posterior.summary():
         if row.name in wanted:
-            say(f"{row.name:20s} {row.q50:.4g}  ({row.low_90:.4g} to {row.high_90:.4g}) {row.unit}")
+            say(f"{units.name(row.name):20s} {row.q50:.4g}  ({row.low_90:.4g} to {row.high_90:.4g}) {row.unit}")
     misfit = posterior.misfit()
-    say(f"{'misfit':20s} {misfit.rms_N:.3g} N RMS, {100 * misfit.share:.2g} % of the friction force")
+    say(f"{'misfit':20s} {misfit.rms_N:.3g} {units.force} RMS, {100 * misfit.share:.2g} % of the friction force")
     for text in posterior.warnings():
         say(text)
     say(posterior.message)
@@ -200,12 +201,12 @@ def run_import(args: argparse.Namespace) -> None:
         raise CampaignError("import: name the folder to write with --out CAMPAIGN, or only look with --dry-run")
     tests = import_tests(args.files, recipe, split=args.split)
     for test in tests:
-        print("\n    ".join((*test.said, *test.record.warnings)))
+        say("\n    ".join((*test.said, *test.record.warnings)))
     if args.dry_run:
-        print("nothing was written (--dry-run)")
+        say("nothing was written (--dry-run)")
         return
     write_tests(tests, args.out, recipe.specimen)
-    print(f"{len(tests)} test(s) are in {args.out}; `bayes-iwan check {args.out}` reads them")
+    say(f"{len(tests)} test(s) are in {args.out}; `bayes-iwan check {args.out}` reads them")
 
 
 @command(

@@ -10,7 +10,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -104,8 +104,12 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         if test["file"] in seen:
             raise CampaignError(f"campaign.toml: {test['file']} is listed twice; each record is one [[test]]")
         seen.add(test["file"])
-    checked = [check_record(_record(folder, test, channels, units)) for test in tests]
-    records = compared([record for record, _ in checked], [loop for _, loop in checked])
+    try:
+        checked = [check_record(_record(folder, test, channels, units)) for test in tests]
+        records = compared([record for record, _ in checked], [loop for _, loop in checked])
+    except CampaignError as error:
+        raise CampaignError(units.text(str(error))) from None
+    records = tuple(replace(record, warnings=units.everywhere(record.warnings)) for record in records)
     return Campaign(
         name=specimen["name"],
         description=specimen.get("description", ""),

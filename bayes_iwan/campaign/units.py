@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 #: working unit → what a column's name may end in, and its size in the working unit
 DISPLACEMENTS: Mapping[str, Mapping[str, float]] = {
@@ -35,6 +36,8 @@ _THOUSAND = {"N": "kN", "N·m": "kN·m", "kPa": "MPa"}
 _THOUSANDTH = {"N": "mN", "N·m": "mN·m", "kPa": "Pa"}
 #: how the units above are written inside names (kp_N_mm, mean_slip_force_N)
 _NAMED = {"N": "N", "N·m": "Nm", "kPa": "kPa", "mJ": "mJ", "J/m²": "J_m2"}
+_NAME = re.compile(r"(?<![\w/])[A-Za-z]\w*_(?:N|mJ|mm)(?:_\w+|\d)?(?![\w.])")
+T = TypeVar("T")
 _TOKEN = re.compile(r"(?<![A-Za-z0-9_·µ])(kN|mN|mJ|mm|N|m)(?![A-Za-z0-9_₀-₉])(?!·m\b)([²³^])?")
 
 
@@ -91,3 +94,20 @@ class Units:
         own = {"N": _NAMED[self.force], "mJ": _NAMED.get(self.energy, "energy"), "mm": self.displacement}
         stem, bracket, rest = name.partition("[")
         return re.sub(r"(?<=_)(N|mJ|mm)(?=_|\d|$)", lambda found: own[found[1]], stem) + bracket + rest
+
+    def said(self, text: str) -> str:
+        """Any text, table cell or label written for N and mm, names of numbers in it included, in these units."""
+        return text if self.plain else _NAME.sub(lambda found: self.name(found[0]), self.text(text))
+
+    def everywhere(self, value: T) -> T:
+        """`said` for every text in nested lists, tuples and dictionaries of an answer; keys stay as they are."""
+        if self.plain:
+            return value
+        out: Any = value
+        if isinstance(value, str):
+            out = self.said(value)
+        elif isinstance(value, dict):
+            out = {key: self.everywhere(inner) for key, inner in value.items()}
+        elif isinstance(value, list | tuple):
+            out = type(value)(self.everywhere(inner) for inner in value)
+        return out

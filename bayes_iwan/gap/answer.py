@@ -28,7 +28,8 @@ WORTH_LISTING = 0.02
 
 
 def to_dict(d: Diagnosis) -> dict[str, Any]:
-    """The schema of `diagnosis.json`; numbers that are not finite become null when it is written."""
+    """The schema of `diagnosis.json`, its texts in the campaign's own units (keys name the working units); numbers that
+    are not finite become null when it is written."""
     v, b = d.verdict, d.budget
     less = shrink(d.before, d.found.sizes[frozenset(v.names)]) if v.causes else None
     out: dict[str, Any] = {
@@ -86,7 +87,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
         "cannot_be_seen": UNSEEN_BY_ALL,
     }
     out["sentences"] = sentences(out)
-    return out
+    return {**d.campaign.units.everywhere(out), "campaign": d.campaign.name}
 
 
 def _interval(share: Share | None) -> list[float] | None:

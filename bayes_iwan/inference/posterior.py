@@ -14,6 +14,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Campaign, Loop
+from bayes_iwan.campaign.units import Units
 from bayes_iwan.drawing import draw
 from bayes_iwan.inference.discrepancy import Correlated
 from bayes_iwan.inference.intervals import Widening, widenings
@@ -78,13 +79,14 @@ class Prediction:
     """Loops that were predicted, with what the posterior knows of them.
 
     frequency_hz, amplitude_mm : (loops,); displacement_mm : (loops, samples); force_N : (draws, loops, samples), the
-    model's alone, without noise.
+    model's alone, without noise; units : the campaign's, for what is printed.
     """
 
     frequency_hz: Array
     amplitude_mm: Array
     displacement_mm: Array
     force_N: Array
+    units: Units
 
     def band(self, level: float = 0.9) -> tuple[Array, Array, Array]:
         """Lower end, median and upper end of the central interval, (loops, samples) each, N."""
@@ -94,7 +96,8 @@ class Prediction:
     def __repr__(self) -> str:
         low, _, high = self.band()
         return "\n".join(
-            f"{f:g} Hz, {a:g} mm: ±{0.5 * np.mean(high[i] - low[i]):.3g} N (90 %, mean along the loop)"
+            f"{f:g} Hz, {a:g} {self.units.displacement}: ±{0.5 * np.mean(high[i] - low[i]):.3g} {self.units.force} "
+            "(90 %, mean along the loop)"
             for i, (f, a) in enumerate(zip(self.frequency_hz, self.amplitude_mm))
         )
 
@@ -155,12 +158,13 @@ class Posterior:
     def _shown(self) -> list[str]:
         """Medians and 90 % intervals of the sampled numbers, and the misfit, one line each."""
         values = self.problem.prior.values(self.flat_z(4000))
-        rows = []
+        rows, units = [], self.problem.units
         for p in self.problem.prior.free:
             low, middle, high = np.quantile(values[p.name], [0.05, 0.5, 0.95])
-            rows.append(f"{p.name:22s} {middle:10.4g}  ({low:.4g} to {high:.4g}) {p.unit}")
+            rows.append(f"{units.name(p.name):22s} {middle:10.4g}  ({low:.4g} to {high:.4g}) {p.unit}")
         misfit = self.misfit()
-        return [*rows, f"{'misfit':22s} {misfit.rms_N:10.3g} N RMS, {100 * misfit.share:.2g} % of the friction force"]
+        share = f"{100 * misfit.share:.2g} % of the friction force"
+        return [*rows, f"{'misfit':22s} {misfit.rms_N:10.3g} {units.force} RMS, {share}"]
 
     @property
     def quick(self) -> bool:
@@ -197,7 +201,8 @@ class Posterior:
 
     def derived(self) -> dict[str, Derived]:
         """What follows from the sampled numbers without a prediction: the paper's (Table 1) for the Iwan model."""
-        return self.problem.model.derived(self.numbers())
+        text = self.problem.units.text
+        return {n: Derived(text(q.unit), q.values) for n, q in self.problem.model.derived(self.numbers()).items()}
 
     def quantities(self) -> dict[str, Derived]:
         """Every reported quantity with its unit and values (n,), in the order of flat_z()."""
@@ -305,7 +310,7 @@ class Posterior:
                     f"The posterior of {p.name} lies at the {end} end of its prior ({p.prior_text()}): the loops ask "
                     "for more; widen the prior or look for a cause."
                 )
-        return tuple(out)
+        return self.problem.units.everywhere(tuple(out))
 
     def predict(
         self, frequency_hz: float | Array, amplitude_mm: float | Array, n: int = 400, samples: int = 128
@@ -317,7 +322,7 @@ class Posterior:
         f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
         motion = sine_motion(a, f, samples)
         force = self.problem.predict(self.flat_z(n), motion)
-        return Prediction(f, a, motion.displacement_mm[0], force)
+        return Prediction(f, a, motion.displacement_mm[0], force, self.problem.units)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Every reported quantity in each draw: a column each, rows by chain and draw."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Loop
+from bayes_iwan.campaign.units import Units
 from bayes_iwan.inference.config import Config, settings_of
 from bayes_iwan.inference.likelihood import Likelihood, make_likelihood
 from bayes_iwan.inference.loop_error import goal_function, harmonics_of
@@ -40,6 +41,11 @@ class Problem:
     def names(self) -> tuple[str, ...]:
         """Free parameters, in z's order."""
         return self.prior.names
+
+    @property
+    def units(self) -> Units:
+        """What displacement and force are measured in."""
+        return self.loops[0].record.units
 
     @property
     def ndim(self) -> int:
@@ -176,6 +182,8 @@ def make_problem(
     if all(p.name != FORCE_ZERO for p in parameters):
         parameters.append(force_zero(scales))
     parameters += likelihood.parameters
+    units = fitted[0].record.units
+    parameters = [replace(p, unit=units.text(p.unit), description=units.text(p.description)) for p in parameters]
     problem = Problem(fitted, scales, model, Prior(configured(parameters, settings.parameters)), likelihood)
     noise = {p.name for p in likelihood.parameters}
     if all(name in noise for name in problem.names):

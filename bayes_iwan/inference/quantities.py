@@ -32,7 +32,10 @@ def quantities(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) 
     loops = problem.loops if loops is None else tuple(loops)
     motion = motion_of(loops)
     parts = [_some(problem, z[i : i + CHUNK], loops, motion) for i in range(0, len(z), CHUNK)]
-    return {name: Derived(q.unit, np.concatenate([p[name].values for p in parts])) for name, q in parts[0].items()}
+    text = problem.units.text
+    return {
+        name: Derived(text(q.unit), np.concatenate([p[name].values for p in parts])) for name, q in parts[0].items()
+    }
 
 
 def sampled_and_derived(problem: Problem, z: Array) -> dict[str, Derived]:
@@ -40,7 +43,7 @@ def sampled_and_derived(problem: Problem, z: Array) -> dict[str, Derived]:
     values = problem.prior.values(z)
     out = {p.name: Derived(p.unit, values[p.name]) for p in problem.prior.parameters}
     for name, quantity in problem.model.derived(problem.numbers_of(values)).items():
-        out.setdefault(name, quantity)
+        out.setdefault(name, Derived(problem.units.text(quantity.unit), quantity.values))
     return out
 
 

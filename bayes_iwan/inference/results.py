@@ -47,19 +47,21 @@ def write(posterior: Posterior, folder: Path) -> None:
     """summary.csv, point.json and posterior.nc into `folder`, which is made if need be."""
     folder.mkdir(parents=True, exist_ok=True)
     clear(folder, *WRITTEN)
-    write_whole(folder / "summary.csv", summary_csv(posterior.summary(), posterior.quick).encode())
+    write_whole(folder / "summary.csv", summary_csv(posterior).encode())
     write_whole(folder / "point.json", (json.dumps(point_record(posterior), indent=1) + "\n").encode())
     write_netcdf(posterior, folder / "posterior.nc")
 
 
-def summary_csv(rows: tuple[SummaryRow, ...], quick: bool = False) -> str:
-    """The summary as comma-separated text; a quick one has a column that says so, and no diagnostics."""
+def summary_csv(posterior: Posterior) -> str:
+    """The summary as comma-separated text, names and notes in the campaign's own units; a quick one has a column that
+    says so, and no diagnostics."""
+    units, quick = posterior.problem.units, posterior.quick
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     columns = [f.name for f in fields(SummaryRow)]
     writer.writerow([*columns, "method"] if quick else columns)
-    for row in rows:
-        cells = [_cell(getattr(row, name)) for name in columns]
+    for row in posterior.summary():
+        cells = [_cell(units.everywhere(getattr(row, name))) for name in columns]
         writer.writerow([*cells[: columns.index("ess_bulk")], "", "", "", "laplace"] if quick else cells)
     return out.getvalue()
 

@@ -18,10 +18,11 @@ from bayes_iwan.inference.config import Config, diagnose_settings_of
 from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.report import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis_page import write_diagnosis_page, write_figures
+from bayes_iwan.report.style import relabel
 
 
 def diagnosis_figures(found: Diagnosis) -> dict[str, Figure]:
-    """Every figure of a diagnosis by name."""
+    """Every figure of a diagnosis by name, in the campaign's own units."""
     drawn = pictures(found.residual, found.where, found.before)
     out = gap_figures.figures_of_gap(drawn)
     verdict, budget = found.verdict, found.budget
@@ -45,6 +46,8 @@ def diagnosis_figures(found: Diagnosis) -> dict[str, Figure]:
         None if after is None else after[worst],
         causes,
     )
+    for figure in out.values():
+        relabel(figure, found.campaign.units)
     return out
 
 
@@ -124,7 +127,7 @@ def _write(found: Diagnosis, folder: Path, effects_file: str | Path | None, simu
     answer, figures = finite(to_dict(found)), diagnosis_figures(found)
     clear(folder, "diagnosis.json", "diagnosis.html", "figures", "fits.json")
     write_figures(figures, folder / "figures")
-    page = write_diagnosis_page(answer, figures, folder / "diagnosis.html", about(found))
+    page = write_diagnosis_page(answer, figures, folder / "diagnosis.html", about(found), found.campaign.units)
     write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
     return page
 

@@ -10,6 +10,7 @@ from typing import Any
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from bayes_iwan.campaign.units import Units
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.style import save
 
@@ -80,17 +81,19 @@ def write_diagnosis_page(
     figures: Mapping[str, Figure],
     path: str | os.PathLike[str],
     about: Mapping[str, Mapping[str, Any]] | None = None,
+    units: Units | None = None,
 ) -> Path:
     """Write the page; whole or not at all.
 
     diagnosis : what `diagnosis.json` holds; figures : by name (see `_CAPTIONS`), those missing are left out; about :
-    by effect, what it is: physics, signature, reference, bench.
+    by effect, what it is: physics, signature, reference, bench. units : of the campaign (default: mm and N).
     """
     d, about = diagnosis, about or {}
     page = Page(
         f"Diagnosis: {d.get('campaign', 'campaign')}",
         "What the model misses, what makes it, what is left and the next test",
         f"bayes_iwan, seed {d['seed']}. Every number here is in diagnosis.json.",
+        units,
     )
     _answer(page.section("Answer"), d, figures)
     _where(page.section("Where the model misses"), d, figures)

@@ -40,7 +40,9 @@ def identification_report(
         [parameters, tables.paper_table(posterior), quantities, loop_rows, convergence], posterior, out / "tables"
     )
     what = "Quick identification" if posterior.quick else "Identification"
-    page = Page(f"{what} of {posterior.campaign.name}", _subtitle(posterior), _footer(posterior))
+    page = Page(
+        f"{what} of {posterior.campaign.name}", _subtitle(posterior), _footer(posterior), posterior.problem.units
+    )
     _summary(page.section("Summary"), posterior, p, loop_rows)
     _quantities(page.section("What the loops determine"), posterior)
     _loops(page, posterior, p)
@@ -248,7 +250,7 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
             "Energy, stiffness and loss factor of each test: measured, "
             "predicted from all tests, predicted from the tests of its own frequency alone",
         )
-    frequencies.frequencies_table(found).write_csv(out / "tables")
+    frequencies.frequencies_table(found).in_units(section.units).write_csv(out / "tables")
 
 
 def _trends(section: Section, posterior: Any, p: Predictive, rows: tables.Table) -> None:

@@ -19,8 +19,9 @@ from markupsafe import Markup, escape
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
+from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import replacing, write_whole
-from bayes_iwan.report.style import RC, literal
+from bayes_iwan.report.style import RC, literal, relabel
 
 _ENVIRONMENT = Environment(
     loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
@@ -46,14 +47,20 @@ class Section:
     anchor: str
     body: list[Markup] = field(default_factory=list)
     figures: list[tuple[Figure, str]] = field(default_factory=list)
+    units: Units = field(default_factory=Units)
+
+    def _said(self, text: str | Markup) -> str | Markup:
+        """A text written for N and mm in the campaign's own units."""
+        own = self.units.said(str(text))
+        return Markup(own) if isinstance(text, Markup) else own
 
     def text(self, *paragraphs: str | Markup) -> Section:
-        self.body += [Markup(f"<p>{escape(p)}</p>") for p in paragraphs]
+        self.body += [Markup(f"<p>{escape(self._said(p))}</p>") for p in paragraphs]
         return self
 
     def note(self, text: str | Markup, kind: str = "note") -> Section:
         """A paragraph that stands out; kind is "note", "good" or "warning"."""
-        self.body.append(Markup(f'<p class="{escape(kind)}">{escape(text)}</p>'))
+        self.body.append(Markup(f'<p class="{escape(kind)}">{escape(self._said(text))}</p>'))
         return self
 
     def heading_below(self, text: str) -> Section:
@@ -66,6 +73,8 @@ class Section:
 
     def figure(self, figure: Figure, caption: str, alt: str, png: bool = False, dpi: int = 110) -> Section:
         """A matplotlib figure, as inline SVG or (png) an embedded picture; alt says what a reader would see in it."""
+        caption, alt = self.units.said(caption), self.units.said(alt)
+        relabel(figure, self.units)
         self.figures.append((figure, caption))
         name = f"{self.anchor}-f{len(self.figures)}"
         width = figure.get_size_inches()[0]
@@ -84,6 +93,8 @@ class Section:
         fold: bool = False,
     ) -> Section:
         """A table; the first column heads its row. fold : closed until the reader opens it."""
+        columns, caption = self.units.everywhere(list(columns)), self.units.said(caption)
+        rows = [[self._said(cell) if isinstance(cell, str) else cell for cell in row] for row in rows]
         numeric = [bool(rows) and all(_numeric(row[i]) for row in rows) for i in range(len(columns))]
         self.body.append(
             template(
@@ -106,8 +117,10 @@ def _numeric(cell: Any) -> bool:
 class Page:
     """An HTML page in the making. `write` replaces the file whole or not at all."""
 
-    def __init__(self, title: str, subtitle: str = "", footer: str = "") -> None:
-        self.title, self.subtitle, self.footer = title, subtitle, footer
+    def __init__(self, title: str, subtitle: str = "", footer: str = "", units: Units | None = None) -> None:
+        self.units = units or Units()
+        self.title, self.footer = title, self.units.said(footer)
+        self.subtitle = self.units.said(subtitle)
         self.sections: list[Section] = []
         self.scripts: list[Markup] = []
         self.data: list[tuple[str, Markup]] = []
@@ -117,7 +130,7 @@ class Page:
         anchor = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-") or "section"
         taken = {s.anchor for s in self.sections}
         unique = anchor if anchor not in taken else f"{anchor}-{len(taken)}"
-        self.sections.append(Section(heading, unique))
+        self.sections.append(Section(heading, unique, units=self.units))
         return self.sections[-1]
 
     def script(self, source: Markup, data_id: str | None = None, data_json: str | None = None) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,9 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import replacing
 
 #: Okabe & Ito's palette; never the only sign: lines differ in dash and markers in shape too
@@ -121,6 +123,24 @@ def literal(figure: Figure) -> Figure:
             except ValueError:
                 text.set_parse_math(False)
     return figure
+
+
+def relabel(figure: Figure, units: Units) -> None:
+    """Put a campaign's own units into every text of a figure that was drawn for N and mm."""
+    if units.plain:
+        return
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        text.set_text(units.said(text.get_text()))
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):  # labels of ticks are written anew at each drawing
+            formatter = axis.get_major_formatter()
+            if isinstance(formatter, FuncFormatter):
+                axis.set_major_formatter(partial(_told, units, formatter))
+
+
+def _told(units: Units, plain: FuncFormatter, x: float, at: int | None) -> str:
+    return units.said(plain(x, at))
 
 
 def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Path:

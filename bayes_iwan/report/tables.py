@@ -7,13 +7,14 @@ import io
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import write_whole
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.marginals import contraction, interval, paper_symbol
@@ -40,6 +41,10 @@ class Table:
             [("" if np.isnan(x) else f"{x:.9g}") if isinstance(x, float) else x for x in row] for row in self.rows
         )
         return out.getvalue()
+
+    def in_units(self, units: Units) -> Table:
+        """The table with a campaign's own units in its columns' names and in its texts."""
+        return replace(self, columns=units.everywhere(self.columns), rows=units.everywhere(self.rows))
 
     def write_csv(self, folder: str | os.PathLike[str]) -> Path:
         return write_whole(Path(folder) / f"{self.name}.csv", self.csv())
@@ -208,6 +213,6 @@ def latex_table(posterior: Any) -> str:
 
 def write_tables(tables: Sequence[Table], posterior: Any, folder: str | os.PathLike[str]) -> list[Path]:
     """The CSV files and parameters.tex in `folder`."""
-    out = [table.write_csv(folder) for table in tables]
+    out = [table.in_units(posterior.problem.units).write_csv(folder) for table in tables]
     out.append(write_whole(Path(folder) / "parameters.tex", latex_table(posterior)))
     return out

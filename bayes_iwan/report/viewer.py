@@ -33,7 +33,7 @@ def viewer_data(p: Predictive) -> dict[str, Any]:
             cycles.append([_rounded(u[::step], far), _rounded(force[::step] - p.zero_N[t], places)])
         tests.append(
             {
-                "name": test_name(loop),
+                "name": loop.record.units.said(test_name(loop)),
                 "file": loop.file,
                 "u": _rounded(p.displacement_mm[t], far),
                 "slope": float(slope),
@@ -48,10 +48,11 @@ def viewer_data(p: Predictive) -> dict[str, Any]:
                 "cycles": cycles,
             }
         )
-    return {"tests": tests}
+    units = p.loops[0].record.units
+    return {"tests": tests, "displacement": units.displacement, "force": units.force}
 
 
 def add_viewer(page: Page, section: Section, p: Predictive) -> None:
     """Put the viewer into a section of a page. One viewer a page."""
-    section.html(template("viewer.html", tests=[test_name(x) for x in p.loops]))
+    section.html(template("viewer.html", tests=[page.units.said(test_name(x)) for x in p.loops]))
     page.script(asset("viewer.js"), "viewer-data", json.dumps(viewer_data(p), separators=(",", ":"), allow_nan=False))

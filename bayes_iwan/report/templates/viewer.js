@@ -1,6 +1,7 @@
 "use strict";
 (function () {
-  const tests = JSON.parse(document.getElementById("viewer-data").textContent).tests;
+  const data = JSON.parse(document.getElementById("viewer-data").textContent), tests = data.tests;
+  const MM = " " + data.displacement, N = " " + data.force;
   const get = (id) => document.getElementById(id);
   const plot = get("v-plot"), title = get("v-title"), NS = "http://www.w3.org/2000/svg";
   const LEFT = 70, RIGHT = 12, TOP = 12, BOTTOM = 48;
@@ -74,9 +75,9 @@
       add("text", { x: LEFT - 8, y: Y(v) + 4, "text-anchor": "end" }, label);
     }
     add("path", { d: "M" + LEFT + " " + TOP + "V" + (H - BOTTOM) + "H" + (W - RIGHT), stroke: "#444", fill: "none" });
-    add("text", { x: (LEFT + W - RIGHT) / 2, y: H - 8, "text-anchor": "middle" }, residual ? "phase (cycles)" : "displacement u (mm)");
+    add("text", { x: (LEFT + W - RIGHT) / 2, y: H - 8, "text-anchor": "middle" }, residual ? "phase (cycles)" : "displacement u (" + data.displacement + ")");
     add("text", { x: 0, y: 0, transform: "translate(16 " + (TOP + H - BOTTOM) / 2 + ") rotate(-90)", "text-anchor": "middle" },
-      residual ? "measured \u2212 predicted (N)" : what === "friction" ? "friction force (N)" : "force (N)");
+      (residual ? "measured \u2212 predicted (" : what === "friction" ? "friction force (" : "force (") + data.force + ")");
     // a band of a loop is drawn sample by sample, so that both branches keep their own
     for (const [i, j, shade] of bands.length ? [[0, 3, 0.22], [1, 2, 0.35]] : []) {
       let d = "";
@@ -99,9 +100,9 @@
     const m = t.measured[k] - off[k], f = t.model[2][k] - off[k];
     add("circle", { cx: X(x[k]), cy: Y(get("v-average").checked ? m : f), r: 5, fill: "none", stroke: "#D55E00", "stroke-width": 2.5 });
     const say = (v, d) => v.toFixed(d).replace("-", "\u2212");
-    get("v-read").textContent = "phase " + (k / n).toFixed(3) + ": u = " + say(t.u[k], 3) + " mm, measured " + say(m, 3) +
-      " N, " + (residual ? "expected " : "predicted ") + say(f, 3) + " N [90 %: " + say(expected[0][k] - off[k], 3) + ", " +
-      say(expected[3][k] - off[k], 3) + "], residual " + say(t.measured[k] - t.model[2][k], 4) + " N";
+    get("v-read").textContent = "phase " + (k / n).toFixed(3) + ": u = " + say(t.u[k], 3) + MM + ", measured " + say(m, 3) +
+      N + ", " + (residual ? "expected " : "predicted ") + say(f, 3) + N + " [90 %: " + say(expected[0][k] - off[k], 3) + ", " +
+      say(expected[3][k] - off[k], 3) + "], residual " + say(t.measured[k] - t.model[2][k], 4) + N;
     phase.setAttribute("aria-valuetext", "phase " + (k / n).toFixed(3));
     title.textContent = t.name + ": " + get("v-what").selectedOptions[0].textContent;
     get("v-cycles").disabled = residual;

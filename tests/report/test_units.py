@@ -1,0 +1,105 @@
+"""An identification of a torque over an angle: no page, table or figure text speaks of N or mm."""
+
+from __future__ import annotations
+
+import html
+import re
+from dataclasses import replace
+
+import pytest
+from matplotlib.figure import Figure
+
+from bayes_iwan import cli
+from bayes_iwan.campaign import read_campaign, write_campaign
+from bayes_iwan.campaign.units import Units
+from bayes_iwan.report.page import Page
+from bayes_iwan.report.style import relabel
+
+SHORT = """
+[model]
+slip = "gamma1"
+grip = "constant"
+stiffness = "constant"
+[likelihood]
+kind = "gaussian"
+[search]
+members = 40
+evaluations = 1200
+starts = 4
+[sampling]
+ensembles = 2
+walkers = 24
+r_hat = 1.05
+ess = 100
+taus = 10
+draws = 500
+"""
+#: newtons that are no newton metres, and millimetres; names of numbers with these units
+FOREIGN = re.compile(r"(?<![\w·])(?:[km]?N(?!·m|\w)|mm(?!\w))|\w_(?:N|mm)(?:_\w+)?(?![\w.])")
+
+
+def visible(page: str) -> str:
+    """A page's words as a reader sees them, figures' texts included; scripts, styles and pictures left out."""
+    page = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.S)
+    return html.unescape(re.sub(r"<[^>]+>", " ", page))
+
+
+def test_an_identification_of_torque_over_angle(tmp_path, capsys, made_up_campaign):
+    records = [replace(x, units=Units("mrad", "N·m")) for x in read_campaign(made_up_campaign).tests]
+    write_campaign(tmp_path / "torsion", name="torsion damper", description="", tests=records)
+    config, out = tmp_path / "c.toml", tmp_path / "out"
+    config.write_text(SHORT)
+    arguments = ["identify", str(tmp_path / "torsion"), "--out", str(out), "--config", str(config), "--seed", "1"]
+    assert cli.main(arguments) in (0, 3)
+    said = capsys.readouterr().out
+    assert re.search(r"kp_Nm_mrad .* N·m/mrad", said)
+    texts = {"output": said, "report.html": visible((out / "report.html").read_text())}
+    texts |= {p.name: p.read_text() for p in [out / "summary.csv", *(out / "tables").iterdir()]}
+    for name, text in texts.items():
+        found = FOREIGN.search(text.replace(str(tmp_path), ""))
+        assert found is None, f"{name}: {text[max(found.start() - 60, 0) : found.end() + 40]!r}"
+    assert "N·m/mrad" in texts["summary.csv"] and "torque" not in texts["summary.csv"]
+    page = (out / "report.html").read_text()
+    assert "displacement u (mrad)" in page and '"force":"N·m"' in page.replace("\\u00b7", "·")
+    assert cli.main(["check", str(tmp_path / "torsion")]) == 0
+    assert "A, mrad" in capsys.readouterr().out
+
+
+def test_texts_of_pages_and_figures(tmp_path):
+    units = Units("mm", "kPa")
+    page = Page("title", "all in N", "footer with 3 N/mm", units=units)
+    figure = Figure()
+    axes = figure.subplots()
+    axes.set_xlabel("displacement (mm)")
+    axes.set_ylabel("force (N)")
+    axes.plot([0, 1], [0, 1], label="2 N")
+    axes.legend()
+    axes.set_xticks([0, 1], ["10 N", "20 N"])
+    section = page.section("Loops").text("a gap of 3 N").note("1.2 mJ, kp_N_mm")
+    section.figure(figure, "caption in N", "alt in N").table(("name", "N"), [("kp_N_mm", "3 N")], "table in mN")
+    text = visible(page.html())
+    for words in (
+        "all in kPa",
+        "3 kPa/mm",
+        "force (kPa)",
+        "2 kPa",
+        "20 kPa",
+        "a gap of 3 kPa",
+        "1.2 J/m²",
+        "kp_kPa_mm",
+        "Pa",
+    ):
+        assert words in text, words
+    assert not re.search(r"(?<!\w)N(?!\w)", text)
+    with pytest.raises(AttributeError):
+        units.force = "N"  # type: ignore[misc]
+    before = axes.get_ylabel()
+    relabel(figure, Units())
+    assert axes.get_ylabel() == before == "force (kPa)"
+
+
+def test_an_answer_in_other_units():
+    answer = {"gap_N": 3.0, "sentences": ["misses 3 N", ("1 mm", 2)], "text": {"unit": "N/mm"}}
+    assert Units().everywhere(answer) is answer
+    told = Units("mrad", "N·m").everywhere(answer)
+    assert told == {"gap_N": 3.0, "sentences": ["misses 3 N·m", ("1 mrad", 2)], "text": {"unit": "N·m/mrad"}}
