@@ -378,21 +378,24 @@ def test_the_command(tmp_path, capsys, volts, table):
 
 
 PEAK = """
-import resource, sys
+import re, sys
 from pathlib import Path
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.campaign.importing import import_tests, write_tests
 folder = Path(sys.argv[1])
+def peak():  # of this program alone: getrusage would tell the larger of it and of the process that started it
+    return 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
 peaks = []
 for name in ("short.txt", "long.txt"):
     write_tests(import_tests([folder / name]), folder / f"of {name}")
-    peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    peaks.append(peak())
     read_campaign(folder / f"of {name}").loops()
-    peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-print(1024 * (peaks[2] - peaks[1]), 1024 * (peaks[3] - peaks[1]))
+    peaks.append(peak())
+print(peaks[2] - peaks[1], peaks[3] - peaks[1])
 """
 
 
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="no /proc to read the peak of memory from")
 def test_a_million_lines(tmp_path, record):
     """Beyond what a short file takes, memory stays under ten times the file: imported, and read as a campaign."""
     for name, n in (("short.txt", 20_000), ("long.txt", 1_000_000)):
@@ -403,7 +406,7 @@ def test_a_million_lines(tmp_path, record):
     done = subprocess.run([sys.executable, "-c", PEAK, str(tmp_path)], capture_output=True, text=True, check=True)
     imported, read = (float(x) / (tmp_path / "long.txt").stat().st_size for x in done.stdout.split())
     print(f"memory over file size: {imported:.1f} imported, {read:.1f} read")
-    assert imported < 10 and read < 10, (imported, read)
+    assert 0.5 < imported < 10 and 0.5 < read < 10, (imported, read)  # the table alone is 0.7 of the file
 
 
 @pytest.mark.parametrize("accelerometer", [False, True])
