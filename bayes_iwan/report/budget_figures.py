@@ -28,12 +28,12 @@ def _waterfall(ax: Axes, budget: GapBudget) -> None:
     label = "rest: no name" if flagged else "rest"
     rows.append((label, 0.0, top, ORANGE if flagged else GREEN, (rest.low, rest.high) if budget.causes else None))
     if before > 0.0:
-        rows.append(("noise", 0.0, min(budget.before.noise_N / before, 1.15), PRIOR, None))
+        rows.append(("noise", 0.0, budget.before.noise_N / before, PRIOR, None))
     y = np.arange(len(rows))[::-1]
     for k, (_, left, width, colour, interval) in zip(y, rows):
-        ax.barh(k, width, 0.62, left=left, color=colour, alpha=0.88)
+        ax.barh(k, min(width, 1.15), 0.62, left=left, color=colour, alpha=0.88)
         text = f"{100 * width:.0f} %" + (f"  ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})" if interval else "")
-        end = max(left + width, left)
+        end = min(max(left + width, left), 1.15)
         inside = end > 0.62
         ax.annotate(text, (left if inside else end, k), xytext=(-3 if inside and left > 0.3 else 3, 0),
                     textcoords="offset points", va="center", ha="right" if inside and left > 0.3 else "left",

@@ -1,14 +1,22 @@
-"""The diagnosis page: stands alone, leads with the answer, and holds up when parts are missing or names are hostile."""
+"""The diagnosis page: stands alone, leads with the answer, shows the gap as a sum, and holds up when parts are missing,
+names are hostile or forces are torques."""
 
 from __future__ import annotations
 
+import html
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
-from bayes_iwan.report import gap_figures
+from bayes_iwan.campaign.units import Units
+from bayes_iwan.files import finite
+from bayes_iwan.gap.answer import about, to_dict
+from bayes_iwan.gap.words import sentences
+from bayes_iwan.report import budget_figures, gap_figures
+from bayes_iwan.report.diagnosis import diagnosis_figures
 from bayes_iwan.report.diagnosis_page import write_diagnosis_page, write_figures
 
 T, N = 4, 64
@@ -51,105 +59,33 @@ def pictures(miss=0.1):
     }
 
 
-def diagnosis(cause="viscous_damping"):
-    moved = {"kp_N_mm": {"before": 5.0, "after": 5.5, "sd": 0.1, "unit": "N/mm"}}
-    effect = {
-        "name": "viscous_damping",
-        "parameters": {"c_N_s_mm": {"mean": 0.00151, "sd": 0.0001, "unit": "N·s/mm"}},
-        "log_evidence": 40.0,
-        "gap_after_rms_N": 0.013,
-        "shrink": 0.93,
-        "shrink_interval": [0.9, 0.95],
-        "shrink_held_out": 0.88,
-        "gap_after_held_out_rms_N": 0.017,
-        "moved": moved,
-    }
-    tests = [
-        {
-            "file": f"t{i}.csv",
-            "frequency_hz": 5.0,
-            "amplitude_mm": 1.0,
-            "gap_rms_N": 0.1,
-            "interval_N": [0.09, 0.11],
-            "share": 0.05,
-            "significant": i > 0,
-        }
-        for i in range(T)
-    ]
-    return {
-        "schema": 1,
-        "seed": 42,
-        "quick": True,
-        "campaign": "a <rope> & spring",
-        "verdict": {
-            "cause": cause,
-            "probability": 0.93,
-            "cannot_tell_apart": ["maxwell_branch"],
-            "second_cause": None,
-            "not_testable": ["series_compliance", "mains_hum"],
-        },
-        "probabilities": {"viscous_damping": 0.93, "maxwell_branch": 0.05, "none": 0.001, "unknown": 0.019},
-        "gap": {
-            "before_rms_N": 0.19,
-            "before_interval_N": [0.18, 0.2],
-            "before_share": 0.057,
-            "noise_rms_N": 0.002,
-            "after_rms_N": 0.01,
-            "after_share": 0.003,
-            "shrink": 0.95,
-            "shrink_interval": [0.9, 0.97],
-            "ceiling_shrink": 0.98,
-            "held_out": None,
-        },
-        "where": {
-            "tests": tests,
-            "looks": 61,
-            "sentences": ["It grows with <frequency>."],
-            "regions": [
-                {
-                    "region": "gross slip",
-                    "gap_rms_N": 0.2,
-                    "share_of_gap": 0.8,
-                    "share_of_time": 0.6,
-                    "significant": True,
-                }
-            ],
-            "harmonics": [{"order": 1, "in_phase_N": 0.01, "quadrature_N": 0.18, "significant": True}],
-        },
-        "effects": [effect],
-        "next_test": {
-            "frequency_hz": 60.0,
-            "amplitude_mm": 1.2,
-            "cycles": 40,
-            "separates": ["viscous_damping", "maxwell_branch"],
-            "expected_log_odds": 8.1,
-            "bench": "",
-        },
-        "sentences": ["The model misses 0.19 N.", "The likeliest cause is viscous damping.", "Run 60 Hz at 1.2 mm."],
-    }
+@pytest.fixture(scope="module")
+def found(kit):
+    """A dashpot on the virtual rig, one test held out."""
+    return kit.diagnosed("viscous_damping", "held out")
 
 
 @pytest.fixture(scope="module")
-def figures():
-    p, d = pictures(), diagnosis()
-    out = gap_figures.figures_of_gap(p)
-    out["headline"] = gap_figures.headline_figure(
-        d["probabilities"],
-        p["names"][3],
-        p["residual_N"][3],
-        p["expected_N"][3],
-        0.05 * p["residual_N"][3],
-        "viscous_damping",
-    )
-    out["probabilities"] = gap_figures.probabilities_figure(d["probabilities"], ["maxwell_branch"])
-    out["before_after"] = gap_figures.before_after_figure(
-        p["names"], p["residual_N"], 0.05 * p["residual_N"], p["expected_N"], "viscous_damping"
-    )
-    out["shrink"] = gap_figures.shrink_figure(
-        [("viscous_damping", 0.93, 0.9, 0.95, 0.88), ("delay", 0.2, 0.1, 0.3, None)]
-    )
-    out["moved"] = gap_figures.moved_figure(d["effects"][0]["moved"])
-    return out
+def nothing(kit):
+    return kit.diagnosed(None)
+
+
+@pytest.fixture(scope="module")
+def figures(found):
+    return diagnosis_figures(found)
+
+
+def answer(found, kind=None, **rest):
+    """What `diagnosis.json` holds; with `kind` as if the verdict had been another, with other figures of the rest."""
+    d = finite(to_dict(found))
+    d["rest"] |= rest
+    if kind is not None:
+        d["verdict"] |= {"kind": kind, "unknown_rest": kind in ("partly_explained", "unknown")}
+        if kind == "unknown":
+            d["verdict"] |= {"causes": [], "cause": "unknown"}
+            d |= {"effects": [], "moved": {}}
+        d["sentences"] = sentences(d)
+    return d
 
 
 class Parts(HTMLParser):
@@ -194,74 +130,162 @@ def read(path):
     return text, parts
 
 
-def test_page_stands_alone_and_leads_with_the_answer(tmp_path, figures):
-    d = diagnosis()
-    about = {"viscous_damping": {"physics": "A force ∝ velocity.", "bench": "a spring"}}
-    text, parts = read(write_diagnosis_page(d, figures, tmp_path / "diagnosis.html", about))
+def rows_of(text, caption):
+    """Cells of the table with this caption, row by row, as a reader sees them; None where there is no such table."""
+    tables = [t for t in re.findall(r"<table.*?</table>", text, re.S) if f">{caption}</caption>" in t]
+    if not tables:
+        return None
+    rows = re.findall(r"<tr.*?</tr>", tables[0], re.S)[1:]
+    return [
+        [html.unescape(re.sub(r"<[^>]+>", "", c)).strip() for c in re.findall(r"<t[hd].*?</t[hd]>", r, re.S)]
+        for r in rows
+    ]
+
+
+def percent(cell):
+    return float(cell.removesuffix(" %").replace("−", "-"))
+
+
+def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures):
+    d = answer(found) | {"campaign": "a <rope> & spring"}
+    d["where"]["sentences"] = ["It grows with <frequency>."]
+    text, parts = read(write_diagnosis_page(d, figures, tmp_path / "diagnosis.html", about(found)))
     assert parts.outside == [] and parts.open == []
     assert len(parts.ids) == len(set(parts.ids))
     assert parts.headings[:3] == ["Answer", "Where the model misses", "Which cause"]
-    answer = text.index(" ".join(d["sentences"]))
-    assert answer < text.index("<svg") < text.index("It grows with")  # sentences, then one picture, then the rest
+    said = text.index(html.escape(" ".join(d["sentences"]), quote=False).replace("'", "&#39;"))
+    assert said < text.index("<svg") < text.index("It grows with")  # sentences, then one picture, then the rest
     assert "a &lt;rope&gt; &amp; spring" in text and "<rope>" not in text and "<frequency>" not in text
-    for told in (
-        "series compliance and mains hum",
-        "60 Hz at 1.2 mm",
-        "0.00151",
-        "88 %",
-        "5.5",
-        "seed 42",
-        "61 looks",
-        "displacement channel",
-    ):
+    damping = d["effects"][0]["parameters"]["c_N_s_mm"]
+    for told in (f"{damping['mean']:.3g}", "seed 1", f"{d['where']['looks']} looks", "displacement channel", "Remedy"):
         assert told in text, told
     assert text.count("<svg") == len(figures)
+    assert set(figures) >= {"headline", "budget", "shares", "moved", "before_after", "probabilities"}
 
 
-@pytest.mark.parametrize("cause", ["none", "unknown"])
-def test_page_without_a_named_cause(tmp_path, cause):
-    d = diagnosis(cause) | {"effects": [], "next_test": None}
-    d["verdict"] |= {"cannot_tell_apart": [], "not_testable": []}
+def test_the_gap_stands_as_a_sum(tmp_path, found):
+    d = answer(found)
+    text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
+    *causes, rest = rows_of(text, "The gap as a sum")
+    assert [row[0] for row in causes] == ["viscous damping"] and rest[0] == "rest"
+    assert percent(causes[0][2]) + percent(rest[2]) == pytest.approx(100.0, abs=0.6)
+    low, high = (percent(x) for x in causes[0][3].split(" to "))
+    assert low <= percent(causes[0][2]) <= high
+    assert percent(causes[0][4]) == pytest.approx(100 * found.verdict.causes[0].held_out.value, abs=0.6)
+    assert float(causes[0][1]) == pytest.approx(found.verdict.probabilities["viscous_damping"], abs=0.006)
+    considered = rows_of(text, "Considered, not named")
+    assert [row[0].replace(" ", "_") for row in considered] == [c["name"] for c in d["considered"]] != []
+
+
+def test_a_rest_without_a_name_is_said_with_where_it_sits(tmp_path, found):
+    d = answer(found, "partly_explained", probability=0.8, where=["Most near the <upper> end."])
+    text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
+    assert rows_of(text, "The gap as a sum")[-1][:2] == ["rest, cause unknown", "0.80"]
+    assert "Where the rest sits" in text and "Most near the &lt;upper&gt; end." in text
+    assert "The cause of the rest" in text
+
+
+@pytest.mark.parametrize("kind, mark", [("none", "good"), ("unknown", "warning")])
+def test_page_without_a_named_cause(tmp_path, found, nothing, kind, mark):
+    d = answer(nothing) if kind == "none" else answer(found, kind)
+    d["next_test"] = None
+    assert d["verdict"]["kind"] == kind
     text, parts = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     assert parts.open == [] and "No cause is named" in text and "None is needed" in text
-    assert "nan" not in text and "None," not in text
+    assert re.search(r'<p class="(good|note|warning)">', text)[1] == mark
+    assert rows_of(text, "The gap as a sum") is None and "No effect of the catalogue is named" in text
+    assert "nan" not in re.findall(r"\w+", text) and "None," not in text
 
 
-def test_a_bench_advice_comes_before_a_test_that_would_not_help(tmp_path):
-    d = diagnosis()
+def test_a_bench_advice_comes_before_a_test_that_would_not_help(tmp_path, found):
+    d = answer(found)
     d["next_test"] |= {"bench": "one common signal into both channels", "expected_log_odds": 0.4}
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     assert text.index("one common signal") < text.index("No loop test separates")
 
 
-def test_unknown_numbers_read_as_a_dash(tmp_path):
-    d = diagnosis()
-    d["effects"][0] |= {"shrink_held_out": None, "gap_after_held_out_rms_N": None, "shrink_interval": None}
+def test_unknown_numbers_read_as_a_dash(tmp_path, found):
+    d = answer(found)
+    d["verdict"]["causes"][0] |= {"share_held_out": None, "share_held_out_interval": None}
     d["effects"][0]["parameters"]["c_N_s_mm"]["sd"] = None
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
-    assert "None" not in re.sub(r"None is needed|“None”", "", text) and "–" in text
+    assert rows_of(text, "The gap as a sum")[0][4:6] == ["–", "–"]
+    assert "None" not in re.sub(r"None is needed|“None”", "", text)
 
 
-def test_figures_show_what_they_are_given(figures):
-    bars = figures["probabilities"].axes[0]
-    labels = [x.get_text() for x in bars.get_yticklabels()]
+def bars(axes):
+    """Left end, width and text beside each bar, by the bar's label, from the top."""
+    at = {round(float(t)): x.get_text() for t, x in zip(axes.get_yticks(), axes.get_yticklabels())}
+    texts = {round(float(t.xy[1])): t.get_text() for t in axes.texts}
+    return {
+        at[round(b.get_y() + b.get_height() / 2)]: (b.get_x(), b.get_width(), texts[round(b.get_y() + 0.31)])
+        for b in axes.patches
+    }
+
+
+def test_the_waterfall_falls_from_the_gap_to_the_rest(found, figures):
+    share, rest = found.verdict.causes[0].share.value, found.budget.rest.share.value
+    for name in ("budget", "headline"):
+        drawn = bars(figures[name].axes[0])
+        assert list(drawn) == ["gap", "viscous damping", "rest", "noise"]
+        assert drawn["gap"][:2] == (0.0, 1.0)
+        left, width, text = drawn["viscous damping"]
+        assert (left + width, width) == pytest.approx((1.0, share)) and text.startswith(f"{100 * share:.0f} %  (")
+        assert drawn["rest"][:2] == pytest.approx((0.0, rest))
+    flagged = replace(found.budget, rest=replace(found.budget.rest, probability=0.9))
+    assert "rest: no name" in bars(budget_figures.budget_figure(flagged).axes[0])
+
+
+def test_noise_above_the_gap_is_told_as_it_is(nothing):
+    before = replace(nothing.budget.before, rms_N=nothing.budget.before.noise_N / 3)
+    drawn = bars(budget_figures.budget_figure(replace(nothing.budget, before=before)).axes[0])
+    assert list(drawn) == ["gap", "rest", "noise"] and drawn["noise"][2] == "300 %"
+
+
+def test_the_headline_shows_the_worst_test_with_and_without_the_cause(found, figures):
+    right = figures["headline"].axes[1]
+    lines = {x.get_label(): x.get_ydata() for x in right.lines}
+    alone, left = lines["model alone"], lines["with viscous damping"]
+    worst = int(np.argmax([t.rms_N for t in found.before.tests]))
+    np.testing.assert_array_equal(alone, found.where.phase_N[worst])
+    assert np.sqrt(np.mean(left**2)) < 0.2 * np.sqrt(np.mean(alone**2))
+
+
+def test_figures_show_what_they_are_given(found, figures):
+    probable = figures["probabilities"].axes[0]
+    labels = [x.get_text() for x in probable.get_yticklabels()]
     assert labels[0] == "viscous damping" and any("unknown" in x for x in labels) and any("none" in x for x in labels)
-    assert max(b.get_width() for b in bars.patches) == pytest.approx(0.93)
-    loops = figures["gap_loops"].axes
+    assert max(b.get_width() for b in probable.patches) == found.verdict.probabilities["viscous_damping"]
+    drawn = gap_figures.figures_of_gap(pictures())
+    loops = drawn["gap_loops"].axes
     assert sum(bool(ax.collections) and ax.get_title(loc="left") != "" for ax in loops) == T
     colours = loops[T - 1].collections[0].get_colors()
     top, bottom = colours[0], colours[N // 2]
     assert top[0] > top[2] and bottom[2] > bottom[0]  # red where measured is above the model, else blue
-    cells = figures["gap_map"].axes[1].collections[0].get_array()
+    cells = drawn["gap_map"].axes[1].collections[0].get_array()
     assert cells.size == T * N and abs(float(cells.max())) == pytest.approx(40.0)
-    stems = figures["gap_harmonics"].axes
+    stems = drawn["gap_harmonics"].axes
     assert stems[1].get_ylim()[1] > 0.4
 
 
-def test_shrink_figure_leaves_out_what_is_not_known():
-    unknown = float("nan")
-    figure = gap_figures.shrink_figure([("a", unknown, unknown, unknown, None), ("b", 0.5, 0.4, 0.6, -3.0)])
-    assert [x.get_text() for x in figure.axes[0].get_yticklabels()] == ["b"]
+def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found):
+    """The same numbers as a torque in N·m over an angle in mrad: no text of page, figures or answer says N or mm."""
+    records = tuple(replace(r, units=Units("mrad", "N·m")) for r in found.campaign.tests)
+    torsion = replace(found, campaign=replace(found.campaign, tests=records))
+    page = torsion.write(tmp_path / "out").read_text()
+    page = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.S)
+    texts = [html.unescape(re.sub(r"<[^>]+>", " ", page)), "\n".join(torsion.sentences())]
+    for text in texts:
+        foreign = re.search(r"(?<![\w·])(?:[km]?N(?!·m|\w)|mm(?!\w))|\w_(?:N|mm)(?:_\w+)?(?![\w.])", text)
+        assert foreign is None, text[max(foreign.start() - 60, 0) : foreign.end() + 40]
+    assert "mN·m RMS" in texts[1] and "N·m·s/mrad" in texts[1]
+    assert torsion.plot_gap().axes[1].get_ylabel() == "measured − model (N·m)"
+    assert sorted(x.name for x in (tmp_path / "out").iterdir()) == [
+        "diagnosis.html",
+        "diagnosis.json",
+        "figures",
+        "fits.json",
+    ]
 
 
 def test_many_tests_and_single_blocks_draw():
