@@ -188,9 +188,10 @@ def whole(out: Path) -> list[str]:
             load(path.parent)
         except ValueError as error:
             bad.append(str(error))
-    for path in out.rglob("diagnosis.html"):
-        if (path.parent / "fits.json").stat().st_mtime_ns > path.stat().st_mtime_ns:
-            bad.append("a page older than its fits")
+    for path in out.rglob("diagnosis.json"):  # written last: where it stands, page and fits do
+        for other in (path.with_name("diagnosis.html"), path.with_name("fits.json")):
+            if not other.exists() or other.stat().st_mtime_ns > path.stat().st_mtime_ns:
+                bad.append(f"an answer without its {other.name}")
     return bad
 
 
