@@ -25,7 +25,7 @@ from scipy.optimize import minimize
 from bayes_iwan.campaign import average
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_whole
-from bayes_iwan.gap.budget import NO_CAUSE, shares
+from bayes_iwan.gap.budget import NO_CAUSE, rest_figures_of, shares
 from bayes_iwan.gap.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
@@ -33,19 +33,19 @@ from bayes_iwan.gap.calibration import (
     Calibration,
     calibration,
     effect_figures,
-    rest_figures,
 )
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.diagnosis import searched
 from bayes_iwan.gap.guards import Figures
 from bayes_iwan.gap.saved_fits import LOOPS
-from bayes_iwan.gap.verdict import named_by, weighed
+from bayes_iwan.gap.search import LAST
+from bayes_iwan.gap.verdict import least_share, named_by, weighed
 from bayes_iwan.rig import cases as rig_cases
 
+#: nats within which rivals for one place cannot be told apart
+APART = 30.0
 #: pull of every weight to zero, per squared unit: a figure that tells nothing gets no weight
-PULL = 0.5
-#: a truth that leaves less than this share of the gap is not missed by anybody
-SEEN = 0.05
+PULL = 0.1
 
 
 def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
@@ -113,8 +113,10 @@ def place_rows(cases: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]
     for case in cases:
         true = truths(case)
         for f in figures_of(case):
+            if f.name in LAST:  # named by its share alone: on the rig every specimen differs a little from the family
+                continue
             rows.append(effect_figures(f))
-            near = {n for n, v in f.rivals.items() if v > -calibration().apart}
+            near = {n for n, v in f.rivals.items() if v > -APART}
             right.append(f.name in true or (f.name not in NO_CAUSE and bool(near & true)) if f.name not in NO_CAUSE
                          else has_outside(case))  # fmt: skip
     return np.array(rows).reshape(-1, len(EFFECT_FIGURES)), np.array(right, dtype=float)
@@ -159,14 +161,28 @@ def _truths_of(cases: Sequence[dict[str, Any]]) -> list[set[str]]:
     ]
 
 
+def sets(by_name: dict[str, Any]) -> dict[frozenset[str], Any]:
+    return {frozenset(k.split("+")) if k else frozenset(): v for k, v in by_name.items()}
+
+
+def named_in(case: dict[str, Any], c: Calibration) -> frozenset[str]:
+    """What these constants name, less what does not make the gap smaller."""
+    kept = set(named_by(figures_of(case), c))
+    share = sets(case.get("share", {}))
+    while kept and frozenset(kept) in share:
+        short = {n: share[frozenset(kept)][n] - least_share(n) for n in kept}
+        worst = min(short, key=lambda n: short[n])
+        if short[worst] >= 0.0:
+            break
+        kept.remove(worst)
+    return frozenset(kept)
+
+
 def rest_row(case: dict[str, Any], c: Calibration) -> np.ndarray:
     """(figures,) of what is left beside the effects that these constants name."""
-    given = figures_of(case)
-    key = "+".join(sorted(named_by(given, c)))
-    before = case["gap_N"][""]
-    left = case["gap_N"][key] / before if before > 0.0 else 1.0
-    outside = max((c.contributes(f) for f in given if f.name in NO_CAUSE), default=0.0)
-    return rest_figures(case["rest_share"][key], left, outside, case["subharmonic"])
+    places = {f.name: c.contributes(f) for f in figures_of(case)}
+    size, gap = sets(case["rest_share"]), sets(case["gap_N"])
+    return rest_figures_of(named_in(case, c), size, gap, places, case["subharmonic"])
 
 
 def fitted(cases: Sequence[dict[str, Any]]) -> Calibration:
@@ -174,10 +190,10 @@ def fitted(cases: Sequence[dict[str, Any]]) -> Calibration:
     old = calibration()
     effect, bias = logistic_fit(*place_rows(cases))
     within = within_fit(cases)
-    half = Calibration(effect, bias, old.rest, old.rest_bias, within, old.apart, old.usual)
+    half = Calibration(effect, bias, old.rest, old.rest_bias, within, APART, old.usual)
     rest = np.array([rest_row(case, half) for case in cases])
     weights, rest_bias = logistic_fit(rest, np.array([float(has_outside(case)) for case in cases]))
-    return Calibration(effect, bias, weights, rest_bias, within, old.apart, old.usual)
+    return Calibration(effect, bias, weights, rest_bias, within, APART, old.usual)
 
 
 # ---- score
@@ -194,7 +210,7 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
 
     for case, c in zip(cases, constants):
         given, true, kind = figures_of(case), truths(case), case["truth"]["kind"]
-        named = set(named_by(given, c))
+        named = {n for n in named_in(case, c) if n not in LAST}
         apart = {n for f in given if f.name in named for n, v in f.rivals.items() if v > -c.apart}
         flagged = c.unknown_rest(rest_row(case, c)) >= 0.5
         visible = {

@@ -24,7 +24,7 @@ from bayes_iwan.gap.evidence import Fit, FitError, extended, fit_model
 from bayes_iwan.gap.gap_size import Gap, GapSize
 from bayes_iwan.gap.guards import Figures
 from bayes_iwan.gap.leave_out import Unseen
-from bayes_iwan.gap.search import Search
+from bayes_iwan.gap.search import LAST, Search
 
 #: half width of a 90 % interval in standard deviations
 NINETY = 1.645
@@ -231,11 +231,14 @@ def contributing(given: Iterable[Figures], c: Calibration) -> tuple[dict[str, fl
 
 
 def rest_figures_of(
-    named: frozenset[str], fits: Mapping[frozenset[str], Fit], gap: Mapping[frozenset[str], float],
+    named: frozenset[str], rest_share: Mapping[frozenset[str], float], gap: Mapping[frozenset[str], float],
     places: Mapping[str, float], subharmonic: float,
 ) -> Array:  # fmt: skip
-    """(4,) the figures that :meth:`Calibration.unknown_rest` weighs."""
+    """(4,) the figures that :meth:`Calibration.unknown_rest` weighs; rest_share : the rest's size over the friction
+    level, gap : RMS, by set of effects. What causes in the base's own form explain (:data:`LAST`) is a specimen's usual
+    difference from the model and no rest."""
+    explained = named | (max(gap, key=len) & LAST)
     before = gap[frozenset()]
-    left = gap[named] / before if before > 0.0 else 1.0
+    left = gap[explained] / before if before > 0.0 else 1.0
     outside = max((p for n, p in places.items() if n in NO_CAUSE), default=0.0)
-    return rest_figures(fits[named].rest_share[0], left, outside, subharmonic)
+    return rest_figures(rest_share[explained], left, outside, subharmonic)

@@ -7,6 +7,7 @@ tests, and its lead over effects of another kind speak with it (:mod:`bayes_iwan
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from bayes_iwan.gap.evidence import Fit
 from bayes_iwan.gap.gap_size import gap_size, moved_shares
 from bayes_iwan.gap.leave_out import HELD_OUT, Unseen, halves, left_out, refitted
 from bayes_iwan.gap.residuals import residual_of
-from bayes_iwan.gap.search import Search
+from bayes_iwan.gap.search import Search, look_alike
 
 #: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:
 #: nature's law is not quite the catalogue's
@@ -31,8 +32,9 @@ class Figures:
 
     gain : nats over the set without it; lead : nats over the best effect of another kind in its place (no look-alike)
     rivals : ln evidence of each effect in its place, itself included, less its own
-    fitted : share of the gap without it that it removes, on the fitted tests; unseen : on tests left out (the mean
-        over frequencies and amplitudes; the fitted one where no test can judge it)
+    fitted : share of the whole gap that it removes (Shapley value in the chosen set), on the fitted tests; unseen :
+        share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
+        fitted one where no test can judge it)
     differs : by how many standard deviations its strength differs between halves of the tests (larger split)
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force
     """
@@ -48,14 +50,8 @@ class Figures:
     gap: float
 
 
-def look_alike(search: Search, one: str, other: str) -> bool:
-    """Do the catalogue's authors expect the two to be hard to tell apart?"""
-    known = search.effects
-    return one == other or other in known[one][0].look_alikes or one in known[other][0].look_alikes
-
-
-def figures(search: Search) -> tuple[Figures, ...]:
-    """The figures of every effect of the chosen set; () where it is empty."""
+def figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, ...]:
+    """The figures of every effect of the chosen set; share : of the gap, by effect (:func:`.budget.shares`)."""
     if not search.chosen:
         return ()
     data, whole = search.data, search.fit(search.chosen)
@@ -70,9 +66,8 @@ def figures(search: Search) -> tuple[Figures, ...]:
     for name in search.chosen:
         less = without[name]
         rivals = {n: f.log_evidence - whole.log_evidence for n, f in search.rivals(name).items()}
-        others = [v for n, v in rivals.items() if not look_alike(search, name, n)]
-        before, after = gap[less.names], gap[whole.names]
-        fitted = float(np.clip(1.0 - after / before, -1.0, 1.0)) if before > 0.0 else 0.0
+        others = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
+        fitted = float(np.clip(share[name], -1.0, 1.0))
         gain = whole.log_evidence - less.log_evidence
         out.append(
             Figures(
@@ -84,7 +79,7 @@ def figures(search: Search) -> tuple[Figures, ...]:
                 _judged(whole, name, unseen, fitted),
                 differs.get(name, 0.0),
                 moved[name],
-                before / level,
+                gap[less.names] / level,
             )
         )
     return tuple(out)

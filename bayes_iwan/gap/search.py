@@ -33,6 +33,8 @@ PROMISE, FURTHER_MOST = 3.0, 4
 LAWS_MOST = 2
 #: an effect is taken in if it gains so many nats, and dropped again below half of that
 WORTH_NATS = 3.0
+#: and so many where one that looks alike is in the set already: nature seldom has both
+BESIDE_ALIKE = 25.0
 #: rivals refitted in the place of each effect of the chosen set
 RIVALS_MOST = 3
 #: and only those whose first step promises this share of what the effect itself gains there
@@ -209,6 +211,15 @@ class _Explorer:
                 current = best
         return current
 
+    def pruned(self, current: Fit) -> Fit:
+        """Less the weaker of two effects that look alike, unless both are needed."""
+        for name in sorted(current.names, key=lambda n: self.without(current, n).log_evidence, reverse=True):
+            alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
+            less = self.without(current, name)
+            if name in current.names and alike and less.log_evidence > current.log_evidence - BESIDE_ALIKE:
+                return self.pruned(less)
+        return current
+
     def rivals(self, current: Fit) -> None:
         """What else could stand in the place of each effect of the chosen set."""
         for name in sorted(current.names):
@@ -258,10 +269,17 @@ def search(
     while len(current.effects) < most and (larger := found.grow(current, frozenset())) is not None:
         order += sorted(larger.names - current.names)
         current = larger
+    current = found.pruned(current)
+    order = [n for n in order if n in current.names]
     if current.effects:
         found.rivals(current)
         current = found.fits[current.names]
     return Search(data, scales, config, found.fits, tuple(order), found.effects, found.failed)
+
+
+def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:
+    """Do the catalogue's authors expect the two to be hard to tell apart?"""
+    return one == other or other in effects[one][0].look_alikes or one in effects[other][0].look_alikes
 
 
 def _part(fit: Fit, problem: Problem) -> Array:

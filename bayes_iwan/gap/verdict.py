@@ -30,7 +30,7 @@ from bayes_iwan.gap.leave_out import HELD_OUT, Unseen, left_out
 from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.search import LAST, Search
 
-#: share of the gap that an effect must remove to be named; more where it is so flexible that it always removes some
+#: share of the gap that an effect must remove to be named, and more where it is so flexible that it always removes some
 LEAST_SHARE, LEAST_FLEXIBLE = 0.02, 0.2
 
 
@@ -62,7 +62,8 @@ def weighed(search: Search, seed: int) -> Weighed:
         k: before if not k else gap_size(residual_of(search.data, f), seed, friction_N=before.friction_N)
         for k, f in fits.items()
     }
-    return Weighed(search, figures(search), fits, sizes, float(np.max(search.data.subharmonic, initial=0.0)))
+    share = {n: s.value for n, s in shares(search.chosen, sizes).items()} if search.chosen else {}
+    return Weighed(search, figures(search, share), fits, sizes, float(np.max(search.data.subharmonic, initial=0.0)))
 
 
 def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
@@ -75,13 +76,18 @@ def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
     return tuple(out)
 
 
+def least_share(name: str) -> float:
+    """Share of the gap that an effect must remove to be named."""
+    return LEAST_FLEXIBLE if name in LAST else LEAST_SHARE
+
+
 def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
     """The named effects less those that do not make the gap smaller: evidence weighs every harmonic by its noise and
     may rise where the force in newtons is missed by more. The least helpful goes first, the rest is judged anew."""
     kept = list(named)
     while kept:
         share = shares(kept, {k: found.sizes[k] for k in subsets(kept)})
-        short = {n: share[n].value - (LEAST_FLEXIBLE if n in LAST else LEAST_SHARE) for n in kept}
+        short = {n: share[n].value - least_share(n) for n in kept}
         worst = min(kept, key=lambda n: short[n])
         if short[worst] >= 0.0:
             break
@@ -92,7 +98,8 @@ def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
 def rest_of(found: Weighed, named: Sequence[str], c: Calibration) -> tuple[Array, float]:
     """Figures of what is left beside the named effects, and the probability that it has a cause of its own."""
     _, places = contributing(found.figures, c)
-    at = rest_figures_of(frozenset(named), found.fits, found.gap_N, places, found.subharmonic)
+    size = {k: f.rest_share[0] for k, f in found.fits.items()}
+    at = rest_figures_of(frozenset(named), size, found.gap_N, places, found.subharmonic)
     return at, c.unknown_rest(at)
 
 
