@@ -136,29 +136,21 @@ def logistic_fit(x: np.ndarray, y: np.ndarray) -> tuple[tuple[float, ...], float
 
 
 def within_fit(cases: Sequence[dict[str, Any]]) -> float:
-    """Power of the evidence among rivals for one place."""
-    places = [
-        (np.array(list(f.rivals.values())), list(f.rivals))
-        for case in cases
-        for f in figures_of(case)
-        if len(truths(case) & set(f.rivals)) == 1 and f.name not in NO_CAUSE
-    ]
-    which = [next(i for i, n in enumerate(names) if n in t) for (_, names), t in zip(places, _truths_of(cases))]
+    """Power of the evidence among rivals for one place, from places where one of them is true."""
+    places = []
+    for case in cases:
+        given, true = figures_of(case), truths(case)
+        missed = true - {f.name for f in given}
+        for f in given:
+            right = [n for n in f.rivals if n == f.name and n in true] or [n for n in f.rivals if n in missed]
+            if len(right) == 1 and f.name not in NO_CAUSE | LAST:
+                places.append((np.array(list(f.rivals.values())), list(f.rivals).index(right[0])))
 
     def cost(power: float) -> float:
-        return -sum(float(power * v[i] - np.logaddexp.reduce(power * v)) for (v, _), i in zip(places, which))
+        return -sum(float(power * v[i] - np.logaddexp.reduce(power * v)) for v, i in places)
 
     grid = np.geomspace(0.02, 1.0, 40)
     return float(grid[np.argmin([cost(p) for p in grid])])
-
-
-def _truths_of(cases: Sequence[dict[str, Any]]) -> list[set[str]]:
-    return [
-        truths(case)
-        for case in cases
-        for f in figures_of(case)
-        if len(truths(case) & set(f.rivals)) == 1 and f.name not in NO_CAUSE
-    ]
 
 
 def sets(by_name: dict[str, Any]) -> dict[frozenset[str], Any]:

@@ -78,6 +78,7 @@ class Effect:
     spread: ClassVar[float] = SHARE_SPREAD  # sd of the strength's logarithm in its prior
     law_error: ClassVar[float] = 0.035  # relative error of a strength: nature's law is not quite ours
     sudden: ClassVar[bool] = False  # nothing below a threshold: a first step tells little of it
+    flexible: ClassVar[bool] = False  # does it absorb part of most gaps? Then it is sought last and named by its share
     order: ClassVar[int] = 0  # specimen 0, rig 1, force channel 2, in the order of the signal
     physics: ClassVar[str]  # one paragraph
     reference: ClassVar[str]

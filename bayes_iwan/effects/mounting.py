@@ -20,6 +20,7 @@ STIFFEST = 5.0
 
 class RigCompliance(Effect):
     name = "rig_compliance"
+    flexible = True  # other slip forces imitate nearly all of it, and it imitates theirs
     law = "u − C·(F + (ρ − 1)·F₁·(1 − e^(−|F|/F₁))·sgn F); ρ = 1: linear, ρ > 1: softer at small forces"
     strength = ("compliance_mm_N", "C", "mm/N", "compliance in series")
     order = 1

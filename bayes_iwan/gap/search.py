@@ -15,7 +15,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.effects.catalogue import FORM, Maker
+from bayes_iwan.effects.catalogue import BUILT_IN, FORM, Maker
 from bayes_iwan.gap.candidates import Candidate, best_draws, candidates, failing
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.gap.evidence import Fit, FitError, base_problem, extended, fit_model
@@ -42,8 +42,8 @@ RIVAL_SHARE = 0.3
 #: effects in a set, at most
 MOST_EFFECTS = 4
 
-#: causes in the base's own form: so flexible that they are sought only beside what the others explain
-LAST = frozenset(e.name for e in FORM)
+#: causes in the base's own form, and others so flexible that they are sought only beside what the rest explains
+LAST = frozenset(e.name for e in (*FORM, *(e for e in BUILT_IN if e.flexible)))
 
 Report = Callable[[str], None]
 
