@@ -32,13 +32,15 @@ from bayes_iwan.gap.search import LAST, Search
 
 #: share of the gap that an effect must remove to be named, and more where it is so flexible that it always removes some
 LEAST_SHARE, LEAST_FLEXIBLE = 0.02, 0.2
+#: gap over the friction force below which no flexible effect is named: so much every specimen differs from the family
+LEAST_GAP = 0.01
 
 
 @dataclass(frozen=True)
 class Weighed:
     """Everything behind a verdict but the calibration's constants.
 
-    figures : of every effect of the chosen set; fits, sizes : by every subset of it; subharmonic : the largest power
+    figures : of every effect of the chosen set that may be named; fits, sizes : by every subset of it; subharmonic : the largest power
     of a line at half a test's frequency over its background
     """
 
@@ -63,7 +65,8 @@ def weighed(search: Search, seed: int) -> Weighed:
         for k, f in fits.items()
     }
     share = {n: s.value for n, s in shares(search.chosen, sizes).items()} if search.chosen else {}
-    return Weighed(search, figures(search, share), fits, sizes, float(np.max(search.data.subharmonic, initial=0.0)))
+    said = tuple(f for f in figures(search, share) if f.name not in LAST or f.gap >= LEAST_GAP)
+    return Weighed(search, said, fits, sizes, float(np.max(search.data.subharmonic, initial=0.0)))
 
 
 def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:

@@ -26,7 +26,8 @@ def test_planted_effect_is_found_with_its_number(name, kit):
     planted = kit.rig_records(name, plan).faults[0].parameters[FOUND[name]]
     d = kit.diagnosed(name, plan)
     assert d.verdict.kind == Kind.EXPLAINED and d.verdict.names[0] == name
-    assert d.verdict.probabilities[name] > 0.6
+    alike = {name, *d.verdict.causes[0].cannot_tell_apart}  # a late and a smoothed force are all but one
+    assert sum(d.verdict.probabilities[n] for n in alike) > 0.6
     number = d.parameters[name][FOUND[name]]
     assert abs(number.mean - planted) < 3.0 * number.sd + 0.02 * abs(planted)
     assert 0 < number.sd < 0.3 * abs(planted)
@@ -57,7 +58,7 @@ def test_every_effect_is_offered_and_the_most_promising_first(kit):
     offered = candidates(found.data, found.base, effects)
     # 50 and 60 Hz are no harmonics of these tests, and no line stands there
     assert found.data.mains_possible == (False, False)
-    assert {c.name for c in offered} == set(catalogue.NAMES) - {"mains_hum"}
+    assert {c.name for c in offered} == set(catalogue.NAMES) - {"mains_hum"} - LAST
     gains = [c.gain for c in offered]
     assert gains == sorted(gains, reverse=True)
     # one step is but a screen: the truth need not lead, but it must be refitted
