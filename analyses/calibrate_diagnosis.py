@@ -44,6 +44,8 @@ from bayes_iwan.rig import cases as rig_cases
 
 #: nats within which rivals for one place cannot be told apart
 APART = 30.0
+#: nats that one place may cost: beyond, the search missed the truth, which no power mends
+SEARCH_MISSED = 3.0
 #: pull of every weight to zero, per squared unit: a figure that tells nothing gets no weight
 PULL = 0.1
 
@@ -147,7 +149,7 @@ def within_fit(cases: Sequence[dict[str, Any]]) -> float:
                 places.append((np.array(list(f.rivals.values())), list(f.rivals).index(right[0])))
 
     def cost(power: float) -> float:
-        return -sum(float(power * v[i] - np.logaddexp.reduce(power * v)) for v, i in places)
+        return -sum(max(float(power * v[i] - np.logaddexp.reduce(power * v)), -SEARCH_MISSED) for v, i in places)
 
     grid = np.geomspace(0.02, 1.0, 40)
     return float(grid[np.argmin([cost(p) for p in grid])])

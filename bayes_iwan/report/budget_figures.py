@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.gap.budget import GapBudget
+from bayes_iwan.gap.budget import NAMED, GapBudget
 from bayes_iwan.gap.diagnosis import Moved
 from bayes_iwan.report.gap_figures import panels
 from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, styled, subplots
@@ -141,8 +141,8 @@ def probabilities_figure(
     ax.set_yticks(y, [_words(name) for name, _ in keep])
     ax.set_xlim(0.0, 1.08)
     ax.set_xticks(np.linspace(0, 1, 6))
-    ax.axvline(0.5, color=BLACK, linewidth=0.6, linestyle=(0, (4, 2)))
-    ax.set_xlabel("probability (effects add up freely: several may contribute; named from 0.5 on)")
+    ax.axvline(NAMED, color=BLACK, linewidth=0.6, linestyle=(0, (4, 2)))
+    ax.set_xlabel("probability (effects add up freely: several may contribute; named from 0.6 on)")
     ax.grid(axis="y", visible=False)
     return figure
 
