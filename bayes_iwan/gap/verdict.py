@@ -40,8 +40,8 @@ LEAST_GAP = 0.01
 class Weighed:
     """Everything behind a verdict but the calibration's constants.
 
-    figures : of every effect of the chosen set that may be named; fits, sizes : by every subset of it; subharmonic : the
-    largest power of a line at half a test's frequency over its background
+    figures : of every effect of the chosen set that may be named; fits, sizes : by every subset of it; subharmonic :
+    the largest power of a line at half a test's frequency over its background
     """
 
     search: Search
