@@ -1,4 +1,4 @@
-"""The README's picture: a diagnosis of a virtual rig whose force channel is 0.3 ms late.
+"""The README's picture: a diagnosis of a virtual rig with a damper beside the specimen.
 
 python analyses/readme_picture.py
 """
@@ -19,8 +19,8 @@ PICTURE = Path(__file__).parent / "pictures" / "headline.png"
 def main() -> None:
     tests = [PlannedTest(f, a) for f in (8.0, 13.0, 21.0) for a in (0.35, 0.8)]
     with tempfile.TemporaryDirectory() as folder:
-        simulate_campaign(tests, fault="channel_delay", size=0.08, seed=5).write(Path(folder) / "late")
-        answer = diagnose_campaign(Path(folder) / "late", Path(folder) / "out", seed=5, quick=True)
+        simulate_campaign(tests, fault="viscous_damping", size=0.1, seed=5).write(Path(folder) / "damped")
+        answer = diagnose_campaign(Path(folder) / "damped", Path(folder) / "out", seed=5, quick=True)
         PICTURE.parent.mkdir(exist_ok=True)
         shutil.copy(Path(folder) / "out" / "figures" / "headline.png", PICTURE)
     print("\n".join(answer["sentences"]))
