@@ -48,7 +48,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "cannot_tell_apart": list(v.causes[0].cannot_tell_apart) if v.causes else [],
             "not_testable": list(d.not_testable),
         },
-        "probabilities": v.probabilities,
+        "probabilities": {"unknown_rest" if n == "unknown" else n: p for n, p in v.probabilities.items()},
         "rest": {
             "probability": b.rest.probability,
             "share": b.rest.share.value,

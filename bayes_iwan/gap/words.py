@@ -49,7 +49,7 @@ def _which(d: dict[str, Any]) -> list[str]:
             f"specimen's usual difference from the model{tail}."
         ]
     if verdict["kind"] == "unknown":
-        p = d["probabilities"]["unknown"]
+        p = d["rest"]["probability"]
         doubt = [c["name"] for c in d["considered"]]
         tail = f"; {listed(doubt)} cannot be excluded" if doubt else ""
         return [
