@@ -165,6 +165,8 @@ def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures):
 
 def test_the_gap_stands_as_a_sum(tmp_path, found):
     d = answer(found)
+    nothing_known = dict.fromkeys(("log_evidence_alone", "shrink", "shrink_held_out", "strength_differs_by"))
+    d["considered"] = [{"name": "channel_delay", "probability": 0.2, **nothing_known}]
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     *causes, rest = rows_of(text, "The gap as a sum")
     assert [row[0] for row in causes] == ["viscous damping"] and rest[0] == "rest"
@@ -174,7 +176,7 @@ def test_the_gap_stands_as_a_sum(tmp_path, found):
     assert percent(causes[0][4]) == pytest.approx(100 * found.verdict.causes[0].held_out.value, abs=0.6)
     assert float(causes[0][1]) == pytest.approx(found.verdict.probabilities["viscous_damping"], abs=0.006)
     considered = rows_of(text, "Considered, not named")
-    assert [row[0].replace(" ", "_") for row in considered] == [c["name"] for c in d["considered"]] != []
+    assert [row[0].replace(" ", "_") for row in considered] == ["channel_delay"]
 
 
 def test_a_rest_without_a_name_is_said_with_where_it_sits(tmp_path, found):
@@ -199,7 +201,14 @@ def test_page_without_a_named_cause(tmp_path, found, nothing, kind, mark):
 
 def test_a_bench_advice_comes_before_a_test_that_would_not_help(tmp_path, found):
     d = answer(found)
-    d["next_test"] |= {"bench": "one common signal into both channels", "expected_log_odds": 0.4}
+    d["next_test"] = {
+        "frequency_hz": 40.0,
+        "amplitude_mm": 1.0,
+        "cycles": 20,
+        "separates": ["viscous_damping", "channel_delay"],
+        "expected_log_odds": 0.4,
+        "bench": "one common signal into both channels",
+    }
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     assert text.index("one common signal") < text.index("No loop test separates")
 
