@@ -421,18 +421,6 @@ def test_break_away_lifts_friction_after_reversals_and_wears_off(kit):
     assert added[up & (u > -0.7 * A_MM) & (u < -0.3 * A_MM)].max() > 0.01 * friction
 
 
-def test_tests_differ_and_change_each_by_its_own_elastic_force(kit):
-    for name, cycle, share in (("tests_differ", 3.0, 1.0), ("stiffness_changes", 10.0, 1.0 - np.exp(-1.0))):
-        at = motion(cycle=cycle)
-        effect, model = of(name, kit), Model(kit.reference)
-        numbers = kit.numbers(model)
-        own = dict(zip((p.name for p in effect.parameters), (np.array([0.3]), np.array([-0.2]))))
-        added = (recorded_force(model, (effect,), numbers | own, at) - model.force(numbers, at))[0]
-        expected = share * np.array([[0.3], [-0.2]]) * at.displacement_mm[0] / at.amplitude_mm[:, None]
-        np.testing.assert_allclose(added, expected, atol=1e-12)
-        assert effect.evolving == (name == "stiffness_changes")
-
-
 def test_papers_terms_on_the_classical_model_are_the_papers_model(kit):
     at = motion()
     reference = replace(kit.reference)
