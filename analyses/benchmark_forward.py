@@ -158,7 +158,7 @@ def cold_start() -> float:
     """Processor seconds from starting Python to the first force, with nothing compiled."""
     code = (
         "from bayes_iwan.physics import *; from bayes_iwan.physics.paper import table_1; r = Reference(1.0, 0.1); "
-        "Model(r).force(table_1(r), sine_motion(1.0, 10.0))"
+        "Model(r).force(table_1(r), sine_motion(frequency_hz=10.0, amplitude_mm=1.0))"
     )
     with tempfile.TemporaryDirectory() as empty:
         start = os.times()
@@ -170,7 +170,9 @@ def cold_start() -> float:
 def run(draws: int, repeats: int) -> dict[str, object]:
     reference = Reference(1.0, 2e-3 * np.pi * 20.0)
     model, numbers = Model(reference), scattered(draws, reference)
-    motion = sine_motion(np.repeat([0.3, 0.6, 1.0], 3), np.tile([10.0, 15.0, 20.0], 3), SAMPLES)
+    motion = sine_motion(
+        frequency_hz=np.tile([10.0, 15.0, 20.0], 3), amplitude_mm=np.repeat([0.3, 0.6, 1.0], 3), samples=SAMPLES
+    )
     per = 1e9 / (draws * LOOPS * SAMPLES)
     model.force(numbers, motion)
     result: dict[str, object] = {"machine": f"{platform.machine()}, {nb.config.NUMBA_NUM_THREADS} cores"}

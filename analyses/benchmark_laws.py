@@ -30,7 +30,9 @@ def best_ms(effects: tuple[Effect, ...], draws: int, repeats: int) -> float:
     numbers = {n: np.repeat(np.atleast_1d(v), draws) for n, v in table_1(SCALES.reference).items()}
     for p in (p for e in effects for p in e.parameters):
         numbers[p.name] = np.full(draws, float(p.value(np.full(1, 0.5))[0]))
-    motion = sine_motion(np.tile([0.3, 0.6, 1.0], 3), np.repeat([10.0, 15.0, 20.0], 3), 80)
+    motion = sine_motion(
+        frequency_hz=np.repeat([10.0, 15.0, 20.0], 3), amplitude_mm=np.tile([0.3, 0.6, 1.0], 3), samples=80
+    )
     recorded_force(model, effects, numbers, motion)
     times = []
     for _ in range(repeats):

@@ -88,7 +88,9 @@ def made_up(folder: Path, kp: float, seed: int) -> Path:
     true = {"kp_N_mm": kp, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
     records = []
     for amplitude in (0.3, 1.0):
-        loop = model.force({k: np.array([v]) for k, v in true.items()}, sine_motion(amplitude, 10.0))[0, 0]
+        loop = model.force(
+            {k: np.array([v]) for k, v in true.items()}, sine_motion(frequency_hz=10.0, amplitude_mm=amplitude)
+        )[0, 0]
         time_s = np.arange(8 * 128) / 1280.0
         noise = 0.02 * np.random.default_rng([seed, int(10 * amplitude)]).standard_normal(time_s.size)
         displacement = amplitude * np.sin(20.0 * np.pi * time_s)

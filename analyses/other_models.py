@@ -54,7 +54,9 @@ def _campaign(simulator: Simulator, numbers, effects, noise_N, cycles, rate_hz, 
     records = []
     for i, (f, a) in enumerate(TESTS):
         samples = round(rate_hz / f)
-        loop = recorded_force(simulator, effects, numbers, sine_motion([a], [f], samples))[0, 0]
+        loop = recorded_force(
+            simulator, effects, numbers, sine_motion(frequency_hz=[f], amplitude_mm=[a], samples=samples)
+        )[0, 0]
         time = np.arange(cycles * samples) / rate_hz
         noise = noise_N * np.random.default_rng([seed, i]).standard_normal(time.size)
         u = a * np.sin(2.0 * np.pi * f * time)

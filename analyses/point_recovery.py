@@ -51,7 +51,7 @@ def true_numbers() -> dict[str, np.ndarray]:
 
 def known_loops(noise_N: float = 0.0, seed: int = 0, cycles: int = 8) -> tuple[Loop, ...]:
     """Averaged loops of TESTS, 128 samples a cycle, with white noise of noise_N on every sample."""
-    motion = sine_motion([a for _, a in TESTS], [f for f, _ in TESTS])
+    motion = sine_motion(frequency_hz=[f for f, _ in TESTS], amplitude_mm=[a for _, a in TESTS])
     force = Model(REFERENCE).force(true_numbers(), motion)[0]
     loops = []
     for k, (f, a) in enumerate(TESTS):

@@ -99,7 +99,7 @@ def figure_9(folder: Path) -> None:
 
 
 def figure_10(model: Model, numbers, folder: Path) -> None:
-    loops = sine_motion(AMPLITUDE_MM, FREQUENCIES_HZ, samples=1024)
+    loops = sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM, samples=1024)
     alpha = model.alpha(numbers, loops)[0]
     figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.4), layout="constrained")
     for j, (f, colour) in enumerate(zip(FREQUENCIES_HZ, COLOURS)):
@@ -120,7 +120,7 @@ def figure_10(model: Model, numbers, folder: Path) -> None:
 
 def as_printed(numbers, model: Model, frequency_hz: float):
     """Friction loop of 4,000 elements with Eq. (11) as it stands, and the sine it belongs to."""
-    loop = sine_motion(AMPLITUDE_MM, frequency_hz)
+    loop = sine_motion(frequency_hz=frequency_hz, amplitude_mm=AMPLITUDE_MM)
     u, speed = loop.displacement_mm[0, 0], loop.speed_m_s[0, 0]
     alpha = printed_alpha(u, speed, AMPLITUDE_MM)
     phi = equal_probability_sliders(lambda f: model.slip_family.survival(f, numbers)[0], 4000, 12.0)
@@ -130,7 +130,7 @@ def as_printed(numbers, model: Model, frequency_hz: float):
 
 
 def figure_12(model: Model, numbers, folder: Path) -> None:
-    loops = sine_motion(AMPLITUDE_MM, FREQUENCIES_HZ)
+    loops = sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM)
     friction = model.friction_force(numbers, loops)
     total = model.force(numbers, loops)
     area = loop_areas(friction, loops)[0]
@@ -151,7 +151,7 @@ def figure_12(model: Model, numbers, folder: Path) -> None:
 
 def text(model: Model, numbers) -> str:
     """What Table 1 gives in figures, what breaks, and what the mend costs."""
-    loops = sine_motion(AMPLITUDE_MM, FREQUENCIES_HZ, samples=512)
+    loops = sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM, samples=512)
     area = loop_areas(model.friction_force(numbers, loops), loops)[0]
     alpha = model.alpha(numbers, loops)[0]
     at_end = float(printed_alpha(AMPLITUDE_MM, 0.0, AMPLITUDE_MM))
@@ -179,7 +179,7 @@ def text(model: Model, numbers) -> str:
     kept = motion.Y_FLOOR
     for floor in (1e-4, 1e-3, 1e-2, 3e-2, 1e-1):
         motion.Y_FLOOR = floor
-        fresh = sine_motion(AMPLITUDE_MM, 15.0, samples=512)
+        fresh = sine_motion(frequency_hz=15.0, amplitude_mm=AMPLITUDE_MM, samples=512)
         lines.append(f"  floor {floor:7.4f}: {loop_areas(model.friction_force(numbers, fresh), fresh)[0, 0]:.3f} N·mm")
     motion.Y_FLOOR = kept
     return "\n".join(lines)
@@ -188,7 +188,7 @@ def text(model: Model, numbers) -> str:
 def identified(model: Model, numbers, budget_s: float, noise_N: float = 0.015, cycles: int = 30, seed: int = 1):
     """The posterior of Table 1's three loops, recorded at 1,280 samples/s with white noise of 1 % of the friction."""
     rng = np.random.default_rng(seed)
-    force = model.force(numbers, sine_motion(AMPLITUDE_MM, FREQUENCIES_HZ, samples=1024))[0]
+    force = model.force(numbers, sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM, samples=1024))[0]
     loops = []
     for f, one in zip(FREQUENCIES_HZ, force):
         t = np.arange(int(cycles * 1280 / f)) / 1280

@@ -26,7 +26,9 @@ def made_up_campaign(tmp_path_factory):
     true = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
     records = []
     for amplitude in (0.3, 1.0):
-        loop = model.force({k: np.array([v]) for k, v in true.items()}, sine_motion(amplitude, 10.0))[0, 0]
+        loop = model.force(
+            {k: np.array([v]) for k, v in true.items()}, sine_motion(frequency_hz=10.0, amplitude_mm=amplitude)
+        )[0, 0]
         time = np.arange(8 * 128) / 1280.0
         noise = 0.02 * np.random.default_rng([7, int(10 * amplitude)]).standard_normal(time.size)
         records.append(
@@ -79,13 +81,14 @@ def elastic(reference) -> tuple[Model, dict]:
 
 
 def made_up(force, tests, cycles=12, rate=1280.0, noise_N=0.0, extra=None, seed=0, roles=None):
-    """A campaign of sines: force(amplitude, frequency) gives one cycle (n,) of the specimen's force on phases from the
-    upward crossing; extra(time, test) is added along the record. Frequencies divide the sampling rate."""
+    """A campaign of sines: force(frequency, amplitude, samples) gives one cycle (n,) of the specimen's force on
+    phases from the upward crossing; extra(time, test) is added along the record. Frequencies divide the sampling
+    rate."""
     records = []
     for i, (f, a) in enumerate(tests):
         per = round(rate / f)
         time = np.arange(cycles * per) / rate
-        values = np.tile(force(a, f, per), cycles)
+        values = np.tile(force(f, a, per), cycles)
         values = values + noise_N * np.random.default_rng([seed, i]).standard_normal(time.size)
         if extra is not None:
             values = values + extra(time, i)
@@ -95,10 +98,12 @@ def made_up(force, tests, cycles=12, rate=1280.0, noise_N=0.0, extra=None, seed=
     return Campaign("made up", "", "", "", Path("made_up"), tuple(records))
 
 
-def specimen_force(amplitude, frequency, samples):
+def specimen_force(frequency, amplitude, samples):
     """One cycle of Table 1's force."""
     model = Model(SCALES.reference)
-    return model.force(numbers_of(model), sine_motion(amplitude, frequency, samples))[0, 0]
+    return model.force(numbers_of(model), sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples))[
+        0, 0
+    ]
 
 
 #: tests by plan: frequency, amplitude, role
@@ -194,7 +199,7 @@ def record(frequency_hz, amplitude_mm, force_N, noise_N=0.0, seed=0, cycles=8, n
 
 def loops(noise_N=0.02, seed=0, n_phase=128, tests=TESTS, model=None, values=None):
     model = Model(REFERENCE) if model is None else model
-    motion = sine_motion([a for _, a in tests], [f for f, _ in tests])
+    motion = sine_motion(frequency_hz=[f for f, _ in tests], amplitude_mm=[a for _, a in tests])
     force = model.force(numbers() if values is None else values, motion)[0]
     return tuple(average(record(f, a, row, noise_N, seed), n_phase=n_phase) for (f, a), row in zip(tests, force))
 

@@ -95,7 +95,9 @@ def next_test(data: GapData, a: Fit, b: Fit, names: tuple[str, str], bench: Sequ
     f = np.array([x.frequency_hz for x in data.loops])
     u = np.array([x.amplitude_mm for x in data.loops])
     plan = list(product(np.geomspace(0.4 * f.min(), 2.0 * f.max(), 8), np.geomspace(0.6 * u.min(), 1.25 * u.max(), 5)))
-    motion = sine_motion(np.array([p[1] for p in plan]), np.array([p[0] for p in plan]), 96)
+    motion = sine_motion(
+        frequency_hz=np.array([p[0] for p in plan]), amplitude_mm=np.array([p[1] for p in plan]), samples=96
+    )
 
     def harmonics(fit: Fit) -> tuple[Array, Array]:
         """Predicted (plans, 2 H) and its Jacobian (plans, 2 H, ndim)."""

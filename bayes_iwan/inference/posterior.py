@@ -320,7 +320,7 @@ class Posterior:
         frequency_hz, amplitude_mm : one or several, broadcast against each other.
         """
         f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
-        motion = sine_motion(a, f, samples)
+        motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=samples)
         force = self.problem.predict(self.flat_z(n), motion)
         return Prediction(f, a, motion.displacement_mm[0], force, self.problem.units)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
@@ -16,12 +16,12 @@ from bayes_iwan.campaign import Loop
 Y_FLOOR = 0.01
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Motion:
     """Motion of `loops` loops (or one record), each `samples` long.
 
     displacement_mm, velocity_m_s, acceleration_m_s2 : (1 or draws, loops, samples), measured from its mean
-    amplitude_mm, frequency_hz : (loops,); A of Eq. (11) and the loop's frequency
+    frequency_hz, amplitude_mm : (loops,); the loop's frequency and A of Eq. (11)
     cycle : (loops,) cycle number at which the loop stands in its test, for effects that evolve
     test : (loops,) index of the test that a loop belongs to
     span_cycles : (loops,) or (1,) cycles of the record over which the loop is an average, about `cycle`
@@ -32,8 +32,8 @@ class Motion:
     displacement_mm: Array
     velocity_m_s: Array
     acceleration_m_s2: Array
-    amplitude_mm: Array
     frequency_hz: Array
+    amplitude_mm: Array
     cycle: Array
     test: NDArray[np.int64]
     periodic: bool = True
@@ -74,25 +74,43 @@ class Motion:
         )
 
 
-def sine_motion(amplitude_mm, frequency_hz, samples: int = 128) -> Motion:
-    """Steady sines, one loop for each pair of amplitude (mm) and frequency (Hz), `samples` points a cycle."""
+def sine_motion(*, frequency_hz: ArrayLike, amplitude_mm: ArrayLike, samples: int = 128) -> Motion:
+    """Steady sines, `samples` points a cycle.
+
+    Parameters
+    ----------
+    frequency_hz, amplitude_mm : scalars or (loops,), one loop a pair; named, since both are plain numbers and an
+        exchanged pair would still give a motion.
+    samples : points a cycle.
+
+    Returns
+    -------
+    Motion : u = A sin ωt with its velocity and acceleration, (1, loops, samples).
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> motion = bi.sine_motion(frequency_hz=[10.0, 20.0], amplitude_mm=0.5, samples=64)
+    >>> motion.displacement_mm.shape, float(motion.displacement_mm.max())
+    ((1, 2, 64), 0.5)
+    """
     a, f = np.broadcast_arrays(np.atleast_1d(np.asarray(amplitude_mm, float)), np.asarray(frequency_hz, float))
     phase = 2.0 * np.pi * np.arange(samples) / samples
     omega = 2.0 * np.pi * f[:, None]
     u = a[:, None] * np.sin(phase)
     return Motion(
-        u[None],
-        (1e-3 * omega * a[:, None] * np.cos(phase))[None],
-        (-1e-3 * omega**2 * u)[None],
-        a.astype(float),
-        f.astype(float),
-        np.zeros(len(a)),
-        np.arange(len(a)),
+        displacement_mm=u[None],
+        velocity_m_s=(1e-3 * omega * a[:, None] * np.cos(phase))[None],
+        acceleration_m_s2=(-1e-3 * omega**2 * u)[None],
+        frequency_hz=f.astype(float),
+        amplitude_mm=a.astype(float),
+        cycle=np.zeros(len(a)),
+        test=np.arange(len(a)),
     )
 
 
 def record_motion(
-    time_s: Array, displacement_mm: Array, amplitude_mm: float | None = None, frequency_hz: float = float("nan")
+    time_s: Array, displacement_mm: Array, *, frequency_hz: float = float("nan"), amplitude_mm: float | None = None
 ) -> Motion:
     """Any motion (n,) from rest at u = 0; velocity by central differences. amplitude_mm is A of Eq. (11)."""
     u = np.asarray(displacement_mm, float)
@@ -100,13 +118,13 @@ def record_motion(
     v = 1e-3 * np.gradient(u, t)
     a = float(np.max(np.abs(u))) if amplitude_mm is None else amplitude_mm
     return Motion(
-        u[None, None],
-        v[None, None],
-        np.gradient(v, t)[None, None],
-        np.array([a]),
-        np.array([frequency_hz]),
-        np.zeros(1),
-        np.zeros(1, dtype=np.int64),
+        displacement_mm=u[None, None],
+        velocity_m_s=v[None, None],
+        acceleration_m_s2=np.gradient(v, t)[None, None],
+        frequency_hz=np.array([frequency_hz]),
+        amplitude_mm=np.array([a]),
+        cycle=np.zeros(1),
+        test=np.zeros(1, dtype=np.int64),
         periodic=False,
     )
 
@@ -121,13 +139,13 @@ def motion_of(loops: Sequence[Loop], blocks: bool = False) -> Motion:
     cycle = np.concatenate([x.block_cycle if blocks else [x.block_cycle.mean()] for x in loops])
     stated = [name for name in loops[0].extras if all(name in x.extras for x in loops)]
     return Motion(
-        stacked("displacement_mm"),
-        stacked("velocity_m_s"),
-        stacked("acceleration_m_s2"),
-        np.repeat([x.amplitude_mm for x in loops], repeat),
-        np.repeat([x.frequency_hz for x in loops], repeat),
-        np.asarray(cycle, float),
-        np.repeat(np.arange(len(loops)), repeat),
+        displacement_mm=stacked("displacement_mm"),
+        velocity_m_s=stacked("velocity_m_s"),
+        acceleration_m_s2=stacked("acceleration_m_s2"),
+        frequency_hz=np.repeat([x.frequency_hz for x in loops], repeat),
+        amplitude_mm=np.repeat([x.amplitude_mm for x in loops], repeat),
+        cycle=np.asarray(cycle, float),
+        test=np.repeat(np.arange(len(loops)), repeat),
         span_cycles=np.repeat([x.n_cycles for x in loops] / repeat, repeat),
         conditions={name: np.repeat([float(x.extras[name]) for x in loops], repeat) for name in stated},
     )

@@ -111,7 +111,9 @@ def grip_figure(posterior: Any) -> Figure:
     if len(frequencies) > 4:  # lines beyond that cannot be told apart
         frequencies = [frequencies[i] for i in np.linspace(0, len(frequencies) - 1, 4).astype(int)]
     samples = 128
-    motion = sine_motion(np.full(len(frequencies), amplitude), np.array(frequencies), samples)
+    motion = sine_motion(
+        frequency_hz=np.array(frequencies), amplitude_mm=np.full(len(frequencies), amplitude), samples=samples
+    )
     alpha = problem.model.alpha(numbers, motion, inner_effects(problem.effects))
     u = motion.displacement_mm[0, 0]
     figure, axes = subplots(1, 2, 7.2, 3.1, sharey=True)

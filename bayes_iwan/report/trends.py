@@ -19,9 +19,9 @@ _WHAT = (
 )
 
 
-def _model_numbers(posterior: Any, amplitude_mm: Array, frequency_hz: Array, n: int) -> LoopNumbers:
+def _model_numbers(posterior: Any, frequency_hz: Array, amplitude_mm: Array, n: int) -> LoopNumbers:
     problem = posterior.problem
-    motion = sine_motion(amplitude_mm, frequency_hz)
+    motion = sine_motion(frequency_hz=frequency_hz, amplitude_mm=amplitude_mm)
     force = problem.force(problem.numbers(posterior.flat_z(n)), motion)
     return loop_numbers(motion.displacement_mm[0], force)
 
@@ -55,7 +55,7 @@ def trends_figure(posterior: Any, predictive: Predictive | None = None, n: int =
         grid = np.linspace(max(0.6 * x.min(), 1e-6), 1.12 * x.max(), 25)
         for i, level in enumerate(_distinct(other)):
             held = np.full_like(grid, level)
-            pair = (grid, held) if unit == "Hz" else (held, grid)
+            pair = (held, grid) if unit == "Hz" else (grid, held)
             lines = _model_numbers(posterior, *pair, n)
             near = np.abs(other / level - 1.0) < 0.02
             for row, (name, title) in enumerate(_WHAT):

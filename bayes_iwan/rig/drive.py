@@ -144,7 +144,7 @@ def simulate_drive(
     cycles = drive.clock(time)
     rise = np.sin(0.5 * np.pi * np.clip((cycles - cycles[0]) / min(3.0, run_in), 0, 1)) ** 2
     moved = rise * drive.envelope_mm(np.maximum(cycles, 0.0)) * drive.wave(cycles)
-    numbers = kernel_numbers(body, setup, {}, float(np.abs(moved).max()), drive.frequency_hz)
+    numbers = kernel_numbers(body, setup, {}, drive.frequency_hz, float(np.abs(moved).max()))
     force, _, _ = march(moved, cycles, 1 / rate, body.stiffness_share, body.slip_share_N, numbers)
     samples = np.arange(int(drive.duration_s * setup.sample_rate_hz)) / setup.sample_rate_hz
     seen = moved - setup.shaker_compliance_mm_N * force

@@ -138,7 +138,7 @@ def _tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance_mm_N
     return n
 
 
-def kernel_numbers(specimen: Specimen, setup: Setup, act: Acting, amplitude_mm: float, frequency_hz: float) -> Numbers:
+def kernel_numbers(specimen: Specimen, setup: Setup, act: Acting, frequency_hz: float, amplitude_mm: float) -> Numbers:
     compliance = setup.shaker_compliance_mm_N + setup.fixture_compliance_mm_N + act.get("extra_compliance", 0.0)
     speed = 2 * np.pi * frequency_hz * amplitude_mm
     return Numbers(
@@ -238,7 +238,7 @@ def move(
     ) -> tuple[Floats, Floats, Floats, Floats]:  # fmt: skip
         t = begin + np.arange(int(np.ceil((stop - begin) * rate)) + 1) / rate
         drive = size * shape(t, run_in) + offset * np.clip((t - begin) * frequency, 0.0, 1.0)
-        numbers = kernel_numbers(sliders, setup, act, own_amplitude, frequency)
+        numbers = kernel_numbers(sliders, setup, act, frequency, own_amplitude)
         force, deformation, _ = march(
             drive, t * frequency, 1 / rate, sliders.stiffness_share, sliders.slip_share_N, numbers
         )

@@ -16,7 +16,10 @@ PRESSURES = (1.0, 2.0, 4.0)
 
 
 def under_pressure(**more):
-    return replace(sine_motion([0.9] * 3, 20.0, 256), conditions={"pressure_bar": np.array(PRESSURES)} | more)
+    return replace(
+        sine_motion(frequency_hz=20.0, amplitude_mm=[0.9] * 3, samples=256),
+        conditions={"pressure_bar": np.array(PRESSURES)} | more,
+    )
 
 
 def made(kit, name, conditions=None):
@@ -90,18 +93,24 @@ def test_zero_follows_a_temperature_that_is_not_positive(kit):
     degrees = (-10.0, 0.0, 40.0)
     effect = made(kit, "force_zero_follows_temperature_C", {"temperature_C": degrees})
     assert [p.name for p in effect.parameters] == ["force_zero_follows_temperature_C.force_N"]
-    at = replace(sine_motion([0.9] * 3, 20.0), conditions={"temperature_C": np.array(degrees)})
+    at = replace(
+        sine_motion(frequency_hz=20.0, amplitude_mm=[0.9] * 3), conditions={"temperature_C": np.array(degrees)}
+    )
     shift = effect.force(np.zeros((1, 3, 128)), at, numbers_of(effect, force_N=2.0))[0, :, 0]
     np.testing.assert_allclose(shift, 2.0 * (np.array(degrees) - 10.0) / 30.0)
 
 
 def test_a_test_that_states_nothing_is_at_the_reference(kit):
     effect = made(kit, "slip_forces_follows_pressure_bar")
-    np.testing.assert_allclose(mid_stroke(kit, effect, sine_motion([0.9] * 3, 20.0, 256), exponent=0.7), 1.0)
+    np.testing.assert_allclose(
+        mid_stroke(kit, effect, sine_motion(frequency_hz=20.0, amplitude_mm=[0.9] * 3, samples=256), exponent=0.7), 1.0
+    )
 
 
 def test_a_new_test_is_measured_from_the_fitted_ones(kit):
     """The reference stays that of the fitted tests when other tests are predicted."""
     effect = made(kit, "slip_forces_follows_pressure_bar")
-    one = replace(sine_motion([0.9], 20.0, 256), conditions={"pressure_bar": np.array([8.0])})
+    one = replace(
+        sine_motion(frequency_hz=20.0, amplitude_mm=[0.9], samples=256), conditions={"pressure_bar": np.array([8.0])}
+    )
     assert mid_stroke(kit, effect, one, exponent=0.5, form=0.0)[0] == pytest.approx(2.0, rel=1e-6)

@@ -27,7 +27,9 @@ OMEGA = 2.0 * np.pi * F_HZ
 
 
 def motion(samples=128, cycle=0.0):
-    return replace(sine_motion([A_MM, 0.3], [F_HZ, 8.0], samples), cycle=np.full(2, cycle))
+    return replace(
+        sine_motion(frequency_hz=[F_HZ, 8.0], amplitude_mm=[A_MM, 0.3], samples=samples), cycle=np.full(2, cycle)
+    )
 
 
 def of(name, kit):
@@ -247,7 +249,9 @@ def full_slip(kit):
 def mid_stroke(name, kit, strength, cycle=0.0, **shapes):
     """Force at the upward and the downward crossing of the middle of a large stroke, over the mean slip force."""
     model, numbers, mean = full_slip(kit)
-    at = replace(sine_motion(A_MM, F_HZ, 256), cycle=np.array([cycle]), span_cycles=np.zeros(1))
+    at = replace(
+        sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=256), cycle=np.array([cycle]), span_cycles=np.zeros(1)
+    )
     force, plain = change(name, kit, strength, at, model, numbers, **shapes)
     assert plain[0, 0] == pytest.approx(mean, rel=1e-6) and plain[0, 128] == pytest.approx(-mean, rel=1e-6)
     return force[0, 0] / mean, force[0, 128] / mean
@@ -301,7 +305,7 @@ def test_direction_dependent_friction_against_elements_with_asymmetric_bounds(ki
         "slip_mean_N": np.array([2.0]),
         "slip_width": np.array([0.6]),
     }
-    at, a = sine_motion(A_MM, F_HZ, 128), 0.35
+    at, a = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=128), 0.35
     force, _ = change("direction_dependent_friction", kit, a, at, model, numbers)
     phi = 2.0 * (1.0 + 0.6 * (2.0 * (np.arange(4000) + 0.5) / 4000 - 1.0))  # elements of equal weight
     carried, before, u = np.zeros(4000), 0.0, at.displacement_mm[0, 0]
@@ -344,7 +348,7 @@ def test_free_play_rests_at_zero_force_over_its_width(kit):
 
 
 def test_free_play_with_friction_is_flat_on_both_branches_at_every_amplitude(kit):
-    at = sine_motion([0.9, 0.5], [F_HZ, F_HZ], 512)
+    at = sine_motion(frequency_hz=[F_HZ, F_HZ], amplitude_mm=[0.9, 0.5], samples=512)
     force, _ = change("free_play", kit, 0.15, at, Model(kit.reference, grip="constant", stiffness="constant"))
     u, v = at.displacement_mm[0], at.velocity_m_s[0]
     for loop in range(2):

@@ -9,7 +9,7 @@ from bayes_iwan.physics import Model, sine_motion
 from bayes_iwan.physics.simulator import recorded_force
 from bayes_iwan.physics.warp import tilt
 
-AT = sine_motion([0.15, 0.35, 0.9], 10.0, 64)
+AT = sine_motion(frequency_hz=10.0, amplitude_mm=[0.15, 0.35, 0.9], samples=64)
 
 
 def coefficients(effect, values):

@@ -79,7 +79,11 @@ def test_growing_is_logarithmic_proportional_and_close_to_prandtl_and_eyring():
 
 
 def test_averages_over_a_block_of_cycles():
-    at = replace(sine_motion([A_MM, A_MM], F_HZ), cycle=np.array([2.5, 12.0]), span_cycles=np.array([5.0, 8.0]))
+    at = replace(
+        sine_motion(frequency_hz=F_HZ, amplitude_mm=[A_MM, A_MM]),
+        cycle=np.array([2.5, 12.0]),
+        span_cycles=np.array([5.0, 8.0]),
+    )
     n = [np.linspace(0.0, 5.0, 20001), np.linspace(8.0, 16.0, 20001)]
     truth = [np.trapezoid(np.exp(-0.4 * x), x) / np.ptp(x) for x in n]
     np.testing.assert_allclose(decay_over_block(at, np.array(0.4)), truth, rtol=1e-6)
@@ -93,7 +97,7 @@ def test_averages_over_a_block_of_cycles():
 
 @pytest.mark.parametrize("p", [0.4, 1.0, 1.6])
 def test_power_law_damper_dissipates_what_its_integral_says(p, kit):
-    at, c = sine_motion([A_MM, 0.3], [F_HZ, 8.0], 4096), 0.003
+    at, c = sine_motion(frequency_hz=[F_HZ, 8.0], amplitude_mm=[A_MM, 0.3], samples=4096), 0.003
     effect = made(kit, "ViscousDamping")
     top = 1e3 * kit.scales.speed_m_s  # mm/s
     speed = 2.0 * np.pi * at.frequency_hz * at.amplitude_mm
@@ -105,7 +109,7 @@ def test_power_law_damper_dissipates_what_its_integral_says(p, kit):
 @pytest.mark.parametrize("a", [0.3, 0.6, 1.0])
 @pytest.mark.parametrize("x", [0.1, 1.0, 10.0])
 def test_fractional_maxwell_branch_has_cole_and_coles_storage_and_loss(a, x, kit):
-    at, k = sine_motion(A_MM, F_HZ), 0.7
+    at, k = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM), 0.7
     c = complex_harmonics(added(made(kit, "MaxwellBranch"), at, k_N_mm=k, tau_s=x / OMEGA, spread=a))[0, 1] / (
         -1j * A_MM
     )
@@ -117,7 +121,7 @@ def test_fractional_maxwell_branch_has_cole_and_coles_storage_and_loss(a, x, kit
 
 @pytest.mark.parametrize("n", [1.5, 2.0, 2.6])
 def test_power_of_an_even_spring_by_its_mean_force(n, kit):
-    at, k2 = sine_motion(A_MM, F_HZ, 4096), 0.4
+    at, k2 = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=4096), 0.4
     force = added(made(kit, "QuadraticStiffness"), at, k2_N_mm2=k2, exponent=n)
     length = kit.scales.length_mm
     mean = special.gamma(0.5 * n + 0.5) / special.gamma(0.5 * n + 1.0) / np.sqrt(np.pi)
@@ -127,7 +131,7 @@ def test_power_of_an_even_spring_by_its_mean_force(n, kit):
 
 @pytest.mark.parametrize("n", [1.6, 3.0, 4.4])
 def test_power_of_an_odd_spring_by_its_first_harmonic(n, kit):
-    at, k3 = sine_motion(A_MM, F_HZ, 4096), -0.5
+    at, k3 = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=4096), -0.5
     force = added(made(kit, "CubicStiffness"), at, k3_N_mm3=k3, exponent=n)
     length = kit.scales.length_mm
     first = 2.0 / np.sqrt(np.pi) * special.gamma(0.5 * n + 1.0) / special.gamma(0.5 * n + 1.5)
@@ -137,7 +141,7 @@ def test_power_of_an_odd_spring_by_its_first_harmonic(n, kit):
 
 @pytest.mark.parametrize("e", [1.0, 1.5])
 def test_contacts_are_linear_or_hertzian_on_one_side_or_both(e, kit):
-    at = sine_motion([A_MM, 0.3], F_HZ, 256)
+    at = sine_motion(frequency_hz=F_HZ, amplitude_mm=[A_MM, 0.3], samples=256)
     deep = np.maximum(np.abs(at.displacement_mm[0]) - 0.5, 0.0)
     scale = 0.1 * kit.scales.length_mm
     hertz = 6.0 * scale * (deep / scale) ** e
@@ -161,7 +165,7 @@ def test_contacts_are_linear_or_hertzian_on_one_side_or_both(e, kit):
     ],
 )
 def test_stribeck_curves_of_the_literature(exponent, tail, classic, kit):
-    effect, at = made(kit, "StribeckWeakening"), sine_motion(A_MM, F_HZ, 64)
+    effect, at = made(kit, "StribeckWeakening"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
     given = {"drop": 0.3, "v_s_m_s": 0.05, "memory_s": 0.0, "exponent": exponent, "tail": tail}
     got = effect.slip(np.ones((1, 1, 64)), at, numbers_of(effect, **given))
     expected = 1.0 - 0.3 * (1.0 - classic(at.speed_m_s / 0.05))
@@ -169,7 +173,7 @@ def test_stribeck_curves_of_the_literature(exponent, tail, classic, kit):
 
 
 def test_rate_strengthening_is_a_logarithm_or_a_power(kit):
-    effect, at = made(kit, "RateStrengthening"), sine_motion(A_MM, F_HZ, 64)
+    effect, at = made(kit, "RateStrengthening"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
     for power, law in ((0.0, np.log1p), (0.5, lambda x: 2.0 * (np.sqrt(1.0 + x) - 1.0))):
         numbers = numbers_of(effect, c=0.1, v0_m_s=0.01, memory_s=0.0, power=power)
         got = effect.slip(np.ones((1, 1, 64)), at, numbers)
@@ -188,7 +192,11 @@ def test_lag_from_a_start_against_the_integrated_relaxation(kit):
     t = np.linspace(0.0, 4.0, 20 * 256 + 1)
     solved = integrate.solve_ivp(slope, (0.0, 4.0), [1.0], t_eval=t, rtol=1e-9, atol=1e-11).y[0][:-1].reshape(20, 256)
     blocks = solved.reshape(5, 4, 256).mean(axis=1)
-    at = replace(sine_motion(np.full(5, A_MM), f, 256), cycle=4.0 * np.arange(5) + 2.0, span_cycles=np.full(5, 4.0))
+    at = replace(
+        sine_motion(frequency_hz=f, amplitude_mm=np.full(5, A_MM), samples=256),
+        cycle=4.0 * np.arange(5) + 2.0,
+        span_cycles=np.full(5, 4.0),
+    )
     turned = 0.3 / (1.0 + 2j * np.pi * f * tau)
     start = 1.0 - (1.0 + turned.imag)  # α(0) less the steady loop's value there
     alpha = steady(np.arange(256) / 256.0 / f) * np.ones((1, 5, 1))
@@ -207,7 +215,11 @@ def faded(kit, at, **given):
 
 def test_fade_by_cycles_by_sliding_distance_and_with_stiffness(kit):
     length = kit.scales.length_mm
-    at = replace(sine_motion([length, 0.5 * length], F_HZ, 8), cycle=np.array([15.0, 30.0]), span_cycles=np.zeros(2))
+    at = replace(
+        sine_motion(frequency_hz=F_HZ, amplitude_mm=[length, 0.5 * length], samples=8),
+        cycle=np.array([15.0, 30.0]),
+        span_cycles=np.zeros(2),
+    )
     n = at.cycle
     friction, stiffness = faded(kit, at)
     np.testing.assert_allclose(friction, 1.0 - 0.4 * (1.0 - np.exp(-n / 10.0)), rtol=1e-6)
@@ -222,13 +234,15 @@ def test_fade_by_cycles_by_sliding_distance_and_with_stiffness(kit):
 
 
 def test_self_tightening_grip_moves_normal_force_and_so_the_stiffness(kit):
-    effect, at = made(kit, "DirectionDependentGrip"), sine_motion(A_MM, F_HZ, 64)
+    effect, at = made(kit, "DirectionDependentGrip"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
     numbers = numbers_of(effect, asymmetry=0.2, v0_m_s=1e-6)
     alpha = effect.grip(np.ones((1, 1, 64)), at, numbers)[0, 0]
     assert alpha[0] == pytest.approx(1.2) and alpha[32] == pytest.approx(0.8)
     model = Model(kit.reference)
     base = kit.numbers(model)
-    small = sine_motion(0.02, F_HZ, 64)  # all elements stick: the force's size is the stiffness's
+    small = sine_motion(
+        frequency_hz=F_HZ, amplitude_mm=0.02, samples=64
+    )  # all elements stick: the force's size is the stiffness's
     force = recorded_force(model, (effect,), base | numbers, small)[0, 0]
     plain = recorded_force(model, (), base, small)[0, 0]
     assert np.ptp(force) != pytest.approx(np.ptp(plain), rel=1e-3)
@@ -239,7 +253,7 @@ def test_self_tightening_grip_moves_normal_force_and_so_the_stiffness(kit):
 
 def test_soft_first_part_of_a_compliance_by_root_finding(kit):
     model, numbers = kit.elastic(kit.reference)  # 10 N/mm
-    effect, at = made(kit, "RigCompliance"), sine_motion(A_MM, F_HZ, 64)
+    effect, at = made(kit, "RigCompliance"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
     compliance, ratio, first = 0.004, 4.0, 1.5
     own = numbers_of(effect, compliance_mm_N=compliance, soft_ratio=ratio, soft_N=first)
     force = recorded_force(model, (effect,), numbers | own, at)[0, 0]
@@ -255,7 +269,7 @@ def test_soft_first_part_of_a_compliance_by_root_finding(kit):
 @pytest.mark.parametrize("soft", [1e-9, 0.2, 0.5])
 def test_play_with_soft_ends_on_a_spring(soft, kit):
     model, numbers = kit.elastic(kit.reference)
-    effect, at = made(kit, "FreePlay"), sine_motion(A_MM, F_HZ, 512)
+    effect, at = made(kit, "FreePlay"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=512)
     own = numbers_of(effect, play_mm=0.2, softness=soft)
     force, u = recorded_force(model, (effect,), numbers | own, at)[0, 0], at.displacement_mm[0, 0]
     order = np.argsort(u)
@@ -275,7 +289,7 @@ def test_play_with_soft_ends_on_a_spring(soft, kit):
 
 def transfer(kit, class_name, **given):
     """Response of a force effect at harmonics 1 … 12."""
-    effect, at = made(kit, class_name), sine_motion(A_MM, F_HZ, 64)
+    effect, at = made(kit, class_name), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
     rng = np.random.default_rng(4)
     force = np.fft.irfft(np.r_[0.3, rng.normal(size=12) + 1j * rng.normal(size=12), np.zeros(20)], n=64)
     out = effect.force(force[None, None], at, numbers_of(effect, **given))[0, 0]
@@ -298,7 +312,7 @@ def test_filters_are_of_first_order_or_butterworths_of_second(kit):
 
 
 def test_integrators_highpass_of_second_order_is_undone(kit):
-    effect, true = made(kit, "IntegrationHighpass"), sine_motion(A_MM, F_HZ, 64)
+    effect, true = made(kit, "IntegrationHighpass"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
     corner = 3.0
     b, a = signal.butter(2, 2.0 * np.pi * corner, "high", analog=True)
     gain = signal.freqs(b, a, [OMEGA])[1][0]
@@ -333,13 +347,21 @@ def test_dispersive_delay_follows_a_power_and_an_all_pass_lies_between(kit):
 def test_soft_clipping(soft, law, kit):
     effect = made(kit, "ForceClipping")
     force = np.linspace(-6.0, 6.0, 64)[None, None]
-    got = effect.force(force, sine_motion(A_MM, F_HZ, 64), numbers_of(effect, inverse_limit_1_N=0.5, softness=soft))
+    got = effect.force(
+        force,
+        sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64),
+        numbers_of(effect, inverse_limit_1_N=0.5, softness=soft),
+    )
     np.testing.assert_allclose(got, 2.0 * law(force / 2.0), rtol=1e-12)
 
 
 def test_compliance_in_series_with_friction_has_converged(kit):
     """Friction F(x) behind a compliance C: at the positions x that the effect arrives at, u = x + C·F(x)."""
-    model, effect, at = Model(kit.reference), made(kit, "RigCompliance"), sine_motion([A_MM, 0.4], F_HZ, 128)
+    model, effect, at = (
+        Model(kit.reference),
+        made(kit, "RigCompliance"),
+        sine_motion(frequency_hz=F_HZ, amplitude_mm=[A_MM, 0.4], samples=128),
+    )
     base = kit.numbers(model)
     for compliance, left in ((0.006, 2e-5), (0.02, 1e-3)):
         force = recorded_force(model, (effect,), base | numbers_of(effect, compliance_mm_N=compliance), at)

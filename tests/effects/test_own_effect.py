@@ -20,7 +20,7 @@ SCALES = Scales(1.0, 0.2, 5.0, 1.0, 6.0, 20.0)
 def test_the_example_is_loaded_and_acts_as_it_says():
     (drag,) = load_effects(FILE)
     effect = drag(SCALES)
-    motion = sine_motion([0.5, 1.0], [10.0, 10.0])
+    motion = sine_motion(frequency_hz=[10.0, 10.0], amplitude_mm=[0.5, 1.0])
     numbers = {"quadratic_drag.c2_N_s2_m2": np.array([0.0, 10.0])}
     added = effect.force(np.zeros((2, 2, 128)), motion, numbers)
     assert not added[0].any()  # neutral at zero

@@ -179,8 +179,8 @@ def classical(kit):
     }
     numbers = {n: np.array([v]) for n, v in true.items()}
 
-    def force(amplitude, frequency, samples):
-        return model.force(numbers, sine_motion(amplitude, frequency, samples))[0, 0]
+    def force(frequency, amplitude, samples):
+        return model.force(numbers, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples))[0, 0]
 
     campaign = kit.made_up(force, [(8.0, 0.4), (20.0, 0.9)], noise_N=0.01)
     config = {"model": {**BASES["classical"], "slip": "gamma1"}}

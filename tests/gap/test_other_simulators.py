@@ -37,7 +37,7 @@ def one(**numbers):
 
 def test_damped_spring_dissipates_what_the_textbook_says():
     """∮F du = π η k A² + π c ω A², Eqs. of structural and viscous damping (Inman, Engineering Vibration, §2.7)."""
-    motion = sine_motion([0.5, 1.0], [10.0, 20.0], 256)
+    motion = sine_motion(frequency_hz=[10.0, 20.0], amplitude_mm=[0.5, 1.0], samples=256)
     force = simulator_of("damped_spring").force(one(k_N_mm=6.0, eta=0.12, c_N_s_mm=2e-3), motion)
     a, w = np.array([0.5, 1.0]), 2.0 * np.pi * np.array([10.0, 20.0])
     expected = np.pi * a**2 * (0.12 * 6.0 + 2e-3 * w)
@@ -50,7 +50,7 @@ def test_damped_spring_dissipates_what_the_textbook_says():
 def test_dahl_is_wens_model_with_exponent_and_share_one():
     """dz/du = σ (1 − z/Z sgn u̇) by exponentials, against Wen's equation by Runge–Kutta; a record settles to it."""
     dahl, numbers = simulator_of("dahl"), one(kp_N_mm=5.0, dahl_force_N=1.2, dahl_k_N_mm=15.0)
-    motion = sine_motion([0.05, 0.7, 2.0], 10.0, 256)
+    motion = sine_motion(frequency_hz=10.0, amplitude_mm=[0.05, 0.7, 2.0], samples=256)
     loop = dahl.force(numbers, motion)
     wen = one(kp_N_mm=5.0, bw_k_N_mm=15.0, bw_force_N=1.2, bw_n=1.0, bw_share=1.0)
     np.testing.assert_allclose(loop, RIVALS["bouc_wen"].force(wen, motion), atol=1e-4)

@@ -175,8 +175,8 @@ def varying(kit):
     }
     numbers = {n: np.array([v]) for n, v in true.items()}
 
-    def force(amplitude, frequency, samples):
-        return model.force(numbers, sine_motion(amplitude, frequency, samples))[0, 0]
+    def force(frequency, amplitude, samples):
+        return model.force(numbers, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples))[0, 0]
 
     campaign = kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01)
     data = gap_data(campaign.loops(**kit.small))
@@ -199,8 +199,8 @@ def test_terms_that_are_not_needed_are_not_taken_in(kit):
     true = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
     numbers = {n: np.array([v]) for n, v in true.items()}
 
-    def force(amplitude, frequency, samples):
-        return model.force(numbers, sine_motion(amplitude, frequency, samples))[0, 0]
+    def force(frequency, amplitude, samples):
+        return model.force(numbers, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples))[0, 0]
 
     data = gap_data(
         kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01).loops(**kit.small)

@@ -29,11 +29,11 @@ def test_exponent_of_the_pressure_is_found(kit, capsys):
     """Slip forces ∝ pressure^0.6, put into the specimen's numbers themselves; stiffness and spring stay."""
     model, turn = Model(kit.reference, grip="constant", stiffness="constant"), iter(PRESSURES)
 
-    def pressed(amplitude, frequency, samples):
+    def pressed(frequency, amplitude, samples):
         own = kit.numbers(model)
         scale = (next(turn) / 2.0) ** 0.6
         own |= {f"t{i}_N": scale * own[f"t{i}_N"] for i in (1, 2, 3)}
-        return model.force(own, sine_motion(amplitude, frequency, samples))[0, 0]
+        return model.force(own, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples))[0, 0]
 
     campaign = kit.made_up(pressed, [(8.0, 0.4), (8.0, 0.9), (20.0, 0.4), (20.0, 0.9)], noise_N=0.01)
     tests = tuple(replace(r, extras={"pressure_bar": p}) for r, p in zip(campaign.tests, PRESSURES))

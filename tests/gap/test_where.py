@@ -32,7 +32,7 @@ def made_loops(added=None, seed=0, tests=TESTS, noise=0.01):
     numbers = {k: np.array([v]) for k, v in TRUTH.items()}
     out = []
     for f, a in tests:
-        motion = sine_motion(a, f, SAMPLES)
+        motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=SAMPLES)
         force = np.tile(model.force(numbers, motion)[0, 0], CYCLES)
         u, v, acceleration = (
             np.tile(x[0, 0], CYCLES) for x in (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)

@@ -12,7 +12,7 @@ from bayes_iwan.physics.slip_force import Gammas
 
 def test_energy_stiffness_and_loss_of_a_viscoelastic_loop():
     """F = k u + c u̇ at amplitude A: energy π c ω A², stiffness k, loss factor c ω / k."""
-    motion = sine_motion([0.5, 1.0], [10.0, 20.0])
+    motion = sine_motion(frequency_hz=[10.0, 20.0], amplitude_mm=[0.5, 1.0])
     omega = 2 * np.pi * motion.frequency_hz[:, None]
     force = 7.0 * motion.displacement_mm + 0.01 * 1e3 * motion.velocity_m_s
     energy, stiffness, loss = loop_quantities(motion, force)
@@ -23,7 +23,7 @@ def test_energy_stiffness_and_loss_of_a_viscoelastic_loop():
 
 def test_energy_of_a_friction_rectangle():
     """Coulomb friction of 2 N over ± 0.3 mm dissipates 4 · 2 · 0.3 mJ, whatever the spring beside it."""
-    motion = sine_motion(0.3, 5.0, samples=4096)
+    motion = sine_motion(frequency_hz=5.0, amplitude_mm=0.3, samples=4096)
     force = 2.0 * np.sign(motion.velocity_m_s) + 3.0 * motion.displacement_mm
     assert loop_quantities(motion, force)[0][0, 0] == pytest.approx(2.4, rel=1e-3)
 

@@ -14,7 +14,7 @@ DRAWS = 64
 
 @pytest.fixture
 def motion():
-    return sine_motion(np.repeat([0.3, 0.6, 1.0], 3), np.tile([10.0, 15.0, 20.0], 3))
+    return sine_motion(frequency_hz=np.tile([10.0, 15.0, 20.0], 3), amplitude_mm=np.repeat([0.3, 0.6, 1.0], 3))
 
 
 @pytest.mark.parametrize("slip", ["gamma3", "gamma1", "uniform"])

@@ -56,7 +56,7 @@ def by_scipy(psi, k, size, n, amplitude, samples, cycles):
 def test_steady_loops_against_scipy(case, amplitude, truth):
     """Measured: at most 1e-4 of the RMS force (at the corners), over all cases and amplitudes."""
     rival, numbers = numbers_of(case, truth)
-    force = rival.force(numbers, sine_motion(amplitude, 10.0, samples=64))[0, 0]
+    force = rival.force(numbers, sine_motion(frequency_hz=10.0, amplitude_mm=amplitude, samples=64))[0, 0]
     values = [float(numbers[name][0]) for name in ("bw_k_N_mm", "bw_force_N", "bw_n")]
     expected = by_scipy(rival.shape(numbers)[0], *values, amplitude, 64, 4)
     assert np.max(np.abs(force - expected)) < 3e-4 * np.sqrt(np.mean(expected**2))
@@ -65,7 +65,7 @@ def test_steady_loops_against_scipy(case, amplitude, truth):
 def test_small_loops_close_though_they_forget_slowly(truth):
     """k A = Z/20: hundreds of cycles would pass before a symmetric loop sits about zero; the secant finds it."""
     rival, numbers = numbers_of("n = 2", truth)
-    force = rival.force(numbers, sine_motion(1.2 / 14.0 / 20.0, 10.0))[0, 0]
+    force = rival.force(numbers, sine_motion(frequency_hz=10.0, amplitude_mm=1.2 / 14.0 / 20.0))[0, 0]
     np.testing.assert_allclose(force[:64], -force[64:], atol=3e-5)
     assert np.max(force) > 0.04
 
@@ -75,7 +75,7 @@ def test_loop_is_what_a_record_settles_to(case, truth):
     rival, numbers = numbers_of(case, truth, kp_N_mm=5.0, force_zero_N=0.3)
     t = np.arange(8 * 128 + 1) / (128 * 10.0)
     record = record_motion(t, 0.7 * np.sin(2 * np.pi * 10.0 * t))
-    loop = rival.force(numbers, sine_motion(0.7, 10.0))[0, 0]
+    loop = rival.force(numbers, sine_motion(frequency_hz=10.0, amplitude_mm=0.7))[0, 0]
     settled = rival.force(numbers, record)[0, 0]
     np.testing.assert_allclose(settled[7 * 128 : 8 * 128], loop, atol=2e-4)
     assert recorded_force(rival, (), numbers, record)[0, 0, 0] == pytest.approx(0.3)
@@ -84,16 +84,16 @@ def test_loop_is_what_a_record_settles_to(case, truth):
 def test_frequency_does_not_matter_and_sampling_hardly(truth):
     for case in CASES:
         rival, numbers = numbers_of(case, truth)
-        force = rival.force(numbers, sine_motion([0.6, 0.6], [10.0, 20.0]))[0]
+        force = rival.force(numbers, sine_motion(frequency_hz=[10.0, 20.0], amplitude_mm=[0.6, 0.6]))[0]
         np.testing.assert_array_equal(force[0], force[1])
-        fine = rival.force(numbers, sine_motion(0.6, 10.0, samples=1024))[0, 0]
+        fine = rival.force(numbers, sine_motion(frequency_hz=10.0, amplitude_mm=0.6, samples=1024))[0, 0]
         np.testing.assert_allclose(force[0], fine[::8], atol=3e-4)
 
 
 def test_generalised_contains_wen(truth):
     rival, numbers = numbers_of("n = 2", truth, bw_share=0.65)
     general = numbers | truth.columns(bw_b2=-0.35, bw_b3=0.35, bw_b4=0.0, bw_b5=0.0, bw_b6=0.0)
-    motion = sine_motion([0.05, 0.3, 1.0], 10.0)
+    motion = sine_motion(frequency_hz=10.0, amplitude_mm=[0.05, 0.3, 1.0])
     np.testing.assert_allclose(GeneralizedBoucWen().force(general, motion), rival.force(numbers, motion), atol=3e-6)
 
 
@@ -117,7 +117,7 @@ def test_published_numbers(truth):
 def test_limits(truth):
     """Elastic while z is far below Z; Coulomb's rectangle where the spring is very stiff, without a step each."""
     rival, numbers = numbers_of("n = 2", truth, bw_force_N=1e4)
-    motion = sine_motion(1.0, 10.0)
+    motion = sine_motion(frequency_hz=10.0, amplitude_mm=1.0)
     np.testing.assert_allclose(rival.force(numbers, motion), 14.0 * motion.displacement_mm, atol=1e-3)
     rival, numbers = numbers_of("n = 2", truth, bw_k_N_mm=1e6)
     force = rival.force(numbers, motion)[0, 0]
@@ -128,7 +128,7 @@ def test_limits(truth):
 
 
 def test_asymmetry_is_within_reach_only_of_the_generalised(truth):
-    motion = sine_motion(1.0, 10.0)
+    motion = sine_motion(frequency_hz=10.0, amplitude_mm=1.0)
     wen = BoucWen().force(numbers_of("n = 2", truth)[1], motion)[0, 0]
     np.testing.assert_allclose(wen[:64], -wen[64:], atol=1e-4)
     rival, numbers = numbers_of("asymmetric", truth)
@@ -156,7 +156,7 @@ def test_batches_and_broken_numbers(rival, truth):
     scales = Scales(1.0, 0.1, 5.0, 1.0, 6.0, 20.0)
     names = [p.name for p in rival.parameters(scales) if p.name != "force_zero_N"]
     numbers = {name: base[name] * np.exp(0.1 * rng.standard_normal(40)) for name in names}
-    motion = sine_motion([0.3, 1.0], [10.0, 20.0])
+    motion = sine_motion(frequency_hz=[10.0, 20.0], amplitude_mm=[0.3, 1.0])
     together = rival.force(numbers, motion)
     assert together.shape == (40, 2, 128) and np.all(np.isfinite(together))
     alone = rival.force({name: value[7:8] for name, value in numbers.items()}, motion)
@@ -177,4 +177,4 @@ def test_batches_and_broken_numbers(rival, truth):
         assert np.all(np.isnan(rival.force(broken, motion)[3]))
     if isinstance(rival, GeneralizedBoucWen):
         runaway = {name: value[:1] for name, value in numbers.items()} | {"bw_b4": np.array([-30.0])}
-        assert np.all(np.isnan(rival.force(runaway, sine_motion(1.0, 10.0))))
+        assert np.all(np.isnan(rival.force(runaway, sine_motion(frequency_hz=10.0, amplitude_mm=1.0))))

@@ -129,7 +129,7 @@ def test_masings_rule(amplitude, truth, reference):
 @pytest.mark.parametrize("amplitude", [0.05, 0.2, 1.0])
 def test_loop_and_energy_of_the_uniform_distribution(amplitude, truth, reference):
     """Dissipated energy ⅔ k²A³/φ_max while some elements stick, 2 φ_max A − 4/3 φ_max²/k when all slip."""
-    motion = sine_motion(amplitude, 10.0, samples=4096)
+    motion = sine_motion(frequency_hz=10.0, amplitude_mm=amplitude, samples=4096)
     force = uniform_model(reference).friction_force(uniform_numbers(truth), motion)[0, 0]
     u = motion.displacement_mm[0, 0]
     down = motion.velocity_m_s[0, 0] < 0

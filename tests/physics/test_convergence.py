@@ -18,13 +18,19 @@ def rms(x):
 
 def shifted(samples, phase):
     """Sines sampled so that their extremes fall between samples; phase in cycles. And one with a third harmonic."""
-    base = sine_motion(AMPLITUDES, FREQUENCIES, samples)
+    base = sine_motion(frequency_hz=FREQUENCIES, amplitude_mm=AMPLITUDES, samples=samples)
     p = 2.0 * np.pi * (np.arange(samples) / samples + phase)
     a, omega = base.amplitude_mm[:, None], 2.0 * np.pi * base.frequency_hz[:, None]
     u = a * (np.sin(p) + 0.05 * np.sin(3.0 * p + 1.0))
     v = 1e-3 * omega * a * (np.cos(p) + 0.15 * np.cos(3.0 * p + 1.0))
     return Motion(
-        u[None], v[None], -1e-3 * omega**2 * u[None], np.max(u, axis=1), base.frequency_hz, base.cycle, base.test
+        displacement_mm=u[None],
+        velocity_m_s=v[None],
+        acceleration_m_s2=-1e-3 * omega**2 * u[None],
+        frequency_hz=base.frequency_hz,
+        amplitude_mm=np.max(u, axis=1),
+        cycle=base.cycle,
+        test=base.test,
     )
 
 
@@ -111,7 +117,11 @@ def test_elements_converge_to_the_sliders(amplitude, truth, reference):
 
     Measured for Table 1 at A = 1 mm: 0.14 % with 128 elements, 0.009 % with 2,048, 0.001 % with 20,000.
     """
-    model, numbers, motion = Model(reference), truth.table_1(reference), sine_motion(amplitude, 15.0)
+    model, numbers, motion = (
+        Model(reference),
+        truth.table_1(reference),
+        sine_motion(frequency_hz=15.0, amplitude_mm=amplitude),
+    )
     alpha = model.alpha(numbers, motion)
     k = model.stiffness_law.k(numbers, alpha)
     ours = model.friction_force(numbers, motion)[0, 0]

@@ -21,7 +21,7 @@ def numbers(tilts=(0.0,) * 6, exponent=0.0, corner=0.0):
 
 
 def test_no_bend_is_the_plain_model():
-    motion = sine_motion([0.4, 1.0], 12.0)
+    motion = sine_motion(frequency_hz=12.0, amplitude_mm=[0.4, 1.0])
     plain, bendable = Model(REFERENCE, "gamma2"), Model(REFERENCE, "gamma2", embedded=True)
     n = numbers()
     np.testing.assert_array_equal(bendable.force(n, motion), plain.force(n, motion))
@@ -30,7 +30,7 @@ def test_no_bend_is_the_plain_model():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_bend_changes_the_force(name):
-    motion = sine_motion([0.4, 1.0], 12.0)
+    motion = sine_motion(frequency_hz=12.0, amplitude_mm=[0.4, 1.0])
     model = Model(REFERENCE, "gamma2", embedded=True)
     change = model.force(numbers() | {name: np.array([0.1])}, motion) - model.force(numbers(), motion)
     assert 1e-4 < np.sqrt(np.mean(change**2)) < 0.2
@@ -63,7 +63,7 @@ def test_the_exponent_leaves_k1_and_bends_the_rest():
 
 
 def test_the_corner_is_at_the_end_of_the_stroke():
-    motion = sine_motion([0.4, 1.0], 12.0)
+    motion = sine_motion(frequency_hz=12.0, amplitude_mm=[0.4, 1.0])
     bent = embedded.bent_normal_force(np.ones((1, 2, 128)), motion, numbers(corner=0.1))
     top = np.argmax(motion.displacement_mm[0], axis=1)
     np.testing.assert_allclose(bent[0, [0, 1], top], np.exp(0.1), rtol=1e-6)

@@ -1,11 +1,13 @@
 """The whole line from motion to force: the paper's figures, its degeneracies and maps, and what callers rely on."""
 
+from dataclasses import replace
+
 import numba as nb
 import numpy as np
 import pytest
 
 from bayes_iwan.physics import Model, ModelError, record_motion, sine_motion
-from bayes_iwan.physics.motion import Y_FLOOR, Motion
+from bayes_iwan.physics.motion import Y_FLOOR
 from bayes_iwan.physics.normal_force import ALPHA_FLOOR, LAWS, Reference, from_paper_hunt_crossley, paper_hunt_crossley
 from bayes_iwan.physics.pointwise import _expm1
 from bayes_iwan.physics.simulator import recorded_force
@@ -31,13 +33,13 @@ def test_table_1_gives_the_papers_figures(truth, reference):
     model = Model(reference)
     assert numbers["k1_N_mm"][0] == pytest.approx(14.45, abs=0.005)
     assert model.slip_family.mean(numbers)[0] == pytest.approx(1.199, abs=5e-4)
-    motion = sine_motion(1.0, [10.0, 15.0, 20.0], samples=512)
+    motion = sine_motion(frequency_hz=[10.0, 15.0, 20.0], amplitude_mm=1.0, samples=512)
     np.testing.assert_allclose(energy(model.friction_force(numbers, motion), motion)[0], [4.70, 5.00, 5.31], atol=0.005)
 
 
 def test_alpha_of_table_1_needs_its_floor(truth, reference):
     """As printed, Eq. (11) falls to 1 − 1.79 = −0.79 at u = A; with y ≥ 0.01 A it stays near 0.95."""
-    motion = sine_motion(1.0, 10.0)
+    motion = sine_motion(frequency_hz=10.0, amplitude_mm=1.0)
     alpha = Model(reference).alpha(truth.table_1(reference), motion)[0, 0]
     u, speed = motion.displacement_mm[0, 0], np.abs(motion.velocity_m_s[0, 0])
     y = np.abs(1.0 - u) ** 0.0062
@@ -65,7 +67,7 @@ def test_scale_degeneracy(slip, truth, reference):
             | truth.family_cases[slip][0]
         )
     )
-    model, motion = Model(reference, slip=slip), sine_motion(AMPLITUDES, FREQUENCIES)
+    model, motion = Model(reference, slip=slip), sine_motion(frequency_hz=FREQUENCIES, amplitude_mm=AMPLITUDES)
     forces = ("t1_N", "t2_N", "t3_N", "slip_mean_N", "slip_centre_N", "slip_sd_N", "slip_max_N", "k1_N_mm")
     scaled = {name: 3.7 * value if name in forces else value for name, value in numbers.items()}
     force = model.friction_force(numbers, motion)
@@ -80,7 +82,11 @@ def test_scale_degeneracy(slip, truth, reference):
 
 
 def test_labels_do_not_matter(truth, reference):
-    model, motion, numbers = Model(reference), sine_motion(AMPLITUDES, FREQUENCIES), truth.table_1(reference)
+    model, motion, numbers = (
+        Model(reference),
+        sine_motion(frequency_hz=FREQUENCIES, amplitude_mm=AMPLITUDES),
+        truth.table_1(reference),
+    )
     turned = dict(numbers)
     for a, b in ((1, 3), (2, 1), (3, 2)):
         turned |= {f"t{a}_N": numbers[f"t{b}_N"], f"eta{a}": numbers[f"eta{b}"], f"g{a}": numbers[f"g{b}"]}
@@ -119,7 +125,7 @@ def test_elasticity_there_and_back():
 
 def test_hunt_crossley_is_a_logarithm_as_beta_vanishes(reference):
     """k̃ₙ(y^β − A^β) → k̃ₙβ ln(y/A): only slope and rate are left, without cancellation, at β = 0 too."""
-    motion = sine_motion(AMPLITUDES, FREQUENCIES)
+    motion = sine_motion(frequency_hz=FREQUENCIES, amplitude_mm=AMPLITUDES)
     a = motion.amplitude_mm[:, None]
     y = np.maximum(a - motion.displacement_mm[0], Y_FLOOR * a)
     limit = 1.0 + 0.1 * np.log(y / a) + 0.3 * np.abs(motion.velocity_m_s[0]) / reference.speed_m_s
@@ -133,7 +139,7 @@ def test_hunt_crossley_is_a_logarithm_as_beta_vanishes(reference):
 
 def test_hunt_crossley_at_beta_1_and_2_is_a_polynomial(reference):
     """β = 1 is a straight line in u, β = 2 a parabola, where the floor on y is out of reach."""
-    motion = sine_motion(0.5, 15.0)
+    motion = sine_motion(frequency_hz=15.0, amplitude_mm=0.5)
     motion = motion.moved(0.9 * motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)
     slope = np.array([0.2])
     straight = LAWS["hunt_crossley_no_speed"].alpha({"grip_slope": slope, "beta": np.ones(1)}, motion, reference, 1)
@@ -145,7 +151,7 @@ def test_hunt_crossley_at_beta_1_and_2_is_a_polynomial(reference):
 
 
 def test_polynomials_nest_and_keep_their_floor(reference):
-    motion = sine_motion(AMPLITUDES, FREQUENCIES)
+    motion = sine_motion(frequency_hz=FREQUENCIES, amplitude_mm=AMPLITUDES)
     rng = np.random.default_rng(0)
     numbers = {f"a{d}": rng.normal(size=4) * 0.4 for d in range(1, 7)}
     x = motion.displacement_mm / reference.length_mm
@@ -178,18 +184,9 @@ def test_loop_is_the_last_cycle_of_a_record(truth, reference):
     for grip in LAWS:
         model = Model(reference, grip=grip)
         numbers = truth.table_1(reference) | {f"a{d}": np.array([0.2 / d]) for d in range(1, 7)}
-        loop = sine_motion(0.8, 15.0, samples=n)
+        loop = sine_motion(frequency_hz=15.0, amplitude_mm=0.8, samples=n)
         record = record_motion(t, 0.8 * np.sin(2 * np.pi * 15.0 * t), amplitude_mm=0.8, frequency_hz=15.0)
-        exact = Motion(
-            record.displacement_mm,
-            np.tile(loop.velocity_m_s, 4)[..., : 3 * n + 1],
-            record.acceleration_m_s2,
-            record.amplitude_mm,
-            record.frequency_hz,
-            record.cycle,
-            record.test,
-            periodic=False,
-        )
+        exact = replace(record, velocity_m_s=np.tile(loop.velocity_m_s, 4)[..., : 3 * n + 1])
         force = model.force(numbers, loop)[0, 0]
         np.testing.assert_allclose(model.force(numbers, exact)[0, 0, 2 * n : 3 * n], force, atol=1e-10)
         # velocity by central differences is good to 0.04 % of its amplitude
@@ -197,7 +194,7 @@ def test_loop_is_the_last_cycle_of_a_record(truth, reference):
 
 
 def test_sine_motion_is_consistent():
-    motion = sine_motion([0.3, 1.0], 12.0, samples=64)
+    motion = sine_motion(frequency_hz=12.0, amplitude_mm=[0.3, 1.0], samples=64)
     assert motion.displacement_mm.shape == (1, 2, 64) and (motion.loops, motion.samples) == (2, 64)
     np.testing.assert_allclose(motion.frequency_hz, 12.0)
     t = np.arange(64) / (64 * 12.0)
@@ -229,7 +226,7 @@ def restored_threads():
 @pytest.mark.usefixtures("restored_threads")
 def test_draws_do_not_feel_their_batch(truth, reference):
     """Alone, among others, on one thread or two: bit for bit the same force."""
-    model, motion = Model(reference), sine_motion(AMPLITUDES, FREQUENCIES)
+    model, motion = Model(reference), sine_motion(frequency_hz=FREQUENCIES, amplitude_mm=AMPLITUDES)
     numbers = truth.table_1(reference, draws=150, spread=0.3)
     assert 150 * motion.loops * motion.samples > 2 * ALONE
     nb.set_num_threads(1)
@@ -251,12 +248,12 @@ def test_an_error_on_a_thread_is_raised(truth, reference):
     numbers = truth.table_1(reference, draws=150)
     del numbers["eta2"]
     with pytest.raises(KeyError, match="eta2"):
-        Model(reference).force(numbers, sine_motion(AMPLITUDES, FREQUENCIES))
+        Model(reference).force(numbers, sine_motion(frequency_hz=FREQUENCIES, amplitude_mm=AMPLITUDES))
 
 
 @pytest.mark.parametrize("slip", ["gamma3", "uniform", "gaussian", "power_law"])
 def test_broken_draws_give_nan_and_spoil_no_other(slip, truth, reference):
-    model, motion = Model(reference, slip=slip), sine_motion(AMPLITUDES, FREQUENCIES)
+    model, motion = Model(reference, slip=slip), sine_motion(frequency_hz=FREQUENCIES, amplitude_mm=AMPLITUDES)
     numbers = truth.table_1(reference, draws=3)
     if slip != "gamma3":
         numbers |= {name: np.repeat(value, 3) for name, value in truth.family_cases[slip][0].items()}
@@ -275,11 +272,13 @@ def test_broken_draws_give_nan_and_spoil_no_other(slip, truth, reference):
 @pytest.mark.parametrize("value", [0.0, -3.0])
 def test_no_stiffness_no_force(value, truth, reference):
     numbers = truth.table_1(reference) | {"k1_N_mm": np.array([value])}
-    assert np.all(np.isnan(Model(reference).force(numbers, sine_motion(AMPLITUDES, FREQUENCIES))))
+    assert np.all(
+        np.isnan(Model(reference).force(numbers, sine_motion(frequency_hz=FREQUENCIES, amplitude_mm=AMPLITUDES)))
+    )
 
 
 def test_parts_of_the_force_add_up(truth, reference):
-    model, motion = Model(reference), sine_motion(AMPLITUDES, FREQUENCIES)
+    model, motion = Model(reference), sine_motion(frequency_hz=FREQUENCIES, amplitude_mm=AMPLITUDES)
     numbers = truth.table_1(reference, draws=4, spread=0.2) | {"force_zero_N": np.array([0.0, 1.0, -2.0, 0.3])}
     friction = model.friction_force(numbers, motion)
     spring = numbers["kp_N_mm"][:, None, None] * motion.displacement_mm
@@ -308,4 +307,8 @@ def test_names_are_what_the_force_reads(slip, truth, reference):
             every = (
                 truth.table_1(reference) | truth.family_cases[slip][0] | {f"a{d}": np.array([0.1]) for d in range(1, 7)}
             )
-            assert np.all(np.isfinite(model.force({n: every[n] for n in model.names}, sine_motion(0.5, 10.0))))
+            assert np.all(
+                np.isfinite(
+                    model.force({n: every[n] for n in model.names}, sine_motion(frequency_hz=10.0, amplitude_mm=0.5))
+                )
+            )

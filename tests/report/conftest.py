@@ -38,7 +38,7 @@ def made_records(tests, truth=TRUTH, noise_N=0.01, cycles=16, change=None):
     records = []
     for f, a, role in tests:
         numbers = {k: np.array([v]) for k, v in (change(dict(truth), f) if change else truth).items()}
-        motion = sine_motion(a, f, 512)
+        motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=512)
         force = model.force(numbers, motion)[0, 0]
         t = np.arange(int(cycles * RATE / f)) / RATE
         phase = (f * t) % 1.0

@@ -27,7 +27,7 @@ def design():
 
 def test_stepwise_force_is_the_model_s(design, posterior):
     phi, p = design.element_numbers(posterior, 2)
-    motion = sine_motion([0.6], [15.0], 2000)
+    motion = sine_motion(frequency_hz=[15.0], amplitude_mm=[0.6], samples=2000)
     model = posterior.problem.model.force(posterior.problem.numbers(posterior.flat_z(2)), motion)[:, 0]
     u, v = motion.displacement_mm[0, 0], 1e3 * motion.velocity_m_s[0, 0]
     for d in range(2):
