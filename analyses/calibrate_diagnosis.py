@@ -40,6 +40,7 @@ from bayes_iwan.gap.guards import Figures
 from bayes_iwan.gap.saved_fits import LOOPS
 from bayes_iwan.gap.search import LAST
 from bayes_iwan.gap.verdict import least_share, named_by, weighed
+from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.rig import cases as rig_cases
 
 #: nats within which rivals for one place cannot be told apart
@@ -57,7 +58,7 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     given, _ = rig_cases.simulate(case)
     loops = [average(r, **LOOPS) for r in given if r.role != "held-out"]
     began = time.process_time()
-    found = weighed(searched(gap_data(loops), {}, 0), 0)
+    found = weighed(searched(gap_data(loops), DiagnoseSettings(), 0), 0)
 
     def key(names: frozenset[str]) -> str:
         return "+".join(sorted(names))

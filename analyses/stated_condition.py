@@ -23,6 +23,7 @@ from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.search import fit_base
 from bayes_iwan.gap.strength import calibrated
 from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.inference.settings import DiagnoseSettings
 
 SEAL = Path(__file__).parents[2] / "shared" / "data" / "pneumatic_seal"
 #: z of the strength at which a refit starts, beside the base's optimum
@@ -58,7 +59,7 @@ if __name__ == "__main__":
     stated = conditions_of([x.extras for x in loops])
     if not stated:
         raise SystemExit(f"{args.campaign}: no number is stated for every test and differs between them")
-    base = fit_base(data, {}, scales, np.random.default_rng(args.seed))
+    base = fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(args.seed))
     tell("base", base, data)
     fits = {}
     for name, makers in following(stated).items():

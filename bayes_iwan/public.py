@@ -225,7 +225,7 @@ def diagnose(
             Path(campaign),
             seed=seed,
             quick=quick,
-            config=settings.as_dict(),
+            settings=settings,
             effects_file=None if effects_file is None else Path(effects_file),
             simulator_file=None if simulator is None else Path(simulator),
         )
@@ -240,7 +240,7 @@ def diagnose(
         read.loops(**LOOPS),
         seed=seed,
         quick=quick,
-        config=settings.as_dict(),
+        settings=settings,
         extra=load_effects(Path(effects_file)) if effects_file is not None else (),
         simulator=model,
     )

@@ -14,6 +14,7 @@ import pytest
 from bayes_iwan.campaign import Campaign, Record, average, write_campaign
 from bayes_iwan.inference.problem import make_problem
 from bayes_iwan.inference.scales import Scales
+from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model, Reference, paper, sine_motion
 from bayes_iwan.physics.normal_force import from_paper_hunt_crossley
 from bayes_iwan.physics.stiffness import from_paper_stiffness
@@ -59,7 +60,7 @@ SCALES = Scales(length_mm=0.9, speed_m_s=0.113, force_N=4.0, slip_N=1.2, soft_N_
 #: harmonics and phases of the campaigns below: enough for gaps of a few per cent, and quick
 SMALL = {"n_phase": 48, "n_harmonics": 16}
 #: slip forces of two gammas: a third adds nothing that these campaigns could show
-TWO_GAMMAS = {"model": {"slip": "gamma2"}}
+TWO_GAMMAS = DiagnoseSettings(ModelSettings(slip="gamma2"))
 
 
 def numbers_of(model: Model, draws: int = 1, **others) -> dict:
@@ -134,7 +135,7 @@ def diagnosed(effect: str | None, plan: str = "grid"):
     from bayes_iwan.gap.diagnosis import diagnose_loops
 
     campaign = campaign_of(rig_records(effect, plan))
-    return diagnose_loops(campaign, campaign.loops(**SMALL), seed=1, quick=True, config=TWO_GAMMAS)
+    return diagnose_loops(campaign, campaign.loops(**SMALL), seed=1, quick=True, settings=TWO_GAMMAS)
 
 
 @pytest.fixture(scope="session")
@@ -142,7 +143,7 @@ def kit():
     return SimpleNamespace(
         scales=SCALES,
         small=SMALL,
-        config=TWO_GAMMAS,
+        settings=TWO_GAMMAS,
         numbers=numbers_of,
         elastic=elastic,
         made_up=made_up,

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.effects.catalogue import UNLISTED
 from bayes_iwan.files import finite, write_json
-from bayes_iwan.gap.budget import NO_CAUSE, Cause, Share
+from bayes_iwan.gap.budget import Cause, Share
 from bayes_iwan.gap.diagnosis import Diagnosis, diagnose_folder
 from bayes_iwan.gap.findings import where_json
 from bayes_iwan.gap.gap_size import ceiling_N, shrink
-from bayes_iwan.gap.saved_fits import stored_fits
-from bayes_iwan.gap.words import sentences
+from bayes_iwan.gap.saved_fits import write_fits
+from bayes_iwan.gap.words import doubted, physics_of_rest, remedy, sentences
 
 SCHEMA = 2
 #: what no loop test can see, whatever the cause
@@ -23,8 +22,6 @@ UNSEEN_BY_ALL = (
     "channel by stiffnesses and slip forces together: no loop test can see either. Check both against a "
     "known spring. A compliance in series hides in other slip forces; only a twentieth of it shows."
 )
-#: probability above which an effect that is not named is listed
-WORTH_LISTING = 0.02
 
 
 def to_dict(d: Diagnosis) -> dict[str, Any]:
@@ -37,7 +34,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
         "seed": d.seed,
         "quick": d.quick,
         "campaign": d.campaign.name,
-        "base": d.config.get("model", {}),
+        "base": d.settings.as_dict()["model"],
         "verdict": {
             "kind": v.kind.value,
             "causes": [_cause(c) for c in v.causes],
@@ -56,7 +53,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "share_of_friction": b.rest.of_friction,
             "where": list(b.rest.where),
             "looks_like": b.rest.looks_like,
-            "physics": next((e.physics for e in UNLISTED if e.name == b.rest.looks_like), None),
+            "physics": physics_of_rest(b.rest.looks_like),
             "line_at_half_frequency": b.rest.subharmonic,
         },
         "gap": {
@@ -85,8 +82,8 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
         "next_test": None if d.next_test is None else asdict(d.next_test),
         "expected_nats": d.expected_nats,
         "cannot_be_seen": UNSEEN_BY_ALL,
+        "sentences": sentences(d),
     }
-    out["sentences"] = sentences(out)
     return {**d.campaign.units.everywhere(out), "campaign": d.campaign.name}
 
 
@@ -118,7 +115,7 @@ def _effect(d: Diagnosis, c: Cause) -> dict[str, Any]:
         "rivals": f.rivals,
         "strength_differs_by": f.differs,
         "moved_share": f.moved,
-        "remedy": str(getattr(d.search.effects[c.name][0], "remedy", "")),
+        "remedy": remedy(d, c.name),
     }
 
 
@@ -126,15 +123,13 @@ def _considered(d: Diagnosis) -> list[dict[str, Any]]:
     """Effects that are not named and not out of the question, the likeliest first; and why they are not named."""
     places = {f.name: f for f in d.found.figures}
     out = []
-    for name, p in sorted(d.verdict.probabilities.items(), key=lambda np: -np[1]):
-        if name in ("none", "unknown") or name in d.verdict.names or name in NO_CAUSE or p < WORTH_LISTING:
-            continue
+    for name in doubted(d):
         f = places.get(name)
         single = d.search.fits.get(frozenset({name}))
         out.append(
             {
                 "name": name,
-                "probability": p,
+                "probability": d.verdict.probabilities[name],
                 "log_evidence_alone": None if single is None else single.log_evidence - d.search.base.log_evidence,
                 "shrink": None if f is None else f.fitted,
                 "shrink_held_out": None if f is None else f.unseen,
@@ -166,7 +161,7 @@ def write_answer(
     answer = finite(to_dict(d))
     named = {k: f for k, f in d.found.fits.items() if k <= set(d.verdict.names)}
     files = (None if f is None else str(Path(f).resolve()) for f in (effects_file, simulator_file))
-    write_json(out / "fits.json", stored_fits(named, d.search.scales, d.config, *files))
+    write_fits(out / "fits.json", named, d.search.scales, d.settings, *files)
     write_json(out / "diagnosis.json", answer)
     return answer
 

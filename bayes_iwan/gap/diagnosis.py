@@ -22,7 +22,7 @@ from bayes_iwan.effects.user_file import load_effects
 from bayes_iwan.gap.budget import NO_CAUSE, GapBudget, RestOfGap, Share, Verdict, rest_share
 from bayes_iwan.gap.calibration import Calibration, calibration
 from bayes_iwan.gap.data import GapData, gap_data
-from bayes_iwan.gap.evidence import Fit
+from bayes_iwan.gap.evidence import Fit, base_model
 from bayes_iwan.gap.findings import sentences as where_sentences
 from bayes_iwan.gap.gap_size import GapSize
 from bayes_iwan.gap.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
@@ -33,15 +33,16 @@ from bayes_iwan.gap.search import MOST_EFFECTS, Report, Search, search, silent
 from bayes_iwan.gap.verdict import Weighed, verdict_of, weighed
 from bayes_iwan.gap.where import Where, where
 from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.inference.user_file import load_simulator
-from bayes_iwan.physics import Model, Simulator
+from bayes_iwan.physics import Simulator
 from bayes_iwan.terminal import plain
 
-#: models to start from, by name, as the [model] table of a configuration
-BASES: dict[str, dict[str, str]] = {
-    "generalized": {},
-    "no_speed": {"grip": "hunt_crossley_no_speed"},
-    "classical": {"grip": "constant", "stiffness": "constant"},
+#: models to start from, by name
+BASES: dict[str, ModelSettings] = {
+    "generalized": ModelSettings(),
+    "no_speed": ModelSettings(grip="hunt_crossley_no_speed"),
+    "classical": ModelSettings(grip="constant", stiffness="constant"),
 }
 #: draws behind the intervals of an effect's parameters
 DRAWS = 2000
@@ -83,7 +84,7 @@ class Diagnosis:
     campaign: Campaign
     seed: int
     quick: bool
-    config: dict
+    settings: DiagnoseSettings
     data: GapData
     found: Weighed
     verdict: Verdict
@@ -139,7 +140,7 @@ def diagnose_loops(
     *,
     seed: int = 0,
     quick: bool = False,
-    config: dict | None = None,
+    settings: DiagnoseSettings | None = None,
     extra: Sequence[type[Effect]] = (),
     simulator: Simulator | None = None,
     constants: Calibration | None = None,
@@ -147,25 +148,25 @@ def diagnose_loops(
 ) -> Diagnosis:
     """Diagnose averaged loops; tests with role "held-out" are not fitted, only predicted.
 
-    extra : a user's own effects; simulator : the base model (default: the Iwan model of the configuration's [model]
-    table); constants : another calibration than the shipped one.
+    extra : a user's own effects; simulator : the base model (default: the Iwan model of the settings); constants :
+    another calibration than the shipped one.
     Raises ValueError where no test is left to fit.
     """
-    config = {k: v for k, v in (config or {}).items() if k in ("model", "parameters")}
+    settings = settings or DiagnoseSettings()
     fitted = [x for x in loops if x.role != "held-out"]
     held_out = [x for x in loops if x.role == "held-out"]
     if not fitted:
         raise ValueError('no test is left to fit: every test has role = "held-out"')
     data = gap_data(fitted)
-    found = weighed(searched(data, config, seed, extra, simulator, report), seed)
+    found = weighed(searched(data, settings, seed, extra, simulator, report), seed)
     report("weighing causes")
     verdict = verdict_of(found, constants or calibration(), held_out)
-    return _reported(campaign, seed, quick, config, data, found, verdict, constants or calibration(), report)
+    return _reported(campaign, seed, quick, settings, data, found, verdict, constants or calibration(), report)
 
 
 def searched(
     data: GapData,
-    config: dict,
+    settings: DiagnoseSettings,
     seed: int,
     extra: Sequence[type[Effect]] = (),
     simulator: Simulator | None = None,
@@ -174,19 +175,19 @@ def searched(
     """The search over all effects of the catalogue, shapes without a cause, a user's own, and terms of the paper that
     the base model lacks."""
     scales = scales_of(data.loops)
-    base = Model(scales.reference, **config.get("model", {})) if simulator is None else simulator
+    base = base_model(settings, scales) if simulator is None else simulator
     conditions = conditions_of([x.extras for x in data.loops])
     kinds = catalogue.variants(extra, base, conditions, form=True) | {k.name: (k,) for k in catalogue.unlisted(base)}
     rng = np.random.default_rng([seed, 1])
     most = MOST_EFFECTS + len(missing_terms(base))
-    return search(data, scales, config, kinds, rng, report, most, base)
+    return search(data, scales, settings, kinds, rng, report, most, base)
 
 
 def _reported(
     campaign: Campaign,
     seed: int,
     quick: bool,
-    config: dict,
+    settings: DiagnoseSettings,
     data: GapData,
     found: Weighed,
     verdict: Verdict,
@@ -197,11 +198,11 @@ def _reported(
     base, named = found.fits[frozenset()], frozenset(verdict.names)
     fit = found.fits[named]
     residual, before, after = residual_of(data, base), found.sizes[frozenset()], found.sizes[named]
-    looks = where(residual, seed)
+    found_where = where(residual, seed)
     if not quick:
         fit = sampled_fit(data, fit, seed, report)
     left = residual_of(data, fit)
-    places = where_sentences(looks if not named else where(left, seed)) if verdict.unknown_rest else []
+    places = where_sentences(found_where if not named else where(left, seed)) if verdict.unknown_rest else []
     outside = [f for f in found.figures if f.name in NO_CAUSE]
     looks_like = max(outside, key=lambda f: f.gain).name if outside and verdict.unknown_rest else None
     rest = RestOfGap(
@@ -220,14 +221,14 @@ def _reported(
         campaign,
         seed,
         quick,
-        config,
+        settings,
         data,
         found,
         verdict,
         GapBudget(before.all, after.all, verdict.causes, rest),
         before,
         residual,
-        looks,
+        found_where,
         left,
         _parameters(fit, rng),
         _moved(base, fit, rng) if named else {},
@@ -317,7 +318,7 @@ def diagnose_folder(
     *,
     seed: int = 0,
     quick: bool = False,
-    config: dict | None = None,
+    settings: DiagnoseSettings | None = None,
     effects_file: str | Path | None = None,
     simulator_file: str | Path | None = None,
     progress: bool = True,
@@ -333,7 +334,7 @@ def diagnose_folder(
             read.loops(**LOOPS),
             seed=seed,
             quick=quick,
-            config=config,
+            settings=settings,
             extra=extra,
             simulator=simulator,
             report=told,

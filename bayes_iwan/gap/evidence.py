@@ -10,7 +10,7 @@ cause may explain a part of the gap and leave the rest without a name.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,10 +20,11 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect, effects_of
 from bayes_iwan.gap.data import GapData, predicted
 from bayes_iwan.inference.discrepancy import discrepancy_spectrum
-from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.problem import Problem, iwan_model, make_problem
 from bayes_iwan.inference.scales import Scales
+from bayes_iwan.inference.settings import DiagnoseSettings, IdentifySettings, LikelihoodSettings, ParameterChange
 from bayes_iwan.optimize.least_squares import LeastSquaresFit, least_squares_batch
-from bayes_iwan.physics import Simulator
+from bayes_iwan.physics import Model, Simulator
 
 #: grid of the discrepancy: RMS share of the friction level, and correlation length in cycles
 SHARES = np.geomspace(5e-4, 0.4, 12)
@@ -37,9 +38,9 @@ TOLERANCE = 2e-4
 #: z of every parameter stays within these prior standard deviations
 Z_BOX = 5.0
 _FIXED_NOISE = {
-    "noise_scale": {"fixed": 1.0},
-    "discrepancy_share": {"fixed": FIRST[0]},
-    "discrepancy_length": {"fixed": FIRST[1]},
+    "noise_scale": ParameterChange(fixed=1.0),
+    "discrepancy_share": ParameterChange(fixed=FIRST[0]),
+    "discrepancy_length": ParameterChange(fixed=FIRST[1]),
 }
 
 
@@ -151,12 +152,20 @@ class Linear:
         return float(log_z), (np.asarray(z), np.asarray(precision))
 
 
-def base_problem(data: GapData, config: dict, scales: Scales, simulator: Simulator | None = None) -> Problem:
-    """The base model (a simulator, or the Iwan model of the configuration), noise fixed, for the loops of `data`."""
-    parameters = {**config.get("parameters", {}), **_FIXED_NOISE}
-    settings = {**config, "likelihood": {"kind": "matern"}, "parameters": parameters}
-    settings["model"] = {**config.get("model", {}), "embedded": False}  # the gap's effects are what bends this model
-    return make_problem(data.loops, settings, simulator, scales)
+def base_model(settings: DiagnoseSettings, scales: Scales) -> Model:
+    """The Iwan model that a diagnosis starts from, on a campaign's scales; the gap's effects are what bends it."""
+    return iwan_model(scales, replace(settings.model, embedded=False))
+
+
+def base_problem(
+    data: GapData, settings: DiagnoseSettings, scales: Scales, simulator: Simulator | None = None
+) -> Problem:
+    """The base model (a simulator, or the Iwan model of the settings), noise fixed, for the loops of `data`."""
+    chosen = IdentifySettings(
+        likelihood=LikelihoodSettings("matern"), parameters={**settings.parameters, **_FIXED_NOISE}
+    )
+    model = base_model(settings, scales) if simulator is None else simulator
+    return make_problem(data.loops, chosen, model, scales)
 
 
 def extended(problem: Problem, effects: Sequence[Effect]) -> Problem:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.gap.gap_size import GapSize
 from bayes_iwan.gap.laws import Law
 from bayes_iwan.gap.residuals import Residual
-from bayes_iwan.gap.where import Look, Where
+from bayes_iwan.gap.where import Statistic, Where
 
 #: a part of the loop is worth a sentence when its share of the gap is this many times its share of the time
 CONCENTRATED = 1.25
@@ -55,13 +58,13 @@ def sentences(where: Where) -> list[str]:
     ]
     if not out:
         return [
-            f"Nothing stands out: in none of {where.count} looks is the gap larger than noise, the parameters' "
+            f"Nothing stands out: in none of {where.count} statistics is the gap larger than noise, the parameters' "
             "uncertainty and the small misfit that specimens without any missing cause show."
         ]
     return [
         *out,
-        f"{where.count} looks were taken. Each finding above would still be one were the model right in "
-        "fewer than 1 of 20 campaigns, all looks together.",
+        f"{where.count} statistics were taken. Each finding above would still be one were the model right in "
+        "fewer than 1 of 20 campaigns, all statistics together.",
     ]
 
 
@@ -113,16 +116,16 @@ def where_json(where: Where, size: GapSize) -> dict[str, Any]:
         for h, (p, q) in enumerate(zip(kinds["in phase"], kinds["quadrature"]))
     ]
     return {
-        "looks": where.count,
+        "statistics": where.count,
         "tests": tests,
-        "regions": [_look(x, "region") for x in kinds["region"]],
+        "regions": [_statistic(x, "region") for x in kinds["region"]],
         "harmonics": harmonics,
-        "by_frequency": [_look(x, "frequency") for x in kinds["frequency"]],
-        "by_amplitude": [_look(x, "amplitude") for x in kinds["amplitude"]],
-        "parity": [_look(x, "parity") for x in kinds["parity"]],
-        "mean": _look(kinds["mean"][0], "what"),
-        "along_record": [_look(x, "what") for x in kinds["record"]],
-        "mains": [_look(x, "line") for x in kinds["mains"]],
+        "by_frequency": [_statistic(x, "frequency") for x in kinds["frequency"]],
+        "by_amplitude": [_statistic(x, "amplitude") for x in kinds["amplitude"]],
+        "parity": [_statistic(x, "parity") for x in kinds["parity"]],
+        "mean": _statistic(kinds["mean"][0], "what"),
+        "along_record": [_statistic(x, "what") for x in kinds["record"]],
+        "mains": [_statistic(x, "line") for x in kinds["mains"]],
         "laws": [
             {
                 "order": x.order,
@@ -139,36 +142,72 @@ def where_json(where: Where, size: GapSize) -> dict[str, Any]:
     }
 
 
-def pictures(residual: Residual, where: Where, size: GapSize) -> dict[str, Any]:
-    """Everything that :mod:`bayes_iwan.report.gap_figures` draws of the gap, as plain arrays and names."""
-    loops = residual.data.loops
-    rms = np.array([g.rms_N for g in size.tests])
-    return {
-        "names": [f"{x.record.frequency_hz:g} Hz, {x.record.amplitude_mm:g} mm" for x in loops],
-        "frequency_hz": where.frequency_hz,
-        "amplitude_mm": where.amplitude_mm,
-        "displacement_mm": np.stack([x.displacement_mm for x in loops]),
-        "force_N": np.stack([x.force_N for x in loops]),
-        "residual_N": where.phase_N,
-        "expected_N": where.expected_N,
-        "sticking": where.sticking,
-        "in_phase_N": where.in_phase_N,
-        "quadrature_N": where.quadrature_N,
-        "expected_harmonic_N": where.expected_harmonic_N,
-        "gap_N": rms,
-        "gap_low_N": np.array([g.low_N for g in size.tests]),
-        "gap_high_N": np.array([g.high_N for g in size.tests]),
-        "significant": np.array([x.significant or y.significant for x, y in zip(where.of("test"), where.of("trend"))]),
-        "friction_N": size.friction_N,
-        "cycle": size.cycle,
-        "along_N": size.along_N,
-        "along_low_N": size.along_low_N,
-        "along_high_N": size.along_high_N,
-        "regions": [(x.name, x.gap_N, x.low_N, x.high_N, x.share, x.time, x.significant) for x in where.of("region")],
-    }
+@dataclass(frozen=True)
+class GapPictures:
+    """What :mod:`bayes_iwan.report.gap_figures` draws of the gap of T tests.
+
+    names : of the tests; frequency_hz, amplitude_mm : (T,)
+    displacement_mm, force_N, residual_N, expected_N, sticking : (T, n) along the cycle: measured, measured − predicted,
+        what noise and a right model's usual misfit would leave, the share of sliders that stick
+    in_phase_N, quadrature_N, expected_harmonic_N : (T, H) harmonics of the residual
+    gap_N, gap_low_N, gap_high_N, friction_N : (T,) RMS with its 90 % interval, RMS friction force
+    significant : (T,) whether it is more than a right model would leave
+    cycle, along_N, along_low_N, along_high_N : by test, (B,) mean cycle of a block and RMS of what is missed there
+    regions : parts of the loop
+    """
+
+    names: tuple[str, ...]
+    frequency_hz: Array
+    amplitude_mm: Array
+    displacement_mm: Array
+    force_N: Array
+    residual_N: Array
+    expected_N: Array
+    sticking: Array
+    in_phase_N: Array
+    quadrature_N: Array
+    expected_harmonic_N: Array
+    gap_N: Array
+    gap_low_N: Array
+    gap_high_N: Array
+    significant: NDArray[np.bool_]
+    friction_N: Array
+    cycle: tuple[Array, ...]
+    along_N: tuple[Array, ...]
+    along_low_N: tuple[Array, ...]
+    along_high_N: tuple[Array, ...]
+    regions: tuple[Statistic, ...]
 
 
-def _look(x: Look, key: str) -> dict[str, Any]:
+def pictures(residual: Residual, where: Where, size: GapSize) -> GapPictures:
+    """What is drawn of a gap."""
+    loops, shown = residual.data.loops, zip(where.of("test"), where.of("trend"))
+    return GapPictures(
+        names=tuple(f"{x.record.frequency_hz:g} Hz, {x.record.amplitude_mm:g} mm" for x in loops),
+        frequency_hz=where.frequency_hz,
+        amplitude_mm=where.amplitude_mm,
+        displacement_mm=np.stack([x.displacement_mm for x in loops]),
+        force_N=np.stack([x.force_N for x in loops]),
+        residual_N=where.phase_N,
+        expected_N=where.expected_N,
+        sticking=where.sticking,
+        in_phase_N=where.in_phase_N,
+        quadrature_N=where.quadrature_N,
+        expected_harmonic_N=where.expected_harmonic_N,
+        gap_N=np.array([g.rms_N for g in size.tests]),
+        gap_low_N=np.array([g.low_N for g in size.tests]),
+        gap_high_N=np.array([g.high_N for g in size.tests]),
+        significant=np.array([x.significant or y.significant for x, y in shown]),
+        friction_N=size.friction_N,
+        cycle=size.cycle,
+        along_N=size.along_N,
+        along_low_N=size.along_low_N,
+        along_high_N=size.along_high_N,
+        regions=tuple(where.of("region")),
+    )
+
+
+def _statistic(x: Statistic, key: str) -> dict[str, Any]:
     return {
         key: x.name,
         "gap_rms_N": x.gap_N,
@@ -204,26 +243,26 @@ def _tests(w: Where) -> list[str]:
 def _grows(w: Where) -> list[str]:
     out = []
     for kind in ("frequency", "amplitude"):
-        looks = w.of(kind)
-        if len(looks) < 2 or not any(x.significant for x in looks):
+        statistics = w.of(kind)
+        if len(statistics) < 2 or not any(x.significant for x in statistics):
             continue
-        sizes = np.array([x.gap_N for x in looks])
+        sizes = np.array([x.gap_N for x in statistics])
         i, k = int(np.argmax(sizes)), int(np.argmin(sizes))
-        if sizes[i] < 1.15 * sizes[k] or looks[i].low_N <= looks[k].high_N:
+        if sizes[i] < 1.15 * sizes[k] or statistics[i].low_N <= statistics[k].high_N:
             out.append(f"It does not depend on {kind}: {newtons(sizes.min())} to {newtons(sizes.max())}.")
-        elif i == len(looks) - 1:
+        elif i == len(statistics) - 1:
             out.append(
-                f"It grows with {kind}, from {newtons(sizes[0])} at {looks[0].name} to {newtons(sizes[-1])} at "
-                f"{looks[-1].name}."
+                f"It grows with {kind}, from {newtons(sizes[0])} at {statistics[0].name} to {newtons(sizes[-1])} at "
+                f"{statistics[-1].name}."
             )
         elif i == 0:
             out.append(
-                f"It falls with {kind}, from {newtons(sizes[0])} at {looks[0].name} to {newtons(sizes[-1])} at "
-                f"{looks[-1].name}."
+                f"It falls with {kind}, from {newtons(sizes[0])} at {statistics[0].name} to {newtons(sizes[-1])} at "
+                f"{statistics[-1].name}."
             )
         else:
             out.append(
-                f"It is largest at {looks[i].name} ({newtons(sizes[i])}) and smallest at {looks[k].name} "
+                f"It is largest at {statistics[i].name} ({newtons(sizes[i])}) and smallest at {statistics[k].name} "
                 f"({newtons(sizes[k])})."
             )
     return out
@@ -284,14 +323,14 @@ def _growth(what: str, power: tuple[float, float, float] | None) -> str:
 
 
 def _harmonics(w: Where) -> list[str]:
-    looks = [x for kind in ("in phase", "quadrature") for x in w.of(kind) if x.significant and x.share > 0.1]
-    if not looks:
+    statistics = [x for kind in ("in phase", "quadrature") for x in w.of(kind) if x.significant and x.share > 0.1]
+    if not statistics:
         return []
-    looks.sort(key=lambda x: -x.share)
+    statistics.sort(key=lambda x: -x.share)
     parts = [
         f"{_percent(x.share)} in the {_ordinal(int(x.name))} in step with the "
         f"{'displacement' if x.kind == 'in phase' else 'velocity'}"
-        for x in looks[:3]
+        for x in statistics[:3]
     ]
     out = [f"Of the residual's power {_listed(parts)}."]
     even = w.of("parity")[1]
@@ -310,7 +349,7 @@ def _regions(w: Where) -> list[str]:
     return [f"Along the loop it is concentrated: {_listed([_region(x) for x in found[:3]])}."]
 
 
-def _region(x: Look) -> str:
+def _region(x: Statistic) -> str:
     return f"{_percent(x.share)} of it in {_percent(x.time)} of the time ({x.name})"
 
 

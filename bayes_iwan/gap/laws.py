@@ -94,7 +94,7 @@ class LawSearch:
         self.null_scores = (root - self.middle) / self.scale
 
     def laws(self, p_value: Callable[[float], float], level: float, most: int = 4) -> tuple[Law, ...]:
-        """The significant laws in order. p_value : of a score, the number of looks allowed for."""
+        """The significant laws in order. p_value : of a score, the number of statistics allowed for."""
         out: list[Law] = []
         left, signatures, rest = self.left, list(self.signatures), list(range(len(self.names)))
         while rest and len(out) < most:

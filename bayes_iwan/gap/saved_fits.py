@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,26 +17,67 @@ from bayes_iwan.effects.base import Effect, EffectError
 from bayes_iwan.effects.catalogue import UNLISTED, ordered, variants
 from bayes_iwan.effects.conditions import FollowsCondition
 from bayes_iwan.effects.user_file import load_effects
+from bayes_iwan.files import write_json
 from bayes_iwan.gap.budget import shapley
 from bayes_iwan.gap.data import GapData, gap_data
-from bayes_iwan.gap.evidence import Fit, Linear, Rest, base_problem, extended
+from bayes_iwan.gap.evidence import Fit, Linear, Rest, base_model, base_problem, extended
 from bayes_iwan.gap.gap_size import gap_power_N2
 from bayes_iwan.gap.residuals import residual_of
+from bayes_iwan.inference.config import diagnose_settings_of
 from bayes_iwan.inference.scales import Scales
+from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.inference.user_file import load_simulator
-from bayes_iwan.physics import Model
 
 SCHEMA = 2
 #: phases, harmonics and blocks of cycles that diagnoses work on
 LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
 
 
+#: what a damaged file raises on the way to its fits
+_DAMAGE = (KeyError, TypeError, IndexError, AttributeError)
+
+
 class SavedFitsError(ValueError):
     """`fits.json` that cannot be read or used; the message names the file and what is wrong."""
 
 
-def fit_as_dict(fit: Fit) -> dict[str, Any]:
-    """A fit as plain numbers."""
+@dataclass(frozen=True)
+class SavedEffect:
+    """An effect of a fit: its class, and what made it; condition and values where it follows a stated condition."""
+
+    class_name: str
+    name: str
+    strength_value: float
+    condition: str | None = None
+    values: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class SavedFit:
+    """One fit: names and z (ndim,) of its parameters, their covariance, and size, length and change of its rest."""
+
+    effects: tuple[SavedEffect, ...]
+    names: tuple[str, ...]
+    z: Array
+    covariance: Array
+    share: float
+    length: float
+    along: float
+
+
+@dataclass(frozen=True)
+class SavedFits:
+    """What `fits.json` holds: the fit of every set of named effects, the base under the empty set."""
+
+    scales: Scales
+    settings: DiagnoseSettings
+    effects_file: str | None
+    simulator_file: str | None
+    fits: Mapping[frozenset[str], SavedFit]
+
+
+def _plain(fit: Fit) -> dict[str, Any]:
+    """A fit as JSON holds it."""
     return {
         "effects": [
             {"class": type(e).__name__, "name": e.name, "strength_value": e.strength_value}
@@ -52,25 +93,27 @@ def fit_as_dict(fit: Fit) -> dict[str, Any]:
     }
 
 
-def stored_fits(
+def write_fits(
+    path: Path,
     fits: Mapping[frozenset[str], Fit],
     scales: Scales,
-    config: dict,
+    settings: DiagnoseSettings,
     effects_file: str | None,
     simulator_file: str | None,
-) -> dict[str, Any]:
-    """What `fits.json` holds: the fit of every set of named effects, the base under "base"."""
-    return {
+) -> None:
+    """Write `fits.json`."""
+    stored = {
         "schema": SCHEMA,
         "scales": asdict(scales),
-        "config": config,
+        "config": settings.as_dict(),
         "effects_file": effects_file,
         "simulator_file": simulator_file,
-        "fits": {"+".join(sorted(names)) or "base": fit_as_dict(f) for names, f in fits.items()},
+        "fits": {"+".join(sorted(names)) or "base": _plain(f) for names, f in fits.items()},
     }
+    write_json(path, stored)
 
 
-def read_fits(path: Path) -> dict[str, Any]:
+def read_fits(path: Path) -> SavedFits:
     """What `fits.json` holds. Raises SavedFitsError in one line where it is missing, damaged or of another version."""
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
@@ -80,7 +123,30 @@ def read_fits(path: Path) -> dict[str, Any]:
         raise SavedFitsError(f"{path}: damaged, no JSON; diagnose the campaign again") from None
     if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
         raise SavedFitsError(f"{path}: not fits of this version (schema {SCHEMA}); diagnose the campaign again")
-    return stored
+    try:
+        effects, simulator = (None if stored[k] is None else str(stored[k]) for k in ("effects_file", "simulator_file"))
+        fits = {frozenset() if k == "base" else frozenset(k.split("+")): _fit(f) for k, f in stored["fits"].items()}
+        return SavedFits(Scales(**stored["scales"]), diagnose_settings_of(stored["config"]), effects, simulator, fits)
+    except (*_DAMAGE, ValueError) as error:
+        raise _damaged(path, error) from None
+
+
+def _fit(stored: dict[str, Any]) -> SavedFit:
+    effects = tuple(
+        SavedEffect(
+            str(e["class"]), str(e["name"]), float(e["strength_value"]), e.get("condition"), tuple(e.get("values", ()))
+        )
+        for e in stored["effects"]
+    )
+    z, covariance = np.array(stored["z"], float), np.array(stored["covariance"], float)
+    if len(z) != len(stored["names"]) or covariance.shape != (len(z), len(z)):
+        raise ValueError("names, z and covariance do not agree")
+    size = (float(stored[k]) for k in ("share", "length", "along"))
+    return SavedFit(effects, tuple(map(str, stored["names"])), z, covariance, *size)
+
+
+def _damaged(path: Path, error: Exception) -> SavedFitsError:
+    return SavedFitsError(f"{path}: damaged ({type(error).__name__}: {error}); diagnose the campaign again")
 
 
 def find_shares(
@@ -94,22 +160,18 @@ def find_shares(
     """
     path = Path(diagnosis) / "fits.json"
     stored = read_fits(path)
-    own = stored["effects_file"] or stored["simulator_file"]
+    own = stored.effects_file or stored.simulator_file
     if own and not allow_own_files:
         raise SavedFitsError(f"{path}: names a Python file, which is not run unasked: {own}")
     data = gap_data(read_campaign(unseen_campaign).loops(**LOOPS))
     try:
-        sets = {frozenset() if k == "base" else frozenset(k.split("+")): _rebuilt(stored, f, data)
-                for k, f in stored["fits"].items()}  # fmt: skip
-        gap = {k: _gap_N(data, f) for k, f in sets.items()}
-        whole, before = max(sets, key=len), gap[frozenset()]
+        gap = {k: _gap_N(data, _rebuilt(stored, f, data)) for k, f in stored.fits.items()}
+        whole, before = max(gap, key=len), gap[frozenset()]
         if before <= 0.0 or not whole:
             return None, {}
         parts = shapley(whole, lambda k: np.array(-gap[k] / before))
-    except (KeyError, TypeError, IndexError, AttributeError, np.linalg.LinAlgError) as error:
-        raise SavedFitsError(
-            f"{path}: damaged ({type(error).__name__}: {error}); diagnose the campaign again"
-        ) from None
+    except (*_DAMAGE, np.linalg.LinAlgError) as error:
+        raise _damaged(path, error) from None
     return 1.0 - gap[whole] / before, {n: float(v) for n, v in parts.items()}
 
 
@@ -117,27 +179,27 @@ def _gap_N(data: GapData, fit: Fit) -> float:
     return float(np.sqrt(max(float(gap_power_N2(residual_of(data, fit, refitted=False)).mean()), 0.0)))
 
 
-def _rebuilt(stored: dict[str, Any], one: dict[str, Any], data: GapData) -> Fit:
-    extra = load_effects(stored["effects_file"]) if stored["effects_file"] else ()
-    scales, file = Scales(**stored["scales"]), stored["simulator_file"]
-    simulator = load_simulator(file) if file else Model(scales.reference, **stored["config"].get("model", {}))
+def _rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
+    extra = load_effects(stored.effects_file) if stored.effects_file else ()
+    scales, file = stored.scales, stored.simulator_file
+    simulator = load_simulator(file) if file else base_model(stored.settings, scales)
     kinds = [k for some in variants(extra, simulator, form=True).values() for k in some]
     classes = {k.__name__: k for k in (*kinds, *UNLISTED, *conditions.EFFECTS) if isinstance(k, type)}
     files = tuple(x.file for x in data.loops)
     effects: list[Effect] = []
-    for spec in one["effects"]:
-        if spec["class"] not in classes:
-            raise EffectError(f"fits.json names the effect {spec['name']!r}, which is not in the catalogue")
-        more = {"condition": spec["condition"], "values": tuple(spec["values"])} if "condition" in spec else {}
-        effects.append(classes[spec["class"]](scales, files, spec["strength_value"], **more))
-    problem = extended(base_problem(data, stored["config"], scales, simulator), ordered(effects))
-    keep = [n for n in problem.names if n in one["names"]]
+    for spec in one.effects:
+        if spec.class_name not in classes:
+            raise EffectError(f"fits.json names the effect {spec.name!r}, which is not in the catalogue")
+        more = {} if spec.condition is None else {"condition": spec.condition, "values": spec.values}
+        effects.append(classes[spec.class_name](scales, files, spec.strength_value, **more))
+    problem = extended(base_problem(data, stored.settings, scales, simulator), ordered(effects))
+    keep = [n for n in problem.names if n in one.names]
     if len(keep) != len(problem.names):  # parameters of single tests (a mains line's phases) predict nothing elsewhere
         problem = extended(problem, [e for e in effects if all(p.name in keep for p in e.parameters)])
-    at = [one["names"].index(n) for n in problem.names]
-    z: Array = np.array(one["z"])[at]
-    covariance = np.array(one["covariance"])[np.ix_(at, at)]
+    at = [one.names.index(n) for n in problem.names]
+    z, covariance = one.z[at], one.covariance[np.ix_(at, at)]
     none = Rest(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))
     linear = Linear(np.zeros(0), np.zeros((0, len(z))), none, z)
-    size = float(one["share"]), float(one["length"]), float(one["along"])
-    return Fit(problem, z, np.zeros((1, 1)), *size, covariance, z[None], linear, True)
+    return Fit(
+        problem, z, np.zeros((1, 1)), one.share, one.length, one.along, covariance, z[None], linear, converged=True
+    )

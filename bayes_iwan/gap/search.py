@@ -22,6 +22,7 @@ from bayes_iwan.gap.evidence import Fit, FitError, base_problem, extended, fit_m
 from bayes_iwan.gap.strength import calibrated
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import Scales
+from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.physics import Simulator
 
 BASE_POINTS, BASE_STARTS = 600, 16
@@ -63,7 +64,7 @@ class Search:
 
     data: GapData
     scales: Scales
-    config: dict
+    settings: DiagnoseSettings
     fits: Mapping[frozenset[str], Fit]
     chosen: tuple[str, ...]
     effects: Mapping[str, tuple[Effect, ...]]
@@ -94,17 +95,17 @@ class _Explorer:
         self,
         data: GapData,
         scales: Scales,
-        config: dict,
+        settings: DiagnoseSettings,
         kinds: Mapping[str, tuple[Maker, ...]],
         rng: np.random.Generator,
         report: Report,
         simulator: Simulator | None,
     ) -> None:
-        self.data, self.scales, self.config, self.rng, self.report = data, scales, config, rng, report
+        self.data, self.rng, self.report = data, rng, report
         self.fits: dict[frozenset[str], Fit] = {}
         self.failed: dict[str, str] = {}
         report("base model")
-        base = fit_base(data, config, scales, rng, simulator)
+        base = fit_base(data, settings, scales, rng, simulator)
         self.fits[frozenset()] = base
         self.effects: dict[str, tuple[Effect, ...]] = {}
         for name, classes in kinds.items():
@@ -234,17 +235,21 @@ class _Explorer:
 
 
 def fit_base(
-    data: GapData, config: dict, scales: Scales, rng: np.random.Generator, simulator: Simulator | None = None
+    data: GapData,
+    settings: DiagnoseSettings,
+    scales: Scales,
+    rng: np.random.Generator,
+    simulator: Simulator | None = None,
 ) -> Fit:
     """The base model from the best of many prior draws."""
-    problem = base_problem(data, config, scales, simulator)
+    problem = base_problem(data, settings, scales, simulator)
     return fit_model(data, problem, best_draws(data, problem, BASE_POINTS, BASE_STARTS, rng))
 
 
 def search(
     data: GapData,
     scales: Scales,
-    config: dict,
+    settings: DiagnoseSettings,
     kinds: Mapping[str, tuple[Maker, ...]],
     rng: np.random.Generator,
     report: Report = silent,
@@ -252,7 +257,7 @@ def search(
     simulator: Simulator | None = None,
 ) -> Search:
     """Fit the base and every single effect, then grow a set of up to `most` effects, with exchanges on the way."""
-    found = _Explorer(data, scales, config, kinds, rng, report, simulator)
+    found = _Explorer(data, scales, settings, kinds, rng, report, simulator)
     found.singles()
     if found.base_again():  # the base had missed its optimum: once more from there
         found.singles()
@@ -274,7 +279,7 @@ def search(
     if current.effects:
         found.rivals(current)
         current = found.fits[current.names]
-    return Search(data, scales, config, found.fits, tuple(order), found.effects, found.failed)
+    return Search(data, scales, settings, found.fits, tuple(order), found.effects, found.failed)
 
 
 def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:

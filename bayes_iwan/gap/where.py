@@ -1,9 +1,9 @@
 """Where the model misses: in which tests, where along the loop, in which harmonics, and how it grows.
 
-Every look at the residual is a mean square over some part of it. What that would be were the model right is simulated:
-noise with its floors, a small smooth misfit such as specimens without any effect show, and the refit that absorbs a
-part of both. A look is significant when it exceeds that by more than the largest of all looks would in 19 of 20 such
-campaigns, so the number of looks is allowed for, whatever their dependence.
+Every statistic of the residual is a mean square over some part of it. What that would be were the model right is
+simulated: noise with its floors, a small smooth misfit such as specimens without any effect show, and the refit that
+absorbs a part of both. A statistic is significant when it exceeds that by more than the largest of all would in 19 of 20
+such campaigns, so their number is allowed for, whatever their dependence.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ GROSS = 0.2
 
 
 @dataclass(frozen=True)
-class Look:
-    """One look at the residual.
+class Statistic:
+    """One statistic of the residual.
 
     gap_N, low_N, high_N : RMS of what is missed there, noise taken off, with its 90 % interval
     share : of the mean square of the averaged loops' gap (of the change along the record for kind "trend"); time :
         share of the time that it covers
-    p_value : how often the largest of all looks is as unusual as this one where the model is right
+    p_value : how often the largest of all statistics is as unusual as this one where the model is right
     """
 
     kind: str
@@ -58,9 +58,9 @@ class Look:
 
 @dataclass(frozen=True)
 class Where:
-    """All looks, how many they are, and arrays for pictures.
+    """All statistics, how many they are, and arrays for pictures.
 
-    looks : kinds "test", "region", "frequency", "amplitude", "in phase", "quadrature", "parity", "mean", "trend",
+    statistics : kinds "test", "region", "frequency", "amplitude", "in phase", "quadrature", "parity", "mean", "trend",
         "record", "mains"; laws : how single harmonics grow with frequency and amplitude
     phase_N : (T, samples) residual of the averaged loops along the cycle, mean left out; expected_N : the same size,
         its standard deviation where the model is right
@@ -72,7 +72,7 @@ class Where:
     files: tuple[str, ...]
     frequency_hz: Array
     amplitude_mm: Array
-    looks: tuple[Look, ...]
+    statistics: tuple[Statistic, ...]
     laws: tuple[Law, ...]
     count: int
     phase_N: Array
@@ -83,8 +83,8 @@ class Where:
     sticking: Array | None
     change_N: Array
 
-    def of(self, kind: str) -> tuple[Look, ...]:
-        return tuple(x for x in self.looks if x.kind == kind)
+    def of(self, kind: str) -> tuple[Statistic, ...]:
+        return tuple(x for x in self.statistics if x.kind == kind)
 
 
 def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> Where:
@@ -93,44 +93,44 @@ def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> 
     rng = np.random.default_rng([seed, 72])
     null = simulated(residual, simulations, rng, typical_misfit)
     noise = residual.after_refit(residual.draw_noise(200, rng))
-    looks = _Looks(residual)
-    value = looks.power(residual.value[None])[0]
-    under = looks.power(null)
-    search = LawSearch(residual, null, looks.turn, typical_misfit)
+    statistics = _Statistics(residual)
+    value = statistics.power(residual.value[None])[0]
+    under = statistics.power(null)
+    search = LawSearch(residual, null, statistics.turn, typical_misfit)
     law_null = search.null_scores
 
-    # cube roots of mean squares are nearly normal (Wilson & Hilferty): looks of many and of few numbers compare
+    # cube roots of mean squares are nearly normal (Wilson & Hilferty): statistics of many and of few numbers compare
     root = np.cbrt(under)
     middle, scale = root.mean(axis=0), np.maximum(root.std(axis=0), 1e-300)
     largest = np.max(np.concatenate([(root - middle) / scale, law_null], axis=1), axis=1)
     p = (1.0 + np.sum(largest[:, None] >= (np.cbrt(value) - middle) / scale, axis=0)) / (1.0 + len(largest))
     laws = search.laws(lambda score: float((1.0 + np.sum(largest >= score)) / (1.0 + len(largest))), FAMILY_WISE)
 
-    off = looks.power(noise)
+    off = statistics.power(noise)
     found = value - off.mean(axis=0)
-    again = looks.power(residual.value + noise) - value - off.mean(axis=0)  # around zero
+    again = statistics.power(residual.value + noise) - value - off.mean(axis=0)  # around zero
     few, many = np.quantile(again, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2], axis=0)
-    size, low, high = (np.sqrt(np.maximum(x, 0.0) * looks.scale) for x in (found, found - many, found - few))
+    size, low, high = (np.sqrt(np.maximum(x, 0.0) * statistics.scale) for x in (found, found - many, found - few))
     whole, along = (
         max(float(np.mean(residual.power(residual.value, kind)) - np.mean(residual.power(noise, kind))), 1e-300)
         for kind in (LOOP, ALONG)
     )
-    share = np.maximum(found, 0.0) / np.where(looks.changing, along, whole)
+    share = np.maximum(found, 0.0) / np.where(statistics.changing, along, whole)
     out = tuple(
-        Look(
+        Statistic(
             kind,
             name,
             float(size[i]),
             float(min(low[i], size[i])),
             float(max(high[i], size[i])),
             float(min(share[i], 1.0)),
-            float(looks.time[i]),
+            float(statistics.time[i]),
             float(p[i]),
             bool(p[i] < FAMILY_WISE),
         )
-        for i, (kind, name) in enumerate(looks.names)
+        for i, (kind, name) in enumerate(statistics.names)
     )
-    turned, null_turned = looks.turned(residual.value), looks.turned(null)
+    turned, null_turned = statistics.turned(residual.value), statistics.turned(null)
     loops = residual.data.loops
     return Where(
         tuple(x.file for x in loops),
@@ -144,8 +144,8 @@ def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> 
         turned.real,
         turned.imag,
         np.sqrt(0.5 * np.mean(np.abs(null_turned) ** 2, axis=0)),
-        looks.sticking,
-        _change(residual, looks.turn),
+        statistics.sticking,
+        _change(residual, statistics.turn),
     )
 
 
@@ -166,8 +166,8 @@ def simulated(residual: Residual, draws: int, rng: np.random.Generator, typical_
     return residual.after_refit(residual.draw_noise(draws, rng, allowed=True) + misfit)
 
 
-class _Looks:
-    """Every look as a mean square of the complex residuals, N²; times `scale` it is that over the part looked at."""
+class _Statistics:
+    """Every statistic as a mean square of the complex residuals, N²; times `scale` it is that over the part itself."""
 
     def __init__(self, residual: Residual) -> None:
         self.residual = residual
@@ -214,7 +214,7 @@ class _Looks:
         return value[..., self.loop[: ORDERS + 1]] * self.turn
 
     def power(self, value: np.ndarray) -> Array:
-        """(draws, looks) mean squares over all tests and the whole cycle, N²."""
+        """(draws, statistics) mean squares over all tests and the whole cycle, N²."""
         r = self.residual
         by_test = r.power(value, LOOP)
         tests = by_test.shape[1]

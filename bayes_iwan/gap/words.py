@@ -1,9 +1,19 @@
-"""The answer in plain words, from the dictionary that `diagnosis.json` holds."""
+"""The answer of a diagnosis in plain words."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from bayes_iwan.effects.catalogue import UNLISTED
+from bayes_iwan.gap.budget import NO_CAUSE, Cause, Kind
+from bayes_iwan.gap.gap_size import Gap
+
+if TYPE_CHECKING:
+    from bayes_iwan.gap.diagnosis import Diagnosis, Estimate
+
+#: probability above which an effect that is not named is listed
+WORTH_LISTING = 0.02
 
 TITLES = {
     "channel_delay": "a delay between the channels",
@@ -18,103 +28,112 @@ def title(name: str) -> str:
     return TITLES.get(name, name.replace("_", " "))
 
 
-def sentences(d: dict[str, Any]) -> list[str]:
+def doubted(d: Diagnosis) -> list[str]:
+    """Effects that are not named and not out of the question, the likeliest first."""
+    ranked = sorted(d.verdict.probabilities.items(), key=lambda np: -np[1])
+    out = {"none", "unknown", *d.verdict.names, *NO_CAUSE}
+    return [name for name, p in ranked if name not in out and p >= WORTH_LISTING]
+
+
+def sentences(d: Diagnosis) -> list[str]:
     """The answer: how large the gap is, what makes it, what is left, what to do."""
-    return [_size(d["gap"]), *_which(d), *_rest(d), *_remedies(d), _next(d)]
+    return [_size(d.budget.before), *_which(d), *_rest(d), *_remedies(d), _next(d)]
 
 
-def _size(gap: dict[str, Any]) -> str:
-    low, high = gap["before_interval_N"]
-    if low <= 0.0:
+def _size(gap: Gap) -> str:
+    if gap.low_N <= 0.0:
         return (
-            f"The gap between measurement and model is zero within its interval: at most {force(high)} RMS, "
-            f"{_percent(gap['before_share_interval'][1])} of the friction force, beyond the records' own noise of "
-            f"{force(gap['noise_rms_N'])}."
+            f"The gap between measurement and model is zero within its interval: at most {force(gap.high_N)} RMS, "
+            f"{_percent(gap.share_high)} of the friction force, beyond the records' own noise of "
+            f"{force(gap.noise_N)}."
         )
     return (
-        f"The model misses {force(gap['before_rms_N'])} RMS ({force(low)} to {force(high)}), "
-        f"{_percent(gap['before_share'])} of the friction force, beyond the records' own noise of "
-        f"{force(gap['noise_rms_N'])}."
+        f"The model misses {force(gap.rms_N)} RMS ({force(gap.low_N)} to {force(gap.high_N)}), "
+        f"{_percent(gap.share)} of the friction force, beyond the records' own noise of {force(gap.noise_N)}."
     )
 
 
-def _which(d: dict[str, Any]) -> list[str]:
-    verdict = d["verdict"]
-    if verdict["kind"] == "none":
-        p = d["probabilities"]["none"]
-        doubt = [c["name"] for c in d["considered"]]
-        tail = f"; {listed(doubt)} cannot be excluded" if doubt else ""
+def _which(d: Diagnosis) -> list[str]:
+    if d.verdict.causes:
+        return [_sentence(c, d) for c in d.verdict.causes]
+    doubt = doubted(d)
+    tail = f"; {listed(doubt)} cannot be excluded" if doubt else ""
+    if d.verdict.kind is Kind.NONE:
         return [
-            f"No effect outside the model is needed (probability {p:.2f}): what is left is no more than a real "
-            f"specimen's usual difference from the model{tail}."
+            f"No effect outside the model is needed (probability {d.verdict.probabilities['none']:.2f}): what is left "
+            f"is no more than a real specimen's usual difference from the model{tail}."
         ]
-    if verdict["kind"] == "unknown":
-        p = d["rest"]["probability"]
-        doubt = [c["name"] for c in d["considered"]]
-        tail = f"; {listed(doubt)} cannot be excluded" if doubt else ""
-        return [
-            f"The cause is unknown (probability {p:.2f}): the gap is real, but no effect of the catalogue explains a "
-            f"part of it that holds on all tests{tail}."
-        ]
-    return [_sentence(c, d) for c in verdict["causes"]]
+    return [
+        f"The cause is unknown (probability {d.budget.rest.probability:.2f}): the gap is real, but no effect of the "
+        f"catalogue explains a part of it that holds on all tests{tail}."
+    ]
 
 
-def _sentence(c: dict[str, Any], d: dict[str, Any]) -> str:
-    """One cause: its number, its share of the gap, fitted and on tests left out, and what it cannot be told from."""
-    effect = next(e for e in d["effects"] if e["name"] == c["name"])
-    number = _number(effect["parameters"])
-    text = f"{_capital(title(c['name']))}{number} (probability {c['probability']:.2f}) removes {_percent(c['share'])} "
-    text += f"of the gap ({_percent(c['share_interval'][0])} to {_percent(c['share_interval'][1])})"
-    if c["share_held_out"] is not None:
-        text += f", {_percent(c['share_held_out'])} on tests left out of the fit"
-    if c["cannot_tell_apart"]:
-        text += f"; these tests cannot tell it from {listed(c['cannot_tell_apart'])}"
+def _sentence(c: Cause, d: Diagnosis) -> str:
+    """One cause: its size, its share of the gap, fitted and on tests left out, and what it cannot be told from."""
+    text = f"{_capital(title(c.name))}{_strength(d.parameters[c.name])} (probability {c.probability:.2f}) removes "
+    text += f"{_percent(c.share.value)} of the gap ({_percent(c.share.low)} to {_percent(c.share.high)})"
+    if c.held_out is not None:
+        text += f", {_percent(c.held_out.value)} on tests left out of the fit"
+    if c.cannot_tell_apart:
+        text += f"; these tests cannot tell it from {listed(c.cannot_tell_apart)}"
     return text + "."
 
 
-def _number(parameters: dict[str, Any]) -> str:
+def _strength(parameters: Mapping[str, Estimate]) -> str:
     """The first parameter with its standard deviation."""
     if not parameters:
         return ""
     name, p = next(iter(parameters.items()))
-    unit = "" if p["unit"] in ("-", "") else f" {p['unit']}"
+    unit = "" if p.unit in ("-", "") else f" {p.unit}"
     what = name.split("[")[0].rsplit("_", name.count("_") if len(name.split("_")) > 2 else 1)[0].replace("_", " ")
-    return f" of {p['mean']:.3g} ± {p['sd']:.1g}{unit}" if unit else f" ({what} {p['mean']:.3g} ± {p['sd']:.1g})"
+    return f" of {p.mean:.3g} ± {p.sd:.1g}{unit}" if unit else f" ({what} {p.mean:.3g} ± {p.sd:.1g})"
 
 
-def _rest(d: dict[str, Any]) -> list[str]:
-    rest, kind = d["rest"], d["verdict"]["kind"]
-    if kind == "explained":
-        return [f"What is left, {_percent(rest['share'])} of the gap, is no more than a law slightly off leaves."]
-    if kind not in ("partly_explained", "unknown"):
+def _rest(d: Diagnosis) -> list[str]:
+    rest, kind = d.budget.rest, d.verdict.kind
+    if kind is Kind.EXPLAINED:
+        return [f"What is left, {_percent(rest.share.value)} of the gap, is no more than a law slightly off leaves."]
+    if kind is Kind.NONE:
         return []
     out = []
-    if kind == "partly_explained":
+    if kind is Kind.PARTLY:
         out.append(
-            f"The cause of the rest, {_percent(rest['share'])} of the gap, is unknown "
-            f"(probability {rest['probability']:.2f} that it has one)."
+            f"The cause of the rest, {_percent(rest.share.value)} of the gap, is unknown "
+            f"(probability {rest.probability:.2f} that it has one)."
         )
-    if rest["physics"]:
-        out.append(f"It looks most like {rest['physics']}.")
-    if rest["line_at_half_frequency"] > 20.0:
+    physics = physics_of_rest(rest.looks_like)
+    if physics:
+        out.append(f"It looks most like {physics}.")
+    if rest.subharmonic > 20.0:
         out.append("The records hold a line at half the test frequency: every second cycle differs.")
     return out
 
 
-def _remedies(d: dict[str, Any]) -> list[str]:
-    return [f"{_capital(title(e['name']))}: {e['remedy'].rstrip('.')}." for e in d["effects"] if e.get("remedy")]
+def physics_of_rest(looks_like: str | None) -> str | None:
+    """What a form without a cause stands for, in words."""
+    return next((e.physics for e in UNLISTED if e.name == looks_like), None)
 
 
-def _next(d: dict[str, Any]) -> str:
-    following = d["next_test"]
+def remedy(d: Diagnosis, name: str) -> str:
+    """What to do about a named effect, as its author says it."""
+    return str(getattr(d.search.effects[name][0], "remedy", ""))
+
+
+def _remedies(d: Diagnosis) -> list[str]:
+    return [f"{_capital(title(n))}: {said.rstrip('.')}." for n in d.verdict.names if (said := remedy(d, n))]
+
+
+def _next(d: Diagnosis) -> str:
+    following = d.next_test
     if following is None:
         return "No further loop test is needed to settle which of the catalogue's effects contribute."
-    pair = listed(following["separates"])
-    if following["bench"]:
-        return f"No loop test would separate {pair} well; at the bench: {following['bench']}."
+    pair = listed(following.separates)
+    if following.bench:
+        return f"No loop test would separate {pair} well; at the bench: {following.bench}."
     return (
-        f"To separate {pair}, run {following['frequency_hz']:g} Hz at {following['amplitude_mm']:g} mm for "
-        f"{following['cycles']} cycles (expected odds {_odds(following['expected_log_odds'])})."
+        f"To separate {pair}, run {following.frequency_hz:g} Hz at {following.amplitude_mm:g} mm for "
+        f"{following.cycles} cycles (expected odds {_odds(following.expected_log_odds)})."
     )
 
 

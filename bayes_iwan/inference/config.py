@@ -104,7 +104,13 @@ def diagnose_settings_of(config: DiagnoseSettings | Config = None, own_simulator
                 f"{where} [parameters.{name}]: a diagnosis takes the noise from the records and the misfit from its "
                 "own grid; leave it out"
             )
-    return DiagnoseSettings(_filled(ModelSettings, "model", given, where), changes)
+    model = _filled(ModelSettings, "model", given, where)
+    if model.embedded and "embedded" in given.get("model", {}):
+        raise ConfigError(
+            f"{where} [model]: embedded = true is not used by a diagnosis, whose effects are what bends the model; "
+            "leave it out"
+        )
+    return DiagnoseSettings(model, changes)
 
 
 def _tables(config: Config) -> tuple[dict[str, Any], str]:

@@ -106,7 +106,10 @@ class IdentifySettings:
 
 @dataclass(frozen=True)
 class DiagnoseSettings:
-    """Everything that `diagnose` takes from a configuration file: the base model and its priors."""
+    """Everything that `diagnose` takes from a configuration file: the base model and its priors.
+
+    The model is never embedded here, whatever `model.embedded` says: the gap's effects are what bends it.
+    """
 
     model: ModelSettings = field(default_factory=ModelSettings)
     parameters: Mapping[str, ParameterChange] = field(default_factory=dict)
@@ -114,7 +117,7 @@ class DiagnoseSettings:
     def as_dict(self) -> dict[str, Any]:
         """Tables as a configuration file has them; of the model what differs from the paper's."""
         paper = asdict(ModelSettings())
-        model = {k: v for k, v in asdict(self.model).items() if v != paper[k]}
+        model = {k: v for k, v in asdict(self.model).items() if v != paper[k] and k != "embedded"}
         return {"model": model, "parameters": {n: _table(c) for n, c in self.parameters.items()}}
 
 

@@ -28,21 +28,21 @@ def diagnosis_figures(found: Diagnosis) -> dict[str, Figure]:
     verdict, budget = found.verdict, found.budget
     out["budget"] = budget_figures.budget_figure(budget)
     out["probabilities"] = budget_figures.probabilities_figure(verdict.probabilities, verdict.names)
-    worst = int(np.argmax(drawn["gap_N"]))
+    worst = int(np.argmax(drawn.gap_N))
     after, causes = None, ""
     if verdict.causes:
         causes = listed(verdict.names) if len(verdict.names) < 3 else "all named causes"
         after = along_cycle(found.after_residual, found.after_residual.value)
         out["before_after"] = budget_figures.before_after_figure(
-            drawn["names"], drawn["residual_N"], after, drawn["expected_N"], causes
+            drawn.names, drawn.residual_N, after, drawn.expected_N, causes
         )
         out["moved"] = budget_figures.moved_figure(found.moved)
         out["shares"] = budget_figures.shares_figure(budget)
     out["headline"] = budget_figures.headline_figure(
         budget,
-        drawn["names"][worst],
-        drawn["residual_N"][worst],
-        drawn["expected_N"][worst],
+        drawn.names[worst],
+        drawn.residual_N[worst],
+        drawn.expected_N[worst],
         None if after is None else after[worst],
         causes,
     )
@@ -75,8 +75,8 @@ def diagnose_campaign(
         raise ValueError(f"--base {base} and --config both choose a model; leave one of them out")
     if simulator_file is not None and base != "generalized":
         raise ValueError(f"--base {base} and --simulator both choose a model; leave one of them out")
-    tables = {"model": BASES[base]} if config is None and simulator_file is None else config
-    settings = diagnose_settings_of(tables, simulator_file is not None)
+    chosen = DiagnoseSettings(BASES[base]) if config is None else config
+    settings = diagnose_settings_of(chosen, simulator_file is not None)
     found = write_diagnosis(
         campaign,
         out,
@@ -107,7 +107,7 @@ def write_diagnosis(
             campaign,
             seed=seed,
             quick=quick,
-            config=settings.as_dict(),
+            settings=settings,
             effects_file=effects_file,
             simulator_file=simulator_file,
             progress=progress,

@@ -361,7 +361,7 @@ def _settings(section: Section, d: Mapping[str, Any]) -> None:
         "displacement channel does not tell.",
         "A place “stands out” when it misses more than a right model would leave there, so much that no "
         "such finding at all is expected in 19 of 20 campaigns; "
-        f"{d['where'].get('looks', 'all')} looks are allowed for.",
+        f"{d['where'].get('statistics', 'all')} statistics are allowed for.",
     )
     rows = [("seed", str(d["seed"])), ("quick run", "yes" if d.get("quick") else "no")]
     rows += [

@@ -6,18 +6,20 @@ Arguments named as in `bayes_iwan.gap.findings.pictures`: T tests, n samples a c
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.gap.findings import GapPictures
+from bayes_iwan.gap.where import Statistic
 from bayes_iwan.report.style import BLACK, BLUE, PRIOR, points, series, styled, subplots
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
@@ -76,9 +78,7 @@ def gap_loops_figure(
     return figure
 
 
-def _mappable(norm: TwoSlopeNorm) -> Any:
-    from matplotlib.cm import ScalarMappable
-
+def _mappable(norm: TwoSlopeNorm) -> ScalarMappable:
     return ScalarMappable(norm, colormaps[_DIVERGING])
 
 
@@ -167,7 +167,7 @@ def gap_growth_figure(
     gap_N: Array,
     low_N: Array,
     high_N: Array,
-    significant: Array | None = None,
+    significant: NDArray[np.bool_] | None = None,
 ) -> Figure:
     """The gap of each test against frequency and against amplitude, with 90 % intervals (T,); open: no finding."""
     figure, axes = subplots(1, 2, 7.0, 3.0, sharey=True)
@@ -236,40 +236,40 @@ def gap_cycles_figure(
 
 
 @styled
-def gap_regions_figure(regions: Sequence[tuple[str, float, float, float, float, float, bool]]) -> Figure:
-    """Gap in each part of the loop with its 90 % interval; dashed: were it spread evenly. Rows (name, gap, low, high,
-    share of the gap, share of the time, significant)."""
+def gap_regions_figure(regions: Sequence[Statistic]) -> Figure:
+    """Gap in each part of the loop with its 90 % interval; dashed: were it spread evenly."""
     figure, axes = subplots(1, 1, 6.6, 0.27 * len(regions) + 0.9)
     ax = axes[0, 0]
     y = np.arange(len(regions))[::-1]
-    whole = float(np.sqrt(np.mean([g * g * t / max(s, 1e-12) for _, g, _, _, s, t, _ in regions if s > 0.05] or [0.0])))
-    for k, (_name, gap, low, high, share, _time, found) in zip(y, regions):
-        ax.plot([low, high], [k, k], color=BLUE if found else PRIOR, linewidth=2.2)
-        ax.plot(gap, k, "o", color=BLUE if found else PRIOR, markerfacecolor=BLUE if found else "white")
-        ax.annotate(f"{100 * share:.0f} %", (1.01, k), xycoords=("axes fraction", "data"), va="center", fontsize=7.5)
+    even = [x.gap_N**2 * x.time / max(x.share, 1e-12) for x in regions if x.share > 0.05]
+    whole = float(np.sqrt(np.mean(even or [0.0])))
+    for k, x in zip(y, regions):
+        color, share = BLUE if x.significant else PRIOR, f"{100 * x.share:.0f} %"
+        ax.plot([x.low_N, x.high_N], [k, k], color=color, linewidth=2.2)
+        ax.plot(x.gap_N, k, "o", color=color, markerfacecolor=BLUE if x.significant else "white")
+        ax.annotate(share, (1.01, k), xycoords=("axes fraction", "data"), va="center", fontsize=7.5)
     ax.axvline(whole, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))
-    ax.set_yticks(y, [x[0] for x in regions])
+    ax.set_yticks(y, [x.name for x in regions])
     ax.set_xlim(left=0.0)
     ax.set_xlabel("gap there (N RMS); at the right its share of the whole; dashed: the whole loop")
     return figure
 
 
-def figures_of_gap(pictures: Mapping[str, Any]) -> dict[str, Figure]:
-    """All figures of the gap itself, by name, from `bayes_iwan.gap.findings.pictures`."""
-    p = pictures
+def figures_of_gap(p: GapPictures) -> dict[str, Figure]:
+    """All figures of the gap itself, by name, from :func:`bayes_iwan.gap.findings.pictures`."""
     out = {
         "gap_loops": gap_loops_figure(
-            p["names"], p["displacement_mm"], p["force_N"], p["residual_N"], list(p["gap_N"] / p["friction_N"])
+            p.names, p.displacement_mm, p.force_N, p.residual_N, list(p.gap_N / p.friction_N)
         ),
-        "gap_map": gap_map_figure(p["names"], p["residual_N"], p["expected_N"], p["displacement_mm"], p["sticking"]),
-        "gap_regions": gap_regions_figure(p["regions"]),
-        "gap_harmonics": gap_harmonics_figure(p["names"], p["in_phase_N"], p["quadrature_N"], p["expected_harmonic_N"]),
+        "gap_map": gap_map_figure(p.names, p.residual_N, p.expected_N, p.displacement_mm, p.sticking),
+        "gap_regions": gap_regions_figure(p.regions),
+        "gap_harmonics": gap_harmonics_figure(p.names, p.in_phase_N, p.quadrature_N, p.expected_harmonic_N),
         "gap_growth": gap_growth_figure(
-            p["frequency_hz"], p["amplitude_mm"], p["gap_N"], p["gap_low_N"], p["gap_high_N"], p["significant"]
+            p.frequency_hz, p.amplitude_mm, p.gap_N, p.gap_low_N, p.gap_high_N, p.significant
         ),
     }
-    if any(len(x) > 1 for x in p["cycle"]):
-        out["gap_cycles"] = gap_cycles_figure(p["names"], p["cycle"], p["along_N"], p["along_low_N"], p["along_high_N"])
+    if any(len(x) > 1 for x in p.cycle):
+        out["gap_cycles"] = gap_cycles_figure(p.names, p.cycle, p.along_N, p.along_low_N, p.along_high_N)
     return out
 
 

@@ -218,7 +218,7 @@ def files(data):
 
 def difference(effect, numbers, data, kit):
     """What the effect adds to harmonics, trends and lines at these numbers."""
-    base = base_problem(data, kit.config, scales_of(data.loops))
+    base = base_problem(data, kit.settings, scales_of(data.loops))
     problem = extended(base, [effect])
     z = np.zeros((2, problem.ndim))
     for name, value in numbers.items():

@@ -16,7 +16,7 @@ def nats(kit):
     found = kit.diagnosed(None).search
     effects = {n: found.effects[n] for n in CHOSEN}
     one = gap_data(found.data.loops[:2])
-    base = fit_base(one, kit.config, found.scales, np.random.default_rng(2))
+    base = fit_base(one, kit.settings, found.scales, np.random.default_rng(2))
     return visible_nats(found.data, found.base, effects), visible_nats(one, base, effects)
 
 

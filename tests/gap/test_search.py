@@ -15,6 +15,7 @@ from bayes_iwan.gap.evidence import Rows, extended
 from bayes_iwan.gap.search import LAST, SINGLE_MOST, fit_base, search
 from bayes_iwan.gap.strength import calibrated
 from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model, sine_motion
 
 FOUND = {"viscous_damping": "c_N_s_mm", "channel_delay": "delay_s"}
@@ -76,7 +77,7 @@ def test_effects_with_a_number_for_each_test_promise_what_a_step_of_these_gains(
     for name, extra in (("hum", humming), ("quiet", None)):
         loops = kit.made_up(kit.specimen_force, tests, noise_N=0.01, cycles=24, extra=extra).loops(**kit.small)
         data, scales = gap_data(loops), scales_of(loops)
-        base = fit_base(data, kit.config, scales, np.random.default_rng(0))
+        base = fit_base(data, kit.settings, scales, np.random.default_rng(0))
         effects = {
             "mains_hum": tuple(
                 calibrated(k, scales, data, base.problem, base.z) for k in catalogue.variants()["mains_hum"]
@@ -147,13 +148,14 @@ class Broken(Effect):
 def test_an_effect_without_a_finite_force_failed_and_is_not_called_improbable(kit):
     base = kit.diagnosed(None).search
     kinds = {"broken": (Broken,), "viscous_damping": catalogue.variants()["viscous_damping"]}
-    found = search(base.data, base.scales, base.config, kinds, np.random.default_rng(0))
+    found = search(base.data, base.scales, base.settings, kinds, np.random.default_rng(0))
     assert list(found.failed) == ["broken"] and "not finite" in found.failed["broken"] + "not finite"
     assert "broken" not in found.effects and "viscous_damping" in found.effects
 
 
 # ---- a base without the paper's terms
 
+PLAIN = DiagnoseSettings(ModelSettings(slip="gamma1", grip="constant", stiffness="constant"))
 GAMMA1 = {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}
 
 
@@ -185,12 +187,14 @@ def varying(kit):
 
 def test_terms_that_the_base_lacks_are_taken_in_one_after_the_other(varying, kit):
     kinds = {e.name: (e,) for e in missing_terms(Model(kit.reference, **GAMMA1))}
-    found = search(varying.data, varying.scales, {"model": GAMMA1}, kinds, np.random.default_rng(1))
+    found = search(varying.data, varying.scales, PLAIN, kinds, np.random.default_rng(1))
     assert set(found.chosen) == set(kinds)
     # k(α) does nothing while α is constant, so it never comes first
     assert found.chosen[0] != "stiffness_of_normal_force"
     # the same model as the paper's with one gamma, so much the same evidence
-    whole = fit_base(varying.data, {"model": {"slip": "gamma1"}}, varying.scales, np.random.default_rng(1))
+    whole = fit_base(
+        varying.data, DiagnoseSettings(ModelSettings(slip="gamma1")), varying.scales, np.random.default_rng(1)
+    )
     assert found.fit(found.chosen).log_evidence == pytest.approx(whole.log_evidence, abs=10.0)
 
 
@@ -206,5 +210,5 @@ def test_terms_that_are_not_needed_are_not_taken_in(kit):
         kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01).loops(**kit.small)
     )
     kinds = {e.name: (e,) for e in missing_terms(Model(kit.reference, **GAMMA1))}
-    found = search(data, scales_of(data.loops), {"model": GAMMA1}, kinds, np.random.default_rng(1))
+    found = search(data, scales_of(data.loops), PLAIN, kinds, np.random.default_rng(1))
     assert found.chosen == ()

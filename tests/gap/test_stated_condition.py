@@ -12,6 +12,7 @@ from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.search import fit_base
 from bayes_iwan.gap.strength import calibrated
 from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model, sine_motion
 
 PRESSURES = (1.0, 2.0, 3.5, 6.0)
@@ -39,7 +40,7 @@ def test_exponent_of_the_pressure_is_found(kit, capsys):
     tests = tuple(replace(r, extras={"pressure_bar": p}) for r, p in zip(campaign.tests, PRESSURES))
     loops = replace(campaign, tests=tests).loops(**kit.small)
     scales, data = scales_of(loops), gap_data(loops)
-    classical = {"model": {"grip": "constant", "stiffness": "constant", "slip": "gamma2"}}
+    classical = DiagnoseSettings(ModelSettings(slip="gamma2", grip="constant", stiffness="constant"))
     base = fit_base(data, classical, scales, np.random.default_rng(0))
     (maker,) = following(conditions_of([x.extras for x in loops]))["slip_forces_follows_pressure_bar"]
     effect = calibrated(maker, scales, data, base.problem, base.z)

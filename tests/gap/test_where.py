@@ -17,9 +17,10 @@ from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.search import fit_base
 from bayes_iwan.gap.where import where
 from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model, Reference, sine_motion
 
-CONFIG = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+SETTINGS = DiagnoseSettings(ModelSettings(slip="gamma1", grip="constant", stiffness="constant"))
 TRUTH = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
 TESTS = [(f, a) for f in (5.0, 30.0) for a in (0.3, 0.6, 1.0)]
 SAMPLES, CYCLES = 64, 18
@@ -28,7 +29,7 @@ SAMPLES, CYCLES = 64, 18
 def made_loops(added=None, seed=0, tests=TESTS, noise=0.01):
     """Averaged loops of a classical Iwan specimen; added(u mm, v m/s, a m/s², cycle number) is one force more, N."""
     rng = np.random.default_rng(seed)
-    model = Model(Reference(1.0, 0.1), **CONFIG["model"])
+    model = Model(Reference(1.0, 0.1), slip="gamma1", grip="constant", stiffness="constant")
     numbers = {k: np.array([v]) for k, v in TRUTH.items()}
     out = []
     for f, a in tests:
@@ -47,7 +48,7 @@ def made_loops(added=None, seed=0, tests=TESTS, noise=0.01):
 
 def fitted(loops):
     data = gap_data(loops)
-    return data, fit_base(data, CONFIG, scales_of(loops), np.random.default_rng(0))
+    return data, fit_base(data, SETTINGS, scales_of(loops), np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +89,7 @@ def test_a_perfect_model_reads_zero_within_its_interval(plain):
 def fit_base_like(fit, data):
     from bayes_iwan.gap.evidence import base_problem
 
-    return base_problem(data, CONFIG, fit.problem.scales)
+    return base_problem(data, SETTINGS, fit.problem.scales)
 
 
 def test_a_known_gap_is_found_with_an_interval_that_covers_it(plain):
@@ -179,7 +180,7 @@ def test_nothing_stands_out_without_a_cause(plain):
         data = gap_data(loops)
         fit = fit_model(data, fit_base_like(plain[1], data), plain[1].z[None], iterations=15)
         found = where(residual_of(data, fit), seed=seed, simulations=300)
-        stands_out = [x for x in found.looks if x.significant]
+        stands_out = [x for x in found.statistics if x.significant]
         quiet += not stands_out and not found.laws
         assert len(stands_out) <= 2
     assert quiet >= 3
@@ -187,7 +188,7 @@ def test_nothing_stands_out_without_a_cause(plain):
 
 
 def test_small_misfits_of_the_typical_size_are_false_alarms_in_one_of_twenty_at_most(plain):
-    """Data drawn as the looks suppose: the largest of all looks must exceed its bound in about 5 % of them."""
+    """Data drawn as the statistics suppose: the largest of all must exceed its bound in about 5 % of them."""
     from dataclasses import replace
 
     from bayes_iwan.gap.calibration import calibration
@@ -198,7 +199,7 @@ def test_small_misfits_of_the_typical_size_are_false_alarms_in_one_of_twenty_at_
     alarms = 0
     for seed, value in enumerate(draws):
         found = where(replace(residual, value=value), seed=seed, simulations=150)
-        alarms += any(x.significant for x in found.looks) or bool(found.laws)
+        alarms += any(x.significant for x in found.statistics) or bool(found.laws)
     assert alarms <= 4  # 5 % each: more than 4 of 20 once in 400
 
 
@@ -247,5 +248,5 @@ def test_json_and_pictures_are_plain(viscous):
     assert branches["rising displacement"] + branches["falling displacement"] == pytest.approx(1.0, abs=0.02)
     assert branches["microslip"] + branches["gross slip"] == pytest.approx(1.0, abs=0.02)
     drawn = pictures(residual, found, size)
-    assert drawn["residual_N"].shape == drawn["displacement_mm"].shape == (len(TESTS), 64)
-    assert where(residual, simulations=100).looks == found.looks  # the same seed, the same answer
+    assert drawn.residual_N.shape == drawn.displacement_mm.shape == (len(TESTS), 64)
+    assert where(residual, simulations=100).statistics == found.statistics  # the same seed, the same answer

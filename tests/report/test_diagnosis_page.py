@@ -14,7 +14,9 @@ import pytest
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import finite
 from bayes_iwan.gap.answer import about, to_dict
-from bayes_iwan.gap.words import sentences
+from bayes_iwan.gap.budget import Kind
+from bayes_iwan.gap.findings import GapPictures
+from bayes_iwan.gap.where import Statistic
 from bayes_iwan.report import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis import diagnosis_figures
 from bayes_iwan.report.diagnosis_page import write_diagnosis_page, write_figures
@@ -31,32 +33,32 @@ def pictures(miss=0.1):
     harmonics = np.zeros((T, 8))
     quadrature = harmonics.copy()
     quadrature[:, 1] = size
-    return {
-        "names": [f"{f:g} Hz, {a:g} mm" for f in (5, 30) for a in (0.3, 1.0)],
-        "frequency_hz": np.array([5.0, 5.0, 30.0, 30.0]),
-        "amplitude_mm": np.array([0.3, 1.0, 0.3, 1.0]),
-        "displacement_mm": u,
-        "force_N": 5 * u + np.cos(2 * np.pi * PHASE),
-        "residual_N": residual,
-        "expected_N": np.full((T, N), 0.01),
-        "sticking": 0.5 + 0.5 * np.cos(4 * np.pi * PHASE) * np.ones((T, 1)),
-        "in_phase_N": harmonics,
-        "quadrature_N": quadrature,
-        "expected_harmonic_N": np.full((T, 8), 0.01),
-        "gap_N": size / np.sqrt(2),
-        "gap_low_N": 0.6 * size,
-        "gap_high_N": 0.8 * size,
-        "significant": np.array([False, True, True, True]),
-        "friction_N": np.ones(T),
-        "cycle": (np.array([2.0, 8.0, 14.0]),) * T,
-        "along_N": tuple(np.full(3, s) for s in size),
-        "along_low_N": tuple(np.full(3, 0.9 * s) for s in size),
-        "along_high_N": tuple(np.full(3, 1.1 * s) for s in size),
-        "regions": [
-            ("rising displacement", 0.1, 0.09, 0.11, 0.5, 0.5, True),
-            ("near the lower end", 0.02, 0.0, 0.03, 0.05, 0.3, False),
-        ],
-    }
+    return GapPictures(
+        names=tuple(f"{f:g} Hz, {a:g} mm" for f in (5, 30) for a in (0.3, 1.0)),
+        frequency_hz=np.array([5.0, 5.0, 30.0, 30.0]),
+        amplitude_mm=np.array([0.3, 1.0, 0.3, 1.0]),
+        displacement_mm=u,
+        force_N=5 * u + np.cos(2 * np.pi * PHASE),
+        residual_N=residual,
+        expected_N=np.full((T, N), 0.01),
+        sticking=0.5 + 0.5 * np.cos(4 * np.pi * PHASE) * np.ones((T, 1)),
+        in_phase_N=harmonics,
+        quadrature_N=quadrature,
+        expected_harmonic_N=np.full((T, 8), 0.01),
+        gap_N=size / np.sqrt(2),
+        gap_low_N=0.6 * size,
+        gap_high_N=0.8 * size,
+        significant=np.array([False, True, True, True]),
+        friction_N=np.ones(T),
+        cycle=(np.array([2.0, 8.0, 14.0]),) * T,
+        along_N=tuple(np.full(3, s) for s in size),
+        along_low_N=tuple(np.full(3, 0.9 * s) for s in size),
+        along_high_N=tuple(np.full(3, 1.1 * s) for s in size),
+        regions=(
+            Statistic("region", "rising displacement", 0.1, 0.09, 0.11, 0.5, 0.5, 0.001, True),
+            Statistic("region", "near the lower end", 0.02, 0.0, 0.03, 0.05, 0.3, 0.4, False),
+        ),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -77,15 +79,12 @@ def figures(found):
 
 def answer(found, kind=None, **rest):
     """What `diagnosis.json` holds; with `kind` as if the verdict had been another, with other figures of the rest."""
-    d = finite(to_dict(found))
-    d["rest"] |= rest
     if kind is not None:
-        d["verdict"] |= {"kind": kind, "unknown_rest": kind in ("partly_explained", "unknown")}
-        if kind == "unknown":
-            d["verdict"] |= {"causes": [], "cause": "unknown"}
-            d |= {"effects": [], "moved": {}}
-        d["sentences"] = sentences(d)
-    return d
+        causes = () if kind == "unknown" else found.verdict.causes
+        flagged = kind in ("partly_explained", "unknown")
+        verdict = replace(found.verdict, kind=Kind(kind), causes=causes, unknown_rest=flagged)
+        found = replace(found, verdict=verdict, moved={} if kind == "unknown" else found.moved)
+    return finite(to_dict(replace(found, budget=replace(found.budget, rest=replace(found.budget.rest, **rest)))))
 
 
 class Parts(HTMLParser):
@@ -157,7 +156,13 @@ def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures):
     assert said < text.index("<svg") < text.index("It grows with")  # sentences, then one picture, then the rest
     assert "a &lt;rope&gt; &amp; spring" in text and "<rope>" not in text and "<frequency>" not in text
     damping = d["effects"][0]["parameters"]["c_N_s_mm"]
-    for told in (f"{damping['mean']:.3g}", "seed 1", f"{d['where']['looks']} looks", "displacement channel", "Remedy"):
+    for told in (
+        f"{damping['mean']:.3g}",
+        "seed 1",
+        f"{d['where']['statistics']} statistics",
+        "displacement channel",
+        "Remedy",
+    ):
         assert told in text, told
     assert text.count("<svg") == len(figures)
     assert set(figures) >= {"headline", "budget", "shares", "moved", "before_after", "probabilities"}
@@ -180,7 +185,7 @@ def test_the_gap_stands_as_a_sum(tmp_path, found):
 
 
 def test_a_rest_without_a_name_is_said_with_where_it_sits(tmp_path, found):
-    d = answer(found, "partly_explained", probability=0.8, where=["Most near the <upper> end."])
+    d = answer(found, "partly_explained", probability=0.8, where=("Most near the <upper> end.",))
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     assert rows_of(text, "The gap as a sum")[-1][:2] == ["rest, cause unknown", "0.80"]
     assert "Where the rest sits" in text and "Most near the &lt;upper&gt; end." in text
@@ -299,11 +304,9 @@ def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found):
 
 def test_many_tests_and_single_blocks_draw():
     p = pictures()
-    many = {k: (np.concatenate([v] * 6) if isinstance(v, np.ndarray) else v) for k, v in p.items()}
-    many["names"] = [f"test {i}" for i in range(6 * T)]
-    for key in ("cycle", "along_N", "along_low_N", "along_high_N"):
-        many[key] = tuple(x[:1] for x in p[key] * 6)
-    drawn = gap_figures.figures_of_gap(many)
+    many = {k: np.concatenate([v] * 6) for k, v in vars(p).items() if isinstance(v, np.ndarray)}
+    many |= {k: tuple(x[:1] for x in getattr(p, k) * 6) for k in ("cycle", "along_N", "along_low_N", "along_high_N")}
+    drawn = gap_figures.figures_of_gap(replace(p, names=tuple(f"test {i}" for i in range(6 * T)), **many))
     assert "gap_cycles" not in drawn and len(drawn["gap_loops"].axes) == 6 * T + 1
 
 

@@ -11,6 +11,7 @@ from bayes_iwan.effects import catalogue
 from bayes_iwan.gap.data import gap_data, predicted
 from bayes_iwan.gap.evidence import base_problem, extended, fit_model
 from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.rig.faults import CATALOGUE, KINDS, MAIN_PARAMETER
 from bayes_iwan.rig.simulate import PlannedTest, Setup, records, simulate_tests
 from bayes_iwan.rig.sizing import size_fault
@@ -31,7 +32,7 @@ def sound():
     specimen = paper_specimen(240)
     loops = loops_of(specimen, ())
     data, scales = gap_data(loops), scales_of(loops)
-    problem = base_problem(data, {}, scales)
+    problem = base_problem(data, DiagnoseSettings(), scales)
     return specimen, data, scales, fit_model(data, problem, np.zeros((1, problem.ndim)), iterations=25)
 
 
@@ -82,7 +83,7 @@ def compared(kind, fault, sound, faulty, rig):
     _, data, scales, base = sound
     main = STRENGTH.get(fault.name, float)(fault.parameters[MAIN_PARAMETER[fault.name]])
     effect = kind(scales, tuple(x.file for x in faulty.loops), abs(main))
-    problem = extended(base_problem(faulty, {}, scales), (effect,))
+    problem = extended(base_problem(faulty, DiagnoseSettings(), scales), (effect,))
     values = {f"{fault.name}.{own}": v for own, v in fault.parameters.items()} | {effect.strength_name: main}
     values |= CLASSICAL | mains_by_test(fault, faulty)
     z = np.zeros(problem.ndim)
