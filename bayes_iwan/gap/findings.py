@@ -163,7 +163,7 @@ class GapPictures:
     force_N: Array
     residual_N: Array
     expected_N: Array
-    sticking: Array
+    sticking: Array | None
     in_phase_N: Array
     quadrature_N: Array
     expected_harmonic_N: Array

@@ -2,8 +2,8 @@
 
 Every statistic of the residual is a mean square over some part of it. What that would be were the model right is
 simulated: noise with its floors, a small smooth misfit such as specimens without any effect show, and the refit that
-absorbs a part of both. A statistic is significant when it exceeds that by more than the largest of all would in 19 of 20
-such campaigns, so their number is allowed for, whatever their dependence.
+absorbs a part of both. A statistic is significant when it exceeds that by more than the largest of all would in 19 of
+20 such campaigns, so their number is allowed for, whatever their dependence.
 """
 
 from __future__ import annotations
