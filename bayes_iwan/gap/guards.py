@@ -24,6 +24,9 @@ from bayes_iwan.gap.search import Search, look_alike
 LOOSE = 0.2
 #: draws of the noise behind each gap
 DRAWS = 100
+#: nats that a rival may be behind for each share of the base's gap that it leaves more: evidence counts every harmonic by
+#: its noise, and between two laws that are both a little off it counts differences that no newton bears out
+NATS_OF_GAP = 600.0
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Figures:
     """One effect of the chosen set.
 
     gain : nats over the set without it; lead : nats over the best effect of another kind in its place (no look-alike)
-    rivals : ln evidence of each effect in its place, itself included, less its own
+    rivals : ln evidence of each effect in its place, itself included, less its own, as far as the gap bears it out
     fitted : share of the whole gap that it removes (Shapley value in the chosen set), on the fitted tests; unseen :
         share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
         fitted one where no test can judge it)
@@ -62,10 +65,12 @@ def figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, ...]:
     moved = moved_shares(whole, data)
     level = float(np.sqrt(np.mean(data.level_N**2)))
     gap = {k: _gap_N(data, f) for k, f in models.items()}
+    before = _gap_N(data, search.base)
     out = []
     for name in search.chosen:
         less = without[name]
-        rivals = {n: f.log_evidence - whole.log_evidence for n, f in search.rivals(name).items()}
+        rivals = {n: borne_out(f.log_evidence - whole.log_evidence, _gap_N(data, f) - gap[whole.names], before)
+                  for n, f in search.rivals(name).items()}  # fmt: skip
         others = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
         fitted = float(np.clip(share[name], -1.0, 1.0))
         gain = whole.log_evidence - less.log_evidence
@@ -83,6 +88,12 @@ def figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, ...]:
             )
         )
     return tuple(out)
+
+
+def borne_out(nats: float, more_N: float, before_N: float) -> float:
+    """Nats by which a rival is behind (negative), no more than NATS_OF_GAP for what it leaves more of the gap."""
+    more = max(more_N, 0.0) / before_N if before_N > 0.0 else np.inf
+    return max(nats, -NATS_OF_GAP * more) if nats < 0.0 else nats
 
 
 def _gap_N(data: GapData, fit: Fit) -> float:

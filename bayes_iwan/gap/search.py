@@ -19,6 +19,8 @@ from bayes_iwan.effects.catalogue import BUILT_IN, FORM, Maker
 from bayes_iwan.gap.candidates import Candidate, best_draws, candidates, failing
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.gap.evidence import Fit, FitError, base_problem, extended, fit_model
+from bayes_iwan.gap.gap_size import gap_size
+from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.strength import calibrated
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import Scales
@@ -40,8 +42,15 @@ BESIDE_ALIKE = 25.0
 RIVALS_MOST = 3
 #: and only those whose first step promises this share of what the effect itself gains there
 RIVAL_SHARE = 0.3
-#: effects in a set, at most
+#: rounds in which a better rival takes its place
+EXCHANGES_MOST = 2
+#: effects in a set, at most; those of LAST beside them are not counted
 MOST_EFFECTS = 4
+#: an effect is dropped if the gap without it is larger by at most this share of the base's gap, though alone it would
+#: remove ALONE of it: the others of the set stand in for it, and nats beyond that are the difference between two laws
+STOOD_IN, ALONE = 0.05, 0.2
+#: draws of the noise behind each gap
+DRAWS = 100
 
 #: causes in the base's own form, and others so flexible that they are sought only beside what the rest explains
 LAST = frozenset(e.name for e in (*FORM, *(e for e in BUILT_IN if e.flexible)))
@@ -58,7 +67,7 @@ class Search:
     """All fits of one campaign.
 
     fits : the best fit of every set of effects that was refitted, the base under the empty set
-    chosen : the set that explains most for its size, in the order in which its effects were taken in
+    chosen : the set that explains most for its size, the effect that gains most first
     effects : every law on offer by effect; failed : effects without a finite force or calibration, and why
     """
 
@@ -140,9 +149,10 @@ class _Explorer:
             starts = np.concatenate([starts, draws])
         return self.keep(one.problem, starts)
 
-    def offered(self, smaller: Fit, but: frozenset[str] = LAST) -> list[Candidate]:
-        """Candidates on top of a fit, LAWS_MOST laws of each effect, the most promising first."""
-        on_offer = {n: e for n, e in self.effects.items() if n not in smaller.names and n not in but}
+    def offered(self, smaller: Fit, last: bool = False) -> list[Candidate]:
+        """Candidates on top of a fit, LAST alone or all others, LAWS_MOST laws of each effect, the most promising
+        first."""
+        on_offer = {n: e for n, e in self.effects.items() if n not in smaller.names and (n in LAST) == last}
         seen: dict[str, int] = {}
         out = []
         for one in candidates(self.data, smaller, on_offer):
@@ -179,19 +189,35 @@ class _Explorer:
         found = self.keep(problem, np.array(starts))
         return found if found is not None else self.fits[frozenset()]
 
-    def grow(self, current: Fit, but: frozenset[str] = LAST) -> Fit | None:
-        """The best fit with one effect more, if it is worth it."""
-        if current.effects or not but:
-            for i, one in enumerate(self.offered(current, but)):
+    def grow(self, current: Fit, last: bool = False) -> Fit | None:
+        """The best fit with one effect more, of LAST or of all others, if it is worth it."""
+        if current.effects or last:
+            for i, one in enumerate(self.offered(current, last)):
                 alone = self.fits.get(frozenset({one.name}))
                 helps = alone is not None and alone.log_evidence > self.fits[frozenset()].log_evidence + PROMISE
                 if (i < FURTHER_MOST and one.gain > PROMISE) or (one.effect.sudden and helps):
                     self.add(one, current)
         larger = [
-            f for k, f in self.fits.items() if current.names < k and len(k) == len(current.names) + 1 and not k & but
+            f
+            for k, f in self.fits.items()
+            if current.names < k and len(k) == len(current.names) + 1 and bool(k - current.names <= LAST) == last
         ]
         best = max(larger, key=lambda f: f.log_evidence, default=None)
         return best if best is not None and best.log_evidence > current.log_evidence + WORTH_NATS else None
+
+    def grown(self, current: Fit, most: int) -> Fit:
+        """Effect after effect taken in, with exchanges on the way, while it is worth it."""
+        while len(current.names - LAST) < most and (larger := self.grow(current)) is not None:
+            before, current = current, self.exchange(larger)
+            if current.log_evidence < before.log_evidence + 0.5 * WORTH_NATS:
+                break
+        return current
+
+    def bent(self, current: Fit) -> Fit:
+        """With what bends the base's own form, as much of it as is worth it."""
+        while (larger := self.grow(current, last=True)) is not None:
+            current = larger
+        return current
 
     def exchange(self, current: Fit) -> Fit:
         """Each effect in turn replaced by what would do better, and dropped where it is no longer worth it."""
@@ -202,36 +228,64 @@ class _Explorer:
             if less.log_evidence > current.log_evidence - 0.5 * WORTH_NATS:
                 current = less
                 continue
+            if name in LAST:
+                continue
             needed = current.log_evidence - less.log_evidence
             for one in self.offered(less)[:FURTHER_MOST]:
                 if one.gain > 0.5 * needed and one.name != name:
                     self.add(one, less)
-            same_size = [f for k, f in self.fits.items() if less.names < k and len(k) == len(current.names)]
-            best = max(same_size, key=lambda f: f.log_evidence)
-            if best.log_evidence > current.log_evidence + 1.0:
-                current = best
+            current = self.best_beside(less, current)
         return current
 
+    def best_beside(self, less: Fit, current: Fit) -> Fit:
+        """The current fit, or a clearly better one of as many effects that has those of a smaller one."""
+        same_size = [f for k, f in self.fits.items() if less.names < k and len(k) == len(current.names)]
+        best = max(same_size, key=lambda f: f.log_evidence)
+        return best if best.log_evidence > current.log_evidence + 1.0 else current
+
     def pruned(self, current: Fit) -> Fit:
-        """Less the weaker of two effects that look alike, unless both are needed."""
-        for name in sorted(current.names, key=lambda n: self.without(current, n).log_evidence, reverse=True):
-            alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
+        """Less what the others of the set stand in for: one of two effects that look alike, unless both are needed
+        (what bends the base first, which names no cause), and what leaves the gap as it is."""
+        weakest_first = sorted(current.names, key=lambda n: -self.without(current, n).log_evidence)
+        for name in sorted(weakest_first, key=lambda n: n not in LAST):
             less = self.without(current, name)
-            if name in current.names and alike and less.log_evidence > current.log_evidence - BESIDE_ALIKE:
+            alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
+            if alike and less.log_evidence > current.log_evidence - BESIDE_ALIKE:
+                return self.pruned(less)
+        base, whole = self.gap_N(self.fits[frozenset()]), self.gap_N(current)
+        for name in weakest_first:
+            less, alone = self.without(current, name), self.fits.get(frozenset({name}))
+            if name in LAST or alone is None or less is current or len(current.effects) < 2:
+                continue
+            if self.gap_N(less) - whole < STOOD_IN * base and base - self.gap_N(alone) > ALONE * base:
                 return self.pruned(less)
         return current
 
-    def rivals(self, current: Fit) -> None:
-        """What else could stand in the place of each effect of the chosen set."""
-        for name in sorted(current.names):
-            less = self.without(current, name)
-            least, done = RIVAL_SHARE * (current.log_evidence - less.log_evidence), 0
-            for one in self.offered(less, frozenset({name})):
-                if done >= RIVALS_MOST or one.gain < least:
-                    break
-                if less.names | {one.name} not in self.fits:
-                    self.add(one, less)
-                    done += 1
+    def gap_N(self, fit: Fit) -> float:
+        """RMS gap that a fit leaves."""
+        return gap_size(residual_of(self.data, fit), draws=DRAWS).all.rms_N
+
+    def rivals(self, current: Fit) -> Fit:
+        """What else could stand in the place of each effect of the chosen set, and the best of those sets."""
+        for _ in range(EXCHANGES_MOST):
+            before = current
+            for name in sorted(current.names):
+                if name not in current.names:
+                    continue
+                less = self.without(current, name)
+                least, done = RIVAL_SHARE * (current.log_evidence - less.log_evidence), 0
+                for one in [*self.offered(less), *self.offered(less, last=True)]:
+                    if one.name == name or one.gain < least:
+                        continue
+                    if less.names | {one.name} not in self.fits:
+                        self.add(one, less)
+                        done += 1
+                    if done >= RIVALS_MOST:
+                        break
+                current = self.best_beside(less, current)
+            if current is before:
+                break
+        return self.fits[current.names]
 
 
 def fit_base(
@@ -261,25 +315,16 @@ def search(
     found.singles()
     if found.base_again():  # the base had missed its optimum: once more from there
         found.singles()
-    current = found.fits[frozenset()]
-    order: list[str] = []
-    while len(current.effects) < most:
-        larger = found.grow(current)
-        if larger is None:
-            break
-        before, current = current, found.exchange(larger)
-        order = [n for n in order if n in current.names] + sorted(current.names - set(order))
-        if current.log_evidence < before.log_evidence + 0.5 * WORTH_NATS:
-            break
-    while len(current.effects) < most and (larger := found.grow(current, frozenset())) is not None:
-        order += sorted(larger.names - current.names)
-        current = larger
+    current = found.grown(found.fits[frozenset()], most)
+    bent = found.bent(current)
+    if bent is not current:  # what stood in for the base's own form is no longer needed
+        current = found.grown(found.exchange(bent), most)
     current = found.pruned(current)
-    order = [n for n in order if n in current.names]
     if current.effects:
-        found.rivals(current)
-        current = found.fits[current.names]
-    return Search(data, scales, settings, found.fits, tuple(order), found.effects, found.failed)
+        current = found.rivals(current)
+    gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
+    order = tuple(sorted(gain, key=lambda n: -gain[n]))
+    return Search(data, scales, settings, found.fits, order, found.effects, found.failed)
 
 
 def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:

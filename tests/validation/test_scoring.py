@@ -166,18 +166,18 @@ def test_confusion_counts_cases_of_at_most_one_cause(known):
 def test_calibrated_answers_lie_on_the_diagonal():
     rng = np.random.default_rng(3)
     truths, answers = {}, {}
-    for i in range(3000):
+    for i in range(800):
         p = float(rng.uniform(0.2, 1.0))
         truths[str(i)] = truth("single", "moving_mass" if rng.random() < p else "free_play")
         answers[str(i)] = answer(cause("moving_mass", p), free_play=1 - p)
     s = scoring.score_answers(truths, answers)
     for stated, found in reliability(s.cases):
         assert found.low - 0.02 < stated < found.high + 0.02
-    assert abs(s.summary["probability of causes named: less frequency"].value) < 0.03
-    assert s.summary["probability of causes named: calibration error"].value < 0.04
+    assert abs(s.summary["probability of causes named: less frequency"].value) < 0.045
+    assert s.summary["probability of causes named: calibration error"].value < 0.08
     sure = {k: answer(cause("moving_mass", 1.0)) for k in truths}
     wrong = scoring.score_answers(truths, sure).summary["probability of causes named: calibration error"]
-    assert wrong.value == pytest.approx(0.4, abs=0.03)
+    assert wrong.value == pytest.approx(0.4, abs=0.05)
 
 
 @pytest.mark.parametrize(
