@@ -10,7 +10,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from bayes_iwan.campaign.checks import (
     on_grid_of_rate,
     step_warnings,
 )
+from bayes_iwan.campaign.limits import RigLimits, limits_of
 from bayes_iwan.campaign.records import ROLES, CampaignError, Record, shown
 from bayes_iwan.campaign.table import header_has, read_table
 from bayes_iwan.campaign.units import ACCELERATIONS, DISPLACEMENTS, FORCES, TIMES, Units
@@ -56,6 +57,7 @@ class Campaign:
     path: Path
     tests: tuple[Record, ...]
     from_acceleration: bool = False  # the displacement was integrated from an accelerometer's channel
+    limits: RigLimits = field(default_factory=RigLimits)  # what the rig can do, as [rig] states it
 
     @property
     def units(self) -> Units:
@@ -76,7 +78,7 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     if folder.name == "campaign.toml":
         folder = folder.parent
     stated = read_toml(folder / "campaign.toml", "a campaign is a folder with a file campaign.toml in it")
-    only(stated, {"format", "specimen", "channels", "test"}, "campaign.toml")
+    only(stated, {"format", "specimen", "channels", "rig", "test"}, "campaign.toml")
     if stated.get("format") != FORMAT or isinstance(stated["format"], bool):
         raise CampaignError(
             f"campaign.toml: format is {shown(stated.get('format'))}; this version reads format = {FORMAT}"
@@ -98,6 +100,7 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         or "mm",
         _working(channels["force"], FORCES) or "N",
     )
+    limits = limits_of(_table(stated, "rig"), units) if "rig" in stated else RigLimits()
     tests = [_test(entry, k, units) for k, entry in enumerate(entries, 1)]
     seen: set[str] = set()
     for test in tests:
@@ -118,6 +121,7 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         path=folder,
         tests=records,
         from_acceleration="acceleration" in channels,
+        limits=limits,
     )
 
 

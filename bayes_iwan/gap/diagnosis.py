@@ -295,7 +295,7 @@ def _next(
         fits = found.search.fit(whole), found.search.fit(less | {other}) if rivals else found.fits[less]
         effects = found.search.effects
         bench = [effects[n][0].bench for n in (f.name, other) if n in effects]
-        return next_test(data, *fits, (f.name, other), bench)
+        return next_test(data, *fits, (f.name, other), bench, campaign.limits)
     return None
 
 

@@ -24,8 +24,8 @@ from bayes_iwan.gap.search import Search, look_alike
 LOOSE = 0.2
 #: draws of the noise behind each gap
 DRAWS = 100
-#: nats that a rival may be behind for each share of the base's gap that it leaves more: evidence counts every harmonic by
-#: its noise, and between two laws that are both a little off it counts differences that no newton bears out
+#: nats that a rival may be behind for each share of the base's gap that it leaves more: evidence counts every harmonic
+#: by its noise, and between two laws that are both a little off it counts differences that no newton bears out
 NATS_OF_GAP = 600.0
 
 

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.limits import RigLimits
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.gap.calibration import calibration
@@ -23,6 +24,10 @@ from bayes_iwan.physics import sine_motion
 TESTABLE_NATS = 9.0
 #: a further test is worth recommending if it promises so much, else the bench is
 WORTH_NATS = 4.0
+#: a rig whose amplitude is stated also runs amplitudes down to this share of the smallest one measured
+SMALLER = 0.5
+#: the fitted force of a planned test may exceed the limit by the misfit
+FORCE_MARGIN = 1.02
 #: harmonics that a planned test is judged by
 PLANNED_HARMONICS = 9
 
@@ -89,15 +94,30 @@ class NextTest:
         }
 
 
-def next_test(data: GapData, a: Fit, b: Fit, names: tuple[str, str], bench: Sequence[str]) -> NextTest:
-    """Search frequencies (from half the lowest to twice the highest) and amplitudes for the test where two fitted
-    models differ most, as either knows its own parameters by now."""
-    f = np.array([x.frequency_hz for x in data.loops])
-    u = np.array([x.amplitude_mm for x in data.loops])
-    plan = list(product(np.geomspace(0.4 * f.min(), 2.0 * f.max(), 8), np.geomspace(0.6 * u.min(), 1.25 * u.max(), 5)))
-    motion = sine_motion(
-        frequency_hz=np.array([p[0] for p in plan]), amplitude_mm=np.array([p[1] for p in plan]), samples=96
-    )
+def plans_of(data: GapData, fit: Fit, limits: RigLimits) -> list[tuple[float, float]]:
+    """Frequencies (Hz) and amplitudes (mm) that the rig can run: within what it states, else within what was measured;
+    smaller amplitudes than those measured only on a rig that states its own. A test whose force, as fitted, exceeds the
+    limit is left out; where all do, the gentlest test that was run is what remains."""
+    f, u = [x.frequency_hz for x in data.loops], [x.amplitude_mm for x in data.loops]
+    most = limits.of_tests(f, u, max(float(np.abs(x.force_N).max()) for x in data.loops))
+    assert most.force_N is not None and most.amplitude_mm is not None and most.frequency_hz is not None
+    least = min(u) if limits.amplitude_mm is None else min(SMALLER * min(u), most.amplitude_mm)
+    grid = list(product(np.geomspace(*most.frequency_hz, 8), np.geomspace(least, most.amplitude_mm, 5)))
+    frequency, amplitude = np.array(grid).T
+    motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=96)
+    force = fit.problem.force(fit.problem.numbers(fit.z[None]), motion)[0]
+    within = np.abs(force).max(axis=-1) <= FORCE_MARGIN * most.force_N
+    return [p for p, ok in zip(grid, within) if ok] or [min(zip(f, u), key=lambda p: p[1])]
+
+
+def next_test(
+    data: GapData, a: Fit, b: Fit, names: tuple[str, str], bench: Sequence[str], limits: RigLimits
+) -> NextTest:
+    """Search frequencies and amplitudes that the rig can run for the test where two fitted models differ most, as
+    either knows its own parameters by now."""
+    plan = plans_of(data, a, limits)
+    frequency, amplitude = np.array(plan).T
+    motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=96)
 
     def harmonics(fit: Fit) -> tuple[Array, Array]:
         """Predicted (plans, 2 H) and its Jacobian (plans, 2 H, ndim)."""

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from bayes_iwan.campaign.limits import RigLimits
 from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.next_test import TESTABLE_NATS, next_test, visible_nats
+from bayes_iwan.gap.next_test import TESTABLE_NATS, next_test, plans_of, visible_nats
 from bayes_iwan.gap.search import fit_base
+from bayes_iwan.physics import sine_motion
 
 CHOSEN = ("viscous_damping", "moving_mass", "rig_compliance", "friction_fade")
 
@@ -35,9 +37,10 @@ def test_one_frequency_cannot_show_a_mass(nats):
 def test_next_test_separates_two_models_within_reach(kit):
     found = kit.diagnosed("channel_delay").search
     delay, base = found.fit({"channel_delay"}), found.base
-    plan = next_test(found.data, delay, base, ("channel_delay", "none"), ["bench action"])
+    plan = next_test(found.data, delay, base, ("channel_delay", "none"), ["bench action"], RigLimits())
     f, a = [x.frequency_hz for x in found.data.loops], [x.amplitude_mm for x in found.data.loops]
-    assert 0.39 * min(f) < plan.frequency_hz < 2.01 * max(f) and 0.59 * min(a) < plan.amplitude_mm < 1.26 * max(a)
+    assert min(f) - 0.01 <= plan.frequency_hz <= max(f) + 0.01  # nothing is stated of the rig: the range measured
+    assert min(a) - 0.001 <= plan.amplitude_mm <= max(a) + 0.001
     assert plan.expected_log_odds > 4.0 and plan.bench == "" and plan.cycles >= 20
     assert plan.separates == ("channel_delay", "none")
 
@@ -45,5 +48,21 @@ def test_next_test_separates_two_models_within_reach(kit):
 def test_where_no_test_separates_the_bench_is_named(kit):
     found = kit.diagnosed("channel_delay").search
     actions = ["do this", "", "do that", "do this"]
-    plan = next_test(found.data, found.base, found.base, ("a", "b"), actions)
+    plan = next_test(found.data, found.base, found.base, ("a", "b"), actions, RigLimits())
     assert plan.expected_log_odds == 0.0 and plan.bench == "do this; or do that"
+
+
+def test_a_plan_keeps_to_what_the_rig_can_do(kit):
+    found = kit.diagnosed("channel_delay").search
+    f, a = [x.frequency_hz for x in found.data.loops], [x.amplitude_mm for x in found.data.loops]
+    wide = np.array(plans_of(found.data, found.base, RigLimits(1e6, 2.0 * max(a), (0.5 * min(f), 2.0 * max(f)))))
+    assert wide[:, 0].max() == pytest.approx(2.0 * max(f)) and wide[:, 1].max() == pytest.approx(2.0 * max(a))
+    assert wide[:, 0].min() == pytest.approx(0.5 * min(f)) and wide[:, 1].min() == pytest.approx(0.5 * min(a))
+    force = max(float(np.abs(x.force_N).max()) for x in found.data.loops)
+    weak = plans_of(found.data, found.base, RigLimits(0.5 * force, 2.0 * max(a), None))
+    assert 0 < len(weak) < len(wide)
+    motion = sine_motion(frequency_hz=[p[0] for p in weak], amplitude_mm=[p[1] for p in weak])
+    base = found.base.problem
+    assert np.abs(base.force(base.numbers(found.base.z[None]), motion)).max() < 0.52 * force
+    (only,) = plans_of(found.data, found.base, RigLimits(1e-6, None, None))
+    assert only[1] == min(a)
