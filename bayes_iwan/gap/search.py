@@ -245,19 +245,22 @@ class _Explorer:
 
     def pruned(self, current: Fit) -> Fit:
         """Less what the others of the set stand in for: one of two effects that look alike, unless both are needed
-        (what bends the base first, which names no cause), and what leaves the gap as it is."""
+        (what bends the base first, which names no cause), and what leaves the gap as it is or larger."""
+        if len(current.effects) < 2:
+            return current
         weakest_first = sorted(current.names, key=lambda n: -self.without(current, n).log_evidence)
-        for name in sorted(weakest_first, key=lambda n: n not in LAST):
-            less = self.without(current, name)
-            alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
-            if alike and less.log_evidence > current.log_evidence - BESIDE_ALIKE:
-                return self.pruned(less)
         base, whole = self.gap_N(self.fits[frozenset()]), self.gap_N(current)
+        for name in sorted(weakest_first, key=lambda n: n not in LAST):
+            less, alone = self.without(current, name), self.fits.get(frozenset({name}))
+            alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
+            worth = less.log_evidence < current.log_evidence - BESIDE_ALIKE
+            if alike and not (worth and (alone is None or self.gap_N(alone) < base)):
+                return self.pruned(less)
         for name in weakest_first:
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
-            if name in LAST or alone is None or less is current or len(current.effects) < 2:
-                continue
-            if self.gap_N(less) - whole < STOOD_IN * base and base - self.gap_N(alone) > ALONE * base:
+            removes = (self.gap_N(less) - whole) / base if base > 0.0 else 0.0
+            stood_in = alone is not None and removes < STOOD_IN and base - self.gap_N(alone) > ALONE * base
+            if name not in LAST and (removes < 0.0 or stood_in):
                 return self.pruned(less)
         return current
 
