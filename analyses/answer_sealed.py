@@ -14,7 +14,7 @@ import shutil
 from pathlib import Path
 
 from bayes_iwan import executors
-from bayes_iwan.gap.answer import diagnose
+from bayes_iwan.gap.answer import diagnose_case
 from bayes_iwan.validation.answering import answer
 from bayes_iwan.validation.answers import read_answer
 
@@ -28,7 +28,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
     with executors.opened(args.workers) as executor:
-        answers = answer(args.source, diagnose, out=args.work, seed=args.seed, quick=True, executor=executor)
+        answers = answer(args.source, diagnose_case, out=args.work, seed=args.seed, quick=True, executor=executor)
     content = json.loads(answers.read_text())
     if content["failed"]:
         raise SystemExit(f"not answered: {content['failed']}")

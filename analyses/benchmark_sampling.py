@@ -31,7 +31,7 @@ from bayes_iwan.inference.point import find_point, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import sampled_and_paper
 from bayes_iwan.inference.settings import IdentifySettings
-from bayes_iwan.sampling.convergence import diagnose
+from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import sample
 from bayes_iwan.sampling.moves import StretchMove
 from bayes_iwan.sampling.run import POWERS
@@ -118,7 +118,7 @@ def ours(
 
 def result(values: np.ndarray, names: tuple[str, ...], thin: int, seconds: float, evaluations: int) -> dict:
     """Effective sizes and rates from draws (ensembles, steps, walkers, names)."""
-    d = diagnose(values, names, thin=thin)
+    d = convergence_of(values, names, thin=thin)
     key = [names.index(n) for n in KEY]
     taus = d.n_steps / d.tau_steps
     draws = taus * values.shape[0] * values.shape[2]

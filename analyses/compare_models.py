@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 
-from bayes_iwan.comparison.families import FAMILIES, compare
+from bayes_iwan.comparison.families import FAMILIES, compare_families
 from bayes_iwan.report.comparison import ranking_figure
 from bayes_iwan.report.style import save
 
@@ -19,7 +19,7 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", default="compare.png")
     args = parser.parse_args()
-    result = compare(args.campaign, args.families, seed=args.seed, by=args.by)
+    result = compare_families(args.campaign, args.families, seed=args.seed, by=args.by)
     for row in result.rows():
         print(
             f"{row.label:48s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "

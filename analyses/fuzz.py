@@ -36,7 +36,7 @@ from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.gap.saved_fits import read_fits
 from bayes_iwan.inference import results
 from bayes_iwan.inference.config import settings_of
-from bayes_iwan.inference.identify import identify
+from bayes_iwan.inference.identify import identify_campaign
 from bayes_iwan.inference.problem import make_problem
 from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.report.batch import stored_specimen
@@ -85,7 +85,7 @@ def readers(tmp: Path) -> dict[str, Reader]:
     campaign = made_up(tmp / "campaign", 5.5, 7)
     config = write_whole(tmp / "config.toml", CONFIG)
     out = tmp / "run"
-    identify(campaign, out, config=config, seed=1, progress=False)
+    identify_campaign(campaign, out, config=config, seed=1, progress=False)
     loops = read_campaign(campaign).loops(n_phase=64, n_harmonics=20)
     long = write_whole(tmp / "long.toml", LONG_CONFIG)
 

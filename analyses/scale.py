@@ -29,7 +29,7 @@ from bayes_iwan.effects import catalogue
 from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.search import search
-from bayes_iwan.inference.population import Specimen, population
+from bayes_iwan.inference.population import SpecimenDraws, population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.scales import scales_of
 from kill_runs import CONFIG, made_up
@@ -224,7 +224,8 @@ def main() -> None:
         sizes = [3, 10, 30, 100]
         rng = np.random.default_rng(0)
         some = [
-            Specimen(str(i), np.exp(rng.normal(1.6, 0.02, 320)), np.exp(rng.normal(1.5, 1.0, 400))) for i in range(100)
+            SpecimenDraws(str(i), np.exp(rng.normal(1.6, 0.02, 320)), np.exp(rng.normal(1.5, 1.0, 400)))
+            for i in range(100)
         ]
         found["population"] = told(
             "population of one quantity, campaigns",

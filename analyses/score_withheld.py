@@ -15,7 +15,7 @@ from pathlib import Path
 
 from bayes_iwan import executors
 from bayes_iwan.files import write_json
-from bayes_iwan.gap.answer import diagnose
+from bayes_iwan.gap.answer import diagnose_case
 from bayes_iwan.gap.saved_fits import find_shares
 from bayes_iwan.report.score_figures import figures
 from bayes_iwan.validation import scoring
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> scoring.Score:
         made = read_json(truth)
         if made.get("seed") != args.seed or len(made["cases"]) != args.cases:
             raise SystemExit(f"{cases} holds {len(made['cases'])} other cases; use another --out")
-        answers = answer(cases, diagnose, out=args.out / "answers", seed=0, quick=not args.full, executor=executor)
+        answers = answer(cases, diagnose_case, out=args.out / "answers", seed=0, quick=not args.full, executor=executor)
     return scoring.score(
         cases,
         truth,

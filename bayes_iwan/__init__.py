@@ -2,7 +2,7 @@
 
 import bayes_iwan as bi
 posterior = bi.identify("data/rope_spring", out="results", seed=1)
-posterior                                                    # numbers, intervals and misfit on one screen
+posterior                                                    # values, intervals and misfit on one screen
 posterior.predict(frequency_hz=12.0, amplitude_mm=0.5)       # loops with bands
 bi.diagnose("data/rope_spring", out="diagnosis", quick=True) # what the model misses, and why
 """

@@ -397,7 +397,7 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
 def run_withheld_answer(args: argparse.Namespace) -> None:
     from bayes_iwan.executors import opened
     from bayes_iwan.files import owned
-    from bayes_iwan.gap.answer import diagnose
+    from bayes_iwan.gap.answer import diagnose_case
     from bayes_iwan.validation.answering import answer
     from bayes_iwan.validation.confinement import available
 
@@ -405,7 +405,7 @@ def run_withheld_answer(args: argparse.Namespace) -> None:
         say("this machine cannot close the truths to the answering processes (it has no Landlock)")
     out = args.out or os.path.join(args.directory, "answers")
     with owned(out), opened(args.workers, args.dask) as executor:
-        path = answer(args.directory, diagnose, out=out, seed=args.seed, quick=args.quick, executor=executor)
+        path = answer(args.directory, diagnose_case, out=out, seed=args.seed, quick=args.quick, executor=executor)
     say(f"answers are in {path}")
 
 

@@ -13,14 +13,12 @@ from pathlib import Path
 
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.inspect import Inspection, inspect_campaign
-from bayes_iwan.comparison.families import Comparison
-from bayes_iwan.comparison.families import compare as compare_families
+from bayes_iwan.comparison.families import Comparison, compare_families
 from bayes_iwan.drawing import draw
 from bayes_iwan.files import clear, owned
 from bayes_iwan.gap.diagnosis import Diagnosis, diagnose_folder, diagnose_loops
 from bayes_iwan.inference.config import Config, ConfigError, diagnose_settings_of
-from bayes_iwan.inference.identify import NotConverged, identify_frequencies
-from bayes_iwan.inference.identify import identify as run
+from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.inference.user_file import load_simulator
@@ -142,7 +140,9 @@ def identify(
     if per_test and (out is None or quick):
         raise ConfigError("per_test writes files of sampled runs: name a folder for them (out), and leave quick away")
     if out is None:
-        posterior = run(campaign, None, config=config, seed=seed, progress=progress, simulator=simulator, quick=quick)
+        posterior = identify_campaign(
+            campaign, None, config=config, seed=seed, progress=progress, simulator=simulator, quick=quick
+        )
         _warn(posterior)
         return posterior
     with owned(out) as folder:
@@ -151,7 +151,7 @@ def identify(
                 f"{folder}: holds a run already ({CHECKPOINT}); go on from it with --resume, or choose another folder "
                 "(--out)"
             )
-        posterior = run(
+        posterior = identify_campaign(
             campaign,
             folder,
             config=config,

@@ -27,7 +27,7 @@ PLAIN_DRIVE = 0.05  # total harmonic distortion up to which a drive is called a 
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CycleMean:
     """A mean over cycles and its interval (LEVEL); nan where there is one cycle only."""
 
     value: float
@@ -66,9 +66,9 @@ class Inspection:
 
     loop: Loop
     cycles: Cycles
-    energy_mJ: Estimate
-    stiffness_N_mm: Estimate
-    loss_factor: Estimate
+    energy_mJ: CycleMean
+    stiffness_N_mm: CycleMean
+    loss_factor: CycleMean
     energy_by_cycle_mJ: Array
     slope_N_mm: float
     noise_N: float
@@ -133,13 +133,13 @@ def _complex(rows: Array, h: int) -> np.ndarray:
     return np.sqrt(2.0) * (rows[:, 1 : h + 1] + 1j * rows[:, h + 1 :])
 
 
-def _over_cycles(values: Array) -> Estimate:
+def _over_cycles(values: Array) -> CycleMean:
     n = values.size
     mean = float(values.mean())
     if n < 2:
-        return Estimate(mean, np.nan, np.nan)
+        return CycleMean(mean, np.nan, np.nan)
     half = float(stats.t.ppf(0.5 + LEVEL / 2, n - 1) * values.std(ddof=1) / np.sqrt(n))
-    return Estimate(mean, mean - half, mean + half)
+    return CycleMean(mean, mean - half, mean + half)
 
 
 def _mains(loop: Loop, left: Array, rate_hz: float) -> tuple[Line, ...]:

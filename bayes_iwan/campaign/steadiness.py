@@ -223,9 +223,8 @@ def _alternating(each: Cycles) -> list[str]:
             share = float(np.linalg.norm(half)) / size
             return [
                 f"odd and even cycles of the {name} differ by {200 * share:.2g} %: the motion repeats only after two "
-                "cycles (a "
-                "subharmonic, rocking, play, or mains hum); the loop is the mean of both kinds. Look at the drive and "
-                "the mounting"
+                "cycles (a subharmonic, rocking, play, or a mains line); the loop is the mean of both kinds. Look at "
+                "the drive and the mounting"
             ]
     return []
 

@@ -229,7 +229,7 @@ class Comparison:
         return tuple(out)
 
 
-def compare(
+def compare_families(
     campaign: Campaign | str | os.PathLike[str] | Sequence[Loop],
     families: Sequence[str] | None = None,
     *,

@@ -77,7 +77,7 @@ class Frequencies:
     def statement(self) -> str:
         """What the checks say, in words."""
         if len(self.groups) < 2:
-            return "All tests are of one frequency: whether numbers wander with frequency cannot be seen."
+            return "All tests are of one frequency: whether parameters wander with frequency cannot be seen."
         worst = min(self.checks, key=lambda c: c.p_value)
         if self.overall < 0.05:
             named = ", ".join(c.name for c in sorted(self.checks, key=lambda c: c.p_value) if c.p_value < 0.05)

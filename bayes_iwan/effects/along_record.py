@@ -114,8 +114,8 @@ class ForceDriftByTest(ByTest):
 class MainsHum(ByTest):
     name = "mains_hum"
     law = "a sine at the mains' frequency, 50 Hz, and its third harmonic locked to it"
-    strength = ("amplitude_N", "a", "N", "amplitude of the hum in the force channel")
-    parts = (("cosine", "c", "N", "cosine of the hum"), ("sine", "s", "N", "sine of the hum"))
+    strength = ("amplitude_N", "a", "N", "amplitude of the mains line in the force channel")
+    parts = (("cosine", "c", "N", "cosine of the mains line"), ("sine", "s", "N", "sine of the mains line"))
     evolving = True
     order = 4
     which: ClassVar[int] = 0  # column of the data's mains_hz
@@ -140,12 +140,12 @@ class MainsHum(ByTest):
         }
 
     def possible(self, data: Records) -> bool:
-        """Where records can show the line and none does there is no hum, however well its free phases would fit."""
+        """Where records can show the line and none does the force has none, however well its free phases would fit."""
         return data.mains_possible[self.which]
 
     def recorded(self, data: Records, numbers: Numbers) -> Array:
         c, s = self.by_test(numbers)
-        # the hum is Re(g e^{iωt}) with g = c − is: its third harmonic, at the same place on the wave, goes with g³/|g|²
+        # the line is Re(g e^{iωt}), g = c − is: its third harmonic, at the same place on the wave, goes with g³/|g|²
         g = c - 1j * s
         third = g**3 / np.maximum(np.abs(g) ** 2, 1e-300)
         third = third * (numbers[f"{self.name}.third_cosine"] - 1j * numbers[f"{self.name}.third_sine"])[:, None]

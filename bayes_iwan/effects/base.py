@@ -213,7 +213,7 @@ class Effect:
         return None
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
-        """What a user is told: name -> (draws, unit). values: all sampled values."""
+        """What is reported: name -> (draws, unit). values: all sampled values."""
         return {p.name.split(".", 1)[1]: (values[p.name], p.unit) for p in self.parameters}
 
 

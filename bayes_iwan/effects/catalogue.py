@@ -24,7 +24,7 @@ BUILT_IN: tuple[type[Effect], ...] = (
 )
 #: names, in the order of the signal; an effect with several laws is one name
 NAMES: tuple[str, ...] = tuple(dict.fromkeys(e.name for e in BUILT_IN))
-#: shapes without a cause, which stand for "unknown"
+#: patterns without a cause, which stand for "unknown"
 UNLISTED: tuple[type[Effect], ...] = WITHOUT_CAUSE
 #: causes in the base's own form
 FORM: tuple[type[Effect], ...] = form.EFFECTS

@@ -13,7 +13,7 @@ from bayes_iwan.gap.diagnosis import Diagnosis, diagnose_folder
 from bayes_iwan.gap.findings import where_json
 from bayes_iwan.gap.gap_size import ceiling_N, shrink
 from bayes_iwan.gap.saved_fits import write_fits
-from bayes_iwan.gap.words import doubted, physics_of_rest, remedy, sentences
+from bayes_iwan.gap.words import not_excluded, physics_of_rest, remedy, sentences
 
 SCHEMA = 2
 #: what no loop test can see, whatever the cause
@@ -71,7 +71,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "residual_rms_N": b.before.residual_N,
             "averaged_loop_rms_N": d.before.loop.rms_N,
             "along_record_rms_N": d.before.along.rms_N,
-            "mains_rms_N": d.before.hum.rms_N,
+            "mains_rms_N": d.before.mains.rms_N,
             "mean_force_rms_N": d.before.mean.rms_N,
         },
         "where": where_json(d.where, d.before),
@@ -123,7 +123,7 @@ def _considered(d: Diagnosis) -> list[dict[str, Any]]:
     """Effects that are not named and not out of the question, the likeliest first; and why they are not named."""
     places = {f.name: f for f in d.found.figures}
     out = []
-    for name in doubted(d):
+    for name in not_excluded(d):
         f = places.get(name)
         single = d.search.fits.get(frozenset({name}))
         out.append(
@@ -139,7 +139,7 @@ def _considered(d: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def about(d: Diagnosis) -> dict[str, dict[str, Any]]:
+def effects_described(d: Diagnosis) -> dict[str, dict[str, Any]]:
     """What every effect is, by name: physics, reference, signature, look-alikes, bench test."""
     return {n: _about(some[0]) for n, some in d.search.effects.items()}
 
@@ -166,6 +166,6 @@ def write_answer(
     return answer
 
 
-def diagnose(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, Any]:
+def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, Any]:
     """Diagnose and write `diagnosis.json` and `fits.json` only: what the withheld protocol asks for."""
     return write_answer(diagnose_folder(campaign, seed=seed, quick=quick), Path(out))

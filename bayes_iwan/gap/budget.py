@@ -30,7 +30,7 @@ from bayes_iwan.gap.search import LAST, Search
 NINETY = 1.645
 #: a cause as probable as this is named: a false name costs more than a missed one. A rest is flagged from 0.5 on
 NAMED = 0.6
-#: names of shapes that stand for no cause: what they remove belongs to the rest
+#: names of patterns that stand for no cause: what they remove belongs to the rest
 NO_CAUSE = frozenset(e.name for e in UNLISTED)
 
 
@@ -75,7 +75,7 @@ class RestOfGap:
     """What is left beside the named causes.
 
     probability : that it has a cause of its own; share : of the gap; of_friction : of the RMS friction force
-    where : sentences on where it sits; looks_like : name of a shape without a cause that fits it, if one does
+    where : sentences on where it sits; looks_like : name of a pattern without a cause that fits it, if one does
     subharmonic : power of a line at half a test's frequency over its background
     """
 

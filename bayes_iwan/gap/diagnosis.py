@@ -23,7 +23,7 @@ from bayes_iwan.gap.budget import NO_CAUSE, GapBudget, RestOfGap, Share, Verdict
 from bayes_iwan.gap.calibration import Calibration, calibration
 from bayes_iwan.gap.data import GapData, gap_data
 from bayes_iwan.gap.evidence import Fit, base_model
-from bayes_iwan.gap.findings import sentences as where_sentences
+from bayes_iwan.gap.findings import where_sentences
 from bayes_iwan.gap.gap_size import GapSize
 from bayes_iwan.gap.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
 from bayes_iwan.gap.residuals import Residual, residual_of
@@ -51,7 +51,7 @@ OPEN = (0.1, 0.9)
 
 
 @dataclass(frozen=True)
-class Estimate:
+class EffectParameter:
     """A parameter of an effect: mean, standard deviation, 5 and 95 % quantiles, unit."""
 
     mean: float
@@ -77,7 +77,7 @@ class Diagnosis:
 
     verdict : the headline; budget : the gap as a sum; found : what stands behind them
     before, residual, where : gap, residual and place of what the base model misses; after_residual : that with all
-    named causes; parameters : of each named effect, as a user is told them; moved : the specimen's own
+    named causes; parameters : of each named effect, as reported; moved : the specimen's own
     not_testable : effects that these tests would not have shown at their usual size; expected_nats : by effect
     """
 
@@ -93,7 +93,7 @@ class Diagnosis:
     residual: Residual
     where: Where
     after_residual: Residual
-    parameters: dict[str, dict[str, Estimate]]
+    parameters: dict[str, dict[str, EffectParameter]]
     moved: dict[str, Moved]
     not_testable: tuple[str, ...]
     expected_nats: dict[str, float]
@@ -172,7 +172,7 @@ def searched(
     simulator: Simulator | None = None,
     report: Report = silent,
 ) -> Search:
-    """The search over all effects of the catalogue, shapes without a cause, a user's own, and terms of the paper that
+    """The search over all effects of the catalogue, patterns without a cause, a user's own, and terms of the paper that
     the base model lacks."""
     scales = scales_of(data.loops)
     base = base_model(settings, scales) if simulator is None else simulator
@@ -244,19 +244,19 @@ def _draws(fit: Fit, rng: np.random.Generator, count: int) -> dict[str, Array]:
     return fit.problem.prior.values(fit.z + rng.standard_normal((count, len(fit.z))) @ root.T)
 
 
-def _parameters(fit: Fit, rng: np.random.Generator) -> dict[str, dict[str, Estimate]]:
-    """Parameters of every effect of a fit as a user is told them; nature's law is not quite ours, and that counts."""
+def _parameters(fit: Fit, rng: np.random.Generator) -> dict[str, dict[str, EffectParameter]]:
+    """Parameters of every effect of a fit as reported; nature's law is not quite ours, and that counts."""
     values = _draws(fit, rng, DRAWS)
-    out: dict[str, dict[str, Estimate]] = {}
+    out: dict[str, dict[str, EffectParameter]] = {}
     for effect in fit.effects:
         law = 1.0 + effect.law_error * rng.standard_normal(DRAWS)
         out[effect.name] = {n: _estimate(v * law, unit) for n, (v, unit) in effect.reported(values).items()}
     return out
 
 
-def _estimate(values: Array, unit: str) -> Estimate:
+def _estimate(values: Array, unit: str) -> EffectParameter:
     low, high = np.quantile(values, [0.05, 0.95])
-    return Estimate(float(np.mean(values)), float(np.std(values)), float(low), float(high), unit)
+    return EffectParameter(float(np.mean(values)), float(np.std(values)), float(low), float(high), unit)
 
 
 def _moved(base: Fit, fit: Fit, rng: np.random.Generator) -> dict[str, Moved]:
@@ -287,8 +287,8 @@ def _next(
             for n, v in sorted(f.rivals.items(), key=lambda nv: -nv[1])
             if n != f.name and n not in NO_CAUSE and v > -constants.apart
         ]
-        doubtful = OPEN[0] < constants.contributes(f) < OPEN[1]
-        if not rivals and not doubtful:
+        open_question = OPEN[0] < constants.contributes(f) < OPEN[1]
+        if not rivals and not open_question:
             continue
         other = rivals[0] if rivals else "none"
         less = whole - {f.name}
@@ -327,7 +327,7 @@ def diagnose_folder(
     read = read_campaign(campaign)
     extra = load_effects(effects_file) if effects_file else ()
     simulator = load_simulator(simulator_file) if simulator_file else None
-    told = Progress(read.name, progress)
+    bar = Progress(read.name, progress)
     try:
         return diagnose_loops(
             read,
@@ -337,7 +337,7 @@ def diagnose_folder(
             settings=settings,
             extra=extra,
             simulator=simulator,
-            report=told,
+            report=bar,
         )
     finally:
-        told.close()
+        bar.close()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.gap_size import GapSize
-from bayes_iwan.gap.laws import Law
+from bayes_iwan.gap.laws import PowerLaw
 from bayes_iwan.gap.residuals import Residual
 from bayes_iwan.gap.where import Statistic, Where
 
@@ -18,7 +18,7 @@ from bayes_iwan.gap.where import Statistic, Where
 CONCENTRATED = 1.25
 #: and a law when it explains this share of what the first explains
 WORTH = 0.01
-#: a power whose interval is wider than this is not told; nor then is the sign of what is missing
+#: a power whose interval is wider than this is not reported; nor then is the sign of what is missing
 OPEN = 2.0
 _ORDINALS = {1: "fundamental", 2: "second harmonic", 3: "third harmonic"}
 
@@ -29,23 +29,7 @@ def newtons(x: float) -> str:
     return f"{float(f'{x / scale:.2g}'):g} {unit}"
 
 
-def size_sentence(size: GapSize) -> str:
-    """The gap in one sentence."""
-    g = size.all
-    if g.low_N == 0.0:
-        return (
-            f"The gap between measurement and model is zero within its interval: at most {newtons(g.high_N)} RMS, "
-            f"{_percent(g.share_high)} of the friction force, once the records' own noise "
-            f"({newtons(g.noise_N)}) is taken off."
-        )
-    return (
-        f"The model misses {newtons(g.rms_N)} RMS (90 % interval {newtons(g.low_N)} to {newtons(g.high_N)}), "
-        f"{_percent(g.share)} of the friction force, once the records' own noise ({newtons(g.noise_N)}) "
-        f"is taken off."
-    )
-
-
-def sentences(where: Where) -> list[str]:
+def where_sentences(where: Where) -> list[str]:
     """One sentence for each finding, in plain words; a single one where nothing stands out."""
     out = [
         *_tests(where),
@@ -138,7 +122,7 @@ def where_json(where: Where, size: GapSize) -> dict[str, Any]:
             }
             for x in where.laws
         ],
-        "sentences": sentences(where),
+        "sentences": where_sentences(where),
     }
 
 
@@ -284,7 +268,7 @@ def _laws(w: Where) -> list[str]:
         grows = " and ".join(
             x for x in (_growth("frequency", law.frequency_power), _growth("amplitude", law.amplitude_power)) if x
         )
-        start = "Once the model's own numbers may adapt," if i == 0 else "Beside that,"
+        start = "Once the model's own parameters may adapt," if i == 0 else "Beside that,"
         out.append(
             f"{start} what is missing at the {_ordinal(law.order)} {step} "
             f"is {newtons(_most(law, w))} at most in these tests{meaning}"
@@ -293,7 +277,7 @@ def _laws(w: Where) -> list[str]:
     return out
 
 
-def _most(law: Law, w: Where) -> float:
+def _most(law: PowerLaw, w: Where) -> float:
     """The law's force in the test where it is largest, N: its own reference point may lie far outside the tests."""
     f, a = w.frequency_hz / w.frequency_hz.max(), w.amplitude_mm / w.amplitude_mm.max()
     powers = [0.0 if p is None else p[0] for p in (law.frequency_power, law.amplitude_power)]

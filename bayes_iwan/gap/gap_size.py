@@ -17,7 +17,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.gap.evidence import Fit
-from bayes_iwan.gap.residuals import ALONG, COUNTED, HUM, LOOP, MEAN, Residual
+from bayes_iwan.gap.residuals import ALONG, COUNTED, LOOP, MAINS, MEAN, Residual
 from bayes_iwan.inference.discrepancy import discrepancy_spectrum
 
 LEVEL = 0.9
@@ -45,7 +45,7 @@ class Gap:
 class GapSize:
     """Gap of each test and of all together (RMS over tests).
 
-    tests : by test; all : everything; loop, along, hum : its parts over all tests, in the averaged loop, its change
+    tests : by test; all : everything; loop, along, mains : its parts over all tests, in the averaged loop, its change
     along the record, and lines of the mains; mean : that of the mean forces, which `all` leaves out
     friction_N : (T,) RMS friction force.
     cycle, along_N : by test, (B,) mean cycle number of each block of cycles and RMS of what is missed there;
@@ -58,7 +58,7 @@ class GapSize:
     all: Gap
     loop: Gap
     along: Gap
-    hum: Gap
+    mains: Gap
     mean: Gap
     friction_N: Array
     cycle: tuple[Array, ...]
@@ -111,7 +111,7 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
         everything,
         part[LOOP],
         part[ALONG],
-        part[HUM],
+        part[MAINS],
         part[MEAN],
         friction,
         cycle,
@@ -147,7 +147,7 @@ def ceiling_N(residual: Residual) -> float:
     smooth = np.zeros_like(noise)
     spectrum = discrepancy_spectrum(np.array([residual.fit.share]), np.array([residual.fit.length]), len(steady))[0]
     smooth[:, steady] = residual.data.level_N[:, None] ** 2 * spectrum
-    for kind in (ALONG, HUM):
+    for kind in (ALONG, MAINS):
         at = residual.kind == kind
         there = at & (residual.weight > 0.0)
         power = np.sum(np.where(there, 0.5 * np.abs(value) ** 2 - noise**2, 0.0), axis=1)

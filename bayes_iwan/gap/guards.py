@@ -53,7 +53,7 @@ class Figures:
     gap: float
 
 
-def figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, ...]:
+def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, ...]:
     """The figures of every effect of the chosen set; share : of the gap, by effect (:func:`.budget.shares`)."""
     if not search.chosen:
         return ()

@@ -30,7 +30,7 @@ LENGTH = 0.05
 
 
 @dataclass(frozen=True)
-class Law:
+class PowerLaw:
     """c · (f/f₀)^a · (A/A₀)^b in one harmonic; f₀ and A₀ are the largest of the tests.
 
     force_N, sd_N : c and its standard error. frequency_power, amplitude_power : a, b as (best, low, high) with 90 %
@@ -93,9 +93,9 @@ class LawSearch:
         self.middle, self.scale = root.mean(axis=0), np.maximum(root.std(axis=0), 1e-300)
         self.null_scores = (root - self.middle) / self.scale
 
-    def laws(self, p_value: Callable[[float], float], level: float, most: int = 4) -> tuple[Law, ...]:
+    def laws(self, p_value: Callable[[float], float], level: float, most: int = 4) -> tuple[PowerLaw, ...]:
         """The significant laws in order. p_value : of a score, the number of statistics allowed for."""
-        out: list[Law] = []
+        out: list[PowerLaw] = []
         left, signatures, rest = self.left, list(self.signatures), list(range(len(self.names)))
         while rest and len(out) < most:
             found = []
@@ -103,7 +103,7 @@ class LawSearch:
                 s = signatures[i]
                 power = np.einsum("ij,ij->i", s, s)
                 whole = np.einsum("ij,ij->i", self.signatures[i], self.signatures[i])
-                # a shape that the laws before it leave nothing of explains nothing
+                # a term that the laws before it leave nothing of explains nothing
                 gain = np.where(power > 1e-3 * whole, (s @ left) ** 2 / np.maximum(power, 1e-12), 0.0)
                 found.append((float((np.cbrt(gain.max()) - self.middle[i]) / self.scale[i]), i, gain))
             score, i, gain = max(found, key=lambda x: float(x[2].max()))
@@ -117,7 +117,7 @@ class LawSearch:
             rest.remove(i)
         return tuple(out)
 
-    def _law(self, i: int, s: Array, left: Array, gain: Array, p: float) -> tuple[Law, Array]:
+    def _law(self, i: int, s: Array, left: Array, gain: Array, p: float) -> tuple[PowerLaw, Array]:
         order, part = self.names[i]
         best = int(np.argmax(gain))
         power = float(s[best] @ s[best])
@@ -127,9 +127,9 @@ class LawSearch:
         spare = max(1.0, float(np.sum(after[mine] ** 2)) / max(int(mine.sum()), 1))
         table = gain.reshape(len(self.f_powers), len(self.a_powers))
         # with two frequencies the parallel spring takes up whatever makes one power differ from another
-        told = self.frequencies > 2 or (order, part) != (1, "in phase")
-        by_frequency = _profile(self.f_powers, table.max(axis=1), spare) if told else None
-        law = Law(
+        known = self.frequencies > 2 or (order, part) != (1, "in phase")
+        by_frequency = _profile(self.f_powers, table.max(axis=1), spare) if known else None
+        law = PowerLaw(
             order,
             part,
             size,

@@ -51,10 +51,10 @@ def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, .
             single = effect.strength_name in problem.names
             on, off = [], []
             tried = [own[0], *(problem.names.index(n) for n in effect.scanned if n in problem.names)]
-            for shapes in extra_points(len(tried) - 1) if single else [()]:
+            for extra in extra_points(len(tried) - 1) if single else [()]:
                 z = np.zeros(problem.ndim)
                 z[at] = base.z
-                z[tried if single else own] = (0.6 if effect.signed else 0.0, *shapes) if single else 1.0 / np.sqrt(2.0)
+                z[tried if single else own] = (0.6 if effect.signed else 0.0, *extra) if single else 1.0 / np.sqrt(2.0)
                 on.append(z)
                 z = z.copy()
                 z[own[0] if single else own] = 0.0 if effect.signed or not single else -8.0

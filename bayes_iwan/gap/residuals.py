@@ -22,9 +22,9 @@ from bayes_iwan.inference.discrepancy import between_tests, discrepancy_spectrum
 from bayes_iwan.inference.problem import Problem
 
 #: kinds of numbers: harmonics of the averaged loop, its mean, contrasts between blocks of cycles, lines of the mains
-LOOP, MEAN, ALONG, HUM = 0, 1, 2, 3
+LOOP, MEAN, ALONG, MAINS = 0, 1, 2, 3
 #: what a gap is made of. The mean is not: it hangs on where the specimen rests, which no dynamic displacement tells
-COUNTED = (LOOP, ALONG, HUM)
+COUNTED = (LOOP, ALONG, MAINS)
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Residual:
     allowed : (T, M) the same with what needs no cause: the place of rest, slight changes along the record
     weight : (T, M), so that Σ weight·|value|² is the mean square of the residual force over a test's record, N²
     real : (M,) numbers without an imaginary part (means)
-    kind : (M,) LOOP, MEAN, ALONG or HUM; order : (M,) harmonic (−1: none); contrast : (M,) index of the contrast
+    kind : (M,) LOOP, MEAN, ALONG or MAINS; order : (M,) harmonic (−1: none); contrast : (M,) index of the contrast
         between blocks, or −1
     problem : the model as it predicts these tests
     refitted : are these the data that the model was fitted to?
@@ -126,7 +126,7 @@ class Residual:
         if rows.evolving:
             for kind, mask, noise in (
                 (ALONG, rows._trend, self.data.trend_noise_N),
-                (HUM, rows._line, self.data.mains_noise_N),
+                (MAINS, rows._line, self.data.mains_noise_N),
             ):
                 scaled = change[..., self.kind == kind].reshape(len(change), *mask.shape)[:, mask] / noise[mask]
                 parts += [scaled.real, scaled.imag]
@@ -152,7 +152,7 @@ def residual_of(data: GapData, fit: Fit, *, refitted: bool = True) -> Residual:
     noise[:, count:-2] = np.sqrt(np.maximum(noise[:, count:-2] ** 2 - floor**2, 0.0))
     contrasts, trended = data.trend_N.shape[1], TREND_HARMONICS + 1
     order = np.r_[np.arange(count), np.tile(np.arange(trended), contrasts), -1, -1]
-    kind = np.repeat([MEAN, LOOP, ALONG, HUM], [1, count - 1, contrasts * trended, 2])
+    kind = np.repeat([MEAN, LOOP, ALONG, MAINS], [1, count - 1, contrasts * trended, 2])
     contrast = np.r_[np.full(count, -1), np.repeat(np.arange(contrasts), trended), -1, -1]
     blocks = np.array([len(x.block_cycle) for x in data.loops])
     weight = np.where(order == 0, 1.0, 0.5) * np.where(kind == ALONG, 1.0 / blocks[:, None], 1.0)

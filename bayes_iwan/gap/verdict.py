@@ -25,7 +25,7 @@ from bayes_iwan.gap.budget import (
 from bayes_iwan.gap.calibration import Calibration
 from bayes_iwan.gap.evidence import Fit
 from bayes_iwan.gap.gap_size import GapSize, gap_size
-from bayes_iwan.gap.guards import Figures, figures
+from bayes_iwan.gap.guards import Figures, guard_figures
 from bayes_iwan.gap.leave_out import HELD_OUT, Unseen, left_out
 from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.search import LAST, Search
@@ -65,7 +65,7 @@ def weighed(search: Search, seed: int) -> Weighed:
         for k, f in fits.items()
     }
     share = {n: s.value for n, s in shares(search.chosen, sizes).items()} if search.chosen else {}
-    said = tuple(f for f in figures(search, share) if f.name not in LAST or f.gap >= LEAST_GAP)
+    said = tuple(f for f in guard_figures(search, share) if f.name not in LAST or f.gap >= LEAST_GAP)
     return Weighed(search, said, fits, sizes, float(np.max(search.data.subharmonic, initial=0.0)))
 
 

@@ -19,8 +19,8 @@ from bayes_iwan.gap.calibration import calibration
 from bayes_iwan.gap.data import MAINS_HZ
 from bayes_iwan.gap.evidence import LENGTHS
 from bayes_iwan.gap.gap_size import LEVEL
-from bayes_iwan.gap.laws import Law, LawSearch
-from bayes_iwan.gap.residuals import ALONG, HUM, LOOP, MEAN, Residual
+from bayes_iwan.gap.laws import LawSearch, PowerLaw
+from bayes_iwan.gap.residuals import ALONG, LOOP, MAINS, MEAN, Residual
 from bayes_iwan.inference.loop_error import harmonics_of
 from bayes_iwan.physics import Model
 from bayes_iwan.physics.simulator import inner_effects
@@ -73,7 +73,7 @@ class Where:
     frequency_hz: Array
     amplitude_mm: Array
     statistics: tuple[Statistic, ...]
-    laws: tuple[Law, ...]
+    laws: tuple[PowerLaw, ...]
     count: int
     phase_N: Array
     expected_N: Array
@@ -249,7 +249,7 @@ class _Statistics:
         ]
         others = np.stack([square[:, m].sum(axis=1) for m in pick], axis=1)
         parts += [others[:, :1], sizes, others[:, 1:]]
-        parts.append(square[:, r.kind == HUM])
+        parts.append(square[:, r.kind == MAINS])
         return np.concatenate(parts, axis=1)
 
 

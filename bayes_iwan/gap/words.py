@@ -10,7 +10,7 @@ from bayes_iwan.gap.budget import NO_CAUSE, Cause, Kind
 from bayes_iwan.gap.gap_size import Gap
 
 if TYPE_CHECKING:
-    from bayes_iwan.gap.diagnosis import Diagnosis, Estimate
+    from bayes_iwan.gap.diagnosis import Diagnosis, EffectParameter
 
 #: probability above which an effect that is not named is listed
 WORTH_LISTING = 0.02
@@ -18,6 +18,7 @@ WORTH_LISTING = 0.02
 TITLES = {
     "channel_delay": "a delay between the channels",
     "viscous_damping": "viscous damping",
+    "mains_hum": "mains line",
     "none": "no effect outside the model",
     "unknown": "something outside the catalogue",
 }
@@ -28,7 +29,7 @@ def title(name: str) -> str:
     return TITLES.get(name, name.replace("_", " "))
 
 
-def doubted(d: Diagnosis) -> list[str]:
+def not_excluded(d: Diagnosis) -> list[str]:
     """Effects that are not named and not out of the question, the likeliest first."""
     ranked = sorted(d.verdict.probabilities.items(), key=lambda np: -np[1])
     out = {"none", "unknown", *d.verdict.names, *NO_CAUSE}
@@ -56,8 +57,8 @@ def _size(gap: Gap) -> str:
 def _which(d: Diagnosis) -> list[str]:
     if d.verdict.causes:
         return [_sentence(c, d) for c in d.verdict.causes]
-    doubt = doubted(d)
-    tail = f"; {listed(doubt)} cannot be excluded" if doubt else ""
+    others = not_excluded(d)
+    tail = f"; {listed(others)} cannot be excluded" if others else ""
     if d.verdict.kind is Kind.NONE:
         return [
             f"No effect outside the model is needed (probability {d.verdict.probabilities['none']:.2f}): what is left "
@@ -80,7 +81,7 @@ def _sentence(c: Cause, d: Diagnosis) -> str:
     return text + "."
 
 
-def _strength(parameters: Mapping[str, Estimate]) -> str:
+def _strength(parameters: Mapping[str, EffectParameter]) -> str:
     """The first parameter with its standard deviation."""
     if not parameters:
         return ""

@@ -41,7 +41,7 @@ QUICK_DRAWS = 2000
 _VERSIONED = ("bayes-iwan", "numpy", "scipy", "numba", "emcee", "arviz")
 
 
-def identify(
+def identify_campaign(
     campaign: Campaign | str | os.PathLike[str],
     out: str | os.PathLike[str] | None = None,
     *,
@@ -290,11 +290,11 @@ def _code() -> str:
     package = Path(__file__).parents[1]
     rooms = ("campaign", "physics", "optimize", "sampling", "inference", "effects")
     files = sorted([*package.glob("*.py"), *(p for room in rooms for p in (package / room).rglob("*.py"))])
-    told = hashlib.sha256()
+    digest = hashlib.sha256()
     for path in files:
         if path.name not in ("cli.py", "__init__.py"):
-            told.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
-    return told.hexdigest()
+            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 def versions() -> dict[str, str]:

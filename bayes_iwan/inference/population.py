@@ -24,7 +24,7 @@ LEAST = 3
 
 
 @dataclass(frozen=True)
-class Specimen:
+class SpecimenDraws:
     """Draws (n,) of one quantity of one specimen, and draws of the same quantity under the prior they came from."""
 
     name: str
@@ -53,7 +53,7 @@ class Population:
         return tuple(n for n, p in zip(self.names, self.surprise) if p * len(self.names) < level)
 
 
-def population(specimens: Sequence[Specimen], seed: int = 0) -> Population | None:
+def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population | None:
     """The population of one quantity; None for fewer than :data:`LEAST` specimens or draws that do not vary."""
     if len(specimens) < LEAST:
         return None

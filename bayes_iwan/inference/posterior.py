@@ -24,7 +24,7 @@ from bayes_iwan.inference.quantities import quantities
 from bayes_iwan.inference.settings import IdentifySettings
 from bayes_iwan.physics.motion import motion_of, sine_motion
 from bayes_iwan.physics.simulator import FORCE_ZERO, Derived, straight_part
-from bayes_iwan.sampling.convergence import Convergence, diagnose
+from bayes_iwan.sampling.convergence import Convergence, convergence_of
 from bayes_iwan.sampling.ensembles import Stop
 
 if TYPE_CHECKING:
@@ -236,7 +236,7 @@ class Posterior:
         """R-hat and effective sizes of every reported quantity, from the draws kept."""
         named = self.quantities()
         draws = np.stack([self.by_steps(q.values) for q in named.values()], axis=3)
-        return diagnose(draws, tuple(named), thin=self.thin)
+        return convergence_of(draws, tuple(named), thin=self.thin)
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Mean, spread, quantiles and diagnostics of every reported quantity (numbers that are fixed have none)."""

@@ -91,12 +91,12 @@ def corner(motion: Motion) -> Array:
     return 1.0 / (1.0 + ((a - motion.displacement_mm) / (CORNER_WIDTH * a)) ** 2)
 
 
-def bent_normal_force(alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+def with_bent_corner(alpha: Array, motion: Motion, numbers: Numbers) -> Array:
     """α with its corner at u = A bent: times exp(grip_corner) there."""
     return warp.bent_normal_force(alpha, corner(motion)[None], numbers[CORNER_NAME][:, None])
 
 
-def bent_stiffness(k: Array, alpha: Array, numbers: Numbers) -> Array:
+def with_bent_stiffness(k: Array, alpha: Array, numbers: Numbers) -> Array:
     """k·α^stiffness_exponent: k(1) is what it was."""
     exponent = numbers[STIFFNESS_NAME][:, None, None]
     return warp.bent_stiffness(k, alpha, exponent, np.zeros_like(exponent))

@@ -66,7 +66,7 @@ def saturating(alpha, final, bend, out):
 
 
 @_jit
-def bend_of_elasticity(value, out):
+def solve_elasticity(value, out):
     """The z > 0 at which z/(e^z − 1) is value, in (0, 1), by Newton's method on the logarithm; (draws,)."""
     for d in range(out.size):
         target = math.log(value[d])

@@ -69,7 +69,7 @@ def elasticity(bend: Array) -> Array:
 def bend_of_elasticity(value: Array) -> Array:
     """The inverse of :func:`elasticity`; value in (0, 1)."""
     out = np.empty_like(value)
-    pointwise.bend_of_elasticity(np.ascontiguousarray(value), out)
+    pointwise.solve_elasticity(np.ascontiguousarray(value), out)
     return out
 
 

@@ -119,23 +119,6 @@ def tilted(tables: Array, top: Array, coefficients: Array) -> Array:
     return out
 
 
-def with_weak_elements(tables: Array, top: Array, share: Array, slip_N: Array) -> Array:
-    """A slip-force table in which a share of the elements slips early: the corners after reversals are rounded.
-
-    Their slip forces are exponentially distributed with mean slip_N: S → (1 − w)·S + w·exp(−φ/φ_c), and so L.
-    tables : (draws, cells, 4); top, share (0 … 1), slip_N : (draws,).
-    """
-    width = cell_width(tables.shape[1])
-    node = np.concatenate([[2.0**-OCTAVES], 2.0**-OCTAVES + np.cumsum(width)])
-    x = node * (top / slip_N)[:, None]
-    slipped = -np.expm1(-x)
-    limited, held, h = slipped * slip_N[:, None], 1.0 - slipped, width * top[:, None]
-    rise, slope, slope_1 = np.diff(limited, axis=1), held[:, :-1] * h, held[:, 1:] * h
-    weak = np.stack([limited[:, :-1], slope, 3.0 * rise - 2.0 * slope - slope_1, slope + slope_1 - 2.0 * rise], axis=-1)
-    w = share[:, None, None]
-    return np.where(w == 0.0, tables, (1.0 - w) * tables + w * weak)
-
-
 def bent_stiffness(k: Array, alpha: Array, exponent: Array, bend: Array) -> Array:
     """k(α)·exp(a ln α + ½ b ln²α), N/mm: at rest (α = 1) k is what it was; d ln k / d ln α grows by a + b ln α.
 

@@ -24,7 +24,7 @@ from bayes_iwan import executors
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import owned, write_whole
 from bayes_iwan.inference.config import NOISE, Config, settings_of
-from bayes_iwan.inference.population import DRAWS, Population, Specimen, population
+from bayes_iwan.inference.population import DRAWS, Population, SpecimenDraws, population
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.quantities import quantities
 from bayes_iwan.inference.settings import DiagnoseSettings, IdentifySettings
@@ -169,7 +169,7 @@ def populations(finished: tuple[Finished, ...], seed: int = 0) -> dict[str, Popu
     out = {}
     for name in dict.fromkeys(q for x in finished for q in x.quantities):
         of = [(x.name, x.quantities[name]) for x in finished if name in x.quantities]
-        found = population([Specimen(n, q.draws, q.prior) for n, q in of], seed)
+        found = population([SpecimenDraws(n, q.draws, q.prior) for n, q in of], seed)
         if found is not None:
             out[name] = found
     return out

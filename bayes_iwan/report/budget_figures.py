@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.budget import NAMED, GapBudget
 from bayes_iwan.gap.diagnosis import Moved
+from bayes_iwan.gap.words import title
 from bayes_iwan.report.gap_figures import panels
 from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, styled, subplots
 
@@ -192,6 +193,4 @@ def moved_figure(moved: Mapping[str, Moved]) -> Figure:
 
 
 def _words(name: str) -> str:
-    return {"none": "none: the model suffices", "unknown": "unknown: the rest has a cause"}.get(
-        name, name.replace("_", " ")
-    )
+    return {"none": "none: the model suffices", "unknown": "unknown: the rest has a cause"}.get(name, title(name))

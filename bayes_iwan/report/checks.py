@@ -115,7 +115,7 @@ def regions_figure(posterior: Any, checks: RegionChecks | None = None) -> Figure
 @dataclass(frozen=True)
 class LooPit:
     """pit : (data,) probability integral transform of each datum given all others, uniform if the predictive
-    distribution is right. pareto_k : (points,) of the leave-one-out weights; above 0.7 a point's value is doubtful."""
+    distribution is right. pareto_k : (points,) of the leave-one-out weights; a point above 0.7 is not reliable."""
 
     pit: Array
     pareto_k: Array

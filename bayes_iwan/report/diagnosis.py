@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.files import clear, finite, owned
-from bayes_iwan.gap.answer import about, to_dict, write_answer
+from bayes_iwan.gap.answer import effects_described, to_dict, write_answer
 from bayes_iwan.gap.diagnosis import BASES, Diagnosis, diagnose_folder
 from bayes_iwan.gap.findings import pictures
 from bayes_iwan.gap.where import along_cycle
@@ -127,7 +127,9 @@ def _write(found: Diagnosis, folder: Path, effects_file: str | Path | None, simu
     answer, figures = finite(to_dict(found)), diagnosis_figures(found)
     clear(folder, "diagnosis.json", "diagnosis.html", "figures", "fits.json")
     write_figures(figures, folder / "figures")
-    page = write_diagnosis_page(answer, figures, folder / "diagnosis.html", about(found), found.campaign.units)
+    page = write_diagnosis_page(
+        answer, figures, folder / "diagnosis.html", effects_described(found), found.campaign.units
+    )
     write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
     return page
 

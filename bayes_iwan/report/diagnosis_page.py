@@ -11,6 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.units import Units
+from bayes_iwan.gap.words import listed, title
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.style import save
 
@@ -69,7 +70,7 @@ _CAPTIONS = {
         "Share of the gap by cause with intervals, on fitted and on unseen tests",
     ),
     "moved": (
-        "Change of the specimen's own numbers once the causes are in the model. Long stems: these had been bent to "
+        "Change of the specimen's own parameters once the causes are in the model. Long stems: these had been bent to "
         "imitate them.",
         "Change of each parameter in standard deviations",
     ),
@@ -99,7 +100,7 @@ def write_diagnosis_page(
     _where(page.section("Where the model misses"), d, figures)
     _which(page.section("Which cause"), d, figures, about)
     _how_far(page.section("How far the gap shrinks"), d, figures)
-    _moved(page.section("How the identified numbers moved"), d, figures)
+    _moved(page.section("How the identified parameters moved"), d, figures)
     _next(page.section("What these tests cannot tell"), d, about)
     _settings(page.section("Settings and definitions"), d)
     return page.write(path)
@@ -127,13 +128,13 @@ def _answer(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure
     if causes:
         rows = [
             (
-                _words(c["name"]),
+                title(c["name"]),
                 f"{c['probability']:.2f}",
                 _percent(c["share"]),
                 _percents(c["share_interval"]),
                 _percent(c["share_held_out"]),
                 _percents(c["share_held_out_interval"]),
-                _listed(c["cannot_tell_apart"]) if c["cannot_tell_apart"] else "–",
+                listed(c["cannot_tell_apart"]) if c["cannot_tell_apart"] else "–",
             )
             for c in causes
         ]
@@ -231,7 +232,7 @@ def _which(
     for effect in d["effects"]:
         name = effect["name"]
         cause = next(c for c in d["verdict"]["causes"] if c["name"] == name)
-        section.heading_below(_words(name))
+        section.heading_below(title(name))
         told = about.get(name, {})
         section.text(*(told[k] for k in ("physics",) if told.get(k)))
         if cause["law"]:
@@ -251,7 +252,7 @@ def _which(
         section.table(
             ("parameter", "mean", "sd", "90 % interval", "unit"),
             rows,
-            f"{_words(name)}: fitted together with the specimen's own parameters",
+            f"{title(name)}: fitted together with the specimen's own parameters",
         )
         section.text(
             f"It gains {effect['log_evidence']:.0f} nats over the model without it and leads the next effect of "
@@ -266,7 +267,7 @@ def _which(
         section.text("No effect of the catalogue is named.")
     rows = [
         (
-            _words(c["name"]),
+            title(c["name"]),
             f"{c['probability']:.2f}",
             _percent(c["shrink"]),
             _percent(c["shrink_held_out"]),
@@ -281,7 +282,7 @@ def _which(
             "Considered, not named",
         )
     if d["failed"]:
-        section.table(("effect", "why"), [(_words(n), w) for n, w in d["failed"].items()], "Effects that failed")
+        section.table(("effect", "why"), [(title(n), w) for n, w in d["failed"].items()], "Effects that failed")
 
 
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
@@ -297,7 +298,7 @@ def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figur
 
 def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     if not d["moved"]:
-        section.text("No cause is named, so the identified numbers stand as they are.")
+        section.text("No cause is named, so the identified values stand as they are.")
         return
     section.text(
         "A model without the causes bends its own parameters to imitate them. These are the specimen's without and "
@@ -316,14 +317,14 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
     section.heading_below("Cannot be told apart")
     tied = [c for c in verdict["causes"] if c["cannot_tell_apart"]]
     section.text(
-        *(f"These tests do not separate {_words(c['name'])} from {_listed(c['cannot_tell_apart'])}." for c in tied)
+        *(f"These tests do not separate {title(c['name'])} from {listed(c['cannot_tell_apart'])}." for c in tied)
         or ("No named cause has a rival that explains these tests nearly as well.",)
     )
     section.heading_below("Next test")
     if following is None:
         section.text("None is needed to settle which of the catalogue's effects contribute.")
     else:
-        pair = " from ".join(_words(x) for x in following["separates"])
+        pair = " from ".join(title(x) for x in following["separates"])
         test = f"{following['frequency_hz']:.3g} Hz at {following['amplitude_mm']:.3g} mm"
         test += f" for {following['cycles']} cycles" if following.get("cycles") else ""
         odds = f"{following['expected_log_odds']:.1f} expected log odds (5 is strong evidence)"
@@ -335,7 +336,7 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
     section.heading_below("Not testable with these data")
     hidden = verdict["not_testable"]
     section.text(
-        f"Had one of these been there, these tests would not have shown it: {_listed(hidden)}. They are not ruled out."
+        f"Had one of these been there, these tests would not have shown it: {listed(hidden)}. They are not ruled out."
         if hidden
         else "Every effect of the catalogue would have shown at its usual size."
     )
@@ -347,7 +348,7 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
         "warning",
     )
     asked = {n for c in verdict["causes"] for n in (c["name"], *c["cannot_tell_apart"])}
-    benches = [(_words(n), a["bench"]) for n, a in about.items() if a.get("bench") and n in asked]
+    benches = [(title(n), a["bench"]) for n, a in about.items() if a.get("bench") and n in asked]
     if benches:
         section.table(("cause", "what on the bench would show it"), benches, "At the bench")
 
@@ -378,15 +379,6 @@ def _settings(section: Section, d: Mapping[str, Any]) -> None:
     ]
     rows += [(f"model: {k}", str(v)) for k, v in (d.get("base") or {}).items()]
     section.table(("setting", "value"), rows, "Settings")
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def _listed(names: Sequence[str]) -> str:
-    words = [_words(n) for n in names]
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
 def _force(x: float | None) -> str:

@@ -53,7 +53,7 @@ def identification_report(
     _checks(page.section("Is the model enough?"), posterior, p, loop_rows)
     if not posterior.quick:
         _sampling(page.section("Sampling"), posterior, convergence, sampling.history(posterior, out))
-    _priors(page.section("Priors and derived numbers"), posterior)
+    _priors(page.section("Priors and derived quantities"), posterior)
     if pdf:
         page.write_pdf(out / "report.pdf")
     return page.write(out / "report.html")
@@ -139,7 +139,7 @@ def _quantities(section: Section, posterior: Any) -> None:
         ],
         "Identifiable quantities: median and 90 % interval (φ 25 %: a quarter of the elements slip below it). The "
         "wider interval adds how far the number moves when one test after the other is left out (delete-one-test "
-        "jackknife), and for numbers extrapolated the share of elements that no loop resolves; quote that one.",
+        "jackknife), and for extrapolated quantities the share of elements that no loop resolves; quote that one.",
     )
     section.figure(
         marginals.corner_figure(draws, labels),
@@ -242,7 +242,7 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
             frequencies.alone_loops_figure(found),
             "Loops predicted from each test's frequency alone (blue: "
             "median, 50 and 90 % bands) and from all tests (red, dashed: 90 %), less the median from all "
-            "tests. Grey: the measured loop. Bands that part say that the frequency wants other numbers.",
+            "tests. Grey: the measured loop. Bands that part say that the frequency wants other values.",
             "One panel a test: bands of the loop from its frequency alone around the joint prediction.",
         )
         section.table(
@@ -324,8 +324,8 @@ def _checks(section: Section, posterior: Any, p: Predictive, loop_rows: tables.T
 def _sampling(section: Section, posterior: Any, convergence: tables.Table, run: sampling.History) -> None:
     section.figure(
         sampling.traces_figure(posterior, run=run),
-        "Traces and ranks of the six numbers that mix worst. Ensembles that agree have flat rank lines near 1.",
-        "Trace and rank plots of six numbers.",
+        "Traces and ranks of the six quantities that mix worst. Ensembles that agree have flat rank lines near 1.",
+        "Trace and rank plots of six quantities.",
     )
     section.figure(
         sampling.tau_figure(posterior, run),
@@ -387,7 +387,7 @@ def _priors(section: Section, posterior: Any) -> None:
             (r[1], r[2], number(r[7], r[9] - r[5]), number(r[5], r[9] - r[5]), number(r[9], r[9] - r[5]))
             for r in paper.rows
         ],
-        "The paper's numbers (single gamma components and k̃ₙ, λ near β = 0 are hardly determined one by one)"
+        "The paper's parameters (single gamma components and k̃ₙ, λ near β = 0 are hardly determined one by one)"
         if isinstance(posterior.problem.model, Model)
         else "Numbers that follow from the sampled ones",
     )

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_iwan.campaign.inspect import Estimate, Inspection
+from bayes_iwan.campaign.inspect import CycleMean, Inspection
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.style import points, series, styled, subplots
@@ -104,7 +104,7 @@ def trends(tests: Sequence[Inspection], units: Units) -> Figure:
         for k, f in enumerate(frequencies):
             some = sorted((t for t in tests if t.loop.record.frequency_hz == f), key=lambda t: t.loop.amplitude_mm)
             x = [t.loop.amplitude_mm for t in some]
-            found: list[Estimate] = [getattr(t, key) for t in some]
+            found: list[CycleMean] = [getattr(t, key) for t in some]
             y = np.array([e.value for e in found])
             half = np.nan_to_num(np.array([e.high - e.value for e in found]))
             ax.errorbar(

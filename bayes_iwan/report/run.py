@@ -8,7 +8,7 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
-from bayes_iwan.comparison.families import Comparison, compare
+from bayes_iwan.comparison.families import Comparison, compare_families
 from bayes_iwan.comparison.frequencies import compare_frequencies
 from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.results import load
@@ -48,7 +48,9 @@ def compare_campaign(
 ) -> Comparison:
     """Fit families to a campaign, rank them, write out/compare.html and out/compare.csv."""
     with owned(out) as folder:
-        result = compare(campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress)
+        result = compare_families(
+            campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress
+        )
         clear(folder, "compare.html", "compare.csv")
         comparison_report(result, folder)
     return result

@@ -81,7 +81,7 @@ def parameters_table(posterior: Any) -> Table:
 def paper_table(posterior: Any) -> Table:
     """What the simulator derives from its sampled numbers: the paper's (Table 1) for the Iwan model."""
     rows = tuple((n, paper_symbol(n), q.unit, *spread(q.values)) for n, q in posterior.derived().items())
-    return Table("paper_numbers", "The paper's numbers", ("name", "symbol", "unit", *_STATISTICS), rows)
+    return Table("paper_numbers", "The paper's parameters", ("name", "symbol", "unit", *_STATISTICS), rows)
 
 
 def quantities_table(posterior: Any) -> Table:
@@ -133,12 +133,6 @@ def convergence_table(posterior: Any) -> Table:
         (r.name, float(r.r_hat), float(r.ess_bulk), float(r.ess_tail), float(r.tau)) for r in posterior.convergence
     )
     return Table("convergence", "Convergence", ("name", "r_hat", "ess_bulk", "ess_tail", "tau_steps"), rows)
-
-
-def shown_interval(draws: Array, unit: str = "") -> str:
-    """'1.118 [1.116, 1.120] N'."""
-    text = "{} [{}, {}]".format(*interval(draws))
-    return text if unit in ("", "-") else f"{text} {unit}"
 
 
 _TEX_SYMBOL: Mapping[str, str] = {

@@ -14,7 +14,7 @@ from bayes_iwan.rig.fault import Fault
 from bayes_iwan.rig.faults import CATALOGUE, OUTSIDE, laws_of
 from bayes_iwan.rig.sensors import Sensors
 from bayes_iwan.rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
-from bayes_iwan.rig.sizing import Sound, shares, size_fault, surroundings, trial_tests
+from bayes_iwan.rig.sizing import Sound, shares_left, size_fault, surroundings, trial_tests
 from bayes_iwan.rig.specimen import RigError, Specimen, draw_specimen
 
 #: how many faults of the catalogue and from outside it a kind of case has, and how often it is drawn
@@ -228,7 +228,7 @@ def draw_case(
             continue
         friction = _kept(sound, trial_tests(tests, ()), specimen, setup, seed)[0].friction_rms_N
         noisy = with_noise(setup, noise, friction, max(amplitudes))
-        seen = shares(specimen, tests, found, setup=setup, seed=seed)
+        seen = shares_left(specimen, tests, found, setup=setup, seed=seed)
         return Case(kind, specimen, seen, noisy, tests, unseen, seed, friction, noise)
     raise RigError(f"60 specimens and designs drawn, none shows {' and '.join(names)} at the size asked for")
 

@@ -23,7 +23,7 @@ Wave = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True)
-class Drive:
+class RigDrive:
     """A motion of the armature: amplitude_mm(cycles) * wave(cycles), cycles = clock(time).
 
     frequency_hz, amplitude_mm : what the operator writes into campaign.toml; the largest amplitude in mm and the
@@ -63,9 +63,9 @@ def distorted(share: float, order: int = 3, phase: float = 0.7) -> Wave:
 
 def steady(
     frequency_hz: float, amplitude_mm: float, cycles: float = 40.0, wave: Wave = sine, name: str = "steady"
-) -> Drive:
+) -> RigDrive:
     """One frequency, one amplitude, any wave."""
-    return Drive(
+    return RigDrive(
         name,
         frequency_hz,
         amplitude_mm,
@@ -76,18 +76,18 @@ def steady(
     )
 
 
-def staircase(frequency_hz: float, amplitudes_mm: Sequence[float], cycles: int = 20) -> Drive:
+def staircase(frequency_hz: float, amplitudes_mm: Sequence[float], cycles: int = 20) -> RigDrive:
     """`cycles` at each of the amplitudes, one after the other in one record."""
     levels = np.asarray(amplitudes_mm, dtype=float)
     whole = steady(frequency_hz, float(np.mean(levels)), cycles * levels.size, name="staircase")
     return replace(whole, envelope_mm=lambda c: levels[np.clip((c // cycles).astype(int), 0, levels.size - 1)])
 
 
-def stepped_frequency(frequencies_hz: Sequence[float], amplitude_mm: float, cycles: int = 20) -> Drive:
+def stepped_frequency(frequencies_hz: Sequence[float], amplitude_mm: float, cycles: int = 20) -> RigDrive:
     """`cycles` at each of the frequencies, one after the other in one record, without a jump of phase."""
     f = np.asarray(frequencies_hz, dtype=float)
     edges = np.concatenate([[0.0], np.cumsum(cycles / f)])
-    return Drive(
+    return RigDrive(
         "stepped frequency",
         float(np.mean(f)),
         amplitude_mm,
@@ -100,16 +100,16 @@ def stepped_frequency(frequencies_hz: Sequence[float], amplitude_mm: float, cycl
 
 def drifting_amplitude(
     frequency_hz: float, amplitude_mm: float, first: float = 0.8, last: float = 1.2, cycles: int = 40
-) -> Drive:
+) -> RigDrive:
     """The amplitude runs from `first` to `last` times the wanted one."""
     whole = steady(frequency_hz, amplitude_mm, cycles, name="drifting amplitude")
     return replace(whole, envelope_mm=lambda c: amplitude_mm * (first + (last - first) * np.clip(c / cycles, 0, 1)))
 
 
-def sweep(first_hz: float, last_hz: float, amplitude_mm: float, duration_s: float = 6.0) -> Drive:
+def sweep(first_hz: float, last_hz: float, amplitude_mm: float, duration_s: float = 6.0) -> RigDrive:
     """The frequency runs evenly from `first_hz` to `last_hz`; the operator writes the middle down."""
     rate = (last_hz - first_hz) / duration_s
-    return Drive(
+    return RigDrive(
         "sweep",
         (first_hz + last_hz) / 2,
         amplitude_mm,
@@ -122,7 +122,7 @@ def sweep(first_hz: float, last_hz: float, amplitude_mm: float, duration_s: floa
 
 def simulate_drive(
     specimen: Specimen,
-    drive: Drive,
+    drive: RigDrive,
     *,
     setup: Setup | None = None,
     seed: int = 0,

@@ -30,7 +30,7 @@ _FUNCTIONS = {
 _LISTS = ("force_filters", "displacement_filters", "additions")
 
 
-def check(faults: Sequence[Fault]) -> None:
+def check_faults(faults: Sequence[Fault]) -> None:
     """Raise `RigError` for an unknown name or law, or for a fault without its main number."""
     for fault in faults:
         if fault.name not in KINDS:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_iwan.campaign import Record, write_campaign
 from bayes_iwan.rig.fault import Fault
-from bayes_iwan.rig.faults import check
+from bayes_iwan.rig.faults import check_faults
 from bayes_iwan.rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
 from bayes_iwan.rig.sizing import fault_size, size_fault, surroundings
 from bayes_iwan.rig.specimen import RigError, Specimen, paper_specimen
@@ -56,7 +56,7 @@ def simulate_campaign(
     sound = surroundings(specimen, tests, setup=setup, seed=seed)
     faults: tuple[Fault, ...] = ()
     if isinstance(fault, Fault):
-        check((fault,))
+        check_faults((fault,))
         found = fault_size(specimen, tests, fault, setup=setup, seed=seed, sound=sound)
         faults = (replace(fault, size=found),)
     elif fault is not None:

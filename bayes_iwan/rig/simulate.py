@@ -16,7 +16,7 @@ import numpy as np
 
 from bayes_iwan.campaign import Record
 from bayes_iwan.rig.fault import Acting, Fault, uniform_grid
-from bayes_iwan.rig.faults import acting, check, scatter
+from bayes_iwan.rig.faults import acting, check_faults, scatter
 from bayes_iwan.rig.kernel import Numbers, march
 from bayes_iwan.rig.sensors import Chain, Sensors, measure
 from bayes_iwan.rig.specimen import Floats, RigError, Specimen
@@ -64,7 +64,7 @@ class Setup:
 
 
 @dataclass(frozen=True)
-class Run:
+class RigRun:
     """One simulated test: samples as recorded, what was planned, and the frequency that was really run."""
 
     test: PlannedTest
@@ -89,7 +89,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Motion:
+class RigMotion:
     """One test as the rig moved, before any channel has seen it: fine steps (n,), and where samples will be taken."""
 
     test: PlannedTest
@@ -171,7 +171,7 @@ def simulate_test(
     index: int = 0,
     fidelity: Fidelity = FULL,
     clean: bool = False,
-) -> Run:
+) -> RigRun:
     """Run one test from rest and record it.
 
     `index` is the test's place in the campaign; `seed` and `index` settle everything random. The controller
@@ -186,8 +186,14 @@ def simulate_test(
 
 
 def observe(
-    motion: Motion, *, setup: Setup, faults: tuple[Fault, ...] = (), seed: int = 0, index: int = 0, clean: bool = False
-) -> Run:
+    motion: RigMotion,
+    *,
+    setup: Setup,
+    faults: tuple[Fault, ...] = (),
+    seed: int = 0,
+    index: int = 0,
+    clean: bool = False,
+) -> RigRun:
     """Record a motion; of the faults, those of the measuring chain act here."""
     act = acting(faults)
     chain = Chain(**{k: v for k, v in act.items() if k in _CHAIN})
@@ -197,7 +203,7 @@ def observe(
         motion.time_s, motion.displacement_mm, motion.force_N, motion.sample_times_s, setup.sensors, chain,
         np.random.default_rng([seed, index, 1]), clean, motion.true_frequency_hz,
     )  # fmt: skip
-    return Run(motion.test, motion.true_frequency_hz, motion.sample_times_s, u, f)
+    return RigRun(motion.test, motion.true_frequency_hz, motion.sample_times_s, u, f)
 
 
 def move(
@@ -209,9 +215,9 @@ def move(
     seed: int = 0,
     index: int = 0,
     fidelity: Fidelity = FULL,
-) -> Motion:
+) -> RigMotion:
     """Move the rig through one test from rest; see `simulate_test`."""
-    check(faults)
+    check_faults(faults)
     act = acting(faults)
     if fidelity == FULL and _REMEMBERS & set(act):
         fidelity = RATED
@@ -266,7 +272,7 @@ def move(
     )  # fmt: skip
     n = round(test.cycles / test.frequency_hz * setup.sample_rate_hz)
     samples = np.arange(n) / setup.sample_rate_hz
-    return Motion(test, frequency, t, seen, force, samples)
+    return RigMotion(test, frequency, t, seen, force, samples)
 
 
 def simulate_tests(
@@ -279,7 +285,7 @@ def simulate_tests(
     first_index: int = 0,
     fidelity: Fidelity = FULL,
     clean: bool = False,
-) -> tuple[Run, ...]:
+) -> tuple[RigRun, ...]:
     """Run several tests of one campaign; see `simulate_test`."""
     return tuple(
         simulate_test(
@@ -306,7 +312,7 @@ def file_name(test: PlannedTest, taken: set[str]) -> str:
     return name
 
 
-def records(runs: Sequence[Run]) -> list[Record]:
+def records(runs: Sequence[RigRun]) -> list[Record]:
     """The runs as a campaign's records, with file names."""
     taken: set[str] = set()
     return [r.record(file_name(r.test, taken)) for r in runs]

@@ -13,9 +13,9 @@ from bayes_iwan.rig.fault import Fault, Surroundings
 from bayes_iwan.rig.faults import KINDS, complete, drawn, laws_of
 from bayes_iwan.rig.simulate import (
     COARSE,
-    Motion,
     PlannedTest,
-    Run,
+    RigMotion,
+    RigRun,
     Setup,
     move,
     observe,
@@ -25,17 +25,17 @@ from bayes_iwan.rig.simulate import (
 from bayes_iwan.rig.specimen import Floats, RigError, Specimen
 
 #: a specimen's tests without any fault: what faults are compared with, the records, and the motion behind them
-Sound = tuple[Surroundings, tuple[Run, ...], tuple[Motion, ...]]
+Sound = tuple[Surroundings, tuple[RigRun, ...], tuple[RigMotion, ...]]
 #: recorded cycles and cycles of run-in of a trial run of a fault that does not evolve
 _TRIAL = (4, 4)
 
 
-def friction_rms_N(runs: Sequence[Run], parallel_N_mm: float) -> float:
+def friction_of_runs_N(runs: Sequence[RigRun], parallel_N_mm: float) -> float:
     """RMS over the tests of the force less the parallel spring's."""
     return float(np.sqrt(np.mean([np.mean((r.force_N - parallel_N_mm * r.displacement_mm) ** 2) for r in runs])))
 
 
-def _changes(changed: Sequence[Run], sound: Sequence[Run]) -> list[Floats]:
+def _changes(changed: Sequence[RigRun], sound: Sequence[RigRun]) -> list[Floats]:
     """Change of the force in each test, both records brought to the same phase of the measured displacement."""
     changes = []
     for a, b in zip(changed, sound):
@@ -49,7 +49,7 @@ def _changes(changed: Sequence[Run], sound: Sequence[Run]) -> list[Floats]:
     return changes
 
 
-def force_change_N(changed: Sequence[Run], sound: Sequence[Run], about_mean: bool = False) -> float:
+def force_change_N(changed: Sequence[RigRun], sound: Sequence[RigRun], about_mean: bool = False) -> float:
     """RMS over the tests of the change of the force at equal measured displacement.
 
     Both records are brought to the same phase of the measured displacement's fundamental first, so that a fault
@@ -72,13 +72,15 @@ def surroundings(
         frequencies_hz=tuple(t.frequency_hz for t in tests),
         amplitudes_mm=tuple(t.amplitude_mm for t in tests),
         record_s=float(np.mean([t.cycles / t.frequency_hz for t in tests])),
-        friction_rms_N=friction_rms_N(runs, specimen.parallel_N_mm),
+        friction_rms_N=friction_of_runs_N(runs, specimen.parallel_N_mm),
         force_peak_N=max(float(np.max(np.abs(r.force_N))) for r in runs),
     )
     return around, runs, motions
 
 
-def _observed(motions: Sequence[Motion], faults: tuple[Fault, ...], setup: Setup | None, seed: int) -> tuple[Run, ...]:
+def _observed(
+    motions: Sequence[RigMotion], faults: tuple[Fault, ...], setup: Setup | None, seed: int
+) -> tuple[RigRun, ...]:
     return tuple(
         observe(m, setup=setup or Setup(), faults=faults, seed=seed, index=i, clean=True) for i, m in enumerate(motions)
     )
@@ -86,7 +88,7 @@ def _observed(motions: Sequence[Motion], faults: tuple[Fault, ...], setup: Setup
 
 def _changed(
     specimen: Specimen, sound: Sound, faults: tuple[Fault, ...], setup: Setup | None, seed: int
-) -> tuple[Run, ...]:
+) -> tuple[RigRun, ...]:
     """The tests of `sound` again with faults in them; the motion is that of the sound rig where it may be."""
     if only_measured(faults):
         return _observed(sound[2], faults, setup, seed)
@@ -181,7 +183,7 @@ def _column(parts: Sequence[Floats], about_mean: bool) -> Floats:
     return np.concatenate([(c - c.mean() if about_mean else c) / np.sqrt(c.size) for c in parts])
 
 
-def shares(
+def shares_left(
     specimen: Specimen,
     tests: Sequence[PlannedTest],
     faults: Sequence[Fault],
@@ -194,7 +196,7 @@ def shares(
     *Visible share*: what is left, in RMS, of a fault's change of the force after the best combination of small changes
     of both springs, of the stiffness law, of the normal force's numbers and of the slip forces (eight groups) is taken
     out: what no other numbers of the specimen imitate. A rig's compliance leaves some 0.02 (it looks like other slip
-    forces), mains hum leaves 1.
+    forces), a mains line leaves 1.
 
     *Share of the gap*: the gap is what all faults together leave so; taking some of them away leaves a smaller gap,
     and 1 − smaller/larger is what they remove. That is shared among the faults by Shapley's value (as LMG does for
@@ -228,7 +230,7 @@ def shares(
 def _imitations(
     specimen: Specimen,
     tests: Sequence[PlannedTest],
-    runs: Sequence[Run],
+    runs: Sequence[RigRun],
     about_mean: bool,
     setup: Setup | None,
     seed: int,
@@ -262,7 +264,7 @@ def _imitations(
     return np.asarray(matrix @ (turned[:, kept] / np.sqrt(size[kept])))
 
 
-def _goes_on(change: Floats, short: Run, long: Run) -> Floats:
+def _goes_on(change: Floats, short: RigRun, long: RigRun) -> Floats:
     if long.time_s.size == short.time_s.size:
         return change
     whole = 2.0 / short.true_frequency_hz

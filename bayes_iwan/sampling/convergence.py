@@ -64,7 +64,7 @@ class Convergence:
         return "; ".join(parts)
 
 
-def diagnose(draws: Array, names: tuple[str, ...], thin: int = 1) -> Convergence:
+def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1) -> Convergence:
     """All diagnostics of draws (ensembles, stored steps, walkers, numbers), stored every `thin` steps."""
     x = np.asarray(draws, dtype=float)
     if x.ndim != 4 or x.shape[3] != len(names):

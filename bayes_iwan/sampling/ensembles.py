@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.sampling.convergence import Convergence, diagnose
+from bayes_iwan.sampling.convergence import Convergence, convergence_of
 from bayes_iwan.sampling.proposal import Proposal
 from bayes_iwan.sampling.run import POWERS, Run
 from bayes_iwan.sampling.walkers import SamplingError, Walkers
@@ -149,7 +149,9 @@ def sample(
                 enough = run.n_steps >= run.next_check or run.n_steps >= max_steps or run.late
                 if enough and run.draws.shape[1] >= 8:
                     values = run.evaluate(quantities, len(quantity_names))
-                    result = diagnose(np.concatenate([run.draws, values], axis=3), names + quantity_names, run.thin)
+                    result = convergence_of(
+                        np.concatenate([run.draws, values], axis=3), names + quantity_names, run.thin
+                    )
                     short = result.shortfall(target_r_hat, target_ess, chain_taus)
                     run.plan_check(result, target_ess, chain_taus)
                     bar.set_postfix_str(
@@ -174,7 +176,7 @@ def sample(
             said = "interrupted" if run.n_steps else "interrupted in warm-up, before any draw that counts"
             values = run.evaluate(quantities, len(quantity_names))
             if run.draws.shape[1] >= 8:
-                result = diagnose(np.concatenate([run.draws, values], axis=3), names + quantity_names, run.thin)
+                result = convergence_of(np.concatenate([run.draws, values], axis=3), names + quantity_names, run.thin)
                 short = result.shortfall(target_r_hat, target_ess, chain_taus)
     return Chains(
         names=names,

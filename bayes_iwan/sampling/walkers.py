@@ -38,7 +38,7 @@ class Walkers:
             raise SamplingError(f"n_ensembles = {ensembles}: R-hat needs at least 2 independent ensembles, better 4")
         if walkers < enough_walkers(ndim):
             least = enough_walkers(ndim)
-            raise SamplingError(f"n_walkers = {walkers} is too few for {ndim} numbers; take at least {least}")
+            raise SamplingError(f"n_walkers = {walkers} is too few for {ndim} parameters; take at least {least}")
         self.function, self.ensembles, self.walkers, self.ndim = log_prob, ensembles, walkers, ndim
         self.powers = powers
         self.blocks = ensembles * len(powers)

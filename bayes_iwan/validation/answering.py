@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from bayes_iwan.executors import Failure, finished
+from bayes_iwan.files import write_json
 from bayes_iwan.validation import confinement
-from bayes_iwan.validation.sealed import WithheldError, case_names, read_json, truth_folder, write_json
+from bayes_iwan.validation.sealed import WithheldError, case_names, read_json, truth_folder
 
 Diagnose = Callable[[Path, Path, int, bool], Any]
 

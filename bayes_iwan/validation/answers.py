@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayes_iwan.validation.sealed import WithheldError
-from bayes_iwan.validation.truths import number
+from bayes_iwan.validation.truths import json_number
 
 KINDS = ("none", "explained", "partly_explained", "unknown")
 #: probabilities are rounded when they are written
@@ -100,15 +100,22 @@ def _second(name: str, answer: Mapping[str, Any], probabilities: Mapping[str, fl
         raise WithheldError(f"the answer to {name} is refused: {refused}")
     left = answer.get("rest") or {}
     low, high = left.get("interval") or (float("nan"), float("nan"))
-    return Answer(kind, causes, rest, number(left.get("share")), number(low), number(high), probabilities)
+    return Answer(
+        kind, causes, rest, json_number(left.get("share")), json_number(low), json_number(high), probabilities
+    )
 
 
 def _named(cause: Mapping[str, Any]) -> Named:
     low, high = cause.get("share_interval") or (float("nan"), float("nan"))
     return Named(
-        str(cause["name"]), number(cause["probability"]), number(cause.get("share")), number(low), number(high),
-        number(cause.get("share_held_out")), frozenset(cause.get("cannot_tell_apart") or ()),
-    )  # fmt: skip
+        str(cause["name"]),
+        json_number(cause["probability"]),
+        json_number(cause.get("share")),
+        json_number(low),
+        json_number(high),
+        json_number(cause.get("share_held_out")),
+        frozenset(cause.get("cannot_tell_apart") or ()),
+    )
 
 
 def _first(name: str, verdict: Mapping[str, Any], probabilities: dict[str, float]) -> Answer:

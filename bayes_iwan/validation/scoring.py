@@ -58,7 +58,7 @@ class Score:
         lines += _split_lines("by law (visible listed causes)", ("named", "or in the set"), by_law(self.cases))
         lines += _split_lines("by outside kind (visible)", ("rest flagged", "a false name"), by_outside(self.cases))
         if self.faulty:
-            lines.append("told apart, not counted: cases of a law that no specimen has")
+            lines.append("counted apart: cases of a law that no specimen has")
             lines += [f"  {c.name}: {', '.join(k.name for k in c.truth.causes)}: {_said(c)}" for c in self.faulty]
         missing = [c.name for c in self.cases if not c.answered]
         if missing:

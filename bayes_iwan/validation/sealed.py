@@ -38,7 +38,7 @@ import numpy as np
 
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.executors import Failure, finished
-from bayes_iwan.files import write_whole
+from bayes_iwan.files import write_json
 from bayes_iwan.rig import cases as rig_cases
 
 RULE = "sha256 of the case's truth as JSON with sorted keys, salt inside"
@@ -49,11 +49,6 @@ class WithheldError(ValueError):
 
 
 # ---- writing and sealing
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write JSON so that a reader finds the old file or the new one, never half of either."""
-    write_whole(path, json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 
 def read_json(path: Path) -> Any:

@@ -3,7 +3,7 @@
 Ours: {"kind", "effects": [{"name", "law", "size", "visible_share", "share", ...}], "specimen", "noise", "design"}.
 The first sealed set came from another rig: {"kind": "none" or a name, "second": a name, "effect": {number: value},
 "raw_share", "noise", "tests"}. That rig's force clipping took its limit per record, and its direction-dependent
-friction acted on the elements' stiffness too: no specimen has such laws, and cases with either are told apart.
+friction acted on the elements' stiffness too: no specimen has such laws, and cases with either are counted apart.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayes_iwan.rig.cases import KINDS
-from bayes_iwan.rig.faults import CATALOGUE, OUTSIDE
+from bayes_iwan.rig.faults import CATALOGUE
 from bayes_iwan.validation.sealed import WithheldError
 
 #: laws of the first set's rig that no specimen has
@@ -21,7 +21,7 @@ UNPHYSICAL = ("force_clipping", "direction_dependent_friction")
 
 
 @dataclass(frozen=True)
-class Cause:
+class PlantedCause:
     """One true cause: `law` "" if not said; `size`, `visible` (what no other specimen imitates) as shares of friction.
 
     `share`: its part of the gap that all of a case's causes leave. nan for what the truth does not say.
@@ -45,23 +45,23 @@ class Truth:
     frequencies its tests have, the specimen's family of slip forces, and whether its rig had an impossible law."""
 
     kind: str
-    causes: tuple[Cause, ...]
+    causes: tuple[PlantedCause, ...]
     noise: float
     frequencies: int
     family: str
     faulty: bool
 
     @property
-    def listed(self) -> tuple[Cause, ...]:
+    def listed(self) -> tuple[PlantedCause, ...]:
         """The causes that the catalogue has."""
         return tuple(c for c in self.causes if c.listed)
 
-    def seen(self, cause: Cause) -> bool:
+    def seen(self, cause: PlantedCause) -> bool:
         """Whether a cause leaves a gap above the noise once the specimen's numbers have moved; True if not known."""
         return not cause.visible <= self.noise
 
 
-def number(value: Any) -> float:
+def json_number(value: Any) -> float:
     """A JSON number, nan for anything else."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
 
@@ -77,10 +77,10 @@ def read_truth(name: str, truth: Mapping[str, Any]) -> Truth:
 def _ours(truth: Mapping[str, Any]) -> Truth:
     causes = []
     for e in truth["effects"]:
-        size = number(e.get("size"))
-        visible = size * number(e.get("visible_share"))
-        share = number(e.get("share")) if len(truth["effects"]) > 1 else 1.0
-        causes.append(Cause(e["name"], e.get("law", ""), size, visible, share))
+        size = json_number(e.get("size"))
+        visible = size * json_number(e.get("visible_share"))
+        share = json_number(e.get("share")) if len(truth["effects"]) > 1 else 1.0
+        causes.append(PlantedCause(e["name"], e.get("law", ""), size, visible, share))
     if truth["kind"] not in KINDS:
         raise KeyError(f"kind {truth['kind']!r}")
     noise = truth.get("noise")
@@ -88,7 +88,7 @@ def _ours(truth: Mapping[str, Any]) -> Truth:
     return Truth(
         kind=truth["kind"],
         causes=tuple(causes),
-        noise=number(noise.get("share_of_friction")) if isinstance(noise, Mapping) else float("nan"),
+        noise=json_number(noise.get("share_of_friction")) if isinstance(noise, Mapping) else float("nan"),
         frequencies=len({t["frequency_hz"] for t in tests if t.get("role", "fit") == "fit"}),
         family=str(truth.get("specimen", {}).get("family", "")),
         faulty=False,
@@ -103,19 +103,15 @@ def _first_set(truth: Mapping[str, Any]) -> Truth:
     return Truth(
         kind=kind,
         causes=tuple(
-            Cause(
-                n, size=number(truth.get("raw_share")) if alone else float("nan"), share=1.0 if alone else float("nan")
+            PlantedCause(
+                n,
+                size=json_number(truth.get("raw_share")) if alone else float("nan"),
+                share=1.0 if alone else float("nan"),
             )
             for n in names
         ),
-        noise=number(truth.get("noise")),
+        noise=json_number(truth.get("noise")),
         frequencies=len({f for f, _ in truth.get("tests", [])}),
         family=str(truth.get("base", {}).get("family", "")),
         faulty=any(n in UNPHYSICAL for n in names),
     )
-
-
-def outside_names(truths: Mapping[str, Truth]) -> tuple[str, ...]:
-    """Names of causes from outside the catalogue that occur, the rig's first."""
-    found = {c.name for t in truths.values() for c in t.causes if not c.listed}
-    return tuple(sorted(found, key=lambda n: (n not in OUTSIDE, n)))

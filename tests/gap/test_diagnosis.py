@@ -11,7 +11,7 @@ from bayes_iwan.campaign import read_campaign, write_campaign
 from bayes_iwan.effects.base import EffectError
 from bayes_iwan.effects.catalogue import NAMES
 from bayes_iwan.files import finite, write_json
-from bayes_iwan.gap.answer import about, to_dict, write_answer
+from bayes_iwan.gap.answer import effects_described, to_dict, write_answer
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.diagnosis import BASES, diagnose_loops
 from bayes_iwan.gap.gap_size import gap_power_N2
@@ -198,7 +198,7 @@ def test_classical_base_names_the_term_that_it_lacks(classical):
     slope = next(e for e in d["effects"] if e["name"] == "varying_normal_force")["parameters"]["slope"]
     scale = classical.found.search.scales.length_mm / 0.9  # the kit's reference length is 0.9 mm
     assert slope["mean"] == pytest.approx(0.35 * scale**0.8, abs=4 * slope["sd"] + 0.05)
-    assert "varying_normal_force" in about(classical.found)
+    assert "varying_normal_force" in effects_described(classical.found)
 
 
 def test_bases_are_models(kit):

@@ -11,7 +11,7 @@ import pytest
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.inference import results
 from bayes_iwan.inference.config import ConfigError, settings_of
-from bayes_iwan.inference.identify import by_frequency, identify, identify_problem
+from bayes_iwan.inference.identify import by_frequency, identify_campaign, identify_problem
 from bayes_iwan.inference.point import find_point, goal_share, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.results import ResultsError
@@ -45,7 +45,7 @@ def folder(small_loops, tmp_path_factory):
 @pytest.fixture(scope="module")
 def run(folder, tmp_path_factory):
     out = tmp_path_factory.mktemp("results")
-    return identify(folder, out, config=SMALL, seed=1, progress=False), out
+    return identify_campaign(folder, out, config=SMALL, seed=1, progress=False), out
 
 
 def test_the_truth_is_found(run):
@@ -142,12 +142,12 @@ def test_a_result_without_its_campaign_is_refused(run, tmp_path, small_loops):
 def test_the_same_seed_gives_the_same_draws_and_resuming_them(run, folder):
     """A finished run is gone on with from its checkpoint to the same result; a second run without --resume is not."""
     posterior, out = run
-    again = identify(folder, None, config=SMALL, seed=1, progress=False)
+    again = identify_campaign(folder, None, config=SMALL, seed=1, progress=False)
     np.testing.assert_array_equal(again.z, posterior.z)
-    resumed = identify(folder, out, config=SMALL, seed=1, resume=True, progress=False)
+    resumed = identify_campaign(folder, out, config=SMALL, seed=1, resume=True, progress=False)
     np.testing.assert_array_equal(resumed.z, posterior.z)
     with pytest.raises(CheckpointError, match="resume"):
-        identify(folder, out, config=SMALL, seed=1, progress=False)
+        identify_campaign(folder, out, config=SMALL, seed=1, progress=False)
 
 
 def test_ctrl_c_keeps_what_was_drawn(folder, tmp_path, monkeypatch):
@@ -165,10 +165,10 @@ def test_ctrl_c_keeps_what_was_drawn(folder, tmp_path, monkeypatch):
     long = SMALL | {"sampling": SMALL["sampling"] | {"ess": 1e6}}
     with pytest.raises(KeyboardInterrupt):
         calls["left"] = 300
-        identify(folder, tmp_path / "early", config=long, seed=1, progress=False)
+        identify_campaign(folder, tmp_path / "early", config=long, seed=1, progress=False)
     assert (tmp_path / "early" / "chains.ckpt").exists()
     calls["left"] = 6000
-    late = identify(folder, tmp_path / "late", config=long, seed=1, progress=False)
+    late = identify_campaign(folder, tmp_path / "late", config=long, seed=1, progress=False)
     assert late.interrupted and not late.converged and (tmp_path / "late" / "summary.csv").exists()
 
 
@@ -184,7 +184,7 @@ def test_ctrl_c_keeps_what_was_drawn(folder, tmp_path, monkeypatch):
 def test_resuming_something_else_is_refused(run, folder, change, part):
     _, out = run
     with pytest.raises(CheckpointError, match=part):
-        identify(folder, out, config=SMALL | change, seed=1, resume=True, progress=False)
+        identify_campaign(folder, out, config=SMALL | change, seed=1, resume=True, progress=False)
 
 
 def test_each_frequency_alone(folder, tmp_path, small_loops):
@@ -195,13 +195,13 @@ def test_each_frequency_alone(folder, tmp_path, small_loops):
         "f20Hz": ["f20_a1.csv"],
     }
     assert by_frequency([replace(x, role="held-out") for x in small_loops]) == {}
-    identify(folder, tmp_path, config=SMALL, seed=2, per_test=True, progress=False)
+    identify_campaign(folder, tmp_path, config=SMALL, seed=2, per_test=True, progress=False)
     for name in groups:
         part = results.load(tmp_path / "per_test" / name)
         kp = part.values()["kp_N_mm"]
         assert abs(kp.mean() - 5.5) < 5 * kp.std() and part.loops[0].file in [x.file for x in groups[name]]
     with pytest.raises(ConfigError, match="folder"):
-        identify(folder, None, config=SMALL, per_test=True)
+        identify_campaign(folder, None, config=SMALL, per_test=True)
 
 
 def test_predictions_of_a_posterior(run):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference.population import Specimen, population
+from bayes_iwan.inference.population import SpecimenDraws, population
 
 
 def drawn(rng, n, middle, spread, error, prior=(0.0, 3.0)):
@@ -18,7 +18,7 @@ def drawn(rng, n, middle, spread, error, prior=(0.0, 3.0)):
         at = (seen / sd**2 + prior[0] / prior[1] ** 2) / precision
         draws = at + rng.standard_normal(400) / np.sqrt(precision)
         before = prior[0] + prior[1] * rng.standard_normal(1000)
-        out.append(Specimen(f"s{i:02d}", np.exp(draws), np.exp(before)))
+        out.append(SpecimenDraws(f"s{i:02d}", np.exp(draws), np.exp(before)))
     return out
 
 
@@ -56,7 +56,7 @@ def test_a_specimen_that_stands_out_is_named_and_others_are_not():
     specimens = drawn(rng, 15, 1.5, 0.05, 0.02)
     assert population(specimens).outliers() == ()
     odd = specimens[6]
-    specimens[6] = Specimen("odd", 1.6 * odd.draws, odd.prior)
+    specimens[6] = SpecimenDraws("odd", 1.6 * odd.draws, odd.prior)
     found = population(specimens)
     assert found.outliers() == ("odd",)
     low, high = found.next_specimen
@@ -66,10 +66,10 @@ def test_a_specimen_that_stands_out_is_named_and_others_are_not():
 def test_a_quantity_of_either_sign_and_too_few_specimens():
     rng = np.random.default_rng(5)
     some = [
-        Specimen(str(i), v + 0.1 * rng.standard_normal(300), rng.standard_normal(500))
+        SpecimenDraws(str(i), v + 0.1 * rng.standard_normal(300), rng.standard_normal(500))
         for i, v in enumerate((-0.1, 0.0, 0.2, 0.1))
     ]
     found = population(some)
     assert not found.relative and found.typical[1] < 0.05 < found.typical[2]
     assert population(some[:2]) is None
-    assert population([Specimen("c", np.ones(10), np.ones(10))] * 4) is None
+    assert population([SpecimenDraws("c", np.ones(10), np.ones(10))] * 4) is None

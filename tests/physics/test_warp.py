@@ -90,16 +90,6 @@ def _cumulative(c, p):
     return integrate.cumulative_trapezoid(warp.tilt(c, p)[0], p, initial=0.0)
 
 
-def test_weak_elements_are_a_mixture_with_an_exponential():
-    tables, top = Gammas(1).table(gamma_numbers(0.7, 2.0))
-    bent = warp.with_weak_elements(tables, top, np.array([0.2]), np.array([0.1]))
-    phi = np.geomspace(1e-7, 1.0, 400) * top[0]
-    limited = read(phi, tables[0], top[0])
-    np.testing.assert_allclose(read(phi, bent[0], top[0]), 0.8 * limited + 0.2 * 0.1 * -np.expm1(-phi / 0.1), atol=2e-6)
-    none = warp.with_weak_elements(tables, top, np.zeros(1), np.array([0.1]))
-    np.testing.assert_array_equal(none, tables)
-
-
 def test_bent_stiffness_has_the_elasticity_it_says():
     alpha = np.linspace(0.4, 1.9, 301)[None, None]
     k = 5.0 * alpha**0.3

@@ -13,7 +13,7 @@ from bayes_iwan.inference.point import Point, laplace_scale, most_probable
 from bayes_iwan.inference.posterior import ConvergenceRow, Posterior
 from bayes_iwan.inference.problem import make_problem
 from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.sampling.convergence import diagnose
+from bayes_iwan.sampling.convergence import convergence_of
 
 RATE = 1280.0
 TRUTH = {
@@ -65,7 +65,7 @@ def made_posterior(records, settings=SETTINGS, draws=1024, path=Path(".")):
     z, lp = z[np.isfinite(lp)], lp[np.isfinite(lp)]
     keep = len(z) // 32 * 32
     z, lp = z[:keep].reshape(4, -1, problem.ndim), lp[:keep].reshape(4, -1)
-    c = diagnose(np.moveaxis(z.reshape(4, 8, -1, problem.ndim), 1, 2), problem.names)
+    c = convergence_of(np.moveaxis(z.reshape(4, 8, -1, problem.ndim), 1, 2), problem.names)
     rows = tuple(ConvergenceRow(*x) for x in zip(c.names, c.ess_bulk, c.ess_tail, c.r_hat, c.tau_steps))
     point = Point(
         "eq8",

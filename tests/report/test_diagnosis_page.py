@@ -13,7 +13,7 @@ import pytest
 
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import finite
-from bayes_iwan.gap.answer import about, to_dict
+from bayes_iwan.gap.answer import effects_described, to_dict
 from bayes_iwan.gap.budget import Kind
 from bayes_iwan.gap.findings import GapPictures
 from bayes_iwan.gap.where import Statistic
@@ -148,7 +148,7 @@ def percent(cell):
 def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures):
     d = answer(found) | {"campaign": "a <rope> & spring"}
     d["where"]["sentences"] = ["It grows with <frequency>."]
-    text, parts = read(write_diagnosis_page(d, figures, tmp_path / "diagnosis.html", about(found)))
+    text, parts = read(write_diagnosis_page(d, figures, tmp_path / "diagnosis.html", effects_described(found)))
     assert parts.outside == [] and parts.open == []
     assert len(parts.ids) == len(set(parts.ids))
     assert parts.headings[:3] == ["Answer", "Where the model misses", "Which cause"]
@@ -181,7 +181,7 @@ def test_the_gap_stands_as_a_sum(tmp_path, found):
     assert percent(causes[0][4]) == pytest.approx(100 * found.verdict.causes[0].held_out.value, abs=0.6)
     assert float(causes[0][1]) == pytest.approx(found.verdict.probabilities["viscous_damping"], abs=0.006)
     considered = rows_of(text, "Considered, not named")
-    assert [row[0].replace(" ", "_") for row in considered] == ["channel_delay"]
+    assert [row[0] for row in considered] == ["a delay between the channels"]
 
 
 def test_a_rest_without_a_name_is_said_with_where_it_sits(tmp_path, found):

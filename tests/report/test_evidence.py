@@ -11,7 +11,7 @@ from scipy import stats
 
 from bayes_iwan.comparison import frequencies as per_frequency
 from bayes_iwan.comparison import loo
-from bayes_iwan.comparison.families import SHORT, CompareError, compare
+from bayes_iwan.comparison.families import SHORT, CompareError, compare_families
 from bayes_iwan.comparison.frequencies import compare_frequencies
 from bayes_iwan.comparison.pareto import fit_generalized_pareto, smooth_log_weights
 from bayes_iwan.inference.problem import make_problem
@@ -98,7 +98,7 @@ def test_left_out_tests_by_weights_and_by_moves(posterior, monkeypatch):
 
 @pytest.fixture(scope="module")
 def comparison(posterior):
-    return compare(
+    return compare_families(
         posterior.problem.loops, ["constant_grip", "gamma1"], config=TINY, seed=2, by="tests", progress=False
     )
 
@@ -122,11 +122,11 @@ def test_page_and_table_of_a_comparison(comparison, tmp_path):
 
 def test_bad_requests_are_refused(posterior):
     with pytest.raises(CompareError, match="no family 'gama1'; there are gamma3"):
-        compare(posterior.problem.loops, ["gama1", "gamma2"])
+        compare_families(posterior.problem.loops, ["gama1", "gamma2"])
     with pytest.raises(CompareError, match="at least two"):
-        compare(posterior.problem.loops, ["gamma1"])
+        compare_families(posterior.problem.loops, ["gamma1"])
     with pytest.raises(CompareError, match="choose auto, loo or tests"):
-        compare(posterior.problem.loops, ["gamma1", "gamma2"], by="eye")
+        compare_families(posterior.problem.loops, ["gamma1", "gamma2"], by="eye")
 
 
 def test_replicates_are_as_wide_as_measured_loops_wander(posterior):

@@ -152,7 +152,7 @@ def test_size_asked_for_is_the_size_at_full_fidelity(specimen, sound, name):
     assert effect.size == pytest.approx(0.08, rel=0.021)
     changed = simulate_tests(specimen, PLAN, faults=(effect,), clean=True)
     base = simulate_tests(specimen, PLAN, clean=True)
-    friction = sizing.friction_rms_N(base, specimen.parallel_N_mm)
+    friction = sizing.friction_of_runs_N(base, specimen.parallel_N_mm)
     assert sizing.force_change_N(changed, base) / friction == pytest.approx(0.08, rel=0.06)
 
 
@@ -181,11 +181,11 @@ def test_visible_share_of_what_a_specimen_can_and_cannot_imitate(specimen, sound
     names = ("rig_compliance", "mains_hum", "moving_mass")
     faults = [complete(n, "", drawn(n, "", sound[0], np.random.default_rng(5)), sound[0], 0.1) for n in names]
     wide = tuple(PlannedTest(f, a, cycles=12) for f in (10.0, 20.0) for a in (0.3, 0.8))
-    soft, hum, mass = (sizing.shares(specimen, wide, (one,))[0].visible for one in faults)
+    soft, hum, mass = (sizing.shares_left(specimen, wide, (one,))[0].visible for one in faults)
     assert soft < 0.1 and hum > 0.85 and soft < mass < 1
     # at one frequency a mass is a spring: nothing of it is left
     alone = tuple(PlannedTest(15.0, a, cycles=12) for a in (0.3, 0.8))
-    (single,) = sizing.shares(specimen, alone, faults[2:])
+    (single,) = sizing.shares_left(specimen, alone, faults[2:])
     assert single.visible < 0.2 * mass and single.share == pytest.approx(1.0)
 
 
@@ -240,7 +240,7 @@ def test_shares_of_a_gap_sum_to_one_and_follow_the_sizes(specimen, sound):
         sizing.size_fault(n, size, specimen, PLAN, np.random.default_rng(1), sound=sound)
         for n, size in (("mains_hum", 0.09), ("rocking", 0.03))
     )
-    hum, rocking = sizing.shares(specimen, PLAN, faults)
+    hum, rocking = sizing.shares_left(specimen, PLAN, faults)
     assert hum.share + rocking.share == pytest.approx(1.0) == hum.share_of_square + rocking.share_of_square
     # two changes that have nothing in common add in squares
     a, b = hum.size * hum.visible, rocking.size * rocking.visible

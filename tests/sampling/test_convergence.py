@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from bayes_iwan.sampling.convergence import (
     autocorrelation_time,
-    diagnose,
+    convergence_of,
     ess_bulk,
     ess_mean,
     ess_tail,
@@ -79,7 +79,7 @@ def test_one_ensemble_in_another_mode_is_flagged_though_its_walkers_agree():
     good = autoregressive(0.7, (4, 800, 16), rng)
     stuck = good.copy()
     stuck[2] += 2.0
-    result = diagnose(np.stack([good, stuck], axis=3), ("good", "stuck"), thin=2)
+    result = convergence_of(np.stack([good, stuck], axis=3), ("good", "stuck"), thin=2)
     assert result.r_hat[0] < 1.01 < 1.1 < result.r_hat[1]
     assert result.ess_bulk[0] > 1000 and result.ess_bulk[1] < 20
     assert result.n_steps == 1600 and result.tau_steps[0] == pytest.approx(2 * 1.7 / 0.3, rel=0.15)
@@ -100,8 +100,8 @@ def test_a_drift_within_the_run_is_flagged():
 
 def test_numbers_that_say_nothing_are_nan_and_do_not_pass():
     same = np.zeros((4, 100, 8, 1))
-    result = diagnose(same, ("x",))
+    result = convergence_of(same, ("x",))
     assert np.isnan(result.r_hat[0]) and np.isnan(result.ess_bulk[0])
     assert result.shortfall(1.01, 400, 50) != ""
     with pytest.raises(ValueError, match="draws of shape"):
-        diagnose(same, ("x", "y"))
+        convergence_of(same, ("x", "y"))
