@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan import cli
+from bayes_iwan.cli.command import SEED
 
 SHORT = """
 [model]
@@ -71,7 +72,7 @@ def test_ctrl_c_is_quiet(monkeypatch, capsys):
 def test_groups_of_commands(monkeypatch, capsys):
     """A command of two words is entered below its first."""
     done = []
-    entry = cli.Command("withheld make", "make it", (cli.SEED,), lambda args: done.append(args.seed))
+    entry = cli.Command("withheld make", "make it", (SEED,), lambda args: done.append(args.seed))
     monkeypatch.setattr(cli, "COMMANDS", [entry])
     assert cli.main(["withheld", "make", "--seed", "4"]) == 0 and done == [4]
 

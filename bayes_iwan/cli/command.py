@@ -1,0 +1,71 @@
+"""What a command is, the arguments that several share, and how a command speaks."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TextIO
+
+from bayes_iwan.terminal import plain
+
+Function = Callable[[argparse.Namespace], int | None]
+
+
+@dataclass(frozen=True)
+class Argument:
+    """An argument: its name or flags, and options as `argparse.add_argument` takes them."""
+
+    flags: tuple[str, ...]
+    options: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: its name (two words make a group, "withheld make"), one line of help, arguments, what it does."""
+
+    name: str
+    help: str
+    arguments: tuple[Argument, ...]
+    run: Function
+
+
+def argument(*flags: str, **options: Any) -> Argument:
+    """An argument as `argparse.add_argument` takes it."""
+    return Argument(flags, options)
+
+
+def command(name: str, help: str, *arguments: Argument) -> Callable[[Function], Command]:
+    """Make the function below a command; it returns the exit code (None: 0)."""
+    return lambda run: Command(name, help, arguments, run)
+
+
+def say(text: str, file: TextIO | None = None) -> None:
+    """Print for a reader: names in files may hold what would steer the terminal, and must not."""
+    print(plain(text), file=file)
+
+
+def seed(text: str) -> int:
+    """A seed as the files can hold it."""
+    value = int(text)
+    if not 0 <= value < 2**63:
+        raise argparse.ArgumentTypeError(f"{text} is no seed; give a whole number from 0 to {2**63 - 1}")
+    return value
+
+
+CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
+OUT = argument("--out", metavar="DIR", required=True, help="folder for the results; made if need be")
+WORKERS = argument("--workers", metavar="N", type=int, default=1, help="processes, one core each (default: 1)")
+DASK = argument(
+    "--dask",
+    metavar="ADDRESS",
+    help="work on a Dask cluster whose scheduler is at ADDRESS (tcp://host:port) and whose workers see the same "
+    "folders; needs bayes-iwan[dask]",
+)
+SIMULATOR = argument(
+    "--simulator",
+    metavar="FILE",
+    help="Python file with a model of your own, in the place of the Iwan model; its code is run",
+)
+CONFIG = argument("--config", metavar="FILE", help="TOML file with what differs from the defaults")
+SEED = argument("--seed", metavar="N", type=seed, default=0, help="seed of all random numbers (default: 0)")

@@ -1,0 +1,154 @@
+"""Commands that identify: one campaign, its report, rival families, a folder of specimens."""
+
+from __future__ import annotations
+
+import argparse
+
+from bayes_iwan.cli.command import CAMPAIGN, CONFIG, DASK, OUT, SEED, SIMULATOR, WORKERS, argument, command, say
+
+
+@command(
+    "identify",
+    "the joint posterior of a campaign's tests",
+    CAMPAIGN,
+    OUT,
+    SEED,
+    CONFIG,
+    argument("--per-test", action="store_true", help="also identify each frequency alone, into DIR/per_test"),
+    argument("--resume", action="store_true", help="go on from DIR/chains.ckpt where a run was stopped"),
+    argument(
+        "--keep-chains",
+        action="store_true",
+        help="keep DIR/chains.ckpt, with every draw, when converged (default: DIR/posterior.nc with a few thousand)",
+    ),
+    argument("--quick", action="store_true", help="optimum and Laplace intervals in seconds, not sampled"),
+    SIMULATOR,
+)
+def run_identify(args: argparse.Namespace) -> int:
+    import warnings
+
+    from bayes_iwan import Model, NotConverged, identify
+
+    warnings.simplefilter("ignore", NotConverged)  # said below
+
+    posterior = identify(
+        args.campaign,
+        args.out,
+        config=args.config,
+        seed=args.seed,
+        per_test=args.per_test,
+        resume=args.resume,
+        keep_chains=args.keep_chains,
+        simulator=args.simulator,
+        quick=args.quick,
+    )
+    units = posterior.problem.units
+    iwan = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
+    wanted = iwan if isinstance(posterior.problem.model, Model) else posterior.problem.names
+    for row in posterior.summary():
+        if row.name in wanted:
+            say(f"{units.name(row.name):20s} {row.q50:.4g}  ({row.low_90:.4g} to {row.high_90:.4g}) {row.unit}")
+    misfit = posterior.misfit()
+    say(f"{'misfit':20s} {misfit.rms_N:.3g} {units.force} RMS, {100 * misfit.share:.2g} % of the friction force")
+    for text in posterior.warnings():
+        say(text)
+    say(posterior.message)
+    say(f"results are in {args.out}")
+    if posterior.interrupted:
+        return 130
+    return 0 if posterior.converged or posterior.quick else 3
+
+
+@command(
+    "report",
+    "write report.html, tables and figures of a finished identification",
+    argument("folder", metavar="RUN", help="a folder that identify wrote"),
+    argument("--campaign", metavar="CAMPAIGN", help="the campaign's folder, if it has moved"),
+    argument(
+        "--per-frequency",
+        action="store_true",
+        help="identify each frequency alone by short runs, where identify --per-test has not",
+    ),
+    argument("--pdf", action="store_true", help="also report.pdf: the figures with their captions"),
+)
+def run_report(args: argparse.Namespace) -> None:
+    from bayes_iwan.report import report_run
+
+    page = report_run(args.folder, campaign=args.campaign, pdf=args.pdf, per_frequency=args.per_frequency)
+    say(str(page))
+
+
+@command(
+    "compare",
+    "fit model families to a campaign and rank them by how well they predict",
+    CAMPAIGN,
+    OUT,
+    SEED,
+    argument("--families", metavar="NAME", nargs="+", help="families to compare (default: all)"),
+    CONFIG,
+    argument(
+        "--by",
+        choices=("auto", "loo", "tests"),
+        default="auto",
+        help="rank by single data left out (ArviZ "
+        "LOO), by whole tests left out, or by the first where its Pareto k hold (auto)",
+    ),
+    WORKERS,
+    DASK,
+)
+def run_compare(args: argparse.Namespace) -> None:
+    from bayes_iwan import compare, executors
+
+    with executors.opened(args.workers, args.dask) as executor:
+        result = compare(
+            args.campaign,
+            args.out,
+            families=args.families,
+            config=args.config,
+            seed=args.seed,
+            by=args.by,
+            executor=executor,
+        )
+    say(str(result))
+    say(f"results are in {args.out}")
+
+
+@command(
+    "batch",
+    "identify or diagnose every campaign in a folder, with a table and a page across specimens",
+    argument("folder", metavar="FOLDER", help="a folder of campaign folders"),
+    OUT,
+    SEED,
+    argument("--identify", action="store_true", help="identify every campaign (default, unless --diagnose)"),
+    argument("--diagnose", action="store_true", help="diagnose every campaign"),
+    argument("--quick", action="store_true", help="diagnoses stop at refits and an approximate evidence"),
+    CONFIG,
+    argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
+    WORKERS,
+    DASK,
+)
+def run_batch(args: argparse.Namespace) -> int:
+    from bayes_iwan import batch, executors
+
+    with executors.opened(args.workers, args.dask) as executor:
+        result = batch(
+            args.folder,
+            args.out,
+            identify=args.identify or not args.diagnose,
+            diagnose=args.diagnose,
+            quick=args.quick,
+            seed=args.seed,
+            config=args.config,
+            keep_chains=args.keep_chains,
+            executor=executor,
+        )
+    for name, reason in result.failures.items():
+        say(f"failed: {name}: {reason}")
+    for name, p in result.populations.items():
+        spread = f"{100 * p.spread[0]:.2g} %" if p.relative else f"{p.spread[0]:.2g}"
+        say(f"{name:24s} {p.typical[0]:.4g} ({p.typical[1]:.4g} to {p.typical[2]:.4g}), specimens differ by {spread}")
+    for name, found in result.outliers().items():
+        say(f"{name} stands out in {', '.join(found)}")
+    say(f"{len(result.finished)} finished, {len(result.failures)} failed; open {args.out}/batch.html")
+    late = any(x.converged is False for x in result.finished)
+    return 4 if result.failures else 3 if late else 0

@@ -1,0 +1,91 @@
+"""Commands of the withheld protocol: make cases with hidden causes, answer them, score the answers."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from bayes_iwan.cli.command import DASK, OUT, SEED, WORKERS, argument, command, say
+
+DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld make` wrote")
+
+
+@command(
+    "withheld make",
+    "draw cases with hidden causes on the virtual rig and seal their truths",
+    argument("n", metavar="N", type=int, help="number of cases"),
+    argument("--seed", metavar="S", type=int, help="development cases that can be made again: marked as not sealed"),
+    OUT,
+    argument("--laws", choices=("catalogue", "other", "all"), default="all", help="laws of the causes (default: all)"),
+    argument("--leave-out-law", metavar="NAME:LAW", action="append", default=[], help="a law that is not drawn"),
+    argument("--leave-out-outside", metavar="NAME", action="append", default=[], help="an unlisted cause not drawn"),
+    WORKERS,
+    DASK,
+)
+def run_make(args: argparse.Namespace) -> None:
+    from bayes_iwan.executors import opened
+    from bayes_iwan.validation.sealed import make
+
+    with opened(args.workers, args.dask) as executor:
+        truth = make(
+            args.n,
+            args.out,
+            seed=args.seed,
+            laws=args.laws,
+            leave_out_laws=args.leave_out_law,
+            leave_out_outside=args.leave_out_outside,
+            executor=executor,
+        )
+    say(f"truths are in {truth}; keep them apart")
+
+
+@command(
+    "withheld answer",
+    "diagnose every withheld case; goes on where an earlier run stopped",
+    DIRECTORY,
+    SEED,
+    argument("--out", metavar="DIR", help="folder for the answers (default: DIR/answers)"),
+    argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
+    WORKERS,
+    DASK,
+)
+def run_answer(args: argparse.Namespace) -> None:
+    from bayes_iwan.executors import opened
+    from bayes_iwan.files import owned
+    from bayes_iwan.gap.answer import diagnose_case
+    from bayes_iwan.validation.answering import answer
+    from bayes_iwan.validation.confinement import available
+
+    if not available():
+        say("this machine cannot close the truths to the answering processes (it has no Landlock)")
+    out = args.out or os.path.join(args.directory, "answers")
+    with owned(out), opened(args.workers, args.dask) as executor:
+        path = answer(args.directory, diagnose_case, out=out, seed=args.seed, quick=args.quick, executor=executor)
+    say(f"answers are in {path}")
+
+
+@command(
+    "withheld score",
+    "check the seals, then score the answers against the truths",
+    DIRECTORY,
+    argument("--truth", metavar="FILE", required=True, help="the truths"),
+    argument("--answers", metavar="FILE", help="answers.json (default: DIR/answers/answers.json)"),
+    argument("--out", metavar="DIR", help="folder for table and figures"),
+    argument(
+        "--left-out", metavar="NAME", action="append", default=[], help="law (NAME:LAW) or kind not calibrated on"
+    ),
+    argument("--allow-effects-file", action="store_true", help="run the effects file (code) that an answer names"),
+)
+def run_score(args: argparse.Namespace) -> None:
+    from bayes_iwan.report.scores import write_score
+
+    say(
+        write_score(
+            args.directory,
+            args.truth,
+            answers=args.answers,
+            out=args.out,
+            allow_effects_file=args.allow_effects_file,
+            left_out=args.left_out,
+        )
+    )
