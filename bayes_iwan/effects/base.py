@@ -16,7 +16,8 @@ verdict names the effect, the report also the law.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -109,10 +110,10 @@ class Effect:
         """Median size of the strength, in its unit, in its prior."""
         return self.first_guess() if self.strength_value is None else self.strength_value
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Strength first, then extra parameters, named `<effect>.<parameter>`."""
-        return (self._strength_parameter(), *self._extra())
+        return tuple(replace(p, owner=self.name) for p in (self._strength_parameter(), *self._extra()))
 
     def _strength_parameter(self) -> Parameter:
         if self.signed:  # a symmetric prior of much the same reach

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -24,15 +26,15 @@ class ByTest(Effect):
         """Size of a number, in its unit, that moves the force by about a newton."""
         return 1.0
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         prior = stats.norm(scale=1.2 * self.typical * self.per_N())
         own = tuple(
-            Parameter(f"{self.name}.{part}[{test}]", symbol, unit, f"{what} in {test}", prior)
+            Parameter(f"{self.name}.{part}[{test}]", symbol, unit, f"{what} in {test}", prior, owner=self.name)
             for part, symbol, unit, what in self.parts
             for test in self.tests
         )
-        return (*own, *self._extra())
+        return (*own, *(replace(p, owner=self.name) for p in self._extra()))
 
     def by_test(self, numbers: Numbers) -> tuple[Array, ...]:
         """Each part as (draws, tests)."""

@@ -112,6 +112,7 @@ class _Explorer:
     ) -> None:
         self.data, self.rng, self.report = data, rng, report
         self.fits: dict[frozenset[str], Fit] = {}
+        self._left: set[tuple[frozenset[str], str, float]] = set()
         self.failed: dict[str, str] = {}
         report("base model")
         base = fit_base(data, settings, scales, rng, simulator)
@@ -180,9 +181,12 @@ class _Explorer:
         return better is not None and better.log_evidence > before + 1.0
 
     def without(self, fit: Fit, name: str) -> Fit:
-        """The fit of the same set less one effect, from this fit's optimum too."""
+        """The fit of the same set less one effect, from this fit's optimum too (tried once)."""
+        known, tried = self.fits.get(fit.names - {name}), (fit.names, name, fit.log_evidence)
+        if known is not None and tried in self._left:
+            return known
+        self._left.add(tried)
         problem = extended(fit.problem, [e for e in fit.effects if e.name != name])
-        known = self.fits.get(fit.names - {name})
         starts = [_part(fit, problem)]
         if known is not None and known.problem.names == problem.names:
             starts.append(known.z)

@@ -141,7 +141,7 @@ class Problem:
                     f"offer; add {missing[0]!r} to its stations and honour it in force, or leave the effect out"
                 )
         own = tuple(p for p in self.prior.parameters if not p.owner)
-        theirs = tuple(replace(p, owner=e.name) for e in effects for p in e.parameters)
+        theirs = tuple(p if p.owner == e.name else replace(p, owner=e.name) for e in effects for p in e.parameters)
         return replace(self, effects=tuple(effects), prior=Prior((*own, *theirs)))
 
     def fingerprint(self) -> dict[str, str]:

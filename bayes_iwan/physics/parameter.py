@@ -71,9 +71,13 @@ class Parameter:
                 return loc + scale * np.exp(s * z)
         low = below + special.ndtr(z) * (1.0 - below - above)
         high = above + special.ndtr(-z) * (1.0 - below - above)
-        if name == "lognorm":  # scipy's own ppf costs some ten times as much
+        if name in ("norm", "lognorm"):  # scipy's own ppf costs some ten times as much
+            score = np.where(low < 0.5, special.ndtri(low), -special.ndtri(high))
+            if name == "norm":
+                loc, scale = _norm_parts(args, kwargs)
+                return loc + scale * score
             s, loc, scale = _lognorm_parts(args, kwargs)
-            return loc + scale * np.exp(s * np.where(low < 0.5, special.ndtri(low), -special.ndtri(high)))
+            return loc + scale * np.exp(s * score)
         if name == "uniform":
             start, end = self._support
             return start + (end - start) * low
