@@ -9,7 +9,6 @@ from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -279,11 +278,14 @@ def compare_families(
     return Comparison(title, by, tuple(order))
 
 
-def _loops(campaign: Any, settings: IdentifySettings) -> tuple[str, tuple[Loop, ...]]:
-    if isinstance(campaign, Sequence) and not isinstance(campaign, str | bytes):
+def _loops(
+    campaign: Campaign | str | os.PathLike[str] | Sequence[Loop], settings: IdentifySettings
+) -> tuple[str, tuple[Loop, ...]]:
+    if isinstance(campaign, str | os.PathLike):
+        campaign = read_campaign(campaign)
+    if not isinstance(campaign, Campaign):
         return "", tuple(campaign)
-    source = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
-    return source.name, source.loops(**asdict(settings.loops))
+    return campaign.name, campaign.loops(**asdict(settings.loops))
 
 
 def _entry(common: tuple[Sequence[Loop], IdentifySettings, int], name: str) -> Entry:

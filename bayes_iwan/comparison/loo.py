@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import emcee
 import numpy as np
@@ -44,12 +43,12 @@ def psis_loo(log_likelihood: Array) -> Loo:
         warnings.simplefilter("ignore")  # it warns of each high k; they are handed on in pareto_k
         import arviz as az
 
-        groups: dict[str, Any] = {
+        groups = {
             "log_likelihood": {"y": log_likelihood},
             "posterior": {"unused": np.zeros(log_likelihood.shape[:2])},
         }
         try:
-            data = az.from_dict(**groups)  # up to 0.23
+            data = az.from_dict(posterior=groups["posterior"], log_likelihood=groups["log_likelihood"])  # up to 0.23
         except TypeError:
             data = az.from_dict(groups)  # from 1.0
         found = az.loo(data, pointwise=True)

@@ -3,39 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
-from bayes_iwan.effects.base import Effect, ExtraParameter
+from bayes_iwan.effects.base import Effect, ExtraParameter, Records
 from bayes_iwan.effects.by_test import ByTest
 from bayes_iwan.effects.spanning import about
-
-
-class Records(Protocol):
-    """What these effects ask of a campaign's data: signals on each record's samples, averaged as its force was."""
-
-    @property
-    def longest_s(self) -> float:
-        """Duration of the longest record."""
-
-    @property
-    def ramps(self) -> np.ndarray:
-        """(RAMPS, tests, blocks, H + 1) harmonics of (t/longest_s)^p, p = 0 …, by block of cycles."""
-
-    @property
-    def mains_waves(self) -> np.ndarray:
-        """(2 mains, 2 harmonics, 2, tests, blocks, H + 1) of cosine and sine at once and at thrice 50 and 60 Hz."""
-
-    @property
-    def mains_hz(self) -> Array:
-        """(tests, 2)"""
-
-    @property
-    def mains_possible(self) -> tuple[bool, ...]:
-        """Does a line stand in a record that can show it, or is there no such record?"""
-
 
 #: powers of time that a drift is made of: enough for e^(−b x) on [0, 1] to 1e-4 for |b| ≤ 4
 RAMPS = 7

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 from scipy import fft, stats
@@ -28,6 +28,7 @@ from bayes_iwan.inference.parameters import Parameter
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import Scales
 from bayes_iwan.physics import Motion
+from bayes_iwan.physics.parameter import Distribution
 from bayes_iwan.physics.simulator import INNER, OUTER
 
 #: prior of an effect's strength: the RMS force it moves over the RMS friction force has this median, ×/÷ e^0.9
@@ -50,10 +51,34 @@ class ExtraParameter:
     symbol: str
     unit: str
     description: str
-    prior: Any
+    prior: Distribution
     lower: float = -np.inf
     upper: float = np.inf
     scan: bool = True
+
+
+class Records(Protocol):
+    """What effects ask of a campaign's data: signals on each record's samples, averaged as its force was."""
+
+    @property
+    def longest_s(self) -> float:
+        """Duration of the longest record."""
+
+    @property
+    def ramps(self) -> np.ndarray:
+        """(RAMPS, tests, blocks, H + 1) harmonics of (t/longest_s)^p, p = 0 …, by block of cycles."""
+
+    @property
+    def mains_waves(self) -> np.ndarray:
+        """(2 mains, 2 harmonics, 2, tests, blocks, H + 1) of cosine and sine at once and at thrice 50 and 60 Hz."""
+
+    @property
+    def mains_hz(self) -> Array:
+        """(tests, 2)"""
+
+    @property
+    def mains_possible(self) -> tuple[bool, ...]:
+        """Does a line stand in a record that can show it, or is there no such record?"""
 
 
 @dataclass(frozen=True)
@@ -92,7 +117,7 @@ class Effect:
         """Any strength of the right order, from the campaign's scales: where calibration starts."""
         raise NotImplementedError
 
-    def possible(self, data: Any) -> bool:
+    def possible(self, data: Records) -> bool:
         """Do the records allow it at all? data : the campaign's :class:`bayes_iwan.gap.data.GapData`."""
         return True
 
@@ -201,7 +226,7 @@ class Effect:
         """Anything in series, which needs the force back: inner(motion) is the specimen's force."""
         return inner(motion)
 
-    def recorded(self, data: Any, numbers: Numbers) -> Array | None:
+    def recorded(self, data: Records, numbers: Numbers) -> Array | None:
         """What the effect adds along whole records, as block harmonics (draws, tests, blocks, H + 1), or None.
 
         For what does not repeat with the cycle (`evolving`): a drift, a line of the mains.
@@ -209,7 +234,7 @@ class Effect:
         """
         return None
 
-    def lines(self, data: Any, numbers: Numbers) -> Array | None:
+    def lines(self, data: Records, numbers: Numbers) -> Array | None:
         """What it adds at 50 and 60 Hz, c + i s of c·cos + s·sin, (draws, tests, 2), or None."""
         return None
 

@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
-from bayes_iwan.effects.base import Effect, ExtraParameter
+from bayes_iwan.effects.base import Effect, ExtraParameter, Records
 from bayes_iwan.effects.spanning import about
 from bayes_iwan.physics import Motion
 
@@ -37,7 +36,7 @@ class FollowsCondition(Effect):
     def name(self) -> str:  # type: ignore[override]
         return f"{self.what}_follows_{self.condition}"
 
-    def possible(self, data: Any) -> bool:
+    def possible(self, data: Records) -> bool:
         return len(set(self.values)) > 1
 
     @property

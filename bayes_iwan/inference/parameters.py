@@ -11,14 +11,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.settings import ParameterChange, PriorChoice
-from bayes_iwan.physics.parameter import Z_LIMIT, Parameter, ParameterError
+from bayes_iwan.physics.parameter import Z_LIMIT, Distribution, Parameter, ParameterError
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ def configured(parameters: Sequence[Parameter], changes: Mapping[str, ParameterC
     return tuple(by_name.values())
 
 
-def _frozen(name: str, choice: PriorChoice) -> Any:
+def _frozen(name: str, choice: PriorChoice) -> Distribution:
     dist = getattr(stats, choice.dist, None)
     if not isinstance(dist, stats.rv_continuous):
         raise ParameterError(

@@ -150,10 +150,15 @@ class Posterior:
         said = "".join(f"<p><b>{escape(text)}</b></p>" for text in self.warnings())
         return f"<p>{escape(self._title())}</p><table>{cells}</table>{said}"
 
+    @property
+    def name(self) -> str:
+        """The campaign's name, "loops" where these came from none."""
+        return "loops" if self.campaign is None else self.campaign.name
+
     def _title(self) -> str:
-        name = "loops" if self.campaign is None else self.campaign.name
         draws = self.z.shape[0] * self.z.shape[1]
-        return f"{self.problem.model.name} identified from {name}: {draws} draws of {self.ndim} numbers; {self.message}"
+        head = f"{self.problem.model.name} identified from {self.name}"
+        return f"{head}: {draws} draws of {self.ndim} parameters; {self.message}"
 
     def _shown(self) -> list[str]:
         """Medians and 90 % intervals of the sampled numbers, and the misfit, one line each."""

@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import special
 
 from bayes_iwan.arrays import Array
@@ -23,6 +24,27 @@ Z_LIMIT = 8.0
 
 class ParameterError(ValueError):
     """A parameter, prior or tie that makes no sense; the message names the parameter and the mend."""
+
+
+class _Family(Protocol):
+    name: str
+
+
+class Distribution(Protocol):
+    """What is asked of a frozen distribution of scipy.stats."""
+
+    @property
+    def dist(self) -> _Family: ...
+    @property
+    def args(self) -> tuple[float, ...]: ...
+    @property
+    def kwds(self) -> Mapping[str, float]: ...
+    def cdf(self, x: ArrayLike) -> Array: ...
+    def sf(self, x: ArrayLike) -> Array: ...
+    def ppf(self, q: ArrayLike) -> Array: ...
+    def isf(self, q: ArrayLike) -> Array: ...
+    def logpdf(self, x: ArrayLike) -> Array: ...
+    def support(self) -> tuple[float, float]: ...
 
 
 @dataclass(frozen=True)
@@ -38,7 +60,7 @@ class Parameter:
     symbol: str
     unit: str
     description: str
-    prior: Any
+    prior: Distribution
     lower: float = -np.inf
     upper: float = np.inf
     fixed: float | None = None

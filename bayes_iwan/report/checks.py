@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
@@ -17,6 +16,7 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.pareto import smooth_log_weights
 from bayes_iwan.inference.discrepancy import Correlated
 from bayes_iwan.inference.likelihood import Independent
+from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.predictive import Predictive, predict
 from bayes_iwan.report.style import BLUE, ORANGE, RED, styled, subplots
@@ -50,7 +50,7 @@ class RegionChecks:
     p_value: Array
 
 
-def region_checks(posterior: Any, predictive: Predictive | None = None) -> RegionChecks:
+def region_checks(posterior: Posterior, predictive: Predictive | None = None) -> RegionChecks:
     """p-values per test and loop region, residuals of each draw against replicates of the same draw.
 
     Residuals are taken about their mean over the loop: the force channel's zero drifts, and would drown the regions.
@@ -69,7 +69,7 @@ def region_checks(posterior: Any, predictive: Predictive | None = None) -> Regio
 
 
 @styled
-def regions_figure(posterior: Any, checks: RegionChecks | None = None) -> Figure:
+def regions_figure(posterior: Posterior, checks: RegionChecks | None = None) -> Figure:
     """Predictive p-values by test and loop region, the number in each cell; low ones (misfit) orange and bold."""
     checks = region_checks(posterior) if checks is None else checks
     n = len(checks.loops)
@@ -121,7 +121,7 @@ class LooPit:
     pareto_k: Array
 
 
-def loo_pit(posterior: Any, n: int = 600) -> LooPit:
+def loo_pit(posterior: Posterior, n: int = 600) -> LooPit:
     """LOO-PIT by Pareto-smoothed importance sampling, on the likelihood's own independent data.
 
     These are the rotated, whitened harmonics for the correlated likelihood (real and imaginary part of one left out
@@ -164,7 +164,7 @@ def loo_pit(posterior: Any, n: int = 600) -> LooPit:
 
 
 @styled
-def loo_pit_figure(posterior: Any, result: LooPit | None = None) -> Figure:
+def loo_pit_figure(posterior: Posterior, result: LooPit | None = None) -> Figure:
     """The distribution of the LOO-PIT against the uniform one: histogram, and the distribution function less uniform
     with the band that 95 % of right models stay within."""
     result = loo_pit(posterior) if result is None else result

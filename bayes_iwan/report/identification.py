@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
-from bayes_iwan.inference.posterior import LARGE_MISFIT
+from bayes_iwan.inference.posterior import LARGE_MISFIT, Posterior
 from bayes_iwan.physics import Model
 from bayes_iwan.report import checks, frequencies, laws, loops, marginals, sampling, tables, trends
 from bayes_iwan.report.marginals import OPEN, contraction, interval, number
@@ -19,7 +18,7 @@ from bayes_iwan.report.viewer import add_viewer
 
 
 def identification_report(
-    posterior: Any,
+    posterior: Posterior,
     out_dir: str | os.PathLike[str],
     *,
     seed: int = 0,
@@ -40,9 +39,7 @@ def identification_report(
         [parameters, tables.paper_table(posterior), quantities, loop_rows, convergence], posterior, out / "tables"
     )
     what = "Quick identification" if posterior.quick else "Identification"
-    page = Page(
-        f"{what} of {posterior.campaign.name}", _subtitle(posterior), _footer(posterior), posterior.problem.units
-    )
+    page = Page(f"{what} of {posterior.name}", _subtitle(posterior), _footer(posterior), posterior.problem.units)
     _summary(page.section("Summary"), posterior, p, loop_rows)
     _quantities(page.section("What the loops determine"), posterior)
     _loops(page, posterior, p)
@@ -63,25 +60,25 @@ def identification_report(
 MISSED_NATS = 2.0
 
 
-def _subtitle(posterior: Any) -> str:
+def _subtitle(posterior: Posterior) -> str:
     model = posterior.problem.model
     said = model.name
     if isinstance(model, Model):
         said = f"{model.slip} slip forces, {model.grip} normal force, {model.stiffness} stiffness"
     parts = [
-        posterior.campaign.description,
+        "" if posterior.campaign is None else posterior.campaign.description,
         f"model: {said}",
         f"likelihood: {posterior.problem.likelihood.name}",
     ]
     return " · ".join(x for x in parts if x)
 
 
-def _footer(posterior: Any) -> str:
+def _footer(posterior: Posterior) -> str:
     versions = ", ".join(f"{k} {v}" for k, v in posterior.versions.items())
     return f"Made by bayes_iwan, seed {posterior.seed}. {versions}"
 
 
-def _summary(section: Section, posterior: Any, p: Predictive, loop_rows: tables.Table) -> None:
+def _summary(section: Section, posterior: Posterior, p: Predictive, loop_rows: tables.Table) -> None:
     fitted = [x for x in p.loops if x.role != "held-out"]
     held = len(p.loops) - len(fitted)
     rms = np.array([r[3] for r in loop_rows.rows if r[2] != "held-out"])
@@ -89,7 +86,7 @@ def _summary(section: Section, posterior: Any, p: Predictive, loop_rows: tables.
     tests = f"{len(fitted)} test{'s' if len(fitted) != 1 else ''}" + (f", {held} more held out" if held else "")
     missed = f"{float(np.sqrt(np.mean(rms**2))):.2g}"
     section.text(
-        f"{tests}; {posterior.ndim} sampled numbers, {posterior.z.shape[0] * posterior.z.shape[1]} draws "
+        f"{tests}; {posterior.ndim} sampled parameters, {posterior.z.shape[0] * posterior.z.shape[1]} draws "
         f"kept. After fitting, the median prediction misses the measured loops by {missed} "
         f"N RMS, {100 * float(np.sqrt(np.mean(share**2))):.2g} % of the friction force (worst test "
         f"{100 * float(share.max()):.2g} %)."
@@ -101,7 +98,8 @@ def _summary(section: Section, posterior: Any, p: Predictive, loop_rows: tables.
     open_ = [q.symbol for q, c in zip(posterior.problem.prior.free, contraction(posterior.flat_z(4000))) if c < OPEN]
     if open_:
         section.text(f"Not determined by these loops (posterior about as wide as the prior): {', '.join(open_)}.")
-    warnings = [(x.file, w) for x in posterior.campaign.tests for w in x.warnings]
+    tests_read = () if posterior.campaign is None else posterior.campaign.tests
+    warnings = [(x.file, w) for x in tests_read for w in x.warnings]
     if warnings:
         section.table(("record", "what was noticed"), warnings, "Warnings about the records")
     section.text(
@@ -111,7 +109,7 @@ def _summary(section: Section, posterior: Any, p: Predictive, loop_rows: tables.
     )
 
 
-def _quantities(section: Section, posterior: Any) -> None:
+def _quantities(section: Section, posterior: Posterior) -> None:
     section.figure(
         marginals.prior_posterior_figure(posterior),
         "Each sampled number against its prior. Grey: the prior's 50 and 90 % intervals; blue: the "
@@ -156,7 +154,7 @@ def _ends(ends: tuple[float, float]) -> tuple[str, str]:
     return f"{ends[0]:.{digits}g}", f"{ends[1]:.{digits}g}"
 
 
-def _loops(page: Page, posterior: Any, p: Predictive) -> None:
+def _loops(page: Page, posterior: Posterior, p: Predictive) -> None:
     section = page.section("Loops, measured and predicted")
     add_viewer(page, section, p)
     section.figure(
@@ -185,7 +183,7 @@ def _loops(page: Page, posterior: Any, p: Predictive) -> None:
     )
 
 
-def _laws(section: Section, posterior: Any, model: Model) -> None:
+def _laws(section: Section, posterior: Posterior, model: Model) -> None:
     section.figure(
         laws.slip_density_figure(posterior),
         "How the elements' slip forces are distributed (the paper's Fig. 8), with 50 and 90 % bands; grey: "
@@ -253,7 +251,7 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
     frequencies.frequencies_table(found).in_units(section.units).write_csv(out / "tables")
 
 
-def _trends(section: Section, posterior: Any, p: Predictive, rows: tables.Table) -> None:
+def _trends(section: Section, posterior: Posterior, p: Predictive, rows: tables.Table) -> None:
     section.figure(
         trends.trends_figure(posterior, p),
         "Lines: predicted with 90 % bands; points: measured, with the 90 % range in which a repeated "
@@ -287,7 +285,7 @@ def _trends(section: Section, posterior: Any, p: Predictive, rows: tables.Table)
     )
 
 
-def _checks(section: Section, posterior: Any, p: Predictive, loop_rows: tables.Table) -> None:
+def _checks(section: Section, posterior: Posterior, p: Predictive, loop_rows: tables.Table) -> None:
     share = max(float(r[4]) for r in loop_rows.rows)
     if share > LARGE_MISFIT:
         section.note(
@@ -321,7 +319,7 @@ def _checks(section: Section, posterior: Any, p: Predictive, loop_rows: tables.T
     )
 
 
-def _sampling(section: Section, posterior: Any, convergence: tables.Table, run: sampling.History) -> None:
+def _sampling(section: Section, posterior: Posterior, convergence: tables.Table, run: sampling.History) -> None:
     section.figure(
         sampling.traces_figure(posterior, run=run),
         "Traces and ranks of the six quantities that mix worst. Ensembles that agree have flat rank lines near 1.",
@@ -349,7 +347,7 @@ def _sampling(section: Section, posterior: Any, convergence: tables.Table, run: 
         )
 
 
-def searches_said(posterior: Any) -> tuple[str, bool]:
+def searches_said(posterior: Posterior) -> tuple[str, bool]:
     """Whether independent searches found the same maximum, in words, and whether they did."""
     point = posterior.point
     count = len(point.each_log_prob)
@@ -371,7 +369,7 @@ def searches_said(posterior: Any) -> tuple[str, bool]:
     ), False
 
 
-def _priors(section: Section, posterior: Any) -> None:
+def _priors(section: Section, posterior: Posterior) -> None:
     prior = posterior.problem.prior
     section.table(
         ("parameter", "symbol", "unit", "prior", "meaning"),

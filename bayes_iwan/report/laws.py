@@ -2,41 +2,46 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_iwan.arrays import Array
-from bayes_iwan.physics import sine_motion
+from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.physics import Model, ModelError, sine_motion
 from bayes_iwan.physics.simulator import inner_effects
 from bayes_iwan.report.style import PRIOR, band, series, styled, subplots
 
 
-def _numbers(posterior: Any, n: int = 400) -> dict[str, Array]:
-    numbers: dict[str, Array] = posterior.problem.numbers(posterior.flat_z(n))
-    return numbers
+def _model(posterior: Posterior) -> Model:
+    """The Iwan model that was identified; other simulators have no such laws."""
+    model = posterior.problem.model
+    if not isinstance(model, Model):
+        raise ModelError(f"the simulator {model.name} has no laws of slip force, stiffness and normal force to draw")
+    return model
 
 
-def _prior_numbers(posterior: Any, n: int = 400, seed: int = 0) -> dict[str, Array]:
+def _numbers(posterior: Posterior, n: int = 400) -> Numbers:
+    return posterior.problem.numbers(posterior.flat_z(n))
+
+
+def _prior_numbers(posterior: Posterior, n: int = 400, seed: int = 0) -> Numbers:
     z = posterior.problem.prior.draw(np.random.default_rng([seed, 41]), n)
-    numbers: dict[str, Array] = posterior.problem.numbers(z)
-    return numbers
+    return posterior.problem.numbers(z)
 
 
-def _reach(posterior: Any, numbers: dict[str, Array]) -> float:
+def _reach(posterior: Posterior, numbers: Numbers) -> float:
     """Slip force that nearly all elements stay below, N."""
-    family = posterior.problem.model.slip_family
+    family = _model(posterior).slip_family
     phi = np.linspace(0.0, 12.0 * posterior.problem.scales.slip_N, 500)
     survival = np.median(family.survival(phi, numbers), axis=0)
     return float(phi[min(int(np.searchsorted(-survival, -0.01)), len(phi) - 1)])
 
 
 @styled
-def slip_density_figure(posterior: Any, prior: bool = True) -> Figure:
+def slip_density_figure(posterior: Posterior, prior: bool = True) -> Figure:
     """Fig. 8: the density of slip forces, and beside it the cumulative share of elements, which loops determine."""
     numbers = _numbers(posterior)
-    family = posterior.problem.model.slip_family
+    family = _model(posterior).slip_family
     phi = np.linspace(0.0, _reach(posterior, numbers), 241)[1:]
     figure, axes = subplots(1, 2, 7.2, 3.1)
     left, right = axes[0]
@@ -65,25 +70,25 @@ def slip_density_figure(posterior: Any, prior: bool = True) -> Figure:
     return figure
 
 
-def _alpha_range(posterior: Any, numbers: dict[str, Array]) -> tuple[float, float]:
+def _alpha_range(posterior: Posterior, numbers: Numbers) -> tuple[float, float]:
     """The α that the measured loops visit, by the median draw."""
     problem = posterior.problem
-    alpha = np.median(problem.model.alpha(numbers, problem.motion, inner_effects(problem.effects)), axis=0)
+    alpha = np.median(_model(posterior).alpha(numbers, problem.motion, inner_effects(problem.effects)), axis=0)
     return float(alpha.min()), float(alpha.max())
 
 
 @styled
-def stiffness_figure(posterior: Any, prior: bool = True) -> Figure:
+def stiffness_figure(posterior: Posterior, prior: bool = True) -> Figure:
     """Fig. 9: the elements' stiffness against the relative normal force; shaded where the tests went."""
     numbers = _numbers(posterior)
-    law = posterior.problem.model.stiffness_law
+    law = _model(posterior).stiffness_law
     low, high = _alpha_range(posterior, numbers)
     alpha = np.linspace(0.0, max(1.2, 1.25 * high), 121)
     figure, axes = subplots(1, 1, 4.6, 3.1)
     ax = axes[0, 0]
     ax.axvspan(low, high, color="#F3EFDD", linewidth=0, label="α in the tests")
 
-    def k(of: dict[str, Array]) -> Array:
+    def k(of: Numbers) -> Array:
         return law.k(of, np.broadcast_to(alpha, (len(of["kp_N_mm"]), 1, len(alpha))))[:, 0]
 
     drawn = k(numbers)
@@ -102,7 +107,7 @@ def stiffness_figure(posterior: Any, prior: bool = True) -> Figure:
 
 
 @styled
-def grip_figure(posterior: Any) -> Figure:
+def grip_figure(posterior: Posterior) -> Figure:
     """Fig. 10: relative normal force along the largest stroke, on the way out and back, at each frequency tested."""
     problem = posterior.problem
     numbers = _numbers(posterior)
@@ -114,7 +119,7 @@ def grip_figure(posterior: Any) -> Figure:
     motion = sine_motion(
         frequency_hz=np.array(frequencies), amplitude_mm=np.full(len(frequencies), amplitude), samples=samples
     )
-    alpha = problem.model.alpha(numbers, motion, inner_effects(problem.effects))
+    alpha = _model(posterior).alpha(numbers, motion, inner_effects(problem.effects))
     u = motion.displacement_mm[0, 0]
     figure, axes = subplots(1, 2, 7.2, 3.1, sharey=True)
     up = np.r_[np.arange(3 * samples // 4, samples), np.arange(samples // 4 + 1)]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.report.predictive import Predictive, measured_cycles, predict
 from bayes_iwan.report.style import BLACK, MODEL, band, series, styled, subplots
 
@@ -93,7 +94,7 @@ def _key(figure: Figure, entries: Sequence[tuple[str, dict[str, Any]]]) -> None:
 
 @styled
 def loops_figure(
-    posterior: Any,
+    posterior: Posterior,
     friction: bool = False,
     loops: Sequence[Loop] | None = None,
     cycles: bool = True,
@@ -124,7 +125,7 @@ def loops_figure(
 
 @styled
 def residuals_figure(
-    posterior: Any, loops: Sequence[Loop] | None = None, predictive: Predictive | None = None
+    posterior: Posterior, loops: Sequence[Loop] | None = None, predictive: Predictive | None = None
 ) -> Figure:
     """Measured − median prediction along the cycle, with the bands in which an averaged loop was to be expected."""
     p = predict(posterior, loops) if predictive is None else predictive
@@ -163,7 +164,7 @@ def _largest(loops: Sequence[Loop]) -> list[int]:
 
 
 @styled
-def paper_fig3(posterior: Any, test: int | None = None, predictive: Predictive | None = None) -> Figure:
+def paper_fig3(posterior: Posterior, test: int | None = None, predictive: Predictive | None = None) -> Figure:
     """The paper's Figs. 3 and 7: one test's total force and friction force, with bands (default: mid frequency)."""
     p = predict(posterior) if predictive is None else predictive
     chosen = _largest(p.loops)
@@ -179,7 +180,7 @@ def paper_fig3(posterior: Any, test: int | None = None, predictive: Predictive |
 
 
 @styled
-def frequencies_figure(posterior: Any, predictive: Predictive | None = None, model: bool = True) -> Figure:
+def frequencies_figure(posterior: Posterior, predictive: Predictive | None = None, model: bool = True) -> Figure:
     """The paper's Figs. 4 (`model=False`) and 12: friction loops at one amplitude, every frequency, test and model."""
     p = predict(posterior) if predictive is None else predictive
     figure, axes = subplots(1, 1, 5.6, 4.0)

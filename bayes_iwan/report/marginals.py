@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import corner
 import matplotlib as mpl
@@ -14,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.frequencies import determined_names
+from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, styled, subplots
 
 #: below this contraction the data have hardly said anything of a number
@@ -48,7 +48,7 @@ def interval(draws: Array, level: float = 0.9) -> tuple[str, str, str]:
 
 
 @styled
-def prior_posterior_figure(posterior: Any) -> Figure:
+def prior_posterior_figure(posterior: Posterior) -> Figure:
     """Each sampled number's prior (grey) and posterior (blue) on the prior's own scale, with the contraction.
 
     What the data left open stands in red with an open circle: its interval is as wide as the prior's.
@@ -158,7 +158,7 @@ def _range(x: Array) -> tuple[float, float]:
     return float(low - pad), float(high + pad)
 
 
-def symbol_of(posterior: Any, name: str) -> str:
+def symbol_of(posterior: Posterior, name: str) -> str:
     """A short sign for a quantity: the parameter's own, or 'φ 25 %' for a quantile of the slip forces."""
     for p in posterior.problem.prior.parameters:
         if p.name == name:
@@ -168,7 +168,7 @@ def symbol_of(posterior: Any, name: str) -> str:
     return paper_symbol(name)
 
 
-def identifiable(posterior: Any) -> tuple[dict[str, Array], dict[str, str]]:
+def identifiable(posterior: Posterior) -> tuple[dict[str, Array], dict[str, str]]:
     """Draws and labels of the scalars that loops determine: noise parameters and open shapes are left out, quantiles
     of the slip force stand for the shapes, which trade off against each other."""
     found = posterior.quantities()
@@ -180,12 +180,12 @@ def identifiable(posterior: Any) -> tuple[dict[str, Array], dict[str, str]]:
     return draws, labels
 
 
-def identifiable_corner(posterior: Any) -> Figure:
+def identifiable_corner(posterior: Posterior) -> Figure:
     """Corner plot of the identifiable quantities."""
     return corner_figure(*identifiable(posterior))
 
 
-def paper_corner(posterior: Any, names: Sequence[str] | None = None) -> Figure:
+def paper_corner(posterior: Posterior, names: Sequence[str] | None = None) -> Figure:
     """Corner plot of the paper's numbers (Table 1); expect ridges: most of them loops do not determine one by one."""
     found = posterior.problem.model.derived(posterior.problem.numbers(posterior.flat_z(4000)))
     chosen = {n: found[n].values for n in (found if names is None else names)}

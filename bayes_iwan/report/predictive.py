@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.intervals import between_draws
 from bayes_iwan.inference.jackknife import left_out_optima
 from bayes_iwan.inference.likelihood import make_likelihood
+from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.scales import loop_energy_mJ
 from bayes_iwan.physics.motion import motion_of
 from bayes_iwan.physics.simulator import FORCE_ZERO, straight_part
@@ -46,7 +46,7 @@ class Predictive:
         return self.measured_N - np.median(self.force_N, axis=0)
 
 
-def predict(posterior: Any, loops: Sequence[Loop] | None = None, n: int = 300, seed: int = 0) -> Predictive:
+def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 300, seed: int = 0) -> Predictive:
     """Predictions from n draws of a posterior for `loops` (default: all of its campaign, held-out tests too)."""
     problem = posterior.problem
     chosen = tuple(posterior.loops if loops is None else loops)

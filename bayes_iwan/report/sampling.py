@@ -7,7 +7,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,6 +14,7 @@ from matplotlib.ticker import NullLocator
 from scipy.stats import rankdata
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.report.style import series, styled, subplots
 from bayes_iwan.sampling.checkpoint import NAME, CheckpointError, read_checkpoint
 from bayes_iwan.sampling.convergence import longest_autocorrelation_time
@@ -28,7 +28,7 @@ class History:
     thin: float
 
 
-def history(posterior: Any, folder: str | os.PathLike[str] | None = None) -> History:
+def history(posterior: Posterior, folder: str | os.PathLike[str] | None = None) -> History:
     """All production draws from the checkpoint in `folder` where there is one, else those that the posterior kept."""
     path = None if folder is None else Path(folder) / NAME
     ensembles = posterior.z.shape[0]
@@ -43,7 +43,7 @@ def history(posterior: Any, folder: str | os.PathLike[str] | None = None) -> His
     return History(np.moveaxis(z, 1, 2), float(posterior.thin))
 
 
-def worst_names(posterior: Any, count: int = 6) -> tuple[str, ...]:
+def worst_names(posterior: Posterior, count: int = 6) -> tuple[str, ...]:
     """The sampled numbers with the largest R-hat, the hardest to sample first."""
     r_hat = {row.name: row.r_hat for row in posterior.convergence}
     free = [n for n in posterior.names if n in r_hat] or list(posterior.names)
@@ -51,7 +51,7 @@ def worst_names(posterior: Any, count: int = 6) -> tuple[str, ...]:
 
 
 @styled
-def traces_figure(posterior: Any, names: Sequence[str] | None = None, run: History | None = None) -> Figure:
+def traces_figure(posterior: Posterior, names: Sequence[str] | None = None, run: History | None = None) -> Figure:
     """Traces and rank histograms, one line of panels a number (default: the six hardest); one colour an ensemble.
 
     A trace is the median and the 90 % range of the ensemble's walkers along the run.
@@ -93,7 +93,7 @@ def traces_figure(posterior: Any, names: Sequence[str] | None = None, run: Histo
 
 
 @styled
-def tau_figure(posterior: Any, run: History | None = None) -> Figure:
+def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
     """Autocorrelation time of every sampled number, estimated from ever longer parts of the run."""
     run = history(posterior) if run is None else run
     stored = run.z.shape[1]

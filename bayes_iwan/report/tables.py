@@ -16,6 +16,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import write_whole
+from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.marginals import contraction, interval, paper_symbol
 from bayes_iwan.report.predictive import Predictive, loop_numbers
@@ -61,7 +62,7 @@ def spread(draws: Array) -> tuple[float, ...]:
 _STATISTICS = ("mean", "sd", "q05", "q25", "median", "q75", "q95")
 
 
-def parameters_table(posterior: Any) -> Table:
+def parameters_table(posterior: Posterior) -> Table:
     """Every sampled number: statistics, prior, contraction."""
     prior = posterior.problem.prior
     z = posterior.flat_z()
@@ -78,13 +79,13 @@ def parameters_table(posterior: Any) -> Table:
     )
 
 
-def paper_table(posterior: Any) -> Table:
+def paper_table(posterior: Posterior) -> Table:
     """What the simulator derives from its sampled numbers: the paper's (Table 1) for the Iwan model."""
     rows = tuple((n, paper_symbol(n), q.unit, *spread(q.values)) for n, q in posterior.derived().items())
     return Table("paper_numbers", "The paper's parameters", ("name", "symbol", "unit", *_STATISTICS), rows)
 
 
-def quantities_table(posterior: Any) -> Table:
+def quantities_table(posterior: Posterior) -> Table:
     """Everything the posterior reports, the paper's numbers included; 90 % intervals with the between-test variance."""
     rows = tuple(
         (
@@ -127,7 +128,7 @@ def loops_table(p: Predictive) -> Table:
     return Table("loops", "Loops, measured and predicted", tuple(columns), tuple(tuple(r) for r in rows))
 
 
-def convergence_table(posterior: Any) -> Table:
+def convergence_table(posterior: Posterior) -> Table:
     """ESS, R-hat and autocorrelation time of every sampled and derived number."""
     rows = tuple(
         (r.name, float(r.r_hat), float(r.ess_bulk), float(r.ess_tail), float(r.tau)) for r in posterior.convergence
@@ -187,7 +188,7 @@ def _tex_text(text: str) -> str:
     return text
 
 
-def latex_table(posterior: Any) -> str:
+def latex_table(posterior: Posterior) -> str:
     """A table of the sampled parameters for the booktabs package: symbol, meaning, median, 90 % interval, unit."""
     prior = posterior.problem.prior
     values = prior.values(posterior.flat_z())
@@ -205,7 +206,7 @@ def latex_table(posterior: Any) -> str:
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
-def write_tables(tables: Sequence[Table], posterior: Any, folder: str | os.PathLike[str]) -> list[Path]:
+def write_tables(tables: Sequence[Table], posterior: Posterior, folder: str | os.PathLike[str]) -> list[Path]:
     """The CSV files and parameters.tex in `folder`."""
     out = [table.in_units(posterior.problem.units).write_csv(folder) for table in tables]
     out.append(write_whole(Path(folder) / "parameters.tex", latex_table(posterior)))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.physics import sine_motion
 from bayes_iwan.report.predictive import LoopNumbers, Predictive, loop_numbers, predict
 from bayes_iwan.report.style import band, points, series, styled, subplots
@@ -19,7 +18,7 @@ _WHAT = (
 )
 
 
-def _model_numbers(posterior: Any, frequency_hz: Array, amplitude_mm: Array, n: int) -> LoopNumbers:
+def _model_numbers(posterior: Posterior, frequency_hz: Array, amplitude_mm: Array, n: int) -> LoopNumbers:
     problem = posterior.problem
     motion = sine_motion(frequency_hz=frequency_hz, amplitude_mm=amplitude_mm)
     force = problem.force(problem.numbers(posterior.flat_z(n)), motion)
@@ -38,7 +37,7 @@ def _distinct(values: Array, most: int = 4) -> Array:
 
 
 @styled
-def trends_figure(posterior: Any, predictive: Predictive | None = None, n: int = 120) -> Figure:
+def trends_figure(posterior: Posterior, predictive: Predictive | None = None, n: int = 120) -> Figure:
     """Energy, stiffness and loss factor: lines with 90 % bands predicted, points measured, whiskers what the
     likelihood allows a measurement to differ by."""
     p = predict(posterior) if predictive is None else predictive

@@ -11,15 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Record
 from bayes_iwan.rig.kernel import march
 from bayes_iwan.rig.sensors import Chain, measure
-from bayes_iwan.rig.simulate import COARSE, Fidelity, Floats, Setup, kernel_numbers
+from bayes_iwan.rig.simulate import COARSE, Fidelity, Setup, kernel_numbers
 from bayes_iwan.rig.specimen import RigError, Specimen
 
 #: cycles so far at time t (n,) in s, and the motion in amplitudes (n,) at these cycles
-Clock = Callable[[Floats], Floats]
-Wave = Callable[[Floats], Floats]
+Clock = Callable[[Array], Array]
+Wave = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -39,15 +40,15 @@ class RigDrive:
     wave: Wave
 
 
-def sine(cycles: Floats) -> Floats:
+def sine(cycles: Array) -> Array:
     return np.asarray(np.sin(2 * np.pi * cycles))
 
 
-def triangle(cycles: Floats) -> Floats:
+def triangle(cycles: Array) -> Array:
     return np.asarray(2 / np.pi * np.arcsin(np.sin(2 * np.pi * cycles)))
 
 
-def trapezoid(cycles: Floats) -> Floats:
+def trapezoid(cycles: Array) -> Array:
     """A triangle cut off at five eighths of its height: it holds for three eighths of the cycle."""
     return np.clip(1.6 * triangle(cycles), -1.0, 1.0)
 
@@ -55,7 +56,7 @@ def trapezoid(cycles: Floats) -> Floats:
 def distorted(share: float, order: int = 3, phase: float = 0.7) -> Wave:
     """A sine with one harmonic of `share` of its amplitude."""
 
-    def wave(cycles: Floats) -> Floats:
+    def wave(cycles: Array) -> Array:
         return sine(cycles) + share * np.asarray(np.sin(2 * np.pi * order * cycles + phase))
 
     return wave

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_iwan.rig.specimen import Floats, Specimen
+from bayes_iwan.arrays import Array
+from bayes_iwan.rig.specimen import Specimen
 
 Parameters = Mapping[str, float]
 #: what acts, by the names of the kernel's numbers, of the chain's settings, or of the functions in `laws.FUNCTIONS`
@@ -123,6 +124,6 @@ def linear(ceiling: Callable[[Surroundings], float]) -> Callable[[Surroundings, 
     return lambda s, strength: ceiling(s) * strength
 
 
-def uniform_grid(reach: float, n: int) -> Floats:
+def uniform_grid(reach: float, n: int) -> Array:
     """A grid from −reach to reach, its middle at 0."""
     return np.linspace(-reach, reach, 2 * n + 1)

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy import signal
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear
-from bayes_iwan.rig.specimen import Floats
 
 Transfer = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -50,7 +50,7 @@ COMPLIANCE = FaultKind(
 _LOOSE = {"end_mass_kg": 3e-4, "end_damping": 2e-5}
 
 
-def _soft_play(stretch: Callable[[Floats], Floats]) -> Callable[[Parameters], Acting]:
+def _soft_play(stretch: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
     """A play whose ends give: by a share of its width at the reference force."""
 
     def acts(p: Parameters) -> Acting:
@@ -185,7 +185,7 @@ def _added(shape) -> Callable[[Parameters], Acting]:
     """`shape(t, p, rng)` times the rate and the record's length; nothing before the record starts."""
 
     def acts(p: Parameters) -> Acting:
-        def add(t: Floats, cycle: Floats, u: Floats, rng: np.random.Generator) -> Floats:
+        def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
             return p["rate_N_s"] * p.get("record_s", 1.0) * shape(np.maximum(t, 0.0), p, rng)
 
         return {"additions": (add,)}
@@ -193,7 +193,7 @@ def _added(shape) -> Callable[[Parameters], Acting]:
     return acts
 
 
-def _wander(t: Floats, p: Parameters, rng: np.random.Generator) -> Floats:
+def _wander(t: Array, p: Parameters, rng: np.random.Generator) -> Array:
     """A random walk in twenty strides, of the record's length in RMS at its end."""
     knots = np.linspace(0.0, p["record_s"], 21)
     walk = np.concatenate([[0.0], np.cumsum(rng.standard_normal(20))]) / np.sqrt(20)
@@ -221,7 +221,7 @@ DRIFT = FaultKind(
 
 def _mains(third: float, fifth: float, wander_hz: float = 0.0, beat: float = 0.0) -> Callable[[Parameters], Acting]:
     def acts(p: Parameters) -> Acting:
-        def add(t: Floats, cycle: Floats, u: Floats, rng: np.random.Generator) -> Floats:
+        def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
             phase, off = rng.uniform(0, 2 * np.pi, 3), 0.03 * rng.standard_normal()
             turn = 2 * np.pi * (p["frequency_hz"] + off) * t + phase[0]
             if wander_hz:  # the grid's frequency walks about its mean
@@ -257,7 +257,7 @@ def _clipped(shape) -> Callable[[Parameters], Acting]:
     return lambda p: {"saturation": lambda f: p["limit_N"] * shape(f / p["limit_N"], p)}
 
 
-def _soft_knee(x: Floats, p: Parameters) -> Floats:
+def _soft_knee(x: Array, p: Parameters) -> Array:
     n = p["sharpness"]
     return np.asarray(x / (1.0 + np.abs(x) ** n) ** (1.0 / n))
 

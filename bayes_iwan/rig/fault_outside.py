@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.rig.fault import Acting, Draw, FaultKind, Law, Parameters, linear, log_uniform
-from bayes_iwan.rig.specimen import Floats
 
 
 def _one(name: str, main: str, ceiling, acts, draw: Draw = lambda g, s: {}, evolves: bool = False) -> FaultKind:
@@ -40,7 +40,7 @@ def _base(p: Parameters) -> Acting:
 
 
 def _whirl(p: Parameters) -> Acting:
-    def add(t: Floats, cycle: Floats, u: Floats, rng: np.random.Generator) -> Floats:
+    def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
         turn = 2 * np.pi * p["order"] * cycle + rng.uniform(0, 2 * np.pi)
         return np.asarray(p["amplitude_N"] * (np.sin(turn) + 0.2 * np.sin(2 * turn)))
 
@@ -48,7 +48,7 @@ def _whirl(p: Parameters) -> Acting:
 
 
 def _chatter(p: Parameters) -> Acting:
-    def add(t: Floats, cycle: Floats, u: Floats, rng: np.random.Generator) -> Floats:
+    def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
         speed = np.gradient(u)
         turns = np.flatnonzero(np.sign(speed[1:]) * np.sign(speed[:-1]) < 0)
         since = np.full(t.size, 1e3)

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear, log_uniform
-from bayes_iwan.rig.specimen import Floats
 
 
 def _largest(rng: np.random.Generator, s: Surroundings) -> Parameters:
@@ -115,7 +115,7 @@ def _two_slopes(p: Parameters) -> Acting:
     k = p["k2_N_mm2"] * p["reach_mm"]
     corner, place = p["corner_share"] * p["reach_mm"], p["place_share"] * p["reach_mm"]
 
-    def force(d: Floats) -> Floats:
+    def force(d: Array) -> Array:
         return k * (np.sqrt((d - place) ** 2 + corner**2) - np.sqrt(place**2 + corner**2))
 
     return {"displacement_force": force}
@@ -142,7 +142,7 @@ def _bends(p: Parameters) -> Acting:
     """Straight to a bend on either side, another slope beyond."""
     k, at, width = p["k3_N_mm3"] * p["reach_mm"] ** 2, p["bend_share"] * p["reach_mm"], 0.05 * p["reach_mm"]
 
-    def force(d: Floats) -> Floats:
+    def force(d: Array) -> Array:
         return k * np.sign(d) * width * np.logaddexp(0.0, (np.abs(d) - at) / width)
 
     return {"displacement_force": force}
@@ -197,7 +197,7 @@ def _rounded_stop(p: Parameters) -> Acting:
 def _two_stage_stop(p: Parameters) -> Acting:
     k, gap, second = p["k_N_mm"], p["gap_mm"], p["second_gap_mm"]
 
-    def force(d: Floats) -> Floats:
+    def force(d: Array) -> Array:
         return 0.3 * k * np.maximum(d - gap, 0.0) + k * np.maximum(d - second, 0.0)
 
     return {"displacement_force": force}

@@ -7,16 +7,15 @@ specimen's force (Newton's method on a function made of straight pieces, with bi
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-Floats = np.ndarray[Any, np.dtype[np.float64]]
-
+from bayes_iwan.arrays import Array
 
 #: stands for a law that is not there
-NO_TABLE: Floats = np.zeros(1)
+NO_TABLE: Array = np.zeros(1)
 
 
 class Numbers(NamedTuple):
@@ -40,21 +39,21 @@ class Numbers(NamedTuple):
     play: float = 0.0
     end_mass_kg: float = 0.0
     end_damping: float = 0.0
-    joint: Floats = NO_TABLE
+    joint: Array = NO_TABLE
     joint_step: float = 1.0
     # the specimen's own further forces: tables over displacement and speed, and what remembers
-    displacement_force: Floats = NO_TABLE
+    displacement_force: Array = NO_TABLE
     displacement_step: float = 1.0
-    speed_force: Floats = NO_TABLE
+    speed_force: Array = NO_TABLE
     speed_step: float = 1.0
-    branch_k: Floats = NO_TABLE
-    branch_tau: Floats = NO_TABLE
+    branch_k: Array = NO_TABLE
+    branch_tau: Array = NO_TABLE
     stop_gap: float = 1e9
     stop_k: float = 0.0
     stop_power: float = 1.0
     stop_loss_s_m: float = 0.0
     # friction; `rate` is a slider's factor over its remembered slip speed
-    rate: Floats = NO_TABLE
+    rate: Array = NO_TABLE
     rate_step: float = 1.0
     ageing: float = 0.0
     ageing_tau: float = 1.0
@@ -68,7 +67,7 @@ class Numbers(NamedTuple):
     lag_second_s: float = 0.0
     lag_slow_share: float = 0.0
     lag_slow_s: float = 1.0
-    fade: Floats = NO_TABLE
+    fade: Array = NO_TABLE
     fade_step: float = 1.0
     fade_work_Nmm: float = 0.0
     fade_stiffness: float = 0.0
@@ -89,7 +88,7 @@ class Numbers(NamedTuple):
 
 
 @njit(cache=True)
-def _look_up(table: Floats, start: float, step: float, x: float) -> tuple[float, float]:
+def _look_up(table: Array, start: float, step: float, x: float) -> tuple[float, float]:
     """Value and slope of a table over a uniform grid; straight on beyond its ends."""
     place = (x - start) / step
     i = min(max(int(place), 0), table.size - 2)
@@ -99,9 +98,7 @@ def _look_up(table: Floats, start: float, step: float, x: float) -> tuple[float,
 
 # sums may be reordered, so that sliders go several at a time; nan and infinity stay what they are
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
-def march(
-    drive: Floats, cycle: Floats, h: float, share: Floats, slip: Floats, q: Numbers
-) -> tuple[Floats, Floats, Floats]:
+def march(drive: Array, cycle: Array, h: float, share: Array, slip: Array, q: Numbers) -> tuple[Array, Array, Array]:
     """Integrate the rig from rest.
 
     Parameters: `drive` (n,) armature position in mm at steps of `h` seconds; `cycle` (n,) cycles since the

@@ -16,12 +16,12 @@ import numpy as np
 from numba import njit
 from scipy import signal
 
-from bayes_iwan.rig.specimen import Floats
+from bayes_iwan.arrays import Array
 
 #: numerator and denominator in s (rad/s)
 Transfer = tuple[tuple[float, ...], tuple[float, ...]]
 #: force (N) added to a record, from times (s), cycles, displacement (mm) and a random generator
-Addition = Callable[[Floats, Floats, Floats, np.random.Generator], Floats]
+Addition = Callable[[Array, Array, Array, np.random.Generator], Array]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Chain:
     displacement_filters: tuple[Transfer, ...] = ()
     force_filters: tuple[Transfer, ...] = ()
     additions: tuple[Addition, ...] = ()
-    saturation: Callable[[Floats], Floats] | None = None
+    saturation: Callable[[Array], Array] | None = None
     reading_lag_mm: float = 0.0
     cell_lag_N: float = 0.0
     gain: float = 1.0
@@ -65,28 +65,28 @@ class Sensors:
     force_step_N: float = 2e-4
 
 
-def _second_order(x: Floats, rate_hz: float, corner_hz: float, ratio: float) -> Floats:
+def _second_order(x: Array, rate_hz: float, corner_hz: float, ratio: float) -> Array:
     w = 2 * np.pi * corner_hz
     return _filtered(x, rate_hz, ((w * w,), (1.0, 2 * ratio * w, w * w)))
 
 
 @cache
-def _digital(transfer: Transfer, rate_hz: float) -> tuple[Floats, Floats]:
+def _digital(transfer: Transfer, rate_hz: float) -> tuple[Array, Array]:
     b, a = signal.bilinear(*transfer, fs=rate_hz)
     return b, a
 
 
-def _filtered(x: Floats, rate_hz: float, transfer: Transfer) -> Floats:
+def _filtered(x: Array, rate_hz: float, transfer: Transfer) -> Array:
     return np.asarray(signal.lfilter(*_digital(transfer, rate_hz), x))
 
 
 @cache
-def _antialias(corner_hz: float, rate_hz: float) -> Floats:
+def _antialias(corner_hz: float, rate_hz: float) -> Array:
     return np.asarray(signal.butter(4, corner_hz, fs=rate_hz, output="sos"))
 
 
 @njit(cache=True)
-def _lagging_reading(x: Floats, width: float, n: int = 5) -> Floats:
+def _lagging_reading(x: Array, width: float, n: int = 5) -> Array:
     """A reading that lags at reversals: the mean of `n` plays of widths up to `width_mm`."""
     out = np.zeros_like(x)
     for j in range(n):
@@ -97,12 +97,12 @@ def _lagging_reading(x: Floats, width: float, n: int = 5) -> Floats:
     return out / n
 
 
-def coloured_noise(rng: np.random.Generator, n: int, rms: float, correlation: float, slow_share: float) -> Floats:
+def coloured_noise(rng: np.random.Generator, n: int, rms: float, correlation: float, slow_share: float) -> Array:
     """Noise of a given RMS: an AR(1) process, and a slowly wandering part made of three long AR(1) processes."""
     if rms == 0.0:
         return np.zeros(n)
 
-    def ar(c: float) -> Floats:
+    def ar(c: float) -> Array:
         burn = int(min(5 / (1 - c), 4000))
         white = rng.standard_normal(n + burn) * np.sqrt(1 - c * c)
         return np.asarray(signal.lfilter([1.0], [1.0, -c], white))[burn:]
@@ -112,16 +112,16 @@ def coloured_noise(rng: np.random.Generator, n: int, rms: float, correlation: fl
 
 
 def measure(
-    time_s: Floats,
-    displacement_mm: Floats,
-    force_N: Floats,
-    sample_times_s: Floats,
+    time_s: Array,
+    displacement_mm: Array,
+    force_N: Array,
+    sample_times_s: Array,
     sensors: Sensors,
     chain: Chain,
     rng: np.random.Generator,
     clean: bool = False,
     frequency_hz: float = 1.0,
-) -> tuple[Floats, Floats]:
+) -> tuple[Array, Array]:
     """Sample the motion as the chain would.
 
     Parameters: `time_s` (n,) uniform fine steps, the displacement at the sensor and the force in the sensor's

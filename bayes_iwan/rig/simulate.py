@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Record
 from bayes_iwan.rig.fault import Acting, Fault, uniform_grid
 from bayes_iwan.rig.faults import acting, check_faults, scatter
 from bayes_iwan.rig.kernel import Numbers, march
 from bayes_iwan.rig.sensors import Chain, Sensors, measure
-from bayes_iwan.rig.specimen import Floats, RigError, Specimen
+from bayes_iwan.rig.specimen import RigError, Specimen
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,9 @@ class RigRun:
 
     test: PlannedTest
     true_frequency_hz: float
-    time_s: Floats
-    displacement_mm: Floats
-    force_N: Floats
+    time_s: Array
+    displacement_mm: Array
+    force_N: Array
 
     def record(self, file: str) -> Record:
         """The run as a campaign's record."""
@@ -94,10 +95,10 @@ class RigMotion:
 
     test: PlannedTest
     true_frequency_hz: float
-    time_s: Floats
-    displacement_mm: Floats
-    force_N: Floats
-    sample_times_s: Floats
+    time_s: Array
+    displacement_mm: Array
+    force_N: Array
+    sample_times_s: Array
 
 
 @dataclass(frozen=True)
@@ -231,7 +232,7 @@ def move(
     if "stiffness_scatter" in act:
         body = body.scaled(scatter(act["stiffness_scatter"][1], act["stiffness_scatter"][0], index))
 
-    def shape(t: Floats, run_in: float) -> Floats:
+    def shape(t: Array, run_in: float) -> Array:
         turn = 2 * np.pi * frequency * t + start
         wave = np.sin(turn) + second * np.sin(2 * turn + phase2) + third * np.sin(3 * turn + phase3)
         rise = np.clip((t * frequency + run_in) / min(3.0, run_in), 0.0, 1.0)
@@ -241,7 +242,7 @@ def move(
     def march_through(
         rate: float, begin: float, stop: float, run_in: float, size: float, offset: float,
         own_amplitude: float, sliders: Specimen,
-    ) -> tuple[Floats, Floats, Floats, Floats]:  # fmt: skip
+    ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
         t = begin + np.arange(int(np.ceil((stop - begin) * rate)) + 1) / rate
         drive = size * shape(t, run_in) + offset * np.clip((t - begin) * frequency, 0.0, 1.0)
         numbers = kernel_numbers(sliders, setup, act, frequency, own_amplitude)

@@ -9,6 +9,7 @@ from math import factorial
 
 import numpy as np
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.rig.fault import Fault, Surroundings
 from bayes_iwan.rig.faults import KINDS, complete, drawn, laws_of
 from bayes_iwan.rig.simulate import (
@@ -22,7 +23,7 @@ from bayes_iwan.rig.simulate import (
     only_measured,
     simulate_tests,
 )
-from bayes_iwan.rig.specimen import Floats, RigError, Specimen
+from bayes_iwan.rig.specimen import RigError, Specimen
 
 #: a specimen's tests without any fault: what faults are compared with, the records, and the motion behind them
 Sound = tuple[Surroundings, tuple[RigRun, ...], tuple[RigMotion, ...]]
@@ -35,7 +36,7 @@ def friction_of_runs_N(runs: Sequence[RigRun], parallel_N_mm: float) -> float:
     return float(np.sqrt(np.mean([np.mean((r.force_N - parallel_N_mm * r.displacement_mm) ** 2) for r in runs])))
 
 
-def _changes(changed: Sequence[RigRun], sound: Sequence[RigRun]) -> list[Floats]:
+def _changes(changed: Sequence[RigRun], sound: Sequence[RigRun]) -> list[Array]:
     """Change of the force in each test, both records brought to the same phase of the measured displacement."""
     changes = []
     for a, b in zip(changed, sound):
@@ -179,7 +180,7 @@ def size_fault(
     raise RigError(f"no strength of {name} ({law}) changes the force by {100 * size:.2g} % of the friction force")
 
 
-def _column(parts: Sequence[Floats], about_mean: bool) -> Floats:
+def _column(parts: Sequence[Array], about_mean: bool) -> Array:
     return np.concatenate([(c - c.mean() if about_mean else c) / np.sqrt(c.size) for c in parts])
 
 
@@ -234,7 +235,7 @@ def _imitations(
     about_mean: bool,
     setup: Setup | None,
     seed: int,
-) -> Floats:
+) -> Array:
     """Orthonormal columns: the changes of the force that small changes of the specimen's numbers make.
 
     They are run on the few cycles of `tests`, and go on as in their last two over the whole of `runs`.
@@ -264,7 +265,7 @@ def _imitations(
     return np.asarray(matrix @ (turned[:, kept] / np.sqrt(size[kept])))
 
 
-def _goes_on(change: Floats, short: RigRun, long: RigRun) -> Floats:
+def _goes_on(change: Array, short: RigRun, long: RigRun) -> Array:
     if long.time_s.size == short.time_s.size:
         return change
     whole = 2.0 / short.true_frequency_hz

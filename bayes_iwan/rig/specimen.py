@@ -8,13 +8,13 @@ normal force have slightly other shapes.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-Floats = np.ndarray[Any, np.dtype[np.float64]]
+from bayes_iwan.arrays import Array
 
 
 class RigError(ValueError):
@@ -43,8 +43,8 @@ class Specimen:
     beta: float
     lambda_s_m: float
     tip: float
-    stiffness_share: Floats
-    slip_share_N: Floats
+    stiffness_share: Array
+    slip_share_N: Array
     family: str
 
     def coarse(self, n_sliders: int) -> Specimen:
@@ -56,14 +56,15 @@ class Specimen:
         groups = np.array_split(order, n_sliders)
         share = np.array([self.stiffness_share[g].sum() for g in groups])
         slip = np.array([self.slip_share_N[g].sum() for g in groups])
-        return Specimen(**{**_numbers(self), "stiffness_share": share, "slip_share_N": slip})
+        return replace(self, stiffness_share=share, slip_share_N=slip)
 
     def scaled(self, stiffness: float) -> Specimen:
         """The same specimen with both springs multiplied by `stiffness` (a remount, a warm rope)."""
-        numbers = _numbers(self)
-        numbers["parallel_N_mm"] *= stiffness
-        numbers["contact_N_mm"] *= stiffness
-        return Specimen(**numbers)
+        return replace(
+            self,
+            parallel_N_mm=stiffness * self.parallel_N_mm,
+            contact_N_mm=stiffness * self.contact_N_mm,
+        )
 
     def summary(self) -> dict[str, Any]:
         """The numbers for a truth file; the slip forces as deciles of φ (N, at rest, per unit share)."""
@@ -75,11 +76,7 @@ class Specimen:
         return numbers
 
 
-def _numbers(specimen: Specimen) -> dict[str, Any]:
-    return {name: getattr(specimen, name) for name in specimen.__dataclass_fields__}
-
-
-def _quantiles(n: int, rng: np.random.Generator | None) -> Floats:
+def _quantiles(n: int, rng: np.random.Generator | None) -> Array:
     jitter = 0.5 if rng is None else rng.uniform(0.1, 0.9, n)
     return (np.arange(n) + jitter) / n
 
@@ -111,7 +108,7 @@ def paper_specimen(n_sliders: int = 300, seed: int | None = None) -> Specimen:
     )
 
 
-def _draw_slip_forces(rng: np.random.Generator, p: Floats) -> tuple[str, Floats]:
+def _draw_slip_forces(rng: np.random.Generator, p: Array) -> tuple[str, Array]:
     """Slip forces at the probabilities `p` from a family drawn at random; mean not yet set."""
     kind = rng.choice(["lognormal", "weibull", "bimodal", "power law", "gamma mixture", "uniform", "half normal"])
     if kind == "lognormal":

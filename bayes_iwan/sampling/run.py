@@ -15,7 +15,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,11 +42,10 @@ _TRIAL_STEPS = 1500  # of production before its speed is judged
 
 
 def _local_moves(ensembles: int) -> WeighedMoves:
-    at: dict[str, Any] = {"ensembles": ensembles, "powers": POWERS}
     return (
-        (DifferentialEvolutionMove(**at), 0.7),
-        (SnookerMove(**at), 0.15),
-        (StretchMove(**at), 0.15),
+        (DifferentialEvolutionMove(ensembles=ensembles, powers=POWERS), 0.7),
+        (SnookerMove(ensembles=ensembles, powers=POWERS), 0.15),
+        (StretchMove(ensembles=ensembles, powers=POWERS), 0.15),
     )
 
 

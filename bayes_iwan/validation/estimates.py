@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize, stats
 
-Floats = np.ndarray[Any, np.dtype[np.float64]]
+from bayes_iwan.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def findable(values: Sequence[float], hits: Sequence[bool], seed: int = 0) -> di
     def fit(rows: np.ndarray[Any, np.dtype[Any]]) -> list[float]:
         xr, hr = x[rows], h[rows]
 
-        def cost(p: Floats) -> float:  # a weak prior keeps a separable sample finite
+        def cost(p: Array) -> float:  # a weak prior keeps a separable sample finite
             z = p[0] + np.exp(p[1]) * (xr - x.mean())
             return float(np.sum(np.logaddexp(0, z) - hr * z) + 0.05 * p[0] ** 2 + 0.25 * (p[1] - np.log(2)) ** 2)
 
