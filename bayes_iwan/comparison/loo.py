@@ -11,7 +11,6 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.comparison.pareto import smooth_log_weights
 from bayes_iwan.inference.likelihood import make_likelihood
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.problem import Problem
@@ -63,6 +62,24 @@ def psis_loo(log_likelihood: Array) -> Loo:
     )
 
 
+def smoothed_log_weights(log_w: Array) -> tuple[Array, Array]:
+    """ArviZ's Pareto-smoothed log weights (…, n), their exponentials summing to one, and Pareto's k (…,).
+
+    Vehtari, Simpson, Gelman, Yao & Gabry, Pareto smoothed importance sampling, J. Machine Learning Research 25 (2024).
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # ArviZ announces on import what it will change
+        try:
+            from arviz import psislw
+        except ImportError:  # from 1.0: of log-likelihoods, so of the negated weights
+            from arviz_stats.base import array_stats
+
+            smoothed, k = array_stats.psislw(-log_w)
+        else:
+            smoothed, k = psislw(log_w)
+    return np.asarray(smoothed) - logsumexp(smoothed, axis=-1, keepdims=True), np.asarray(k, dtype=float)
+
+
 def leave_tests_out(posterior: Posterior, *, seed: int = 0, walkers: int = 128, steps: int = 60) -> Loo:
     """ln p(test | all other tests) of each fitted test, (tests,), parameters and noise learnt from the others alone.
 
@@ -78,9 +95,10 @@ def leave_tests_out(posterior: Posterior, *, seed: int = 0, walkers: int = 128, 
     for t in range(len(problem.loops)):
         others = without(problem, t)
         conditional = whole - _chunked(others.log_likelihood, z)
-        log_w, k = smooth_log_weights(-conditional)
+        log_w, at = smoothed_log_weights(-conditional)
+        k = float(at)
         if k < TRUSTED:
-            value = logsumexp(log_w + conditional) - logsumexp(log_w)
+            value = logsumexp(log_w + conditional)
         else:
             moved = _moved(others, z, log_w, walkers, steps, seed + t)
             conditional = problem.log_likelihood(moved) - others.log_likelihood(moved)

@@ -9,11 +9,10 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import special
-from scipy.special import logsumexp
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.comparison.pareto import smooth_log_weights
+from bayes_iwan.comparison.loo import smoothed_log_weights
 from bayes_iwan.inference.discrepancy import Correlated
 from bayes_iwan.inference.likelihood import Independent
 from bayes_iwan.inference.posterior import Posterior
@@ -153,14 +152,9 @@ def loo_pit(posterior: Posterior, n: int = 600) -> LooPit:
         probability = cdf.reshape(len(z), 1, -1)
     if probability.shape[2] != log_p.shape[1]:
         raise ValueError(f"LOO-PIT: {probability.shape[2]} data but {log_p.shape[1]} log-likelihoods")
-    pit = [np.empty(log_p.shape[1]) for _ in range(probability.shape[1])]
-    k = np.empty(log_p.shape[1])
-    for i in range(log_p.shape[1]):
-        log_w, k[i] = smooth_log_weights(-log_p[:, i])
-        w = np.exp(log_w - logsumexp(log_w))
-        for part in range(probability.shape[1]):
-            pit[part][i] = w @ probability[:, part, i]
-    return LooPit(np.concatenate(pit), k)
+    log_w, k = smoothed_log_weights(-log_p.T)
+    pit = np.einsum("dn,npd->pd", np.exp(log_w), probability)
+    return LooPit(pit.ravel(), k)
 
 
 @styled
