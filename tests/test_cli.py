@@ -173,12 +173,3 @@ def test_importing_the_package_and_help_are_quick_and_light():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
-
-
-def test_public_names_exist():
-    import bayes_iwan as bi
-
-    for name in bi.__all__:
-        assert getattr(bi, name) is not None
-    with pytest.raises(AttributeError, match="identfy"):
-        bi.identfy  # noqa: B018

@@ -1,6 +1,9 @@
 """The public face: every name is there, results show themselves on one screen, a bad folder is refused before work."""
 
+import ast
+import importlib
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,9 +21,13 @@ def quick(made_up_campaign, tmp_path_factory):
     return bi.identify(made_up_campaign, out, config=ONE, seed=1, quick=True, progress=False), out
 
 
-def test_every_public_name_is_there():
-    for name in bi.__all__:
-        assert getattr(bi, name) is not None
+def test_what_a_checker_sees_is_what_is_imported():
+    """The names under TYPE_CHECKING are those handed out at run time, from the same modules."""
+    (seen,) = (x for x in ast.parse(Path(bi.__file__).read_text()).body if isinstance(x, ast.If))
+    declared = {alias.name: node.module for node in seen.body for alias in node.names}
+    assert {*declared, "__version__"} == set(bi.__all__)
+    for name, module in declared.items():
+        assert getattr(bi, name) is getattr(importlib.import_module(module), name)
     with pytest.raises(AttributeError, match="nothing_such"):
         getattr(bi, "nothing_such")  # noqa: B009
 

@@ -30,7 +30,8 @@ def test_the_example_is_loaded_and_acts_as_it_says():
     assert np.all(added[1] * motion.velocity_m_s[0] >= 0.0)  # against the motion: it dissipates
     strength = effect.parameters[0]
     assert strength.name == "quadratic_drag.c2_N_s2_m2" and strength.unit == "N·s²/m²"
-    assert 0.0 < float(strength.value(np.zeros(1))[0]) < 100.0
+    # the prior's median is what the effect itself calls a strength of the right order
+    assert float(strength.value(np.zeros(1))[0]) == pytest.approx(effect.first_guess())
 
 
 def test_it_joins_the_catalogue_and_a_taken_name_is_refused():

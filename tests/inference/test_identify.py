@@ -213,8 +213,12 @@ def test_predictions_of_a_posterior(run):
     expected = posterior.problem.model.friction_force(n, posterior.problem.motion)
     np.testing.assert_allclose(friction, expected, atol=1e-9)
     replicas = posterior.forces(300, replicate=True, rng=np.random.default_rng(0))
+    noise = posterior.problem.numbers(posterior.flat_z(300))["noise_N"][:, None, None]
+    scaled = (replicas - posterior.forces(300)) / noise * np.sqrt(posterior.problem.likelihood.weights)
+    assert np.std(scaled) == pytest.approx(1.0, abs=0.02) and abs(np.mean(scaled)) < 0.01
     z_score = (posterior.problem.measured_N - replicas.mean(axis=0)) / replicas.std(axis=0)
-    assert 0.02 < np.std(z_score) < 1.5
+    assert np.std(z_score) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(np.abs(z_score) < 1.645) == pytest.approx(0.9, abs=0.04)
     with pytest.raises(ValueError, match="fitted tests only"):
         posterior.forces(5, loops=posterior.loops[:2], replicate=True)
 

@@ -54,7 +54,7 @@ def harmonic(r, h=1, signal=None):
 
 
 def test_rig_imports_nothing_of_the_fitted_model():
-    """Of the package, the rig knows its own files, campaigns and threads."""
+    """Of the package, the rig knows its own files, campaigns and what an array is called."""
     folder = Path(simulate.__file__).parent
     modules = [
         (file.name, node.module or "")
@@ -65,7 +65,7 @@ def test_rig_imports_nothing_of_the_fitted_model():
     own = [(f, m) for f, m in modules if m.startswith("bayes_iwan")]
     assert len(own) > 10
     for file, module in own:
-        assert module.startswith(("bayes_iwan.rig", "bayes_iwan.campaign")), f"{file}: {module}"
+        assert module.startswith(("bayes_iwan.rig", "bayes_iwan.campaign", "bayes_iwan.arrays")), f"{file}: {module}"
 
 
 def test_virgin_curve_of_uniform_slip_forces():
