@@ -37,6 +37,7 @@ class Check:
 
     @property
     def loops(self) -> tuple[Loop, ...]:
+        """The averaged tests."""
         return tuple(x.loop for x in self.tests)
 
     def __repr__(self) -> str:
@@ -201,9 +202,21 @@ def diagnose(
     effects_file : Python file with effects of your own (its code is run).
     simulator : a model of your own in the place of the Iwan model, or its Python file (its code is run).
 
+    Returns
+    -------
+    Diagnosis : verdict, budget of the gap (RMS in N and shares), next test; its repr is the answer in plain words.
+
     Raises
     ------
     CampaignError, ConfigError, EffectError, ModelError : ValueErrors of one line.
+
+    Examples
+    --------
+    A dashpot on the virtual rig, found again (some seconds)::
+
+        plan = [bi.PlannedTest(f, a, cycles=12) for f in (8.0, 20.0) for a in (0.4, 0.9)]
+        bi.simulate_campaign(plan, fault="viscous_damping", size=0.12, seed=3).write("damped")
+        bi.diagnose("damped", quick=True, seed=1).verdict.names   # ('viscous_damping',)
     """
     own = simulator is not None
     settings = diagnose_settings_of(config, own)
@@ -262,14 +275,31 @@ def compare(
     Parameters
     ----------
     campaign : a campaign, its folder, or averaged loops.
+    out : folder for compare.html and compare.csv; None writes nothing.
     families : names of :data:`bayes_iwan.comparison.families.FAMILIES` (default: all).
-    by : "loo" (single data left out), "tests" (whole tests left out) or "auto".
-
+    config, seed : as for :func:`identify`.
+    by : "loo" (single data left out), "tests" (whole tests left out) or "auto" (the first where its Pareto k hold).
     executor : from :func:`bayes_iwan.executors.opened`, to fit families side by side.
+    progress : show a bar.
+
+    Returns
+    -------
+    Comparison : families, best first, with differences of the expected log predictive density in nats.
 
     Raises
     ------
     CompareError : unknown families or rankings; CampaignError, ConfigError as for :func:`identify`.
+
+    References
+    ----------
+    Vehtari, Gelman & Gabry, Practical Bayesian model evaluation using leave-one-out cross-validation and WAIC,
+    Statistics and Computing 27 (2017) 1413.
+
+    Examples
+    --------
+    Two families, some minutes::
+
+        bi.compare("data/rope_spring", families=["gamma3", "bouc_wen"], seed=1)
     """
     chosen = partial(
         compare_families, campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress

@@ -48,7 +48,16 @@ LARGEST_NUMBER = 1e30  # in mm, N or s: far beyond any instrument, far below whe
 
 @dataclass(frozen=True)
 class Campaign:
-    """All tests of one specimen, as `campaign.toml` lists them."""
+    """All tests of one specimen, as `campaign.toml` lists them; made by :func:`read_campaign`.
+
+    Parameters
+    ----------
+    name, description, source, licence : text of [specimen].
+    path : the folder.
+    tests : the records, in the order of the file.
+    from_acceleration : whether the displacement was integrated from an accelerometer's channel.
+    limits : what the rig can do, as [rig] states it.
+    """
 
     name: str
     description: str
@@ -65,14 +74,48 @@ class Campaign:
         return self.tests[0].units
 
     def loops(self, n_phase: int = 128, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
-        """Each test's phase-averaged loop, harmonics that cannot be trusted left out, in the order of `tests`."""
+        """Each test's phase-averaged loop, harmonics that cannot be trusted left out, in the order of `tests`.
+
+        Parameters
+        ----------
+        n_phase : points of a loop.
+        n_harmonics : harmonics that are kept, at most n_phase/2 − 1.
+        n_blocks : blocks of consecutive cycles, for what changes along the record.
+
+        Returns
+        -------
+        tuple of Loop : one a test.
+
+        Raises
+        ------
+        CampaignError : a record without enough whole cycles at its frequency; the message names file and mend.
+        """
         return tuple(in_band(average(test, n_phase, n_harmonics, n_blocks)) for test in self.tests)
 
 
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:
-    """Read and check a campaign folder (or its campaign.toml).
+    """Read and check a campaign folder.
 
-    Raises CampaignError with the file, the line where there is one, and the mend.
+    Parameters
+    ----------
+    path : the folder, or its campaign.toml.
+
+    Returns
+    -------
+    Campaign : its records in s, mm and N (or what `units` says).
+
+    Raises
+    ------
+    CampaignError : one line with the file, the line where there is one, and the mend.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=1).write(folder)
+    >>> [(test.frequency_hz, test.amplitude_mm) for test in bi.read_campaign(folder).tests]
+    [(10.0, 0.4), (10.0, 0.9)]
     """
     folder = Path(path)
     if folder.name == "campaign.toml":
@@ -313,8 +356,31 @@ def write_campaign(
 ) -> None:
     """Write a campaign folder that `read_campaign` reads back; equal input gives equal bytes.
 
-    Each record becomes `.csv.gz`, or `.csv` without `compress`. Files are replaced one by one, campaign.toml
-    last, so an interrupted write never leaves a folder that reads as whole but is not.
+    Files are replaced one by one, campaign.toml last, so an interrupted write never leaves a folder that reads as whole
+    but is not.
+
+    Parameters
+    ----------
+    path : folder, made if need be.
+    name, description, source, licence : of the specimen.
+    tests : records, all in the same units.
+    sample_rate_hz : stated in campaign.toml if given; times are then on its grid.
+    compress : records as `.csv.gz`, else `.csv`.
+
+    Raises
+    ------
+    CampaignError : no test, or tests of different units.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, bayes_iwan as bi
+    >>> t = np.arange(640) / 640.0
+    >>> u = 0.5 * np.sin(2.0 * np.pi * 10.0 * t)
+    >>> record = bi.Record("f10_a0.5.csv", 10.0, 0.5, "fit", {}, t, u, 7.0 * u)
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.write_campaign(folder, name="spring", description="7 N/mm", tests=[record], compress=False)
+    >>> bi.read_campaign(folder).name
+    'spring'
     """
     folder = Path(path)
     if not tests:

@@ -146,7 +146,14 @@ class Row:
 
 @dataclass(frozen=True, repr=False)
 class Comparison:
-    """Families ranked, best first. by : "loo" or "tests", which of the two densities ranks them."""
+    """Families ranked by how well they predict, best first.
+
+    Attributes
+    ----------
+    campaign : its name.
+    by : "loo" or "tests", which of the two predictive densities ranks them.
+    entries : a family each, with its posterior, misfit and predictive densities.
+    """
 
     campaign: str
     by: str
@@ -182,6 +189,7 @@ class Comparison:
         raise KeyError(name)
 
     def rows(self) -> tuple[Row, ...]:
+        """The ranking as a table, best first: differences in nats to the best, with standard errors."""
         best = self.entries[0]
         out = []
         for e in self.entries:

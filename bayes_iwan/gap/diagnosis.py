@@ -73,12 +73,19 @@ class Moved:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis:
-    """Everything that was found.
+    """What the model misses, as a budget of named causes and a rest.
 
-    verdict : the headline; budget : the gap as a sum; found : what stands behind them
-    before, residual, where : gap, residual and place of what the base model misses; after_residual : that with all
-    named causes; parameters : of each named effect, as reported; moved : the specimen's own
-    not_testable : effects that these tests would not have shown at their usual size; expected_nats : by effect
+    Attributes
+    ----------
+    verdict : the headline: its kind, the named causes and the probability of each effect.
+    budget : the gap as a sum: before, each cause's share, the rest; RMS in N and shares with 90 % intervals.
+    before, residual, where : gap, residual and place of what the base model misses.
+    after_residual : the residual with all named causes.
+    parameters : of each named effect, as reported: mean, sd, 5 and 95 % quantiles, unit.
+    moved : the specimen's own parameters without and with the causes.
+    not_testable : effects that these tests would not have shown at their usual size; expected_nats : by effect.
+    next_test : the test that would settle what is open, None where nothing is.
+    found : what stands behind all this.
     """
 
     campaign: Campaign
@@ -126,6 +133,7 @@ class Diagnosis:
 
     @property
     def search(self) -> Search:
+        """All fits behind the diagnosis."""
         return self.found.search
 
     @property

@@ -55,10 +55,31 @@ class ConfigError(ValueError):
 
 
 def settings_of(config: Config = None, unused: Mapping[str, str] | None = None, bends: bool = True) -> IdentifySettings:
-    """The settings of an identification, defaults filled in. Raises ConfigError.
+    """The settings of an identification, defaults filled in.
 
-    unused : tables that this run would not use, each with the reason: they are refused. bends : is the model embedded
-    (may its form bend a little) where the tables do not say?
+    Parameters
+    ----------
+    config : a TOML file, its tables as a mapping, settings already checked, or None.
+    unused : tables that this run would not use, each with the reason: they are refused.
+    bends : is the model embedded (may its form bend a little) where the tables do not say?
+
+    Returns
+    -------
+    IdentifySettings : frozen.
+
+    Raises
+    ------
+    ConfigError : one line with file, table, key and the mend.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> bi.settings_of({"sampling": {"budget_s": 60}}).sampling.budget_s
+    60.0
+    >>> bi.settings_of({"sampling": {"walkrs": 60}})
+    Traceback (most recent call last):
+        ...
+    bayes_iwan.inference.config.ConfigError: config [sampling]: unknown key 'walkrs'; did you mean 'walkers'?
     """
     if isinstance(config, IdentifySettings):
         return config

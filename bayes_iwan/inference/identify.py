@@ -21,9 +21,10 @@ from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.inference import results
 from bayes_iwan.inference.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.point import Point, find_point, laplace_scale, starting_population
-from bayes_iwan.inference.posterior import ConvergenceRow, Posterior
+from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import sampled_and_derived
+from bayes_iwan.inference.rows import ConvergenceRow
 from bayes_iwan.inference.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.physics import Simulator
@@ -143,8 +144,24 @@ def identify_problem(
 ) -> Posterior:
     """The posterior of a problem, from loops of any origin; nothing but the checkpoint is written.
 
-    config : as for :func:`identify`; its [search] and [sampling] tables are read. loops : all tests, if some were
-    held out. out : folder of the checkpoint. simulator_file : where the problem's simulator came from, if from a file.
+    Parameters
+    ----------
+    problem : from :func:`make_problem`, perhaps with other measured forces (`with_force`) or effects.
+    seed : of all random numbers.
+    config : as for :func:`bayes_iwan.identify`; its [search] and [sampling] tables are read.
+    campaign, simulator_file : where loops and simulator came from, for what is written of them.
+    loops : all tests, if some were held out.
+    out : folder of the checkpoint; resume : go on from it.
+    progress : show a bar.
+    quick : Laplace's approximation instead of sampling.
+
+    Returns
+    -------
+    Posterior : with the draws, (chains, draws, ndim), in z.
+
+    Raises
+    ------
+    ConfigError, CheckpointError, SamplingError : ValueErrors of one line.
     """
     settings = settings_of(config)
     began = time.monotonic()

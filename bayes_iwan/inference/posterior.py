@@ -14,13 +14,14 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Campaign, Loop
-from bayes_iwan.campaign.units import Units
 from bayes_iwan.drawing import draw
 from bayes_iwan.inference.discrepancy import Correlated
 from bayes_iwan.inference.intervals import Widening, widenings
 from bayes_iwan.inference.point import Point
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.quantities import quantities
+from bayes_iwan.inference.remarks import remarks
+from bayes_iwan.inference.rows import ConvergenceRow, Misfit, Prediction, SummaryRow
 from bayes_iwan.inference.settings import IdentifySettings
 from bayes_iwan.physics.motion import motion_of, sine_motion
 from bayes_iwan.physics.simulator import FORCE_ZERO, Derived, straight_part
@@ -30,98 +31,37 @@ from bayes_iwan.sampling.ensembles import Stop
 if TYPE_CHECKING:
     import pandas
 
-#: share of the friction force above which a misfit is called large
-LARGE_MISFIT = 0.03
-#: prior standard scores beyond which a median is said to lie at the end of its prior
-AT_THE_END = 3.0
-#: ... or that its 90 % interval ends so near a bound of the prior, over the interval's width
-NEAR_THE_BOUND = 0.02
-
-
-@dataclass(frozen=True)
-class ConvergenceRow:
-    """Diagnostics of one number; tau in steps of the sampler."""
-
-    name: str
-    ess_bulk: float
-    ess_tail: float
-    r_hat: float
-    tau: float
-
-
-@dataclass(frozen=True)
-class SummaryRow:
-    """One line of summary.csv.
-
-    q05, q50, q95 : the posterior's own quantiles. between_sd : standard deviation between tests, each left out in turn.
-    low_90, high_90 : the 90 % interval with the between-test variance, and with what no loop reaches; reach : why a
-    number is extrapolated, and what determines it (see :mod:`.intervals`).
-    """
-
-    name: str
-    unit: str
-    mean: float
-    sd: float
-    q05: float
-    q50: float
-    q95: float
-    ess_bulk: float
-    ess_tail: float
-    r_hat: float
-    between_sd: float
-    low_90: float
-    high_90: float
-    reach: str
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Loops that were predicted, with what the posterior knows of them.
-
-    frequency_hz, amplitude_mm : (loops,); displacement_mm : (loops, samples); force_N : (draws, loops, samples), the
-    model's alone, without noise; units : the campaign's, for what is printed.
-    """
-
-    frequency_hz: Array
-    amplitude_mm: Array
-    displacement_mm: Array
-    force_N: Array
-    units: Units
-
-    def band(self, level: float = 0.9) -> tuple[Array, Array, Array]:
-        """Lower end, median and upper end of the central interval, (loops, samples) each, N."""
-        low, middle, high = np.quantile(self.force_N, [0.5 - level / 2, 0.5, 0.5 + level / 2], axis=0)
-        return low, middle, high
-
-    def __repr__(self) -> str:
-        low, _, high = self.band()
-        return "\n".join(
-            f"{f:g} Hz, {a:g} {self.units.displacement}: ±{0.5 * np.mean(high[i] - low[i]):.3g} {self.units.force} "
-            "(90 %, mean along the loop)"
-            for i, (f, a) in enumerate(zip(self.frequency_hz, self.amplitude_mm))
-        )
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """rms_N : RMS residual of the median prediction over the fitted tests; share : the same over the friction force's,
-    tests weighing alike."""
-
-    rms_N: float
-    share: float
-
 
 @dataclass(frozen=True, repr=False)
 class Posterior:
     """Draws of a problem's coordinates from independent ensembles.
 
+    Attributes
+    ----------
     loops : all tests' loops, held-out ones included; problem.loops are those fitted.
-    z : (chains, draws, ndim), log_prob : (chains, draws); a chain is an ensemble, its draws lie walker after walker
-    in the order of the steps, `walkers` of them, so that neighbours are steps of one walker.
-    thin : sampler's steps between two draws of a walker. convergence : rows for the sampled numbers over the whole
-    run; message : why the run ended, and what fell short if it has not converged.
-    stop : the reason
-    alone. campaign : None for loops that came from no folder. simulator_file : where a user's own simulator came from.
+    z : (chains, draws, ndim), log_prob : (chains, draws); a chain is an ensemble, its draws lie walker after walker in
+        the order of the steps, `walkers` of them, so that neighbours are steps of one walker.
+    thin : sampler's steps between two draws of a walker.
+    convergence : rows for the sampled parameters over the whole run.
+    message : why the run ended, and what fell short if it has not converged; stop : the reason alone.
+    campaign : None for loops that came from no folder. simulator_file : where a user's own simulator came from.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=1).write(folder)
+    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> spring = next(row for row in posterior.summary() if row.name == "kp_N_mm")
+    >>> spring.unit, bool(spring.low_90 < spring.q50 < spring.high_90)
+    ('N/mm', True)
+    >>> posterior.to_dataframe()["kp_N_mm"].shape == (posterior.flat_z().shape[0],)
+    True
+    >>> posterior.predict(frequency_hz=12.0, amplitude_mm=[0.5, 0.7]).force_N.shape
+    (400, 2, 128)
+    >>> bool(posterior.misfit().share < 0.1)
+    True
     """
 
     problem: Problem
@@ -178,10 +118,12 @@ class Posterior:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Sampled parameters, in z's order."""
         return self.problem.names
 
     @property
     def ndim(self) -> int:
+        """How many they are."""
         return self.problem.ndim
 
     @property
@@ -223,7 +165,21 @@ class Posterior:
         return widenings(self.problem, self.point.z, self.loops)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
-        """The interval that is reported of a quantity: the posterior's with the between-test variance and reach."""
+        """The interval that is reported of a quantity: the posterior's with the between-test variance and reach.
+
+        Parameters
+        ----------
+        name : of a quantity, as in :meth:`summary`.
+        level : probability within.
+
+        Returns
+        -------
+        low, high : in the quantity's unit; nan where it has no finite draw.
+
+        Raises
+        ------
+        KeyError : no quantity of this name.
+        """
         values = self.quantities()[name].values
         kept = values[np.isfinite(values)]
         widening = self.widenings[name]
@@ -244,7 +200,14 @@ class Posterior:
         return convergence_of(draws, tuple(named), thin=self.thin)
 
     def summary(self) -> tuple[SummaryRow, ...]:
-        """Mean, spread, quantiles and diagnostics of every reported quantity (numbers that are fixed have none)."""
+        """Mean, spread, quantiles and diagnostics of every reported quantity.
+
+        Returns
+        -------
+        tuple of SummaryRow : name, unit, mean, sd, q05, q50, q95 of the draws; low_90, high_90, which also count what
+            differs between tests (:mod:`bayes_iwan.inference.intervals`); R-hat and effective sizes, nan for what is
+            fixed.
+        """
         rows = []
         d = self.diagnostics
         for i, (name, quantity) in enumerate(self.quantities().items()):
@@ -270,7 +233,16 @@ class Posterior:
         return tuple(rows)
 
     def misfit(self, n: int = 200) -> Misfit:
-        """How far the median prediction misses the fitted tests."""
+        """How far the median prediction misses the fitted tests.
+
+        Parameters
+        ----------
+        n : draws behind the median.
+
+        Returns
+        -------
+        Misfit : RMS of measured − predicted in N, and its share of the RMS friction force.
+        """
         problem = self.problem
         z = self.flat_z(n)
         slope = problem.model.spring_N_mm(problem.numbers(z))
@@ -288,41 +260,22 @@ class Posterior:
 
     def warnings(self) -> tuple[str, ...]:
         """What a reader of the intervals must know, one sentence each."""
-        out = []
-        if self.quick:
-            out.append(
-                "Quick: Laplace's approximation about the most probable point, not sampled; read as a first look."
-            )
-        elif not self.converged:
-            out.append(f"The chains have not converged ({self.message}); read every interval as too narrow.")
-        misfit = self.misfit()
-        if misfit.share > LARGE_MISFIT:
-            out.append(
-                f"The model misses the friction force by {100 * misfit.share:.2g} %: the intervals hold for a model "
-                "that fits, so diagnose the campaign, and check priors and fixed values."
-            )
-        z = self.flat_z(4000)
-        values, noise = self.problem.prior.values(z), {p.name for p in self.problem.likelihood.parameters}
-        for p, score in zip(self.problem.prior.free, np.median(z, axis=0)):
-            low, high = np.quantile(values[p.name], [0.05, 0.95])
-            end = ""
-            if score > AT_THE_END or p.upper - high < NEAR_THE_BOUND * (high - low):
-                end = "upper"
-            elif score < -AT_THE_END or low - p.lower < NEAR_THE_BOUND * (high - low):
-                end = "lower"
-            if end and p.name not in noise:
-                out.append(
-                    f"The posterior of {p.name} lies at the {end} end of its prior ({p.prior_text()}): the loops ask "
-                    "for more; widen the prior or look for a cause."
-                )
-        return self.problem.units.everywhere(tuple(out))
+        return remarks(self)
 
     def predict(
         self, frequency_hz: float | Array, amplitude_mm: float | Array, n: int = 400, samples: int = 128
     ) -> Prediction:
-        """Loops at other frequencies and amplitudes, steady sines, from n draws.
+        """Loops at other frequencies and amplitudes, steady sines.
 
-        frequency_hz, amplitude_mm : one or several, broadcast against each other.
+        Parameters
+        ----------
+        frequency_hz, amplitude_mm : one or several, broadcast against each other to (loops,).
+        n : draws.
+        samples : points a loop.
+
+        Returns
+        -------
+        Prediction : force_N (n, loops, samples), without noise; `.band(level)` gives lower end, median and upper end.
         """
         f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
         motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=samples)
@@ -351,7 +304,21 @@ class Posterior:
         return Path(draw("identification_report", self, folder))
 
     def plot_loop(self, test: str | int = 0, friction: bool = True) -> Any:
-        """The measured cycles of one test (its file, or its place) and the bands of the posterior, as a figure."""
+        """The measured cycles of one test and the bands of the posterior.
+
+        Parameters
+        ----------
+        test : its file, or its place among `loops`.
+        friction : less the parallel spring and the force zero.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        ValueError : no test of this name.
+        """
         files = [x.file for x in self.loops]
         if isinstance(test, str) and test not in files:
             raise ValueError(f"there is no test {test!r}; there are {', '.join(files)}")

@@ -49,6 +49,7 @@ class Problem:
 
     @property
     def ndim(self) -> int:
+        """Free parameters."""
         return len(self.names)
 
     @cached_property
@@ -166,10 +167,33 @@ def make_problem(
     simulator: Simulator | None = None,
     scales: Scales | None = None,
 ) -> Problem:
-    """A problem from the loops whose role is not "held-out" and a configuration (see :mod:`.config` for its keys).
+    """A problem from the loops whose role is not "held-out".
 
-    simulator : what is fitted (default: the Iwan model of the configuration's [model] table); scales : taken from
-    the loops unless given.
+    Parameters
+    ----------
+    loops : averaged tests.
+    config : a TOML file, its tables (see :mod:`bayes_iwan.inference.config`), or settings; [model], [likelihood] and
+        [parameters] are read.
+    simulator : what is fitted (default: the Iwan model of the [model] table).
+    scales : force, length and speed that priors refer to (default: taken from the loops).
+
+    Returns
+    -------
+    Problem : prior, simulator and likelihood of these loops, in coordinates z of standard normal prior.
+
+    Raises
+    ------
+    ConfigError, ParameterError : a table that makes no sense; ValueError : no test is left to fit.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=1).write(folder)
+    >>> problem = bi.make_problem(bi.read_campaign(folder).loops(), {"model": {"slip": "gamma1"}})
+    >>> problem.predict(problem.prior.draw(np.random.default_rng(0), 3)).shape  # (draws, tests, samples), N
+    (3, 2, 128)
     """
     settings = settings_of(config, bends=False)
     fitted = tuple(x for x in loops if x.role != "held-out")

@@ -19,9 +19,10 @@ from bayes_iwan.campaign import Loop, read_campaign
 from bayes_iwan.files import clear, replacing, write_whole
 from bayes_iwan.inference.config import settings_of
 from bayes_iwan.inference.point import Point
-from bayes_iwan.inference.posterior import ConvergenceRow, Posterior, SummaryRow
+from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import sampled_and_derived
+from bayes_iwan.inference.rows import ConvergenceRow, SummaryRow
 from bayes_iwan.inference.settings import IdentifySettings
 from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.optimize.genetic import GlobalOptimum
@@ -274,11 +275,30 @@ def load(
     campaign: str | os.PathLike[str] | None = None,
     simulator: Simulator | None = None,
 ) -> Posterior:
-    """The posterior that :func:`bayes_iwan.identify` wrote into `folder`.
+    """The posterior that :func:`bayes_iwan.identify` wrote.
 
-    The campaign is read again from where it was, or from `campaign` if it has moved; so is the file of a user's own
-    simulator, unless the simulator is given.
-    Raises ResultsError where there is no result, or the campaign or this version gives another problem.
+    The campaign is read again from where it was; so is the file of a user's own simulator.
+
+    Parameters
+    ----------
+    folder : what was given as `out`.
+    campaign : its folder, if that has moved.
+    simulator : a user's own, in the place of its file.
+
+    Returns
+    -------
+    Posterior : equal to the one that was written.
+
+    Raises
+    ------
+    ResultsError : no result there, a damaged one, or a campaign or version that gives another problem.
+
+    Examples
+    --------
+    What `bi.identify("data/rope_spring", "runs/rope")` or the command line wrote::
+
+        posterior = bi.load("runs/rope")
+        posterior.summary()
     """
     path = Path(folder) / "posterior.nc"
     if not path.is_file():

@@ -30,11 +30,32 @@ from bayes_iwan.threads import over_draws
 class Model(Simulator):
     """A generalized Iwan model by the names of its parts.
 
-    slip : "gamma1", "gamma2", "gamma3", "uniform", "gaussian" or "power_law"
-    grip : "constant" (classical Iwan), "polynomial1" … "polynomial6", "hunt_crossley_no_speed", "hunt_crossley"
-    stiffness : "constant" or "saturating" (Eq. 12)
-    reference : the campaign's scales (see :class:`bayes_iwan.physics.scales.Reference`)
-    embedded : whether the model's own form may bend a little (see :mod:`bayes_iwan.physics.embedded`)
+    Parameters
+    ----------
+    reference : the campaign's scales (see :class:`bayes_iwan.physics.scales.Reference`).
+    slip : "gamma1", "gamma2", "gamma3", "uniform", "gaussian" or "power_law".
+    grip : "constant" (classical Iwan), "polynomial1" … "polynomial6", "hunt_crossley_no_speed", "hunt_crossley".
+    stiffness : "constant" or "saturating" (Eq. 12).
+    embedded : whether the model's own form may bend a little (see :mod:`bayes_iwan.physics.embedded`).
+
+    Raises
+    ------
+    ModelError : a part of another name.
+
+    References
+    ----------
+    Rajaei, Ahmadian and Tavakoli's generalized Iwan model of a friction isolator: slip forces Eq. (10), normal force
+    Eq. (11), stiffness Eq. (12), force Eq. (3). The parallel-series model: Iwan, J. Applied Mechanics 33 (1966) 893.
+
+    Examples
+    --------
+    >>> import numpy as np, bayes_iwan as bi
+    >>> from bayes_iwan.physics.paper import table_1
+    >>> reference = bi.Scales(1.0, 0.063, 10.0, 1.2, 6.0, 14.0).reference
+    >>> model, motion = bi.Model(reference), bi.sine_motion(frequency_hz=10.0, amplitude_mm=1.0)
+    >>> numbers = table_1(reference)
+    >>> model.force(numbers, motion).shape
+    (1, 1, 128)
     """
 
     reference: Reference
@@ -56,19 +77,23 @@ class Model(Simulator):
 
     @property
     def name(self) -> str:
+        """The parts in one word."""
         return f"{self.slip}/{self.grip}/{self.stiffness}" + ("/embedded" if self.embedded else "")
 
     @property
     def slip_family(self) -> slip_force.SlipForce:
+        """The distribution of slip forces."""
         family = slip_force.FAMILIES[self.slip]
         return embedded.Tilted(family) if self.embedded else family
 
     @property
     def grip_law(self) -> normal_force.NormalForce:
+        """The law of the relative normal force α."""
         return normal_force.LAWS[self.grip]
 
     @property
     def stiffness_law(self) -> Stiffness:
+        """The law of the elements' stiffness k(α)."""
         return stiffness.LAWS[self.stiffness]
 
     @property

@@ -42,10 +42,12 @@ class Motion:
 
     @property
     def loops(self) -> int:
+        """How many loops."""
         return self.displacement_mm.shape[1]
 
     @property
     def samples(self) -> int:
+        """Samples of each."""
         return self.displacement_mm.shape[2]
 
     @cached_property

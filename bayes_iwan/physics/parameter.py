@@ -49,11 +49,22 @@ class Distribution(Protocol):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One sampled number.
+    """One sampled parameter.
 
+    Parameters
+    ----------
+    name, symbol, unit, description : as tables show it.
     prior : frozen scipy.stats distribution of the value; lower, upper cut it (default: its own support).
-    fixed : the value is not sampled. tied : the value is that of another parameter.
+    fixed : the value is not sampled; tied : the value is that of another parameter.
     owner : name of the effect that brought it; empty for those of simulator and noise.
+
+    Examples
+    --------
+    >>> import numpy as np, bayes_iwan as bi
+    >>> from scipy import stats
+    >>> k = bi.Parameter("k_N_mm", "k", "N/mm", "stiffness", stats.lognorm(s=0.5, scale=5.0))
+    >>> float(k.value(np.array(0.0))), round(float(k.score(np.array(10.0))), 3)  # the median is z = 0
+    (5.0, 1.386)
     """
 
     name: str
@@ -69,6 +80,7 @@ class Parameter:
 
     @property
     def free(self) -> bool:
+        """Whether it is sampled."""
         return self.fixed is None and self.tied is None
 
     @cached_property

@@ -15,7 +15,14 @@ class Reference:
 
 @dataclass(frozen=True)
 class Scales:
-    """What the loops themselves say of the orders of magnitude; used for priors and for relative errors."""
+    """What the loops themselves say of the orders of magnitude; used for priors and for relative errors.
+
+    Attributes
+    ----------
+    length_mm : largest amplitude. speed_m_s : largest speed. force_N : largest RMS force about its mean.
+    slip_N : largest dissipated energy / (4 amplitude): the mean slip force, were all to slip.
+    soft_N_mm : secant stiffness of the largest amplitude. stiff_N_mm : stiffness after reversals, at least.
+    """
 
     length_mm: float  # largest amplitude
     speed_m_s: float  # largest speed
@@ -26,4 +33,5 @@ class Scales:
 
     @property
     def reference(self) -> Reference:
+        """Length and speed that the laws of the normal force refer to."""
         return Reference(self.length_mm, self.speed_m_s)

@@ -75,6 +75,21 @@ class Simulator(ABC):
     """Anything that can be identified and diagnosed. Subclass it: give a name, `parameters` and `force`.
 
     stations : the inner stations (of :data:`INNER`) that `force` honours in the effects it is handed.
+
+    Examples
+    --------
+    >>> import numpy as np, bayes_iwan as bi
+    >>> from scipy import stats
+    >>> class Spring(bi.Simulator):
+    ...     name = "spring"
+    ...     def parameters(self, scales):
+    ...         prior = stats.lognorm(s=1.0, scale=scales.soft_N_mm)
+    ...         return (bi.Parameter("k_N_mm", "k", "N/mm", "stiffness", prior),)
+    ...     def force(self, numbers, motion, effects=()):
+    ...         return numbers["k_N_mm"][:, None, None] * motion.displacement_mm
+    >>> motion = bi.sine_motion(frequency_hz=10.0, amplitude_mm=0.5)
+    >>> float(Spring().force({"k_N_mm": np.array([7.0])}, motion).max())
+    3.5
     """
 
     stations: frozenset[str] = frozenset()

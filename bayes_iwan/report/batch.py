@@ -134,12 +134,29 @@ def batch(
 ) -> Batch:
     """Identify or diagnose (or both) every campaign in a folder, and summarise across them.
 
-    folder : each folder in it that holds a campaign.toml is a specimen. quick : of the diagnosis. Every specimen has
-    the seed and configuration that are given, so that its answer is that of `identify` or `diagnose` alone.
-    executor : from :func:`bayes_iwan.executors.opened`. A batch that was stopped goes on: a specimen that is finished,
-    of the same data and settings, is not run again. One that fails is listed with its reason, the rest is finished.
+    A batch that was stopped goes on: a specimen that is finished, of the same data and settings, is not run again. One
+    that fails is listed with its reason, the rest is finished. Every specimen has the seed and configuration that are
+    given, so its answer is that of `identify` or `diagnose` alone.
 
-    Raises BatchError where there is nothing to do, ConfigError, OutputError.
+    Parameters
+    ----------
+    folder : each folder in it that holds a campaign.toml is a specimen.
+    out : folder for specimens.csv, batch.html and a folder for each specimen.
+    identify, diagnose : what to do.
+    quick : diagnoses stop at refits.
+    seed : of all random numbers.
+    config : as for :func:`bayes_iwan.identify`.
+    keep_chains : keep every draw of every specimen.
+    executor : from :func:`bayes_iwan.executors.opened`.
+    progress : show a bar.
+
+    Returns
+    -------
+    Batch : what is finished, what failed, and how the specimens differ.
+
+    Raises
+    ------
+    BatchError : nothing to do; ConfigError, OutputError : ValueErrors of one line.
     """
     from bayes_iwan.report.batch_page import write_batch_page
 

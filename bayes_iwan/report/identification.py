@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
-from bayes_iwan.inference.posterior import LARGE_MISFIT, Posterior
+from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.remarks import LARGE_MISFIT
 from bayes_iwan.physics import Model
 from bayes_iwan.report import checks, frequencies, laws, loops, marginals, sampling, tables, trends
 from bayes_iwan.report.marginals import OPEN, contraction, interval, number

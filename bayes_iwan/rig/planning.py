@@ -18,7 +18,15 @@ from bayes_iwan.rig.specimen import RigError, Specimen, paper_specimen
 
 @dataclass(frozen=True)
 class VirtualCampaign:
-    """A simulated campaign: `records` to be written or read on, `faults` with their sizes, friction's RMS (N)."""
+    """A campaign simulated on the virtual rig.
+
+    Attributes
+    ----------
+    records : to be written, or read on.
+    faults : what was planted, with its parameters and size.
+    specimen : what was on the rig.
+    friction_rms_N : RMS friction force of the sound specimen over all tests.
+    """
 
     records: tuple[Record, ...]
     faults: tuple[Fault, ...]
@@ -45,10 +53,32 @@ def simulate_campaign(
 ) -> VirtualCampaign:
     """Simulate a campaign before running it: which fault would these tests show?
 
-    Parameters: `tests`, the plan; `fault`, a name from `faults.KINDS` (an effect of the catalogue or another) at
-    `size` (RMS change of the force over RMS friction force), by the law that the catalogue has too, or a `Fault` with
-    law and numbers of its own, or None; `specimen`, by default the paper's Table 1; `noise`, the force noise over the
-    RMS friction force. Raises `RigError` for what cannot be run.
+    Parameters
+    ----------
+    tests : the plan.
+    fault : None; a name of :data:`bayes_iwan.rig.faults.KINDS` (an effect of the catalogue or another), by the law that
+        the catalogue has too; or a `Fault` with law and parameters of its own.
+    size : of a fault given by name: RMS change of the force over the RMS friction force.
+    specimen : default: Table 1 of Rajaei, Ahmadian and Tavakoli.
+    setup : shaker, fixture and sensors (default: those of a usual rig).
+    noise : of the force channel, over the RMS friction force.
+    seed : of all random numbers.
+
+    Returns
+    -------
+    VirtualCampaign : its records in s, mm and N; `.write(folder)` makes a campaign folder of it.
+
+    Raises
+    ------
+    RigError : what the rig cannot run, or a fault that cannot reach the size.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> campaign = bi.simulate_campaign(plan, fault="viscous_damping", size=0.1, seed=1)
+    >>> campaign.faults[0].name, round(campaign.faults[0].size, 2)
+    ('viscous_damping', 0.1)
     """
     if not tests:
         raise RigError("a campaign needs at least one test")

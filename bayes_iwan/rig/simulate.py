@@ -25,7 +25,18 @@ from bayes_iwan.rig.specimen import RigError, Specimen
 
 @dataclass(frozen=True)
 class PlannedTest:
-    """One test to be run: nominal frequency and amplitude, recorded cycles, cycles of run-in, role."""
+    """One test to be run on the virtual rig.
+
+    Parameters
+    ----------
+    frequency_hz, amplitude_mm : nominal, 0.1 to 200 Hz and 0.001 to 50 mm.
+    cycles : recorded; run_in : cycles before the record starts.
+    role : "fit" or "held-out".
+
+    Raises
+    ------
+    RigError : a test beyond the rig.
+    """
 
     frequency_hz: float
     amplitude_mm: float

@@ -1,0 +1,47 @@
+"""What a reader of a posterior's intervals must know before using them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from bayes_iwan.inference.posterior import Posterior
+
+#: share of the friction force above which a misfit is called large
+LARGE_MISFIT = 0.03
+#: prior standard scores beyond which a median is said to lie at the end of its prior
+AT_THE_END = 3.0
+#: ... or that its 90 % interval ends so near a bound of the prior, over the interval's width
+NEAR_THE_BOUND = 0.02
+
+
+def remarks(posterior: Posterior) -> tuple[str, ...]:
+    """One sentence each: not sampled, not converged, a large misfit, a parameter at the end of its prior."""
+    out = []
+    if posterior.quick:
+        out.append("Quick: Laplace's approximation about the most probable point, not sampled; a first result only.")
+    elif not posterior.converged:
+        out.append(f"The chains have not converged ({posterior.message}); read every interval as too narrow.")
+    misfit = posterior.misfit()
+    if misfit.share > LARGE_MISFIT:
+        out.append(
+            f"The model misses the friction force by {100 * misfit.share:.2g} %: the intervals hold for a model "
+            "that fits, so diagnose the campaign, and check priors and fixed values."
+        )
+    z, prior = posterior.flat_z(4000), posterior.problem.prior
+    values, noise = prior.values(z), {p.name for p in posterior.problem.likelihood.parameters}
+    for p, score in zip(prior.free, np.median(z, axis=0)):
+        low, high = np.quantile(values[p.name], [0.05, 0.95])
+        end = ""
+        if score > AT_THE_END or p.upper - high < NEAR_THE_BOUND * (high - low):
+            end = "upper"
+        elif score < -AT_THE_END or low - p.lower < NEAR_THE_BOUND * (high - low):
+            end = "lower"
+        if end and p.name not in noise:
+            out.append(
+                f"The posterior of {p.name} lies at the {end} end of its prior ({p.prior_text()}): the loops ask "
+                "for more; widen the prior or look for a cause."
+            )
+    return posterior.problem.units.everywhere(tuple(out))
