@@ -64,15 +64,18 @@ def check(campaign: Campaign | PathLike) -> Check:
 
     Parameters
     ----------
-    campaign : a campaign, or the folder that holds its campaign.toml.
+    campaign
+        a campaign, or the folder that holds its campaign.toml.
 
     Returns
     -------
-    Check : its loops and warnings; its last line in a notebook cell shows them.
+    Check
+        its loops and warnings; its last line in a notebook cell shows them.
 
     Raises
     ------
-    CampaignError : one line that names the file, what is wrong with it and the mend.
+    CampaignError
+        one line that names the file, what is wrong with it and the mend.
 
     Examples
     --------
@@ -104,27 +107,39 @@ def identify(
 
     Parameters
     ----------
-    campaign : a campaign, or its folder.
-    out : folder for the results, checked before anything is computed; None writes nothing.
-    config : a TOML file, its tables as a mapping, or :class:`bayes_iwan.IdentifySettings`.
-    seed : of all random numbers.
-    per_test : identify each frequency alone as well.
-    resume : go on from the checkpoint in out where a run was stopped.
-    keep_chains : keep that checkpoint, which holds every draw, when the run has converged.
-    simulator : a model of your own in the place of the Iwan model, or its Python file (its code is run).
-    quick : the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
+    campaign
+        a campaign, or its folder.
+    out
+        folder for the results, checked before anything is computed; None writes nothing.
+    config
+        a TOML file, its tables as a mapping, or :class:`bayes_iwan.IdentifySettings`.
+    seed
+        of all random numbers.
+    per_test
+        identify each frequency alone as well.
+    resume
+        go on from the checkpoint in out where a run was stopped.
+    keep_chains
+        keep that checkpoint, which holds every draw, when the run has converged.
+    simulator
+        a model of your own in the place of the Iwan model, or its Python file (its code is run).
+    quick
+        the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
 
     Returns
     -------
-    Posterior : draws, summary, predictions and plots.
+    Posterior
+        draws, summary, predictions and plots.
 
     Raises
     ------
-    CampaignError, ConfigError, ParameterError, ModelError, CheckpointError : ValueErrors of one line.
+    CampaignError, ConfigError, ParameterError, ModelError, CheckpointError
+        ValueErrors of one line.
 
     Warns
     -----
-    NotConverged : the run ended before its chains had converged.
+    NotConverged
+        the run ended before its chains had converged.
 
     Examples
     --------
@@ -194,21 +209,30 @@ def diagnose(
 
     Parameters
     ----------
-    campaign : a campaign, or its folder.
-    out : folder for diagnosis.json, fits.json, the page and the figures; needs a folder as campaign.
-    config : [model] and [parameters] tables, a TOML file with them, or :class:`bayes_iwan.DiagnoseSettings`.
-    seed : of all random numbers.
-    quick : stop at refits and an approximate evidence.
-    effects_file : Python file with effects of your own (its code is run).
-    simulator : a model of your own in the place of the Iwan model, or its Python file (its code is run).
+    campaign
+        a campaign, or its folder.
+    out
+        folder for diagnosis.json, fits.json, the page and the figures; needs a folder as campaign.
+    config
+        [model] and [parameters] tables, a TOML file with them, or :class:`bayes_iwan.DiagnoseSettings`.
+    seed
+        of all random numbers.
+    quick
+        stop at refits and an approximate evidence.
+    effects_file
+        Python file with effects of your own (its code is run).
+    simulator
+        a model of your own in the place of the Iwan model, or its Python file (its code is run).
 
     Returns
     -------
-    Diagnosis : verdict, budget of the gap (RMS in N and shares), next test; its repr is the answer in plain words.
+    Diagnosis
+        verdict, budget of the gap (RMS in N and shares), next test; its repr is the answer in plain words.
 
     Raises
     ------
-    CampaignError, ConfigError, EffectError, ModelError : ValueErrors of one line.
+    CampaignError, ConfigError, EffectError, ModelError
+        ValueErrors of one line.
 
     Examples
     --------
@@ -274,21 +298,32 @@ def compare(
 
     Parameters
     ----------
-    campaign : a campaign, its folder, or averaged loops.
-    out : folder for compare.html and compare.csv; None writes nothing.
-    families : names of :data:`bayes_iwan.comparison.families.FAMILIES` (default: all).
-    config, seed : as for :func:`identify`.
-    by : "loo" (single data left out), "tests" (whole tests left out) or "auto" (the first where its Pareto k hold).
-    executor : from :func:`bayes_iwan.executors.opened`, to fit families side by side.
-    progress : show a bar.
+    campaign
+        a campaign, its folder, or averaged loops.
+    out
+        folder for compare.html and compare.csv; None writes nothing.
+    families
+        names of :data:`bayes_iwan.comparison.families.FAMILIES` (default: all).
+    config, seed
+        as for :func:`identify`.
+    by
+        "loo" (single data left out), "tests" (whole tests left out) or "auto" (the first where its Pareto k hold).
+    executor
+        from :func:`bayes_iwan.executors.opened`, to fit families side by side.
+    progress
+        show a bar.
 
     Returns
     -------
-    Comparison : families, best first, with differences of the expected log predictive density in nats.
+    Comparison
+        families, best first, with differences of the expected log predictive density in nats.
 
     Raises
     ------
-    CompareError : unknown families or rankings; CampaignError, ConfigError as for :func:`identify`.
+    CompareError
+        unknown families or rankings.
+    CampaignError, ConfigError
+        as for :func:`identify`.
 
     References
     ----------

@@ -124,21 +124,33 @@ class Loop:
 
     Attributes
     ----------
-    frequency_hz : estimated from the displacement.
-    amplitude_mm : half the peak-to-peak of the averaged displacement.
-    offset_mm : its mean, which was taken off: a dynamic channel carries none, and a shaker's even harmonics move the
+    frequency_hz
+        estimated from the displacement.
+    amplitude_mm
+        half the peak-to-peak of the averaged displacement.
+    offset_mm
+        its mean, which was taken off: a dynamic channel carries none, and a shaker's even harmonics move the
         midrange but not the rest position.
-    n_cycles : whole cycles averaged.
-    phase : (n_phase,) uniform on [0, 1); 0 is the upward crossing of the mean.
-    displacement_mm, velocity_m_s, acceleration_m_s2, force_N : (n_phase,), averages; the first three from the harmonics
+    n_cycles
+        whole cycles averaged.
+    phase
+        (n_phase,) uniform on [0, 1); 0 is the upward crossing of the mean.
+    displacement_mm, velocity_m_s, acceleration_m_s2, force_N
+        (n_phase,), averages; the first three from the harmonics
         of the displacement that stand above its noise, or from `corners` where it has sharp ones.
-    force_scatter_N : (n_phase,) standard deviation over cycles at that phase.
-    harmonics_N : (H + 1,) complex, force_N = Re sum_h c_h exp(2 pi i h phase).
-    noise_N : (H + 1,) standard error of the real (= imaginary) part; inf where sampling resolves nothing.
-    block_cycle : (n_blocks,) mean cycle number of each block of consecutive cycles; 0 is the first whole cycle after
+    force_scatter_N
+        (n_phase,) standard deviation over cycles at that phase.
+    harmonics_N
+        (H + 1,) complex, force_N = Re sum_h c_h exp(2 pi i h phase).
+    noise_N
+        (H + 1,) standard error of the real (= imaginary) part; inf where sampling resolves nothing.
+    block_cycle
+        (n_blocks,) mean cycle number of each block of consecutive cycles; 0 is the first whole cycle after
         run-in, whose mean is 0.5.
-    block_harmonics_N, block_noise_N : (n_blocks, H + 1).
-    record : the test as recorded.
+    block_harmonics_N, block_noise_N
+        (n_blocks, H + 1).
+    record
+        the test as recorded.
     """
 
     file: str

@@ -150,9 +150,12 @@ class Comparison:
 
     Attributes
     ----------
-    campaign : its name.
-    by : "loo" or "tests", which of the two predictive densities ranks them.
-    entries : a family each, with its posterior, misfit and predictive densities.
+    campaign
+        its name.
+    by
+        "loo" or "tests", which of the two predictive densities ranks them.
+    entries
+        a family each, with its posterior, misfit and predictive densities.
     """
 
     campaign: str

@@ -77,15 +77,26 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : the headline: its kind, the named causes and the probability of each effect.
-    budget : the gap as a sum: before, each cause's share, the rest; RMS in N and shares with 90 % intervals.
-    before, residual, where : gap, residual and place of what the base model misses.
-    after_residual : the residual with all named causes.
-    parameters : of each named effect, as reported: mean, sd, 5 and 95 % quantiles, unit.
-    moved : the specimen's own parameters without and with the causes.
-    not_testable : effects that these tests would not have shown at their usual size; expected_nats : by effect.
-    next_test : the test that would settle what is open, None where nothing is.
-    found : what stands behind all this.
+    verdict
+        the headline: its kind, the named causes and the probability of each effect.
+    budget
+        the gap as a sum: before, each cause's share, the rest; RMS in N and shares with 90 % intervals.
+    before, residual, where
+        gap, residual and place of what the base model misses.
+    after_residual
+        the residual with all named causes.
+    parameters
+        of each named effect, as reported: mean, sd, 5 and 95 % quantiles, unit.
+    moved
+        the specimen's own parameters without and with the causes.
+    not_testable
+        effects that these tests would not have shown at their usual size.
+    expected_nats
+        ln evidence that each effect of usual size would have, by name.
+    next_test
+        the test that would settle what is open, None where nothing is.
+    found
+        what stands behind all this.
     """
 
     campaign: Campaign

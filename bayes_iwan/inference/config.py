@@ -59,17 +59,22 @@ def settings_of(config: Config = None, unused: Mapping[str, str] | None = None, 
 
     Parameters
     ----------
-    config : a TOML file, its tables as a mapping, settings already checked, or None.
-    unused : tables that this run would not use, each with the reason: they are refused.
-    bends : is the model embedded (may its form bend a little) where the tables do not say?
+    config
+        a TOML file, its tables as a mapping, settings already checked, or None.
+    unused
+        tables that this run would not use, each with the reason: they are refused.
+    bends
+        is the model embedded (may its form bend a little) where the tables do not say?
 
     Returns
     -------
-    IdentifySettings : frozen.
+    IdentifySettings
+        frozen.
 
     Raises
     ------
-    ConfigError : one line with file, table, key and the mend.
+    ConfigError
+        one line with file, table, key and the mend.
 
     Examples
     --------

@@ -146,22 +146,34 @@ def identify_problem(
 
     Parameters
     ----------
-    problem : from :func:`make_problem`, perhaps with other measured forces (`with_force`) or effects.
-    seed : of all random numbers.
-    config : as for :func:`bayes_iwan.identify`; its [search] and [sampling] tables are read.
-    campaign, simulator_file : where loops and simulator came from, for what is written of them.
-    loops : all tests, if some were held out.
-    out : folder of the checkpoint; resume : go on from it.
-    progress : show a bar.
-    quick : Laplace's approximation instead of sampling.
+    problem
+        from :func:`make_problem`, perhaps with other measured forces (`with_force`) or effects.
+    seed
+        of all random numbers.
+    config
+        as for :func:`bayes_iwan.identify`; its [search] and [sampling] tables are read.
+    campaign, simulator_file
+        where loops and simulator came from, for what is written of them.
+    loops
+        all tests, if some were held out.
+    out
+        folder of the checkpoint.
+    resume
+        go on from it.
+    progress
+        show a bar.
+    quick
+        Laplace's approximation instead of sampling.
 
     Returns
     -------
-    Posterior : with the draws, (chains, draws, ndim), in z.
+    Posterior
+        with the draws, (chains, draws, ndim), in z.
 
     Raises
     ------
-    ConfigError, CheckpointError, SamplingError : ValueErrors of one line.
+    ConfigError, CheckpointError, SamplingError
+        ValueErrors of one line.
     """
     settings = settings_of(config)
     began = time.monotonic()

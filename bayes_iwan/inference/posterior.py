@@ -38,13 +38,23 @@ class Posterior:
 
     Attributes
     ----------
-    loops : all tests' loops, held-out ones included; problem.loops are those fitted.
-    z : (chains, draws, ndim), log_prob : (chains, draws); a chain is an ensemble, its draws lie walker after walker in
+    loops
+        all tests' loops, held-out ones included; problem.loops are those fitted.
+    z, log_prob
+        (chains, draws, ndim) and (chains, draws); a chain is an ensemble, its draws lie walker after walker in
         the order of the steps, `walkers` of them, so that neighbours are steps of one walker.
-    thin : sampler's steps between two draws of a walker.
-    convergence : rows for the sampled parameters over the whole run.
-    message : why the run ended, and what fell short if it has not converged; stop : the reason alone.
-    campaign : None for loops that came from no folder. simulator_file : where a user's own simulator came from.
+    thin
+        sampler's steps between two draws of a walker.
+    convergence
+        rows for the sampled parameters over the whole run.
+    message
+        why the run ended, and what fell short if it has not converged.
+    stop
+        the reason alone.
+    campaign
+        None for loops that came from no folder.
+    simulator_file
+        where a user's own simulator came from.
 
     Examples
     --------
@@ -169,16 +179,20 @@ class Posterior:
 
         Parameters
         ----------
-        name : of a quantity, as in :meth:`summary`.
-        level : probability within.
+        name
+            of a quantity, as in :meth:`summary`.
+        level
+            probability within.
 
         Returns
         -------
-        low, high : in the quantity's unit; nan where it has no finite draw.
+        low, high
+            in the quantity's unit; nan where it has no finite draw.
 
         Raises
         ------
-        KeyError : no quantity of this name.
+        KeyError
+            no quantity of this name.
         """
         values = self.quantities()[name].values
         kept = values[np.isfinite(values)]
@@ -204,7 +218,8 @@ class Posterior:
 
         Returns
         -------
-        tuple of SummaryRow : name, unit, mean, sd, q05, q50, q95 of the draws; low_90, high_90, which also count what
+        tuple of SummaryRow
+            name, unit, mean, sd, q05, q50, q95 of the draws; low_90, high_90, which also count what
             differs between tests (:mod:`bayes_iwan.inference.intervals`); R-hat and effective sizes, nan for what is
             fixed.
         """
@@ -237,11 +252,13 @@ class Posterior:
 
         Parameters
         ----------
-        n : draws behind the median.
+        n
+            draws behind the median.
 
         Returns
         -------
-        Misfit : RMS of measured − predicted in N, and its share of the RMS friction force.
+        Misfit
+            RMS of measured − predicted in N, and its share of the RMS friction force.
         """
         problem = self.problem
         z = self.flat_z(n)
@@ -269,13 +286,17 @@ class Posterior:
 
         Parameters
         ----------
-        frequency_hz, amplitude_mm : one or several, broadcast against each other to (loops,).
-        n : draws.
-        samples : points a loop.
+        frequency_hz, amplitude_mm
+            one or several, broadcast against each other to (loops,).
+        n
+            draws.
+        samples
+            points a loop.
 
         Returns
         -------
-        Prediction : force_N (n, loops, samples), without noise; `.band(level)` gives lower end, median and upper end.
+        Prediction
+            force_N (n, loops, samples), without noise; `.band(level)` gives lower end, median and upper end.
         """
         f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
         motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=samples)
@@ -308,8 +329,10 @@ class Posterior:
 
         Parameters
         ----------
-        test : its file, or its place among `loops`.
-        friction : less the parallel spring and the force zero.
+        test
+            its file, or its place among `loops`.
+        friction
+            less the parallel spring and the force zero.
 
         Returns
         -------
@@ -317,7 +340,8 @@ class Posterior:
 
         Raises
         ------
-        ValueError : no test of this name.
+        ValueError
+            no test of this name.
         """
         files = [x.file for x in self.loops]
         if isinstance(test, str) and test not in files:

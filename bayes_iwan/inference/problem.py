@@ -171,19 +171,27 @@ def make_problem(
 
     Parameters
     ----------
-    loops : averaged tests.
-    config : a TOML file, its tables (see :mod:`bayes_iwan.inference.config`), or settings; [model], [likelihood] and
+    loops
+        averaged tests.
+    config
+        a TOML file, its tables (see :mod:`bayes_iwan.inference.config`), or settings; [model], [likelihood] and
         [parameters] are read.
-    simulator : what is fitted (default: the Iwan model of the [model] table).
-    scales : force, length and speed that priors refer to (default: taken from the loops).
+    simulator
+        what is fitted (default: the Iwan model of the [model] table).
+    scales
+        force, length and speed that priors refer to (default: taken from the loops).
 
     Returns
     -------
-    Problem : prior, simulator and likelihood of these loops, in coordinates z of standard normal prior.
+    Problem
+        prior, simulator and likelihood of these loops, in coordinates z of standard normal prior.
 
     Raises
     ------
-    ConfigError, ParameterError : a table that makes no sense; ValueError : no test is left to fit.
+    ConfigError, ParameterError
+        a table that makes no sense.
+    ValueError
+        no test is left to fit.
 
     Examples
     --------

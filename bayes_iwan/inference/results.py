@@ -281,17 +281,22 @@ def load(
 
     Parameters
     ----------
-    folder : what was given as `out`.
-    campaign : its folder, if that has moved.
-    simulator : a user's own, in the place of its file.
+    folder
+        what was given as `out`.
+    campaign
+        its folder, if that has moved.
+    simulator
+        a user's own, in the place of its file.
 
     Returns
     -------
-    Posterior : equal to the one that was written.
+    Posterior
+        equal to the one that was written.
 
     Raises
     ------
-    ResultsError : no result there, a damaged one, or a campaign or version that gives another problem.
+    ResultsError
+        no result there, a damaged one, or a campaign or version that gives another problem.
 
     Examples
     --------

@@ -66,19 +66,26 @@ def genetic_search(
 
     Parameters
     ----------
-    objective : maps (n, ndim) to (n,), lower is better.
-    bounds : (ndim, 2), finite.
-    members : size of the population. The first one is drawn as a Sobol' sequence of four times as many points.
-    stall, stall_tolerance : stop when the best objective fell by less than this share of itself (or by less
+    objective
+        maps (n, ndim) to (n,), lower is better.
+    bounds
+        (ndim, 2), finite.
+    members
+        size of the population. The first one is drawn as a Sobol' sequence of four times as many points.
+    stall, stall_tolerance
+        stop when the best objective fell by less than this share of itself (or by less
         than this share of its distance to the median, if that is less) over so many generations.
-    max_evaluations, budget_s : other ends; time is only looked at between generations.
-    crossover, crossover_index : probability and distribution index of simulated binary crossover (Deb &
+    max_evaluations, budget_s
+        other ends; time is only looked at between generations.
+    crossover, crossover_index
+        probability and distribution index of simulated binary crossover (Deb &
         Agrawal 1995); mutation_index : that of polynomial mutation (Deb & Goyal 1996), one number a child on
         average. elite : members that survive unchanged.
 
     Raises
     ------
-    SearchError : unusable bounds, or no finite objective in the whole first population.
+    SearchError
+        unusable bounds, or no finite objective in the whole first population.
     """
     lower, upper = _box(bounds)
     ndim = len(lower)

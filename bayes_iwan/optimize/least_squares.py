@@ -93,22 +93,31 @@ def least_squares_batch(
 
     Parameters
     ----------
-    residuals : maps (n, ndim) to (n, m); rows must not depend on each other. A row that is not finite marks
+    residuals
+        maps (n, ndim) to (n, m); rows must not depend on each other. A row that is not finite marks
         an x where the model does not exist; such trial steps are refused.
-    starts : (starts, ndim) or (ndim,); clipped into the bounds.
-    bounds : (ndim, 2) lower and upper, ±inf allowed; None for no bounds.
-    ftol, xtol, gtol : relative change of the cost, relative change of x, and cosine between the residual and
+    starts
+        (starts, ndim) or (ndim,); clipped into the bounds.
+    bounds
+        (ndim, 2) lower and upper, ±inf allowed; None for no bounds.
+    ftol, xtol, gtol
+        relative change of the cost, relative change of x, and cosine between the residual and
         any free column of the Jacobian, below which a start has converged.
-    step : finite-difference step, relative to max(|x|, x_scale).
-    x_scale : (ndim,) size of a typical change of each number; default 1 or the box's width, if less.
-    offsets : (starts, m), added to the residuals of each start: with standard normal ones, residuals in units of
+    step
+        finite-difference step, relative to max(|x|, x_scale).
+    x_scale
+        (ndim,) size of a typical change of each number; default 1 or the box's width, if less.
+    offsets
+        (starts, m), added to the residuals of each start: with standard normal ones, residuals in units of
         their noise and a row for each prior, every fit is a draw of an approximate posterior ("randomise, then
         optimise", Bardsley et al. 2014), exact for linear residuals. They are part of `cost` and `residuals`.
-    chunk : most rows given to `residuals` in one call.
+    chunk
+        most rows given to `residuals` in one call.
 
     Raises
     ------
-    LeastSquaresError : shapes do not fit, or `residuals` returns another shape than (n, m).
+    LeastSquaresError
+        shapes do not fit, or `residuals` returns another shape than (n, m).
 
     Method: Marquardt's scaled steps (Moré 1978) by QR and SVD of each Jacobian, so that weakly determined
     directions keep their digits; four damping factors are tried in one call; bounds by projection, with the

@@ -32,15 +32,21 @@ class Model(Simulator):
 
     Parameters
     ----------
-    reference : the campaign's scales (see :class:`bayes_iwan.physics.scales.Reference`).
-    slip : "gamma1", "gamma2", "gamma3", "uniform", "gaussian" or "power_law".
-    grip : "constant" (classical Iwan), "polynomial1" … "polynomial6", "hunt_crossley_no_speed", "hunt_crossley".
-    stiffness : "constant" or "saturating" (Eq. 12).
-    embedded : whether the model's own form may bend a little (see :mod:`bayes_iwan.physics.embedded`).
+    reference
+        the campaign's scales (see :class:`bayes_iwan.physics.scales.Reference`).
+    slip
+        "gamma1", "gamma2", "gamma3", "uniform", "gaussian" or "power_law".
+    grip
+        "constant" (classical Iwan), "polynomial1" … "polynomial6", "hunt_crossley_no_speed", "hunt_crossley".
+    stiffness
+        "constant" or "saturating" (Eq. 12).
+    embedded
+        whether the model's own form may bend a little (see :mod:`bayes_iwan.physics.embedded`).
 
     Raises
     ------
-    ModelError : a part of another name.
+    ModelError
+        a part of another name.
 
     References
     ----------

@@ -81,13 +81,16 @@ def sine_motion(*, frequency_hz: ArrayLike, amplitude_mm: ArrayLike, samples: in
 
     Parameters
     ----------
-    frequency_hz, amplitude_mm : scalars or (loops,), one loop a pair; named, since both are plain numbers and an
+    frequency_hz, amplitude_mm
+        scalars or (loops,), one loop a pair; named, since both are plain numbers and an
         exchanged pair would still give a motion.
-    samples : points a cycle.
+    samples
+        points a cycle.
 
     Returns
     -------
-    Motion : u = A sin ωt with its velocity and acceleration, (1, loops, samples).
+    Motion
+        u = A sin ωt with its velocity and acceleration, (1, loops, samples).
 
     Examples
     --------

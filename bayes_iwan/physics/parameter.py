@@ -53,10 +53,18 @@ class Parameter:
 
     Parameters
     ----------
-    name, symbol, unit, description : as tables show it.
-    prior : frozen scipy.stats distribution of the value; lower, upper cut it (default: its own support).
-    fixed : the value is not sampled; tied : the value is that of another parameter.
-    owner : name of the effect that brought it; empty for those of simulator and noise.
+    name, symbol, unit, description
+        as tables show it.
+    prior
+        frozen scipy.stats distribution of the value.
+    lower, upper
+        where it is cut (default: its own support).
+    fixed
+        the value, where it is not sampled.
+    tied
+        the parameter whose value it has, where it is tied.
+    owner
+        name of the effect that brought it; empty for those of simulator and noise.
 
     Examples
     --------

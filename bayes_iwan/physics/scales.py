@@ -19,9 +19,18 @@ class Scales:
 
     Attributes
     ----------
-    length_mm : largest amplitude. speed_m_s : largest speed. force_N : largest RMS force about its mean.
-    slip_N : largest dissipated energy / (4 amplitude): the mean slip force, were all to slip.
-    soft_N_mm : secant stiffness of the largest amplitude. stiff_N_mm : stiffness after reversals, at least.
+    length_mm
+        largest amplitude.
+    speed_m_s
+        largest speed.
+    force_N
+        largest RMS force about its mean.
+    slip_N
+        largest dissipated energy / (4 amplitude): the mean slip force, were all to slip.
+    soft_N_mm
+        secant stiffness of the largest amplitude.
+    stiff_N_mm
+        stiffness after reversals, at least.
     """
 
     length_mm: float  # largest amplitude

@@ -140,23 +140,36 @@ def batch(
 
     Parameters
     ----------
-    folder : each folder in it that holds a campaign.toml is a specimen.
-    out : folder for specimens.csv, batch.html and a folder for each specimen.
-    identify, diagnose : what to do.
-    quick : diagnoses stop at refits.
-    seed : of all random numbers.
-    config : as for :func:`bayes_iwan.identify`.
-    keep_chains : keep every draw of every specimen.
-    executor : from :func:`bayes_iwan.executors.opened`.
-    progress : show a bar.
+    folder
+        each folder in it that holds a campaign.toml is a specimen.
+    out
+        folder for specimens.csv, batch.html and a folder for each specimen.
+    identify, diagnose
+        what to do.
+    quick
+        diagnoses stop at refits.
+    seed
+        of all random numbers.
+    config
+        as for :func:`bayes_iwan.identify`.
+    keep_chains
+        keep every draw of every specimen.
+    executor
+        from :func:`bayes_iwan.executors.opened`.
+    progress
+        show a bar.
 
     Returns
     -------
-    Batch : what is finished, what failed, and how the specimens differ.
+    Batch
+        what is finished, what failed, and how the specimens differ.
 
     Raises
     ------
-    BatchError : nothing to do; ConfigError, OutputError : ValueErrors of one line.
+    BatchError
+        nothing to do.
+    ConfigError, OutputError
+        ValueErrors of one line.
     """
     from bayes_iwan.report.batch_page import write_batch_page
 

@@ -22,10 +22,14 @@ class VirtualCampaign:
 
     Attributes
     ----------
-    records : to be written, or read on.
-    faults : what was planted, with its parameters and size.
-    specimen : what was on the rig.
-    friction_rms_N : RMS friction force of the sound specimen over all tests.
+    records
+        to be written, or read on.
+    faults
+        what was planted, with its parameters and size.
+    specimen
+        what was on the rig.
+    friction_rms_N
+        RMS friction force of the sound specimen over all tests.
     """
 
     records: tuple[Record, ...]
@@ -55,22 +59,31 @@ def simulate_campaign(
 
     Parameters
     ----------
-    tests : the plan.
-    fault : None; a name of :data:`bayes_iwan.rig.faults.KINDS` (an effect of the catalogue or another), by the law that
+    tests
+        the plan.
+    fault
+        None; a name of :data:`bayes_iwan.rig.faults.KINDS` (an effect of the catalogue or another), by the law that
         the catalogue has too; or a `Fault` with law and parameters of its own.
-    size : of a fault given by name: RMS change of the force over the RMS friction force.
-    specimen : default: Table 1 of Rajaei, Ahmadian and Tavakoli.
-    setup : shaker, fixture and sensors (default: those of a usual rig).
-    noise : of the force channel, over the RMS friction force.
-    seed : of all random numbers.
+    size
+        of a fault given by name: RMS change of the force over the RMS friction force.
+    specimen
+        default: Table 1 of Rajaei, Ahmadian and Tavakoli.
+    setup
+        shaker, fixture and sensors (default: those of a usual rig).
+    noise
+        of the force channel, over the RMS friction force.
+    seed
+        of all random numbers.
 
     Returns
     -------
-    VirtualCampaign : its records in s, mm and N; `.write(folder)` makes a campaign folder of it.
+    VirtualCampaign
+        its records in s, mm and N; `.write(folder)` makes a campaign folder of it.
 
     Raises
     ------
-    RigError : what the rig cannot run, or a fault that cannot reach the size.
+    RigError
+        what the rig cannot run, or a fault that cannot reach the size.
 
     Examples
     --------

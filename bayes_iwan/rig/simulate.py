@@ -29,13 +29,19 @@ class PlannedTest:
 
     Parameters
     ----------
-    frequency_hz, amplitude_mm : nominal, 0.1 to 200 Hz and 0.001 to 50 mm.
-    cycles : recorded; run_in : cycles before the record starts.
-    role : "fit" or "held-out".
+    frequency_hz, amplitude_mm
+        nominal, 0.1 to 200 Hz and 0.001 to 50 mm.
+    cycles
+        recorded.
+    run_in
+        cycles before the record starts.
+    role
+        "fit" or "held-out".
 
     Raises
     ------
-    RigError : a test beyond the rig.
+    RigError
+        a test beyond the rig.
     """
 
     frequency_hz: float

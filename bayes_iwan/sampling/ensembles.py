@@ -111,21 +111,30 @@ def sample(
 
     Parameters
     ----------
-    log_prob : maps z (n, ndim) to (n,), -inf where impossible; rows must not depend on each other. The numbers
+    log_prob
+        maps z (n, ndim) to (n,), -inf where impossible; rows must not depend on each other. The numbers
         should be unbounded and of comparable size (the map looks for the directions in which z varies most).
-    population : (members, ndim), where the walkers start; widely spread members make R-hat meaningful.
-    quantities : maps z (n, ndim) to (n, len(quantity_names)), other numbers that must converge too.
-    checkpoint : HDF5 file that is written every few hundred steps; with `resume` a run goes on from it to the
+    population
+        (members, ndim), where the walkers start; widely spread members make R-hat meaningful.
+    quantities
+        maps z (n, ndim) to (n, len(quantity_names)), other numbers that must converge too.
+    checkpoint
+        HDF5 file that is written every few hundred steps; with `resume` a run goes on from it to the
         very same draws. A file that is not there yet is started.
-    fingerprint : named hashes of whatever makes this run what it is; a checkpoint with others is refused.
-    budget_s : seconds of this call after which it stops; max_steps : steps of production.
-    target_r_hat, target_ess, chain_taus : all of R-hat <= , bulk and tail ESS >= , and steps >= chain_taus · tau,
+    fingerprint
+        named hashes of whatever makes this run what it is; a checkpoint with others is refused.
+    budget_s
+        seconds of this call after which it stops; max_steps : steps of production.
+    target_r_hat, target_ess, chain_taus
+        all of R-hat <= , bulk and tail ESS >= , and steps >= chain_taus · tau,
         for every sampled number and every quantity.
 
     Raises
     ------
-    SamplingError : no usable start, or log_prob returns NaN, +inf or a wrong shape.
-    CheckpointError : a checkpoint that exists without `resume`, or that belongs to another run.
+    SamplingError
+        no usable start, or log_prob returns NaN, +inf or a wrong shape.
+    CheckpointError
+        a checkpoint that exists without `resume`, or that belongs to another run.
 
     The same seed gives the same draws, bit for bit, on the same machine, whether interrupted and resumed or not, as
     long as the time budget does not cut adaptation short.

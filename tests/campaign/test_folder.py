@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
-from bayes_iwan.campaign import folder as folder_module
+from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign, writing
 
 
 def refused(path, *words):
@@ -213,14 +212,14 @@ def test_what_cannot_be_written(tmp_path, record):
 
 def test_an_interrupted_write_does_not_read_as_a_campaign(tmp_path, record, monkeypatch):
     write_campaign(tmp_path, name="n", description="", tests=[record(file="a.csv"), record(file="b.csv")])
-    whole = folder_module.write_whole
+    whole = writing.write_whole
 
     def full_disk(path, content):
         if path.name == "b.csv.gz":
             raise OSError("no space left")
         return whole(path, content)
 
-    monkeypatch.setattr(folder_module, "write_whole", full_disk)
+    monkeypatch.setattr(writing, "write_whole", full_disk)
     with pytest.raises(OSError, match="no space"):
         write_campaign(tmp_path, name="n", description="", tests=[record(file="a.csv"), record(file="b.csv")])
     refused(tmp_path, "campaign.toml", "not found")
