@@ -119,7 +119,7 @@ def sample(
     quantities
         maps z (n, ndim) to (n, len(quantity_names)), other numbers that must converge too.
     checkpoint
-        HDF5 file that is written every few hundred steps; with `resume` a run goes on from it to the
+        file that is written every few hundred steps; with `resume` a run goes on from it to the
         very same draws. A file that is not there yet is started.
     fingerprint
         named hashes of whatever makes this run what it is; a checkpoint with others is refused.
@@ -136,8 +136,9 @@ def sample(
     CheckpointError
         a checkpoint that exists without `resume`, or that belongs to another run.
 
-    The same seed gives the same draws, bit for bit, on the same machine, whether interrupted and resumed or not, as
-    long as the time budget does not cut adaptation short.
+    The same seed gives the same draws, bit for bit, on the same machine, whether interrupted (by a kill, Ctrl-C or the
+    time budget) and resumed or not. Where the clock has decided more than the end, because the budget cut adaptation
+    short, or forbade production to begin anew, the message says so.
     Ctrl-C ends the run with the draws that are there; the message says so.
     """
     names, quantity_names = tuple(names), tuple(quantity_names)
@@ -155,8 +156,11 @@ def sample(
             run.adapt()
             bar.set_description("sampling")
             while stop is None:
-                enough = run.n_steps >= run.next_check or run.n_steps >= max_steps or run.late
-                if enough and run.draws.shape[1] >= 8:
+                chunk = run.chunk(_CHUNK)
+                # only where a run without a clock would look as well: a resumed one may stand between two such places
+                planned = run.n_steps >= run.next_check and run.n_steps % chunk == 0
+                late = run.late
+                if (planned or late or run.n_steps >= max_steps) and run.draws.shape[1] >= 8:
                     values = run.evaluate(quantities, len(quantity_names))
                     result = convergence_of(
                         np.concatenate([run.draws, values], axis=3), names + quantity_names, run.thin
@@ -168,15 +172,17 @@ def sample(
                     )
                     if not short:
                         stop, said = Stop.CONVERGED, "converged"
+                        if late and not planned:
+                            said += f" when the time budget of {budget_s:g} s was up"
                     elif run.n_steps >= max_steps:
                         stop, said = Stop.STEPS, f"stopped at {max_steps} steps"
-                    elif run.late:
+                    elif late:
                         stop, said = Stop.BUDGET, f"stopped at the time budget of {budget_s:g} s"
                     elif run.restart_if_slow(result, chain_taus):
                         short, result = "no draws yet", None
                         bar.set_postfix_str("slow: proposal fitted anew")
                 if stop is None:  # eight draws at least, or there is nothing to say at the end
-                    run.produce(min(_CHUNK, max(max_steps, 8 * run.thin) - run.n_steps))
+                    run.produce(min(chunk - run.n_steps % chunk, max(max_steps, 8 * run.thin) - run.n_steps))
         except KeyboardInterrupt:
             stop = Stop.INTERRUPTED
         finally:
@@ -187,6 +193,8 @@ def sample(
             if run.draws.shape[1] >= 8:
                 result = convergence_of(np.concatenate([run.draws, values], axis=3), names + quantity_names, run.thin)
                 short = result.shortfall(target_r_hat, target_ess, chain_taus)
+    if run.hurried:
+        said += "; the time budget cut adaptation short, so that more time gives other draws"
     return Chains(
         names=names,
         quantity_names=quantity_names,

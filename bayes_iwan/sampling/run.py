@@ -83,6 +83,7 @@ class Run:
         self.thin = 1
         self.next_check = 0
         self.restarts: list[int] = []  # stored steps of production that each restart left behind, all in all
+        self.hurried = False  # the clock, and not the draws, ended adaptation or forbade a restart
         self._kept: list[tuple[Array, Array]] = []
         self._values: list[Array] = []
 
@@ -158,7 +159,10 @@ class Run:
             self.proposal = fit_proposal(self._material(rng), rng, start=None if fresh else self.proposal)
             self.quality.append(self._acceptance(rng))
             self.bar.set_postfix_str(f"global proposals accepted {self.quality[-1]:.3f}")
-            if self._settled() or k >= _ROUNDS[1] or time.monotonic() > self.adapt_by:
+            if self._settled() or k >= _ROUNDS[1]:
+                break
+            if time.monotonic() > self.adapt_by:
+                self.hurried = True
                 break
             steps = int(min(_ROUND_STEPS[0] * 1.15 ** (k - 1), _ROUND_STEPS[1])) // _STORE_EVERY * _STORE_EVERY
             self._round(_with_proposal(self.proposal, e, 0.8, 0.5), steps)
@@ -232,10 +236,14 @@ class Run:
         still = all(abs(self._level(-k)[0] - level) < 0.25 * spread for k in (2, 3))
         return still and max(self.quality[-2:]) < 1.1 * max(self.quality[-4:-2])
 
+    def chunk(self, least: int) -> int:
+        """Steps of production between two checkpoints: whole stored steps, `least` or a few more."""
+        return -(-least // self.thin) * self.thin
+
     def produce(self, steps: int) -> None:
         """Go on for about `steps` steps of production."""
         assert self.proposal is not None
-        steps = -(-steps // self.thin) * self.thin
+        steps = self.chunk(steps)
         moves = _with_proposal(self.proposal, self.walkers.ensembles, 0.8, 0.8)
         draws, values = self.walkers.advance(moves, steps, self.thin, self.bar.update, self.deadline)
         e = self.walkers.ensembles
@@ -246,9 +254,10 @@ class Run:
         """Where production would last more than five times as long as it has: take its draws for adaptation, fit the
         proposal anew, freeze that, and begin production again. It has been to places where walkers stand still."""
         n = self.n_steps
-        if n < _TRIAL_STEPS or len(self.restarts) == _RESTARTS or time.monotonic() > self.adapt_by:
+        if n < _TRIAL_STEPS or len(self.restarts) == _RESTARTS or not result.worst_tau * chain_taus > 5.0 * n:
             return False
-        if not result.worst_tau * chain_taus > 5.0 * n:
+        if time.monotonic() > self.adapt_by:
+            self.hurried = True
             return False
         self.rounds += self._kept
         self.restarts.append((self.restarts or [0])[-1] + sum(d.shape[1] for d, _ in self._kept))
@@ -284,6 +293,7 @@ class Run:
             "thin": np.array(self.thin),
             "next_check": np.array(self.next_check),
             "restarts": np.array(self.restarts, dtype=int),
+            "hurried": np.array(self.hurried),
         }
         if self.proposal is not None:
             state |= {f"proposal_{k}": v for k, v in self.proposal.to_arrays().items()}
@@ -304,6 +314,7 @@ class Run:
         self.quality = [float(q) for q in state["quality"]]
         self.next_check = int(state["next_check"])
         self.restarts = [int(n) for n in state["restarts"]]
+        self.hurried = bool(state["hurried"])
         produced, logs = (by_block(x["production"], e) for x in (draws, values))
         for begin, end in zip([0, *self.restarts], self.restarts):
             self.rounds.append((produced[:, begin:end], logs[:, begin:end]))

@@ -6,13 +6,14 @@ import subprocess
 import sys
 import textwrap
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from bayes_iwan.sampling import run
+from bayes_iwan.sampling import run, walkers
 from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, read_checkpoint
-from bayes_iwan.sampling.ensembles import SamplingError, sample
+from bayes_iwan.sampling.ensembles import SamplingError, Stop, sample
 
 NAMES = ("a", "b", "c")
 SHORT = dict(n_walkers=16, target_ess=300.0, chain_taus=20.0, progress=False)
@@ -101,6 +102,38 @@ def test_steps_and_time_limits_are_said_plainly():
     assert few.message.startswith("not converged: stopped at 60 steps") and "ESS" in few.message
     late = sample(banana, population(), names=NAMES, seed=1, budget_s=0.0, **SHORT)
     assert not late.converged and "time budget" in late.message and late.draws.shape[1] >= 8
+
+
+def test_a_clock_changes_nothing_but_the_end_or_says_so(tmp_path, monkeypatch):
+    """Time is counted in evaluations, so that budgets end runs at many places; gone on with, each draws the same."""
+    settings = SHORT | dict(target_ess=1e9, max_steps=900)
+    calls = 0
+
+    def counted(z):
+        nonlocal calls
+        calls += 1
+        return banana(z)
+
+    clock = SimpleNamespace(monotonic=lambda: float(calls))
+    monkeypatch.setattr(run, "time", clock)
+    monkeypatch.setattr(walkers, "time", clock)
+    whole = sample(counted, population(), names=NAMES, seed=5, **settings)
+    every = calls
+    for share in (0.75, 0.88):
+        path = tmp_path / f"{share}.ckpt"
+        mine = dict(names=NAMES, seed=5, checkpoint=path, **settings)
+        cut = sample(counted, population(), budget_s=share * every, **mine)
+        assert cut.stop is Stop.BUDGET and "stopped at the time budget" in cut.message
+        assert "adaptation" not in cut.message and 0 < cut.n_steps < whole.n_steps
+        np.testing.assert_array_equal(cut.draws, whole.draws[:, : cut.draws.shape[1]])
+        resumed = sample(counted, population(), resume=True, **mine)
+        np.testing.assert_array_equal(resumed.draws, whole.draws)
+        assert resumed.message == whole.message
+    hurried = sample(counted, population(), names=NAMES, seed=5, budget_s=0.3 * every, **settings)
+    assert "the time budget cut adaptation short" in hurried.message
+    lucky = sample(counted, population(), names=NAMES, seed=5, budget_s=0.93 * every, **settings | {"target_ess": 1.0}
+                   | {"chain_taus": 1e-3, "target_r_hat": 99.0})  # fmt: skip
+    assert lucky.message == "converged"
 
 
 def test_ctrl_c_keeps_the_draws_so_far():
