@@ -1,229 +1,280 @@
-"""Mutated files against every reader but `check` (that is fuzz_campaigns.py): refused in one line, read, or worse?
+"""Damaged and hostile files against every reader: refused in one line, read, or worse?
 
-    python analyses/fuzz.py --inputs 2000 [--seed N] [--only config ...]
+    python analyses/fuzz.py --inputs 20000 [--seed N] [--only config ...] [--workers 2] [--out fuzz.json]
 
-Sound files are made once (an identification, a small diagnosis' files, sealed cases), then their bytes are damaged and
-they are read as the commands read them: configurations and effects of a user, checkpoints, posteriors, fits, diagnoses,
-commitments, truths and answers, and the records of a batch. The readers run in a forked process with a limit on its
-memory, so that a crash of a library counts like a traceback of ours.
+Small sound files are made once (fuzz_readers.py), then their bytes are damaged and they are read as the commands read
+them. `--inputs` are shared out so that cheap readers get more. The readers run in forked processes whose memory may
+grow by ten times the file and 300 MB; an input has 10 s of processor time, and a minute of any. Beside the mutated
+bytes two readers get files whose checksums were made anew, as somebody would who wants to do harm.
+
+Counted: *refused* (a ValueError of the package's own kinds, one line), *read*, and what must not be: *plain* (a bare
+ValueError), *lines* (a message of several lines), *traceback* (anything else), *memory*, *hang*, *crash* (the process
+died). Records that are changed as recorders, cables and people do are in fuzz_campaigns.py.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
+import gc
+import mmap
 import os
 import resource
 import shutil
+import signal
 import sys
 import tempfile
 import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-import mutations
-from bayes_iwan.campaign import read_campaign
-from bayes_iwan.effects.user_file import load_effects
-from bayes_iwan.files import write_json, write_whole
-from bayes_iwan.gap.saved_fits import read_fits
-from bayes_iwan.inference import results
-from bayes_iwan.inference.config import settings_of
-from bayes_iwan.inference.identify import identify_campaign
-from bayes_iwan.inference.problem import make_problem
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.report.batch import stored_specimen
-from bayes_iwan.sampling.checkpoint import NAME, read_checkpoint
-from bayes_iwan.validation import sealed as withheld
-from bayes_iwan.validation.answering import read_diagnosis
-from fuzz_campaigns import Hang, limited, peak_MB
-from kill_runs import CONFIG, made_up
+from bayes_iwan.files import write_json
+from fuzz_readers import Reader, readers
 
-HERE = Path(__file__).parent
-#: beyond what the process holds when the readers begin
-MEMORY_MB = 600
-
-LONG_CONFIG = (
-    CONFIG
-    + """
-[parameters.kp_N_mm]
-prior = {dist = "lognormal", median = 5.0, sigma = 0.5}
-upper = 100.0
-[parameters.k1_N_mm]
-fixed = 14.0
-[loops]
-n_phase = 64
-n_harmonics = 20
-"""
-)
+WORDS = ("not run", "refused", "read", "plain", "lines", "traceback", "memory", "hang", "crash")
+NOT_RUN, REFUSED, READ, PLAIN, LINES, TRACEBACK, MEMORY, HANG, CRASH = range(len(WORDS))
+MEMORY_MB, TIMES_FILE = 300, 10
+PROCESSOR_S, WALL_S = 10, 60
+#: inputs that one forked process reads
+BATCH = 4000
+#: seconds given to measuring a reader's speed, from which its share of the inputs follows
+TRIED = 40
 
 
-@dataclass(frozen=True)
-class Reader:
-    """A file's sound bytes, where it lies, and what reads it."""
-
-    raw: bytes
-    path: Path
-    read: Callable[[], object]
+class Hang(BaseException):
+    """A reader that took longer than PROCESSOR_S."""
 
 
-def sealed_cases(folder: Path, truth: dict) -> None:
-    """As `withheld answer` and `withheld score` read the commitments."""
-    withheld.case_names(folder)
-    withheld.check_seals(folder, {"case_01": truth})
+@dataclass
+class Tally:
+    """Outcomes of a reader's inputs, the peak memory (MB) that reading added, and processor seconds."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    peak_MB: float = 0.0
+    seconds: float = 0.0
+
+    @property
+    def bad(self) -> int:
+        return sum(n for word, n in self.counts.items() if word not in ("refused", "read"))
 
 
-def readers(tmp: Path) -> dict[str, Reader]:
-    """Sound files of each kind below `tmp`, and their readers."""
-    campaign = made_up(tmp / "campaign", 5.5, 7)
-    config = write_whole(tmp / "config.toml", CONFIG)
-    out = tmp / "run"
-    identify_campaign(campaign, out, config=config, seed=1, progress=False)
-    loops = read_campaign(campaign).loops(n_phase=64, n_harmonics=20)
-    long = write_whole(tmp / "long.toml", LONG_CONFIG)
-
-    def configured() -> None:
-        problem = make_problem(loops, settings_of(long))
-        with np.errstate(all="ignore"):
-            problem.log_prob(problem.prior.draw(np.random.default_rng(0), 4))
-
-    effect = write_whole(tmp / "effect.py", (HERE / "effects" / "quadratic_drag.py").read_text())
-    folder = tmp / "cases"
-    made_up(folder / "case_01", 5.0, 1)
-    truth = {"salt": "00", "kind": "none", "effects": [], "data": withheld.file_hashes(folder / "case_01")}
-    sealed = folder / "commitments.json"
-    write_json(sealed, {"rule": withheld.RULE, "cases": {"case_01": withheld.commitment(truth)}})
-    truths = tmp / "truth.json"
-    write_json(truths, {"schema": 1, "seed": 0, "cases": {"case_01": truth}})
-    answer = {"verdict": {"cause": "none", "probability": 0.9}, "probabilities": {"none": 0.9, "unknown": 0.1}}
-    write_json(tmp / "answer" / "diagnosis.json", answer)
-    fit = {"effects": [], "names": ["kp_N_mm", "k1_N_mm"], "z": [0.1, -0.2], "covariance": [[1e-3, 0.0], [0.0, 2e-3]]}
-    effects = [{"class": "MovingMass", "name": "moving_mass", "strength_value": None}]
-    fits = {"schema": 1, "scales": asdict(scales_of(loops)), "config": {}, "effects_file": None, "simulator_file": None}
-    fits |= {"base": fit | {"share": 0.01, "length": 0.1}, "with": {"moving_mass": fit | {"effects": effects}}}
-    write_json(tmp / "fits" / "fits.json", fits)
-    specimen = tmp / "specimen" / "specimen.json"
-    quantity = {"label": "kp", "unit": "N/mm", "median": 5.0, "low": 4.9, "high": 5.1, "draws": [4.9, 5.0, 5.1]}
-    write_json(
-        specimen,
-        {
-            "schema": 1,
-            "made_with": {},
-            "quantities": {"kp_N_mm": quantity | {"prior": [1.0, 2.0, 9.0]}},
-            "converged": True,
-            "message": "converged",
-            "seconds": 3.0,
-        },
-    )
-    found: dict[str, tuple[Path, Callable[[], object]]] = {
-        "config": (long, configured),
-        "effects": (effect, lambda: load_effects(effect)),
-        "checkpoint": (out / NAME, lambda: read_checkpoint(out / NAME, ("plain", "tempered", "production"))),
-        "posterior.nc": (out / "posterior.nc", lambda: results.load(out)),
-        "diagnosis.json": (tmp / "answer" / "diagnosis.json", lambda: read_diagnosis(tmp / "answer")),
-        "fits.json": (tmp / "fits" / "fits.json", lambda: read_fits(tmp / "fits" / "fits.json")),
-        "commitments.json": (sealed, lambda: sealed_cases(folder, truth)),
-        "truth.json": (truths, lambda: withheld.check_seals(folder, withheld.read_truths(truths))),
-        "specimen.json": (specimen, lambda: stored_specimen(specimen.parent, {})),
-    }  # fmt: skip
-    return {name: Reader(path.read_bytes(), path, read) for name, (path, read) in found.items()}
+def damaged(reader: Reader, raws: list[bytes], rng: np.random.Generator) -> tuple[int, bytes]:
+    """Which of a reader's files is damaged, and its bytes then; of several the first in half of the inputs."""
+    k = 0 if len(raws) == 1 or rng.random() < 0.5 else int(rng.integers(1, len(raws)))
+    return k, reader.damage(raws[k], rng)
 
 
-def outcome(reader: Reader, rng: np.random.Generator, show: str = "") -> str:
-    """What a reader makes of one damaged file."""
-    reader.path.write_bytes(mutations.damaged(reader.raw, rng))
+def outcome(reader: Reader, where: str) -> int:
+    """What the reader makes of the files as they stand."""
+    signal.setitimer(signal.ITIMER_PROF, PROCESSOR_S)
     try:
-        with limited(), warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
-            warnings.simplefilter("ignore")
-            found = reader.read()
-        return "read" if found is not None or "specimen" not in reader.path.name else "refused"
+        found = reader.read()
+        return REFUSED if found is None else READ
     except ValueError as error:
-        if type(error) is ValueError or "\n" in str(error):
-            said = "other ValueError" if "\n" not in str(error) else "several lines"
-            if show:
-                print(f"{show}: {said}: {str(error)[:300]}", flush=True)
-                traceback.print_exc(limit=-3)
-            return said
-        return "refused"
+        if type(error) is not ValueError and "\n" not in str(error):
+            return REFUSED
+        print(f"--- {where}: {str(error)[:200]}", file=sys.stderr)
+        traceback.print_exc(limit=-4)
+        return PLAIN if type(error) is ValueError else LINES
     except Hang:
-        return "hang"
-    except BaseException:
-        if show:
-            print(f"{show}:", flush=True)
-            traceback.print_exc(limit=-3)
-        return "traceback"
+        return HANG
+    except MemoryError:
+        return MEMORY
+    except BaseException as error:
+        print(f"--- {where}: {type(error).__name__}", file=sys.stderr)
+        traceback.print_exc(limit=-4)
+        return TRACEBACK
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
 
 
-def in_fork(reader: Reader, name: str, seeds: range, seed: int) -> Counter[str]:
-    """Outcomes of some damaged files, in a process of their own with limited memory."""
-    read, write = os.pipe()
+def _stop(*_: object) -> None:
+    raise Hang
+
+
+def in_fork(
+    reader: Reader,
+    raws: list[bytes],
+    name: str,
+    codes: np.ndarray,
+    peak: np.ndarray,
+    first: int,
+    seed: int,
+    home: Path,
+    log: int,
+) -> int:
+    """A process that reads inputs first to first + len(codes), those that have not been read; its process id.
+
+    peak : where it puts the memory (MB) that they took beyond that of reading the sound file.
+    """
     pid = os.fork()
-    if pid == 0:
-        os.close(read)
+    if pid:
+        return pid
+    try:
+        os.chdir(home)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        os.dup2(log, 2)
+        signal.signal(signal.SIGPROF, _stop)
+        warnings.simplefilter("ignore")
+        for path, raw in zip(reader.files, raws):  # a process before may have died over a damaged one
+            path.write_bytes(raw)
+        reader.read()
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         with open("/proc/self/statm") as file:
             now = int(file.read().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (now + (MEMORY_MB << 20),) * 2)
-        for i in seeds:
-            word = outcome(reader, np.random.default_rng([seed, i]), f"{name}, seed {seed} {i}")
-            os.write(write, (word + "\n").encode())
-        os.write(write, f"peak {peak_MB():.0f}\n".encode())
+        room = (MEMORY_MB << 20) + TIMES_FILE * max(map(len, raws))
+        resource.setrlimit(resource.RLIMIT_AS, (now + room,) * 2)
+        for i in np.flatnonzero(codes == NOT_RUN):
+            k, changed = damaged(reader, raws, np.random.default_rng([seed, first + int(i)]))
+            reader.files[k].write_bytes(changed)
+            codes[i] = CRASH  # unless it comes back
+            codes[i] = outcome(reader, f"{name}, seed {seed} {first + i}")
+            reader.files[k].write_bytes(raws[k])
+        sys.stderr.flush()
+        peak[0] = max(peak[0], (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024)
         os._exit(0)
-    os.close(write)
-    with open(read) as file:
-        words = file.read().split("\n")[:-1]
-    status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-    counts = Counter(w for w in words if not w.startswith("peak"))
-    if status != 0:
-        counts["crash"] += 1
-        print(f"{name}, seed {seed} {seeds[len(words)]}: the process ended with {status}", flush=True)
-    counts["peak MB"] = max((int(w.split()[1]) for w in words if w.startswith("peak")), default=0)
-    return counts
+    except BaseException:
+        traceback.print_exc()
+        os._exit(70)
 
 
-def fuzz(inputs: int, seed: int, only: list[str] | None = None) -> dict[str, Counter[str]]:
-    """Outcomes by kind of file, `inputs` of them in all, shared out evenly."""
-    tmp = Path(tempfile.mkdtemp(prefix="fuzz"))
+class Job:
+    """A range of one reader's inputs, read by as many processes as die over it."""
+
+    def __init__(
+        self, reader: Reader, raws: list[bytes], name: str, first: int, n: int, seed: int, home: Path, log: int
+    ) -> None:
+        shared = mmap.mmap(-1, n + 8)
+        self.peak = np.frombuffer(shared, dtype=float, count=1)
+        self.codes = np.frombuffer(shared, dtype=np.uint8, offset=8)
+        self.arguments = (reader, raws, name, self.codes, self.peak, first, seed, home, log)
+        self.name, self.seconds = name, 0.0
+        self._start()
+
+    def _start(self) -> None:
+        self.begun_at = self.done = self._done()
+        self.at = time.monotonic()
+        self.pid = in_fork(*self.arguments)
+
+    def _done(self) -> int:
+        return int(np.count_nonzero(self.codes != NOT_RUN))
+
+    def ended(self) -> bool:
+        """Whether all its inputs are read; a process that died over one, or stands still, is begun anew behind it."""
+        pid, status, used = os.wait4(self.pid, os.WNOHANG)
+        if pid:
+            self.seconds += used.ru_utime + used.ru_stime
+            if status:
+                self._told(f"its process ended with {os.waitstatus_to_exitcode(status)}")
+            if not (self.codes == NOT_RUN).any():
+                return True
+            if self._done() == self.begun_at:
+                raise RuntimeError(f"{self.name}: its process ends ({status}) before it reads anything; see the log")
+            self._start()
+        elif (done := self._done()) != self.done:
+            self.done, self.at = done, time.monotonic()
+        elif time.monotonic() - self.at > WALL_S:
+            os.kill(self.pid, signal.SIGKILL)
+            os.waitpid(self.pid, 0)
+            self._told(f"no end after {WALL_S} s")
+            self.codes[self.codes == CRASH] = HANG
+            self._start()
+        return False
+
+    def _told(self, what: str) -> None:
+        """Name in the log the input that a process was at."""
+        *_, first, seed, _, log = self.arguments
+        at = [first + int(i) for i in np.flatnonzero(self.codes == CRASH)][-1:]
+        os.write(log, f"--- {self.name}, seed {seed} {at}: {what}\n".encode())
+
+
+def fuzz(
+    inputs: int, seed: int, only: list[str] | None = None, workers: int = 1, log: Path | None = None
+) -> dict[str, Tally]:
+    """Outcomes by kind of file of so many inputs in all."""
+    here = os.getcwd()
+    scratch = Path("/dev/shm") if os.access("/dev/shm", os.W_OK) else None
+    tmp = Path(tempfile.mkdtemp(prefix="fuzz", dir=scratch))
+    homes = [tmp / f"home{i}" for i in range(workers)]
+    words = os.open(log or tmp / "log.txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     try:
-        every = {n: r for n, r in readers(tmp).items() if not only or n in only}
-        out = {}
-        for name, reader in every.items():
-            counts: Counter[str] = Counter()
-            n = -(-inputs // len(every))
-            for first in range(0, n, 500):
-                some = in_fork(reader, name, range(first, min(n, first + 500)), seed)
-                peak = max(counts.pop("peak MB", 0), some.pop("peak MB"))
-                counts += some
-                counts["peak MB"] = peak
-            reader.path.write_bytes(reader.raw)
-            out[name] = counts
-        return out
+        homes[0].mkdir()
+        os.chdir(homes[0])
+        every = {name: r for name, r in readers().items() if not only or name in only}
+        raws = {name: [path.read_bytes() for path in r.files] for name, r in every.items()}
+        for home in homes[1:]:
+            shutil.copytree(homes[0], home)
+        gc.freeze()
+        tallies = {name: Tally() for name in every}
+        shares = {name: TRIED for name in every}
+        _run(every, raws, dict.fromkeys(every, 0), shares, tallies, seed, homes, words)
+        rest = inputs - TRIED * len(every)
+        if rest > 0:
+            # shares between even in number and even in time: cheap readers get more, dear ones not nothing
+            speed = {n: (TRIED / max(t.seconds, 1e-3)) ** 0.9 for n, t in tallies.items()}
+            shares = {n: round(rest * s / sum(speed.values())) for n, s in speed.items()}
+            _run(every, raws, dict.fromkeys(every, TRIED), shares, tallies, seed, homes, words)
+        return tallies
     finally:
+        os.close(words)
+        os.chdir(here)
         shutil.rmtree(tmp)
 
 
-HEADS = ("refused", "read", "traceback", "other ValueError", "several lines", "hang", "crash", "peak MB")
+def _run(
+    every: dict[str, Reader],
+    raws: dict[str, list[bytes]],
+    first: dict[str, int],
+    shares: dict[str, int],
+    tallies: dict[str, Tally],
+    seed: int,
+    homes: list[Path],
+    log: int,
+) -> None:
+    """Read each reader's share of inputs, one process in each home."""
+    waiting = [(name, first[name] + at, min(BATCH, n - at)) for name, n in shares.items() for at in range(0, n, BATCH)]
+    running: dict[Path, Job] = {}
+    while waiting or running:
+        for home in homes:
+            if home in running and running[home].ended():
+                job = running.pop(home)
+                tally = tallies[job.name]
+                for code, n in zip(*np.unique(job.codes, return_counts=True)):
+                    tally.counts[WORDS[code]] += int(n)
+                tally.peak_MB = max(tally.peak_MB, float(job.peak[0]))
+                tally.seconds += job.seconds
+            if home not in running and waiting:
+                name, at, n = waiting.pop(0)
+                running[home] = Job(every[name], raws[name], name, at, n, seed, home, log)
+        time.sleep(0.01)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--inputs", type=int, default=2000)
+    parser.add_argument("--inputs", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="+", metavar="KIND")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--log", type=Path, default=Path("fuzz.log"), help="where tracebacks go (default: fuzz.log)")
+    parser.add_argument("--out", type=Path, help="JSON file for the figures")
     args = parser.parse_args()
     began = time.monotonic()
-    found = fuzz(args.inputs, args.seed, args.only)
-    print(f"{'file':18s} " + " ".join(f"{h:>16s}" for h in HEADS))
-    for name, counts in found.items():
-        print(f"{name:18s} " + " ".join(f"{counts[h]:16d}" for h in HEADS))
-    n = sum(c for counts in found.values() for h, c in counts.items() if h != "peak MB")
-    print(f"{n} inputs in {time.monotonic() - began:.0f} s")
+    found = fuzz(args.inputs, args.seed, args.only, args.workers, args.log.resolve())
+    print(f"{'file':22s} " + " ".join(f"{w:>9s}" for w in WORDS[1:]) + "   peak MB  ms each")
+    for name, t in found.items():
+        each = 1e3 * t.seconds / max(sum(t.counts.values()), 1)
+        print(f"{name:22s} " + " ".join(f"{t.counts[w]:9d}" for w in WORDS[1:]) + f" {t.peak_MB:9.0f} {each:8.2f}")
+    total = sum((t.counts for t in found.values()), Counter())
+    print(f"{'all':22s} " + " ".join(f"{total[w]:9d}" for w in WORDS[1:]))
+    print(f"{sum(total.values())} inputs in {time.monotonic() - began:.0f} s")
+    if args.out is not None:
+        write_json(args.out, {name: vars(t) for name, t in found.items()})
+    sys.exit(1 if any(t.bad for t in found.values()) else 0)
 
 
 if __name__ == "__main__":

@@ -69,12 +69,19 @@ def run_identify(args: argparse.Namespace) -> int:
         action="store_true",
         help="identify each frequency alone by short runs, where identify --per-test has not",
     ),
+    argument("--simulator", metavar="FILE", help="Python file of the model that was identified; its code is run"),
     argument("--pdf", action="store_true", help="also report.pdf: the figures with their captions"),
 )
 def run_report(args: argparse.Namespace) -> None:
     from bayes_iwan.report import report_run
 
-    page = report_run(args.folder, campaign=args.campaign, pdf=args.pdf, per_frequency=args.per_frequency)
+    page = report_run(
+        args.folder,
+        campaign=args.campaign,
+        pdf=args.pdf,
+        per_frequency=args.per_frequency,
+        simulator=args.simulator,
+    )
     say(str(page))
 
 
@@ -121,7 +128,7 @@ def run_compare(args: argparse.Namespace) -> None:
     SEED,
     argument("--identify", action="store_true", help="identify every campaign (default, unless --diagnose)"),
     argument("--diagnose", action="store_true", help="diagnose every campaign"),
-    argument("--quick", action="store_true", help="diagnoses stop at refits and an approximate evidence"),
+    argument("--quick", action="store_true", help="identify and diagnose by their quick ways, in seconds"),
     CONFIG,
     argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
     WORKERS,

@@ -74,7 +74,7 @@ def run_answer(args: argparse.Namespace) -> None:
     argument(
         "--left-out", metavar="NAME", action="append", default=[], help="law (NAME:LAW) or kind not calibrated on"
     ),
-    argument("--allow-effects-file", action="store_true", help="run the effects file (code) that an answer names"),
+    argument("--allow-effects-file", action="store_true", help="run the Python files that answers name"),
 )
 def run_score(args: argparse.Namespace) -> None:
     from bayes_iwan.report.scores import write_score

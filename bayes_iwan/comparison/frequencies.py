@@ -131,7 +131,8 @@ def compare_frequencies(
 def _stored(joint: Posterior, folder: Path, loops: Sequence[Loop]) -> Posterior | None:
     """What `folder` holds of these loops alone, unless it is left from another campaign, model or prior."""
     try:
-        found = load(folder, None if joint.campaign is None else joint.campaign.path)
+        where = None if joint.campaign is None else joint.campaign.path
+        found = load(folder, where, joint.problem.model if joint.simulator_file else None)
     except ResultsError:
         return None
     return found if found.problem.fingerprint() == _problem(joint, loops).fingerprint() else None

@@ -27,6 +27,7 @@ from bayes_iwan.inference.config import diagnose_settings_of
 from bayes_iwan.inference.scales import Scales
 from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.physics import ModelError
 
 SCHEMA = 2
 #: phases, harmonics and blocks of cycles that diagnoses work on
@@ -34,7 +35,6 @@ LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
 
 
 #: what a damaged file raises on the way to its fits
-_DAMAGE = (KeyError, TypeError, IndexError, AttributeError)
 
 
 class SavedFitsError(ValueError):
@@ -127,7 +127,7 @@ def read_fits(path: Path) -> SavedFits:
         effects, simulator = (None if stored[k] is None else str(stored[k]) for k in ("effects_file", "simulator_file"))
         fits = {frozenset() if k == "base" else frozenset(k.split("+")): _fit(f) for k, f in stored["fits"].items()}
         return SavedFits(Scales(**stored["scales"]), diagnose_settings_of(stored["config"]), effects, simulator, fits)
-    except (*_DAMAGE, ValueError) as error:
+    except Exception as error:  # the same of its form
         raise _damaged(path, error) from None
 
 
@@ -146,7 +146,8 @@ def _fit(stored: dict[str, Any]) -> SavedFit:
 
 
 def _damaged(path: Path, error: Exception) -> SavedFitsError:
-    return SavedFitsError(f"{path}: damaged ({type(error).__name__}: {error}); diagnose the campaign again")
+    said = " ".join(str(error).split())[:120]
+    return SavedFitsError(f"{path}: damaged ({type(error).__name__}: {said}); diagnose the campaign again")
 
 
 def find_shares(
@@ -170,7 +171,9 @@ def find_shares(
         if before <= 0.0 or not whole:
             return None, {}
         parts = shapley(whole, lambda k: np.array(-gap[k] / before))
-    except (*_DAMAGE, np.linalg.LinAlgError) as error:
+    except (EffectError, ModelError):
+        raise
+    except Exception as error:  # a file that somebody has changed breaks whatever is made of it, in any way
         raise _damaged(path, error) from None
     return 1.0 - gap[whole] / before, {n: float(v) for n, v in parts.items()}
 

@@ -129,6 +129,10 @@ class Independent:
         return replace(self, loops=tuple(self.loops[t] for t in tests))
 
 
+class LikelihoodError(ValueError):
+    """A likelihood that there is not."""
+
+
 KINDS = ("correlated", "unweighted", "matern", "gaussian", "laplace")
 
 
@@ -143,4 +147,4 @@ def make_likelihood(kind: str, loops: Sequence[Loop], scales: Scales) -> Likelih
         return Correlated(tuple(loops))
     if kind in KINDS:
         return Independent(tuple(loops), scales, kind)
-    raise ValueError(f"likelihood.kind = {kind!r} is not known; choose one of {', '.join(KINDS)}")
+    raise LikelihoodError(f"likelihood.kind = {kind!r} is not known; choose one of {', '.join(KINDS)}")

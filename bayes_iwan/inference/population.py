@@ -54,7 +54,8 @@ class Population:
 
 
 def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population | None:
-    """The population of one quantity; None for fewer than :data:`LEAST` specimens or draws that do not vary."""
+    """The population of one quantity; None for fewer than :data:`LEAST` specimens, for draws that do not vary, and for
+    such as differ by more than double precision can hold."""
     if len(specimens) < LEAST:
         return None
     every = np.concatenate([s.draws for s in specimens])
@@ -75,6 +76,8 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
     log_like = np.stack([_log_likelihood(d, w, mean, tau) for d, w in zip(draws, weights)])  # (specimens, μ, τ)
     measure = np.log(np.gradient(tau))  # flat in τ
     posterior = _normalised(log_like.sum(axis=0) + measure)
+    if not np.all(np.isfinite(posterior)):
+        return None
     middle = _quantiles(mean, posterior.sum(axis=1))
     between = _quantiles(tau, posterior.sum(axis=0))
     flat = rng.choice(posterior.size, 4000, p=posterior.ravel())

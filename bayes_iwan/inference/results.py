@@ -8,7 +8,7 @@ import io
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,6 @@ from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import sampled_and_derived
 from bayes_iwan.inference.rows import ConvergenceRow, SummaryRow
-from bayes_iwan.inference.settings import IdentifySettings
 from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.optimize.genetic import GlobalOptimum
 from bayes_iwan.physics import Scales, Simulator
@@ -273,11 +272,12 @@ def _point_of(plain: Mapping[str, Any]) -> Point:
 def load(
     folder: str | os.PathLike[str],
     campaign: str | os.PathLike[str] | None = None,
-    simulator: Simulator | None = None,
+    simulator: Simulator | str | os.PathLike[str] | None = None,
 ) -> Posterior:
     """The posterior that :func:`bayes_iwan.identify` wrote.
 
-    The campaign is read again from where it was; so is the file of a user's own simulator.
+    The campaign is read again from where it was. Where a simulator of one's own was identified, name it: what a result
+    names is data, and is never run.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def load(
     campaign
         its folder, if that has moved.
     simulator
-        a user's own, in the place of its file.
+        the model of one's own that was identified, or its Python file (its code is run).
 
     Returns
     -------
@@ -309,45 +309,74 @@ def load(
     if not path.is_file():
         raise ResultsError(f"{path}: not found; {folder} is not a folder that `bayes-iwan identify` has finished")
     try:
-        stored, unordered, log_prob = _read(path)
-        settings = settings_of(json.loads(stored["config"]))
+        stored = _stored(path)
     except ResultsError:
         raise
-    except Exception as error:  # whatever HDF5 and its readers make of damaged bytes
+    except Exception as error:  # whatever HDF5 and its readers make of damaged bytes, and a hostile file of its numbers
         raise ResultsError(f"{path}: damaged ({_line(error)}); identify again") from None
-    where = campaign or stored["campaign_path"]
+    where = campaign or stored.campaign_path
     if not where:
         raise ResultsError(f"{path}: its loops came from no campaign folder, so it cannot be loaded without them")
+    file = stored.fields["simulator_file"]
+    if file and simulator is None:
+        raise ResultsError(
+            f"{path}: was made with the simulator in {file}, a Python file that is not run unasked; name it "
+            "(--simulator FILE, or the argument simulator) if you trust it"
+        )
+    if isinstance(simulator, str | os.PathLike):
+        file, simulator = str(Path(simulator).resolve()), load_simulator(simulator)
     source = read_campaign(where)
-    every = {x.file: x for x in source.loops(**asdict(settings.loops))}
-    wanted = json.loads(stored["loops"])
-    if missing := [file for file in wanted if file not in every]:
+    every = {x.file: x for x in source.loops(**asdict(stored.fields["settings"].loops))}
+    if missing := [name for name in stored.loops if name not in every]:
         raise ResultsError(f"{path}: the campaign {where} no longer has {missing[0]}; name the right campaign")
-    loops = tuple(every[file] for file in wanted)
-    file = str(stored.get("simulator_file", ""))
-    if simulator is None and file:
-        simulator = load_simulator(file)
-    problem = _same_problem(path, loops, settings, stored, simulator)
-    z = np.stack([unordered[name] for name in problem.names], axis=2)
-    return Posterior(
-        problem=problem,
-        campaign=source,
-        loops=loops,
-        z=z,
-        log_prob=log_prob,
-        walkers=int(stored["walkers"]),
-        thin=int(stored["thin"]),
-        point=_point_of(json.loads(stored["point"])),
-        seed=int(stored["seed"]),
-        converged=bool(stored["converged"]),
-        message=str(stored["message"]),
-        stop=Stop[str(stored["stop"])],
-        settings=settings,
-        versions=json.loads(stored["versions"]),
-        timings=json.loads(stored["timings"]),
-        convergence=tuple(ConvergenceRow(**row) for row in json.loads(stored["convergence"])),
-        simulator_file=file,
-    )
+    loops = tuple(every[name] for name in stored.loops)
+    problem = _same_problem(path, loops, stored, simulator)
+    if missing := [name for name in problem.names if name not in stored.draws]:
+        raise ResultsError(f"{path}: damaged (no draws of {missing[0]}); identify again")
+    z = np.stack([stored.draws[name] for name in problem.names], axis=2)
+    found = {**stored.fields, "simulator_file": file}
+    return Posterior(problem=problem, campaign=source, loops=loops, z=z, log_prob=stored.log_prob, **found)
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """What posterior.nc holds: draws by name and log_prob (chains, draws), how to make its problem again, the rest."""
+
+    draws: dict[str, Array]
+    log_prob: Array
+    campaign_path: str
+    loops: tuple[str, ...]
+    scales: Scales
+    fingerprint: dict[str, str]
+    fields: dict[str, Any]
+
+
+def _stored(path: Path) -> _Stored:
+    """A result as it was written. Raises ResultsError, or anything where the bytes are none of ours."""
+    stored, draws, log_prob = _read(path)
+    if log_prob.ndim != 2 or any(x.shape != log_prob.shape for x in draws.values()):
+        raise ResultsError(f"{path}: damaged (draws of several shapes); identify again")
+    if not all(np.isfinite(x).all() for x in draws.values()):
+        raise ResultsError(f"{path}: damaged (draws that are no numbers); identify again")
+    loops, fingerprint = json.loads(stored["loops"]), dict(json.loads(stored["fingerprint"]))
+    if not isinstance(loops, list) or not all(isinstance(name, str) for name in loops):
+        raise ResultsError(f"{path}: damaged (no list of loops); identify again")
+    kept = {
+        "settings": settings_of(json.loads(stored["config"])),
+        "walkers": int(stored["walkers"]),
+        "thin": int(stored["thin"]),
+        "point": _point_of(json.loads(stored["point"])),
+        "seed": int(stored["seed"]),
+        "converged": bool(stored["converged"]),
+        "message": str(stored["message"]),
+        "stop": Stop[str(stored["stop"])],
+        "versions": dict(json.loads(stored["versions"])),
+        "timings": dict(json.loads(stored["timings"])),
+        "convergence": tuple(ConvergenceRow(**row) for row in json.loads(stored["convergence"])),
+        "simulator_file": str(stored.get("simulator_file", "")),
+    }
+    scales = Scales(**json.loads(stored["scales"]))
+    return _Stored(draws, log_prob, str(stored["campaign_path"]), tuple(loops), scales, fingerprint, kept)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Array], Array]:
@@ -374,17 +403,11 @@ def _line(error: Exception) -> str:
     return " ".join(str(error).split())[:200] or type(error).__name__
 
 
-def _same_problem(
-    path: Path,
-    loops: tuple[Loop, ...],
-    settings: IdentifySettings,
-    stored: Mapping[str, Any],
-    simulator: Simulator | None,
-) -> Problem:
-    problem = make_problem(loops, settings, simulator, Scales(**json.loads(stored["scales"])))
-    then, now = json.loads(stored["fingerprint"]), problem.fingerprint()
+def _same_problem(path: Path, loops: tuple[Loop, ...], stored: _Stored, simulator: Simulator | None) -> Problem:
+    problem = make_problem(loops, stored.fields["settings"], simulator, stored.scales)
+    now = problem.fingerprint()
     for part in now:
-        if then.get(part) != now[part]:
+        if stored.fingerprint.get(part) != now[part]:
             raise ResultsError(
                 f"{path}: its {part} is not what the campaign and this version give now; "
                 "identify again, or give the campaign it was made from"

@@ -70,7 +70,10 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Finished:
-    """One specimen that was finished: what was identified (if asked for) and the cause found (if asked for)."""
+    """One specimen that was finished: what was identified (if asked for) and the cause found (if asked for).
+
+    converged : None where nothing was sampled.
+    """
 
     name: str
     seconds: float
@@ -147,7 +150,7 @@ def batch(
     identify, diagnose
         what to do.
     quick
-        diagnoses stop at refits.
+        as of :func:`bayes_iwan.identify` and :func:`bayes_iwan.diagnose`, for whichever is done.
     seed
         of all random numbers.
     config
@@ -251,6 +254,7 @@ def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:
             resume=resume,
             keep_chains=job.keep_chains,
             progress=False,
+            quick=job.quick,
         )
 
     try:
@@ -277,7 +281,8 @@ def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:
             "draws": _rounded(rng.choice(x, min(len(x), 2 * DRAWS), replace=False)),
             "prior": _rounded(prior[np.isfinite(prior)]),
         }
-    return {"converged": posterior.converged, "message": posterior.message, "quantities": record}
+    converged = None if posterior.quick else posterior.converged
+    return {"converged": converged, "message": posterior.message, "quantities": record}
 
 
 def _rounded(x: Array) -> list[float]:
@@ -297,16 +302,36 @@ def stored_specimen(out: Path, made_with: Mapping[str, Any]) -> Finished | None:
         record = json.loads((out / "specimen.json").read_text())
         if record["schema"] != _SCHEMA or record["made_with"] != made_with:
             return None
-        found = {
-            name: Quantity(
-                q["label"], q["unit"], q["median"], q["low"], q["high"], np.array(q["draws"]), np.array(q["prior"])
-            )
-            for name, q in record["quantities"].items()
-        }
-        some = {k: record.get(k) for k in ("converged", "cause", "second_cause", "probability", "gap_share", "shrink")}
-        return Finished(out.name, record["seconds"], message=record.get("message", ""), quantities=found, **some)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        found = {name: _quantity(q) for name, q in record["quantities"].items()}
+        return Finished(
+            out.name,
+            _of(float, record["seconds"]),
+            _of(bool | None, record.get("converged")),
+            _of(str, record.get("message", "")),
+            found,
+            *(_of(str | None, record.get(key)) for key in ("cause", "second_cause")),
+            *(_of(float | None, record.get(key)) for key in ("probability", "gap_share", "shrink")),
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         return None
+
+
+def _quantity(q: Mapping[str, Any]) -> Quantity:
+    """A quantity as it was written; ValueError, TypeError, KeyError for anything else."""
+    draws, prior = (np.array(q[key], dtype=float) for key in ("draws", "prior"))
+    if draws.ndim != 1 or prior.ndim != 1 or not draws.size or not np.isfinite([*draws, *prior]).all():
+        raise ValueError("draws that are no list of numbers")
+    median, low, high = (_of(float, q[key]) for key in ("median", "low", "high"))
+    return Quantity(_of(str, q["label"]), _of(str, q["unit"]), median, low, high, draws, prior)
+
+
+def _of(kind: Any, value: Any) -> Any:
+    """A value of a kind that JSON has, a whole number where a number is asked for too."""
+    if kind in (float, float | None) and type(value) is int:
+        return float(value)
+    if not isinstance(value, kind):
+        raise TypeError(f"{value!r:.60} is no {kind}")
+    return value
 
 
 def _read(job: Job, name: str) -> Finished:

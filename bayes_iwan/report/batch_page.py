@@ -51,6 +51,8 @@ def _summary(page: Page, result: Batch) -> None:
     )
     if late:
         section.note(f"Not converged, so that their intervals are too narrow: {', '.join(late)}.", "warning")
+    if any(x.quantities and x.converged is None for x in result.finished):
+        section.note("Quick: intervals are Laplace's about the most probable point, not sampled.")
     for name, found in result.outliers().items():
         section.note(f"{name} stands out from the others in {', '.join(found)}.", "warning")
     if result.failures:
@@ -120,7 +122,7 @@ def _specimens(page: Page, result: Batch) -> None:
     rows = []
     for x in result.finished:
         links = []
-        if x.converged is not None:
+        if x.quantities:
             links.append(_link(x.name, "report.html", "report"))
         if x.cause is not None:
             links.append(_link(x.name, "diagnosis.html", "diagnosis"))

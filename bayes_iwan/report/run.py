@@ -22,13 +22,15 @@ def report_run(
     campaign: str | os.PathLike[str] | None = None,
     pdf: bool = False,
     per_frequency: bool = False,
+    simulator: str | os.PathLike[str] | None = None,
 ) -> Path:
     """report.html (and report.pdf) of a folder that `identify` wrote; returns the page's path.
 
-    campaign : the campaign's folder if it has moved. per_frequency : identify each frequency alone by short runs
+    campaign : the campaign's folder if it has moved. simulator : the Python file of the model of one's own that was
+    identified; its code is run. per_frequency : identify each frequency alone by short runs
     where the folder has no per_test results; else quick estimates stand in.
     """
-    posterior = load(folder, campaign)
+    posterior = load(folder, campaign, simulator)
     with owned(folder) as out:
         found = compare_frequencies(posterior, out, run=per_frequency)
         clear(out, "report.html", "report.pdf", "tables")

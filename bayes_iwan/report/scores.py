@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from bayes_iwan.files import write_whole
@@ -13,7 +14,7 @@ from bayes_iwan.report.score_figures import figures
 from bayes_iwan.validation.scoring import score
 
 
-def _share(folder: Path, unseen: Path, cause: str, allow_own_files: bool = False) -> float | None:
+def _share(folder: Path, unseen: Path, cause: str, *, allow_own_files: bool) -> float | None:
     return find_shares(folder, unseen, allow_own_files=allow_own_files)[1].get(cause)
 
 
@@ -32,7 +33,7 @@ def write_score(
         directory,
         truth,
         answers=answers,
-        find_shrink=_share,
+        find_shrink=partial(_share, allow_own_files=allow_effects_file),
         allow_effects_file=allow_effects_file,
         left_out=left_out,
     )

@@ -27,6 +27,7 @@ from bayes_iwan.files import replacing
 #: the checkpoint's name in a folder of results
 NAME = "chains.ckpt"
 _MAGIC = b"bayes_iwan checkpoint 2\n"
+_NOT_OURS = "not what a run of this version has written"
 _HEAD = 40  # bytes before a record's arrays: its length and its checksum
 
 
@@ -140,6 +141,7 @@ class _Journal:
     damaged: int = 0
 
     def snapshot(self, stages: tuple[str, ...]) -> Snapshot:
+        """The last state and all draws. Raises CheckpointError where the records contradict each other."""
         if not self.state:
             raise CheckpointError(f"{self.path}: damaged at its start; delete it to start anew")
         n = len(self.header["names"])
@@ -148,12 +150,14 @@ class _Journal:
             none = np.empty((0, self.header["walkers"][stage], *rest))
             return np.concatenate([none, *self.appended.get(f"{kind}/{stage}", [])])
 
-        return Snapshot(
-            self.state,
-            {s: together("draws", s, n) for s in stages},
-            {s: together("log_prob", s) for s in stages},
-            self.damaged,
-        )
+        try:
+            draws = {s: together("draws", s, n) for s in stages}
+            log_prob = {s: together("log_prob", s) for s in stages}
+        except (KeyError, ValueError, TypeError) as error:
+            raise CheckpointError(f"{self.path}: {_NOT_OURS} ({_line(error)}); delete it to start anew") from None
+        if any(len(draws[s]) != len(log_prob[s]) for s in stages):
+            raise CheckpointError(f"{self.path}: {_NOT_OURS} (draws without their log_prob); delete it to start anew")
+        return Snapshot(self.state, draws, log_prob, self.damaged)
 
 
 def _read(path: Path) -> _Journal:
@@ -168,17 +172,22 @@ def _read(path: Path) -> _Journal:
             if first is None:
                 raise CheckpointError(f"{path}: damaged at its start; delete it to start anew")
             arrays, digest, whole = first
-            journal = _Journal(Path(path), json.loads(str(arrays["header"])), whole, digest, {}, {})
+            header = json.loads(str(arrays["header"]))
+            if not all(
+                isinstance(header[k], t) for k, t in (("fingerprint", dict), ("names", list), ("walkers", dict))
+            ):
+                raise CheckpointError(f"{path}: {_NOT_OURS} (its header); delete it to start anew")
+            journal = _Journal(Path(path), header, whole, digest, {}, {})
             for arrays, journal.digest, journal.whole in records:
                 for key in (k for k in arrays if k.startswith(("draws/", "log_prob/"))):
                     journal.appended.setdefault(key, []).append(arrays[key])
                 state = journal.state | {k[6:]: v for k, v in arrays.items() if k.startswith("state/")}
                 journal.state = {k: state[k] for k in json.loads(str(arrays["keys"]))}
             journal.damaged = os.fstat(file.fileno()).st_size - journal.whole
-    except (OSError, KeyError, ValueError) as error:
-        if isinstance(error, CheckpointError):
-            raise
-        raise CheckpointError(f"{path}: cannot be read as a checkpoint ({error}); delete it to start anew") from None
+    except CheckpointError:
+        raise
+    except Exception as error:  # a file whose checksums somebody made anew can hold whatever breaks numpy's readers
+        raise CheckpointError(f"{path}: {_NOT_OURS} ({_line(error)}); delete it to start anew") from None
     return journal
 
 
@@ -219,7 +228,12 @@ def _same(a: NDArray, b: NDArray) -> bool:
     return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
 
 
-def _short(value: str | None) -> str:
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__
+
+
+def _short(value: object) -> str:
     if value is None:
         return "absent"
-    return value if len(value) <= 24 else value[:21] + "..."
+    text = str(value)
+    return text if len(text) <= 24 else text[:21] + "..."

@@ -137,7 +137,14 @@ class Run:
             if snapshot.damaged:
                 said = f"{checkpoint}: its last {snapshot.damaged} bytes are cut short or damaged; going on from before"
                 self.bar.write(said, file=sys.stderr)
-            self._restore(snapshot.state, snapshot.draws, snapshot.log_prob)
+            try:
+                self._restore(snapshot.state, snapshot.draws, snapshot.log_prob)
+            except Exception as error:  # its checksums hold, so that somebody else has written it
+                self.close()
+                said = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+                raise CheckpointError(
+                    f"{checkpoint}: not what a run of this version has written ({said}); delete it to start anew"
+                ) from None
             return
         self.population_log_prob = self.walkers.place(population, self.seed)
         if checkpoint is not None:
@@ -323,6 +330,8 @@ class Run:
             self._kept = [(produced[:, last:], logs[:, last:])]
         numbers = {k.removeprefix("proposal_"): v for k, v in state.items() if k.startswith("proposal_")}
         self.proposal = Proposal.from_arrays(numbers) if numbers else None
+        if self.proposal is not None and not np.isfinite(self.proposal.sample(8, 0)).all():
+            raise ValueError("a proposal of no numbers")
 
     def close(self) -> None:
         if self.file is not None:

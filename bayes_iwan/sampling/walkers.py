@@ -183,7 +183,17 @@ class Walkers:
         }
 
     def from_arrays(self, arrays: Mapping[str, NDArray]) -> None:
-        """Go back to what `to_arrays` wrote."""
+        """Go back to what `to_arrays` wrote. Raises ValueError for arrays of another shape or kind."""
+        total = self.blocks * self.walkers
+        for key, shape, kind in (
+            ("coords", (total, self.ndim), "f"),
+            ("log_prob", (total,), "f"),
+            ("random_key", (624,), "u"),
+        ):
+            if arrays[key].shape != shape or arrays[key].dtype.kind != kind:
+                raise ValueError(f"{key} of shape {arrays[key].shape} and kind {arrays[key].dtype.kind}")
+        if not np.isfinite(arrays["coords"]).all() or not np.isfinite(arrays["log_prob"]).all():
+            raise ValueError("walkers at no numbers")
         position, has_gauss = (int(v) for v in arrays["random_rest"])
         random_state = ("MT19937", arrays["random_key"], position, has_gauss, float(arrays["random_gauss"]))
         self.state = emcee.State(arrays["coords"], log_prob=arrays["log_prob"], random_state=random_state)

@@ -20,6 +20,9 @@ from bayes_iwan.files import write_json
 from bayes_iwan.validation import confinement
 from bayes_iwan.validation.sealed import WithheldError, case_names, read_json, truth_folder
 
+#: compiled code of the answering processes while they are at work, since the package's own folder is closed to them
+_CACHE = ".numba_cache"
+
 Diagnose = Callable[[Path, Path, int, bool], Any]
 
 
@@ -112,6 +115,7 @@ def answer(
         else:
             answers[name] = result
         save()
+    shutil.rmtree(out / _CACHE, ignore_errors=True)
     return target
 
 
@@ -127,7 +131,7 @@ def _answer_one(task: _Task, name: str) -> dict[str, Any]:
     folder = task.out / name
     folder.mkdir(parents=True, exist_ok=True)
     scratch = confinement.temporary_folder()
-    cache = task.out / ".numba_cache"  # the package's own may be closed to it
+    cache = task.out / _CACHE
     cache.mkdir(exist_ok=True)
     order: dict[str, Any] = {
         "module": task.module,

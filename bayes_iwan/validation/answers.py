@@ -65,7 +65,7 @@ def read_answer(name: str, answer: Mapping[str, Any]) -> Answer:
     exclusive ones do not sum to 1, or if the verdict contradicts itself.
     """
     try:
-        probabilities = {str(k): float(v) for k, v in answer["probabilities"].items()}
+        probabilities = {str(k): json_number(v) for k, v in answer["probabilities"].items()}
         verdict = answer["verdict"]
         new = "kind" in verdict
         outside = {k: p for k, p in probabilities.items() if not 0.0 <= p <= 1.0}

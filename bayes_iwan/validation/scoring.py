@@ -183,6 +183,15 @@ def _scored(
     return [score_case(name, truth, answers.get(name), found.get(name)) for name, truth in truths.items()]
 
 
+def read_answers(path: Path) -> dict[str, dict[str, Any]]:
+    """Answers by case from {"answers": {case: diagnosis}} or {case: diagnosis}. Raises `WithheldError`."""
+    content = read_json(path)
+    given = content.get("answers", content) if isinstance(content, dict) else None
+    if not isinstance(given, dict) or not all(isinstance(a, dict) for a in given.values()):
+        raise WithheldError(f"{path}: no answers in it")
+    return given
+
+
 def score(
     directory: Path | str,
     truth: Path | str,
@@ -199,17 +208,15 @@ def score(
     Answers are {"answers": {case: diagnosis}} or {case: diagnosis}. `find_shrink(diagnosis_folder, unseen_campaign,
     cause)` predicts the unseen tests with the diagnosed model, with and without the cause, and returns the share of the
     gap that it removes there; it is called for every named cause of a case with an unseen campaign in the folder of
-    truths. Where `fits.json` names a file of the answerer's own effects, that code is run only if `allow_effects_file`;
-    else such cases have no share on unseen tests, and the table says so. Raises `WithheldError` if a seal is broken.
+    truths. Where `fits.json` names a file of the answerer's own effects or simulator, that code is run only if
+    `allow_effects_file`; else such cases have no share on unseen tests, and the table says so. Raises `WithheldError`
+    if a seal is broken.
     """
     directory, truth = Path(directory), Path(truth)
     answers_path = Path(answers) if answers is not None else directory / "answers" / "answers.json"
     truths = read_truths(truth)
     check_seals(directory, truths)
-    content = read_json(answers_path)
-    given = content.get("answers", content) if isinstance(content, dict) else None
-    if not isinstance(given, dict) or not all(isinstance(a, dict) for a in given.values()):
-        raise WithheldError(f"{answers_path}: no answers in it")
+    given = read_answers(answers_path)
     found: dict[str, dict[str, float]] = {}
     foreign = []
     for name in sorted(set(given) & set(truths)):
@@ -217,7 +224,7 @@ def score(
         if find_shrink is None or not (unseen / "campaign.toml").is_file() or not fits.is_file():
             continue
         check_unseen(name, unseen, truths[name])
-        if read_json(fits).get("effects_file") and not allow_effects_file:
+        if _names_code(fits) and not allow_effects_file:
             foreign.append(name)
             continue
         causes = score_case(name, read_truth(name, truths[name]), given[name]).answer.causes
@@ -230,3 +237,9 @@ def score(
             f"--allow-effects-file): {', '.join(foreign)}"
         )
     return score_answers(truths, given, found=found, left_out=left_out, baselines=baselines, notes=notes, seed=seed)
+
+
+def _names_code(fits: Path) -> bool:
+    """Whether a `fits.json` names a Python file that predicting with it would run."""
+    stored = read_json(fits)
+    return isinstance(stored, dict) and bool(stored.get("effects_file") or stored.get("simulator_file"))

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import secrets
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
@@ -41,6 +42,7 @@ from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import write_json
 from bayes_iwan.rig import cases as rig_cases
 
+_PLAIN_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 RULE = "sha256 of the case's truth as JSON with sorted keys, salt inside"
 
 
@@ -57,7 +59,7 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text())
     except FileNotFoundError:
         raise WithheldError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise WithheldError(f"{path}: not readable as JSON ({error})") from None
 
 
@@ -173,15 +175,27 @@ def make(
     return apart / "truth.json"
 
 
+def commitments(directory: Path) -> dict[str, str]:
+    """The sealed commitment of each case of a withheld folder. Raises `WithheldError` where there are none.
+
+    A case's name is that of a folder in it, and no way out of it.
+    """
+    path = directory / "commitments.json"
+    sealed = read_json(path)
+    cases = sealed.get("cases") if isinstance(sealed, dict) else None
+    if not isinstance(cases, dict) or not cases or not all(isinstance(c, str) for c in cases.values()):
+        raise WithheldError(f"{path}: no cases in it")
+    if strange := [n for n in cases if not _PLAIN_NAME.fullmatch(n)]:
+        raise WithheldError(f"{path}: {strange[0][:60]!r} is no name of a case (letters, digits, -, _ and . inside)")
+    return cases
+
+
 def case_names(directory: Path) -> list[str]:
     """The cases of a withheld folder, from its commitments."""
-    sealed = read_json(directory / "commitments.json")
-    if not isinstance(sealed, dict) or not isinstance(sealed.get("cases"), dict) or not sealed["cases"]:
-        raise WithheldError(f"{directory / 'commitments.json'}: no cases in it")
-    missing = [n for n in sealed["cases"] if not (directory / n / "campaign.toml").is_file()]
-    if missing:
+    cases = commitments(directory)
+    if missing := [n for n in cases if not (directory / n / "campaign.toml").is_file()]:
         raise WithheldError(f"{directory}: no campaign for {', '.join(missing)}")
-    return sorted(sealed["cases"])
+    return sorted(cases)
 
 
 # ---- opening the seals
@@ -205,7 +219,7 @@ def check_seals(directory: Path | str, truths: Mapping[str, Mapping[str, Any]]) 
     Raises `WithheldError` that names the cases whose truth or data is not what was sealed.
     """
     directory = Path(directory)
-    sealed = read_json(directory / "commitments.json")["cases"]
+    sealed = commitments(directory)
     missing, strange = sorted(set(sealed) - set(truths)), sorted(set(truths) - set(sealed))
     if missing or strange:
         raise WithheldError(
@@ -214,6 +228,7 @@ def check_seals(directory: Path | str, truths: Mapping[str, Mapping[str, Any]]) 
     broken = [n for n in sorted(sealed) if not matches(truths[n], sealed[n])]
     if broken:
         raise WithheldError(f"the truth is not the one that was sealed: {', '.join(broken)}")
+    case_names(directory)
     changed = [n for n in sorted(sealed) if "data" in truths[n] and file_hashes(directory / n) != truths[n]["data"]]
     if changed:
         raise WithheldError(f"the campaign was changed after it was sealed: {', '.join(changed)}")

@@ -63,14 +63,19 @@ class Truth:
 
 def json_number(value: Any) -> float:
     """A JSON number, nan for anything else."""
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return float("nan")
+    try:
+        return float(value)
+    except OverflowError:  # JSON's whole numbers have no end
+        return float("nan")
 
 
 def read_truth(name: str, truth: Mapping[str, Any]) -> Truth:
     """A case's truth from its JSON. Raises `WithheldError` that names the case if it is of neither form."""
     try:
         return _ours(truth) if "effects" in truth else _first_set(truth)
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, StopIteration) as error:
         raise WithheldError(f"the truth of {name} is of no known form ({type(error).__name__}: {error})") from None
 
 

@@ -225,6 +225,14 @@ def test_parquet(tmp_path):
     refused(tmp_path / "c.parquet", "Parquet")
 
 
+def test_a_damaged_tree_in_hdf5_is_one_line(tmp_path):
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w") as file:
+        file.create_dataset("Weg_mm", data=X)
+    path.write_bytes(path.read_bytes().replace(b"SNOD", b"SNAD"))
+    refused(path, "HDF5")
+
+
 @pytest.mark.parametrize(
     ("name", "start", "module", "says"),
     [

@@ -118,7 +118,10 @@ def test_own_simulator_by_the_command_line(tmp_path, capsys):
     arguments = ["identify", str(tmp_path / "campaign"), "--simulator", str(file), "--config", str(config)]
     assert main([*arguments, "--out", str(out)]) in (0, 3)
     assert "k_N_mm" in capsys.readouterr().out
-    posterior = load(out)
+    with pytest.raises(ValueError, match=r"a Python file that is not run unasked; name it"):
+        load(out)
+    assert main(["report", str(out)]) == 2 and "not run unasked" in capsys.readouterr().err
+    posterior = load(out, simulator=file)
     rows = {r.name: r for r in posterior.summary()}
     # the planted cubic spring stiffens it: the fitted stiffness lies between that at rest and the secant at 1 mm
     assert 6.0 < rows["k_N_mm"].q50 < 6.4

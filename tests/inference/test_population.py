@@ -73,3 +73,9 @@ def test_a_quantity_of_either_sign_and_too_few_specimens():
     assert not found.relative and found.typical[1] < 0.05 < found.typical[2]
     assert population(some[:2]) is None
     assert population([SpecimenDraws("c", np.ones(10), np.ones(10))] * 4) is None
+
+
+def test_draws_too_far_apart_for_doubles_have_no_population():
+    far = [SpecimenDraws(str(i), np.array([-1.0, 1.0, 2.0]) * 1e300, np.array([-1e300, 1e300])) for i in range(3)]
+    with np.errstate(all="ignore"):
+        assert population(far) is None

@@ -18,7 +18,7 @@ from bayes_iwan.report import batch as room
 from bayes_iwan.report.batch import BatchError, batch
 
 CONFIG = {
-    "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"},
+    "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},
     "likelihood": {"kind": "gaussian"},
     "search": {"members": 40, "evaluations": 1200, "starts": 4, "second_opinion": False},
     "sampling": {"ensembles": 2, "walkers": 24, "r_hat": 1.1, "ess": 60.0, "taus": 8.0, "draws": 500},
@@ -97,6 +97,31 @@ def test_what_is_finished_is_not_run_again_unless_data_or_settings_differ(done, 
     assert [x.name for x in again.finished] == ["c"]
 
 
+QUANTITY = {"label": "kp", "unit": "N/mm", "median": 5, "low": 4.9, "high": 5.1, "draws": [4.9, 5.1], "prior": [1, 9.0]}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"prior": {}},
+        {"draws": ["a", 1.0]},
+        {"draws": []},
+        {"draws": [[1.0]]},
+        {"median": "5"},
+        {"low": 10**400},
+        {"label": 3},
+        {"draws": [float("nan"), 1.0]},
+    ],
+    ids=str,
+)
+def test_a_specimen_s_record_that_is_none_of_ours_is_run_again(tmp_path, change):
+    record = {"schema": 1, "made_with": {}, "quantities": {"kp": QUANTITY}, "seconds": 3}
+    (tmp_path / "specimen.json").write_text(json.dumps(record))
+    assert room.stored_specimen(tmp_path, {}).quantities["kp"].median == 5.0
+    (tmp_path / "specimen.json").write_text(json.dumps(record | {"quantities": {"kp": QUANTITY | change}}))
+    assert room.stored_specimen(tmp_path, {}) is None
+
+
 def test_nothing_to_do_is_said(tmp_path, folder):
     with pytest.raises(BatchError, match=r"no folder in it holds a campaign\.toml"):
         batch(tmp_path, tmp_path / "out")
@@ -136,6 +161,20 @@ def test_killed_half_way_in_two_processes_it_goes_on_to_the_same_answer(done, fo
         one, two = ((f / "specimens" / name / "summary.csv").read_bytes() for f in (out, whole))
         assert one == two, name
     assert not [p for p in out.rglob(".*")]
+
+
+def test_quick_ones_are_not_sampled_and_say_so(folder, tmp_path):
+    result = batch(folder, tmp_path / "out", config=CONFIG, seed=3, quick=True, progress=False)
+    assert [(x.name, x.converged) for x in result.finished] == [("a", None), ("b", None), ("c", None)]
+    for x, factor in zip(result.finished, (1.0, 1.1, 0.9)):
+        assert x.message.startswith("quick: ") and x.quantities["kp_N_mm"].median == pytest.approx(
+            5.5 * factor, rel=0.02
+        )
+    assert "kp_N_mm" in result.populations
+    bayes_iwan.identify(folder / "b", tmp_path / "b", config=CONFIG, seed=3, quick=True, progress=False)
+    there = tmp_path / "out" / "specimens" / "b" / "summary.csv"
+    assert there.read_bytes() == (tmp_path / "b" / "summary.csv").read_bytes() and b"laplace" in there.read_bytes()
+    assert "not converged" not in (tmp_path / "out" / "batch.csv").read_text()
 
 
 def test_a_diagnosis_of_each(folder, tmp_path, monkeypatch):

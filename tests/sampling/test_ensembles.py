@@ -1,5 +1,6 @@
 """Whole sampling runs: right answers, honest stops, checkpoints that survive kill -9."""
 
+import io
 import os
 import signal
 import subprocess
@@ -11,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_iwan.sampling import run, walkers
+from bayes_iwan.sampling import checkpoint, run, walkers
 from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, read_checkpoint
 from bayes_iwan.sampling.ensembles import SamplingError, Stop, sample
 
@@ -281,3 +282,43 @@ def test_no_changed_byte_changes_a_draw(tmp_path):
         kept = [1.0] * 3 if at >= first else []
         assert snapshot.damaged == len(whole) - (first if kept else start)
         assert snapshot.draws["production"][:, 0, 0].tolist() == kept and snapshot.state["i"] == len(kept) / 3
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"state/coords": np.zeros((3, 2))},
+        {"state/coords": np.full((128, 3), np.nan)},
+        {"state/random_key": np.zeros(624)},
+        {"state/producing": np.array("perhaps"), "state/thin": np.array("none")},
+        {"draws/plain": np.zeros((4, 7, 3))},
+        {"log_prob/plain": np.zeros(5)},
+        {"header": np.array('{"fingerprint": 1, "names": [], "walkers": {}}')},
+        {"header": np.array("{}")},
+        {"keys": np.array("[" * 5000)},
+    ],
+    ids=lambda changed: next(iter(changed)),
+)
+def test_a_checkpoint_with_checksums_made_anew_is_refused_in_one_line(tmp_path, changed):
+    """A result is data, also one that somebody wrote who knows the format."""
+    path = tmp_path / "run"
+    mine = dict(names=NAMES, seed=1, checkpoint=path, **SHORT | {"max_steps": 40})
+    sample(banana, population(), **mine)
+    raw, records = path.read_bytes(), []
+    at = len(checkpoint._MAGIC)
+    while at < len(raw):
+        length = int.from_bytes(raw[at : at + 8], "big")
+        with np.load(io.BytesIO(raw[at + 40 : at + 40 + length]), allow_pickle=False) as stored:
+            records.append({k: stored[k] for k in stored.files})
+        at += 40 + length
+    for key, value in changed.items():
+        last = [r for r in records if key in r][-1]
+        last[key] = value
+    out, digest = checkpoint._MAGIC, b""
+    for record in records:
+        one, digest = checkpoint._record(record, digest)
+        out += one
+    path.write_bytes(out)
+    with pytest.raises(CheckpointError, match=r"run: .*delete it to start anew") as refused:
+        sample(banana, population(), resume=True, **mine)
+    assert "\n" not in str(refused.value)

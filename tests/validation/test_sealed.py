@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import read_campaign
+from bayes_iwan.gap.saved_fits import SCHEMA, find_shares
+from bayes_iwan.report import scores
 from bayes_iwan.rig import cases as rig_cases
 from bayes_iwan.rig.simulate import PlannedTest, simulate_test
 from bayes_iwan.validation import confinement, scoring, sealed
@@ -251,6 +253,18 @@ def test_shares_on_unseen_tests_are_found_and_foreign_code_is_not_run_unasked(ma
 
     refused = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink)
     assert asked == [] and "--allow-effects-file): case_02" in refused.table()
+    fits = tmp_path / "case_02" / "fits.json"
+    fits.write_text(json.dumps({"effects_file": None, "simulator_file": "mine.py"}))
+    assert "--allow-effects-file): case_02" in scores.write_score(folder, truth, answers=answers)
+    with pytest.raises(ValueError, match="not fits of this version"):  # it is asked to run them, and gets so far
+        scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
+    fits.write_text(
+        json.dumps({"schema": SCHEMA, "effects_file": "mine.py", "simulator_file": None, "fits": {"base": {}}})
+    )
+    with pytest.raises(ValueError, match=r"mine\.py: no such file"):
+        scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
+    with pytest.raises(ValueError, match="not run unasked"):
+        find_shares(fits.parent, truth.parent / "unseen" / "case_02")
     score = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink, allow_effects_file=True)
     assert asked == [("case_02", "end_stop", 1)]
     inside = score.summary["share found on unseen tests: in its 90 % interval"]
@@ -266,3 +280,28 @@ def test_score_checks_the_seals_first(copy):
     path.write_text(path.read_text().replace('"outside"', '"none"'))
     with pytest.raises(WithheldError, match="sealed"):
         scoring.score(folder, path, answers=answers)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("[]", "no cases in it"),
+        ('{"cases": {}}', "no cases in it"),
+        ('{"cases": {"case_01": 3}}', "no cases in it"),
+        ('{"cases": {"../case_01": "00"}}', "no name of a case"),
+        ('{"cases": {"..": "00"}}', "no name of a case"),
+        ("[" * 100_000, "not readable as JSON"),
+    ],
+)
+def test_commitments_that_are_none_are_refused_in_one_line(tmp_path, content, says):
+    (tmp_path / "commitments.json").write_text(content)
+    for read in (sealed.case_names, lambda folder: sealed.check_seals(folder, {"case_01": {}})):
+        with pytest.raises(WithheldError, match=says):
+            read(tmp_path)
+
+
+def test_a_case_without_its_campaign_is_said(copy):
+    folder, path = copy
+    shutil.rmtree(folder / "case_02")
+    with pytest.raises(WithheldError, match="no campaign for case_02"):
+        sealed.check_seals(folder, sealed.read_truths(path))

@@ -208,7 +208,7 @@ def _hdf5(path: Path, file: str) -> Recording:
     try:
         with h5py.File(path, "r") as source:
             source.visititems(visit)
-    except OSError as error:
+    except Exception as error:  # a damaged file makes HDF5 fail in many ways
         raise CampaignError(f"{file}: cannot be read as MATLAB v7.3 or HDF5 ({shown(str(error))})") from None
     return _of_arrays(file, iter(arrays), "MATLAB v7.3 or HDF5")
 
