@@ -1,6 +1,7 @@
 """Files as their own libraries write them come back sample by sample; damaged ones are refused in one line."""
 
 import builtins
+import zlib
 from pathlib import Path
 
 import h5py
@@ -169,6 +170,22 @@ def test_matlab_v5(tmp_path, compress):
     for name, truth in (("run.Weg", X), ("run.Kraft_oben", F), ("both(1)", X), ("both(2)", F)):
         np.testing.assert_array_equal(found[name].values, truth)
         assert found[name].rate_hz == RATE
+
+
+@pytest.mark.parametrize("compress", [False, True])
+@pytest.mark.parametrize(("was", "becomes"), [(9, 0), (9, 8), (9, 300), (14, 77)])
+def test_matlab_elements_of_no_kind_do_not_end_the_process(tmp_path, compress, was, becomes):
+    """SciPy's reader looks such a kind up without asking and the process dies of it."""
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"Weg": X}, do_compression=compress)
+    raw = path.read_bytes()
+    inner = zlib.decompress(raw[136:]) if compress else raw[128:]
+    at = inner.index(was.to_bytes(4, "little"))
+    inner = inner[:at] + becomes.to_bytes(4, "little") + inner[at + 4 :]
+    packed = zlib.compress(inner)
+    tag = (15).to_bytes(4, "little") + len(packed).to_bytes(4, "little")
+    path.write_bytes(raw[:128] + (tag + packed if compress else inner))
+    refused(path, "MATLAB", "no kind of data")
 
 
 def test_matlab_v73(tmp_path):

@@ -3,6 +3,7 @@
 import json
 import shutil
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
 
 import answerers
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.gap.saved_fits import SCHEMA, find_shares
+from bayes_iwan.inference.scales import Scales
 from bayes_iwan.report import scores
 from bayes_iwan.rig import cases as rig_cases
 from bayes_iwan.rig.simulate import PlannedTest, simulate_test
@@ -258,9 +260,11 @@ def test_shares_on_unseen_tests_are_found_and_foreign_code_is_not_run_unasked(ma
     assert "--allow-effects-file): case_02" in scores.write_score(folder, truth, answers=answers)
     with pytest.raises(ValueError, match="not fits of this version"):  # it is asked to run them, and gets so far
         scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
-    fits.write_text(
-        json.dumps({"schema": SCHEMA, "effects_file": "mine.py", "simulator_file": None, "fits": {"base": {}}})
-    )
+    fit = {"effects": [], "names": ["kp_N_mm"], "z": [0.1], "covariance": [[1.0]]}
+    fit |= {"share": 0.0, "length": 0.1, "along": 0.1}
+    scales = dict.fromkeys((f.name for f in fields(Scales)), 1.0)
+    stored = {"schema": SCHEMA, "effects_file": "mine.py", "simulator_file": None, "config": {}, "scales": scales}
+    fits.write_text(json.dumps(stored | {"fits": {"base": fit}}))
     with pytest.raises(ValueError, match=r"mine\.py: no such file"):
         scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
     with pytest.raises(ValueError, match="not run unasked"):

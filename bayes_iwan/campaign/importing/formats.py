@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_iwan.campaign.importing.matlab_elements import refuse_unsound
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording, library
 from bayes_iwan.campaign.importing.text import Layout, read_text
 from bayes_iwan.campaign.importing.units import split_name
@@ -174,6 +175,8 @@ def _matlab(path: Path, file: str) -> Recording:
     import scipy.io
 
     try:
+        if scipy.io.matlab.matfile_version(path)[0] == 1:
+            refuse_unsound(path.read_bytes())
         found = scipy.io.loadmat(path, simplify_cells=True)
     except NotImplementedError:
         return _hdf5(path, file)
