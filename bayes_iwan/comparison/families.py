@@ -165,7 +165,7 @@ class Comparison:
     def __repr__(self) -> str:
         rows = [
             f"{row.label:50s} {row.difference:+9.1f} ± {row.difference_se:6.1f}   residual "
-            f"{100 * row.residual_share:5.2f} %   {row.parameters:2d} numbers   {row.seconds:4.0f} s"
+            f"{100 * row.residual_share:5.2f} %   {row.parameters:2d} parameters   {row.seconds:4.0f} s"
             for row in self.rows()
         ]
         return "\n".join([*rows, *(f"{question} {answer}" for question, answer in self.answers())])

@@ -1,8 +1,8 @@
 """How a harmonic of the gap grows with frequency and amplitude: power laws, with the specimen's own numbers free.
 
-The residual of a fit shows an effect bent by what the specimen's numbers have absorbed of it, with signs that change
+The residual of a fit shows an effect bent by what the specimen's parameters have absorbed of it, with signs that change
 from test to test. So the law is not read off the residual: a force c · f^a · A^b in one harmonic, in phase or in
-quadrature, is fitted to it together with all the specimen's numbers, for every a and b of a grid.
+quadrature, is fitted to it together with all the specimen's parameters, for every a and b of a grid.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class LawSearch:
         shape = (shape * (a / a.max())[None, None] ** self.a_powers[None, :, None]).reshape(-1, len(f))
         linear, z = residual.fit.linear, residual.fit.z
         sd = np.sqrt(linear.variance(typical_misfit, LENGTH, 0.0))
-        # the prior's rows stand below the data's: a law may cost the specimen's numbers something too
+        # the prior's rows stand below the data's: a law may cost the specimen's parameters something too
         q, _ = np.linalg.qr(np.concatenate([linear.jacobian / sd[:, None], np.eye(len(z))]))
 
         def free(rows: Array, prior: Array) -> Array:

@@ -111,7 +111,7 @@ class Posterior:
         return f"{head}: {draws} draws of {self.ndim} parameters; {self.message}"
 
     def _shown(self) -> list[str]:
-        """Medians and 90 % intervals of the sampled numbers, and the misfit, one line each."""
+        """Medians and 90 % intervals of the sampled parameters, and the misfit, one line each."""
         values = self.problem.prior.values(self.flat_z(4000))
         rows, units = [], self.problem.units
         for p in self.problem.prior.free:
@@ -157,7 +157,7 @@ class Posterior:
         return self.problem.numbers(self.flat_z())
 
     def derived(self) -> dict[str, Derived]:
-        """What follows from the sampled numbers without a prediction: the paper's (Table 1) for the Iwan model."""
+        """What follows from the sampled parameters without a prediction: the paper's (Table 1) for the Iwan model."""
         text = self.problem.units.text
         return {n: Derived(text(q.unit), q.values) for n, q in self.problem.model.derived(self.numbers()).items()}
 

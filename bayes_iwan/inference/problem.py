@@ -219,7 +219,7 @@ def make_problem(
     problem = Problem(fitted, scales, model, Prior(configured(parameters, settings.parameters)), likelihood)
     noise = {p.name for p in likelihood.parameters}
     if all(name in noise for name in problem.names):
-        raise ParameterError("every number of the model is fixed or tied; leave at least one of them free")
+        raise ParameterError("every parameter of the model is fixed or tied; leave at least one of them free")
     return problem
 
 

@@ -1,7 +1,7 @@
 """Every number that a posterior is asked for: sampled ones, the paper's, and what the loops and laws say.
 
 Single gamma components are hardly determined even by clean data; quantiles of the slip force, k(α), α(u), stiffness
-and dissipated energy are. So these stand in the summary beside the sampled numbers and the paper's.
+and dissipated energy are. So these stand in the summary beside the sampled parameters and the paper's.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def quantities(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) 
 
 
 def sampled_and_derived(problem: Problem, z: Array) -> dict[str, Derived]:
-    """The sampled numbers and those that follow from them (the paper's) alone, which cost no prediction."""
+    """The sampled parameters and those that follow from them (the paper's) alone, which cost no prediction."""
     values = problem.prior.values(z)
     out = {p.name: Derived(p.unit, values[p.name]) for p in problem.prior.parameters}
     for name, quantity in problem.model.derived(problem.numbers_of(values)).items():

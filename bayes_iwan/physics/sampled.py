@@ -1,4 +1,4 @@
-"""The sampled numbers of the Iwan model, their default priors, and the maps to the model's and the paper's numbers.
+"""The sampled parameters of the Iwan model, their default priors, and the maps to the model's and the paper's numbers.
 
 Sampled are the numbers that loops determine one by one: k(1) and its elasticity instead of k_i and k_u, the mean
 slip force and the ratios of ordered component means instead of t_i, stick-breaking shares instead of g_i (Σg = 1:
@@ -104,7 +104,7 @@ def parallel_spring(scales: Scales) -> Parameter:
 
 
 def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
-    """The sampled numbers of a base model with default priors (effects bring their own)."""
+    """The sampled parameters of a base model with default priors (effects bring their own)."""
     s = scales
     out = [
         parallel_spring(s),

@@ -101,7 +101,7 @@ class Simulator(ABC):
 
     @abstractmethod
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        """The sampled numbers with their priors, on the campaign's own scales of force, length and speed."""
+        """The sampled parameters with their priors, on the campaign's own scales of force, length and speed."""
 
     def numbers(self, values: Numbers) -> Numbers:
         """What `force` reads, (draws,) each, from sampled values by name; the same unless overridden."""

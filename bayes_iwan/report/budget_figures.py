@@ -176,7 +176,7 @@ def before_after_figure(names: Sequence[str], before_N: Array, after_N: Array, e
 
 @styled
 def moved_figure(moved: Mapping[str, Moved]) -> Figure:
-    """Change of each of the specimen's numbers once the cause is in, in standard deviations."""
+    """Change of each of the specimen's parameters once the cause is in, in standard deviations."""
     names = list(moved)
     change = [(moved[n].after - moved[n].before) / max(moved[n].sd, 1e-300) for n in names]
     figure, axes = subplots(1, 1, 6.2, 0.25 * len(names) + 0.8)

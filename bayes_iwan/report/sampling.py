@@ -44,7 +44,7 @@ def history(posterior: Posterior, folder: str | os.PathLike[str] | None = None) 
 
 
 def worst_names(posterior: Posterior, count: int = 6) -> tuple[str, ...]:
-    """The sampled numbers with the largest R-hat, the hardest to sample first."""
+    """The sampled parameters with the largest R-hat, the hardest to sample first."""
     r_hat = {row.name: row.r_hat for row in posterior.convergence}
     free = [n for n in posterior.names if n in r_hat] or list(posterior.names)
     return tuple(sorted(free, key=lambda n: -float(np.nan_to_num(r_hat.get(n, 0.0), nan=np.inf)))[:count])

@@ -80,7 +80,7 @@ def parameters_table(posterior: Posterior) -> Table:
 
 
 def paper_table(posterior: Posterior) -> Table:
-    """What the simulator derives from its sampled numbers: the paper's (Table 1) for the Iwan model."""
+    """What the simulator derives from its sampled parameters: the paper's (Table 1) for the Iwan model."""
     rows = tuple((n, paper_symbol(n), q.unit, *spread(q.values)) for n, q in posterior.derived().items())
     return Table("paper_numbers", "The paper's parameters", ("name", "symbol", "unit", *_STATISTICS), rows)
 

@@ -236,7 +236,7 @@ def _imitations(
     setup: Setup | None,
     seed: int,
 ) -> Array:
-    """Orthonormal columns: the changes of the force that small changes of the specimen's numbers make.
+    """Orthonormal columns: the changes of the force that small changes of the specimen's parameters make.
 
     They are run on the few cycles of `tests`, and go on as in their last two over the whole of `runs`.
     """

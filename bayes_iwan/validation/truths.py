@@ -57,7 +57,7 @@ class Truth:
         return tuple(c for c in self.causes if c.listed)
 
     def seen(self, cause: PlantedCause) -> bool:
-        """Whether a cause leaves a gap above the noise once the specimen's numbers have moved; True if not known."""
+        """Whether a cause leaves a gap above the noise once the specimen's parameters have moved; True if not known."""
         return not cause.visible <= self.noise
 
 
