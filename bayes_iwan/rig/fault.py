@@ -59,8 +59,8 @@ class Fault:
 
     An empty `law` is the first of its kind, the one that the diagnosis' catalogue has too. `size`: RMS of the change of
     the force, over RMS friction force (`sizing.fault_size`). `visible`: the share of it that no change of the
-    specimen's parameters imitates. `share` and `share_of_square`: its part of the gap that all faults of its case leave,
-    in RMS and in squares (`sizing.shares_left`). nan if not measured.
+    specimen's parameters imitates. `share` and `share_of_square`: its part of the gap that all faults of its case
+    leave, in RMS and in squares (`sizing.shares_left`). nan if not measured.
     """
 
     name: str
