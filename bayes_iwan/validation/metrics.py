@@ -1,8 +1,8 @@
 """The figures of a set of scored cases: what is named, what is flagged, whether probabilities and shares hold.
 
 A cause is *visible* if what it leaves, once the specimen's parameters have moved, is above the noise of the force
-channel. Shares of the gap are in RMS, shared among overlapping causes by Shapley's value. Intervals are at 95 %: Clopper–Pearson
-for shares of cases, bootstrap over cases for the rest.
+channel. Shares of the gap are in RMS, shared among overlapping causes by Shapley's value. Intervals are at 95 %:
+Clopper–Pearson for shares of cases, bootstrap over cases for the rest.
 """
 
 from __future__ import annotations
