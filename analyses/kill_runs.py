@@ -138,7 +138,7 @@ def lighten() -> None:
     report_room.identification_report = small_page
     diagnosis_room.diagnose_folder = lambda campaign, **options: SimpleNamespace(campaign=read_campaign(campaign))
     diagnosis_room.to_dict = lambda found: as_found()
-    diagnosis_room.about = lambda found: {}
+    diagnosis_room.effects_described = lambda found: {}
     diagnosis_room.write_answer = write_told
     diagnosis_room.diagnosis_figures = lambda found: {n: small_figure() for n in ("gap", "where", "shares")}
     diagnosis_room.write_diagnosis_page = lambda answer, figures, path, about, units: small_page(path)
