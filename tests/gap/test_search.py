@@ -50,7 +50,7 @@ def test_cause_outside_the_catalogue_leaves_a_rest_without_a_name(kit):
 def test_single_frequency_answer_holds_the_truth_among_what_cannot_be_told_apart(kit):
     d = kit.diagnosed("viscous_damping", "single")
     near = {n for c in d.verdict.causes for n in (c.name, *c.cannot_tell_apart)}
-    assert "viscous_damping" in near or d.verdict.probabilities["viscous_damping"] > 0.02
+    assert "viscous_damping" in near and d.verdict.probabilities["viscous_damping"] > 0.3
 
 
 def test_every_effect_is_offered_and_the_most_promising_first(kit):

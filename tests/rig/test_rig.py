@@ -135,7 +135,7 @@ def test_record_has_the_wanted_motion_and_follows_from_the_seed(specimen):
     # distortion is there, and small
     turn = 2j * np.pi * a.true_frequency_hz * a.time_s
     second = abs(np.mean(a.displacement_mm * np.exp(-2 * turn))) / abs(np.mean(a.displacement_mm * np.exp(-turn)))
-    assert 0.001 < second < 0.03
+    assert 0.003 < second < 0.02  # of 0.01 asked of the drive, the specimen's own apart
 
 
 def test_run_in_is_over_when_the_record_starts(specimen):
