@@ -25,7 +25,7 @@ from scipy.optimize import minimize
 from bayes_iwan.campaign import average
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_whole
-from bayes_iwan.gap.budget import NO_CAUSE, rest_figures_of, shares
+from bayes_iwan.gap.budget import NO_CAUSE, contributing, rest_figures_of, shares
 from bayes_iwan.gap.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
@@ -235,7 +235,34 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         if kind == "outside" and visible:
             count("outside: flagged", flagged)
             count("outside: something named", bool(named))
+        share = sets(case["share"]).get(frozenset(named), {})
+        for e in case["truth"]["effects"]:
+            if e["name"] in named:
+                count("share of a true cause within 10 points", abs(share[e["name"]] - e["share"]) <= 0.1)
     return {k: (v[0], v[1]) for k, v in out.items()}
+
+
+def reliability(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> tuple[float, list[str]]:
+    """Calibration error of the probabilities that effects contribute and that the rest has a cause (mean distance of
+    stated and found in bins, weighted by their counts), and a line for each bin."""
+    stated, right = [], []
+    for case, c in zip(cases, constants):
+        p, _ = contributing(figures_of(case), c)
+        true = truths(case)
+        for name, value in p.items():
+            if name not in NO_CAUSE | LAST:
+                stated.append(value)
+                right.append(name in true)
+        stated.append(c.unknown_rest(rest_row(case, c)))
+        right.append(has_outside(case))
+    x, y = np.array(stated), np.array(right, float)
+    bins = np.digitize(x, [0.1, 0.3, 0.5, 0.7, 0.9])
+    lines, error = [], 0.0
+    for k in np.unique(bins):
+        at = bins == k
+        error += float(at.mean() * abs(x[at].mean() - y[at].mean()))
+        lines.append(f"  stated {x[at].mean():.2f}: found {y[at].mean():.2f} ({int(y[at].sum())} of {int(at.sum())})")
+    return error, lines
 
 
 def left_out_in_turn(cases: Sequence[dict[str, Any]], folds: int) -> list[Calibration]:
@@ -270,26 +297,25 @@ def main() -> None:
         return
     cases = [json.loads(p.read_text()) for p in args.files]
     if args.what == "score":
-        _print("shipped constants", score(cases, [calibration()] * len(cases)))
+        _print("shipped constants", cases, [calibration()] * len(cases))
         return
     c = fitted(cases)
     print(f"{len(cases)} cases; constants: {len(asdict(c)['effect']) + len(asdict(c)['rest']) + 4}")
     print("effect:", dict(zip(EFFECT_FIGURES, np.round(c.effect, 3))), "bias", round(c.effect_bias, 3))
     print("rest:", dict(zip(REST_FIGURES, np.round(c.rest, 3))), "bias", round(c.rest_bias, 3), "within", c.within)
-    _print("in sample", score(cases, [c] * len(cases)))
-    _print(
-        f"laws and outside kinds left out in turn, {args.folds} folds",
-        score(cases, left_out_in_turn(cases, args.folds)),
-    )
+    _print("in sample", cases, [c] * len(cases))
+    _print(f"laws and outside kinds left out in turn, {args.folds} folds", cases, left_out_in_turn(cases, args.folds))
     if args.write:
         c.save()
         print(f"written: {CALIBRATION}")
 
 
-def _print(title: str, counts: dict[str, tuple[float, float]]) -> None:
+def _print(title: str, cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> None:
     print(title)
-    for what, (right, of) in counts.items():
+    for what, (right, of) in score(cases, constants).items():
         print(f"  {what:75s} {right:4.0f} of {of:4.0f}  {100 * right / of:5.1f} %")
+    error, lines = reliability(cases, constants)
+    print(f"  probabilities: calibration error {error:.3f}", *lines, sep="\n")
 
 
 if __name__ == "__main__":
