@@ -156,6 +156,37 @@ class ForceLowpass(Effect):
         return super().reported(values) | {"corner_hz": (1.0 / (2.0 * np.pi * tau), "Hz")}
 
 
+class SteepLowpass(ForceLowpass):
+    """A filter of higher order far below its corner: its group delay is what is left of it, and a faint droop.
+
+    The logarithm of any low-pass is −ix − κx²/2 + … , x = 2πfτ: κ = 1/n for n equal poles, about 0 for Bessel and
+    Butterworth filters. So a steep filter passes for a delay, and the two are to be told apart by their droop alone.
+    """
+
+    law = (
+        "delay and droop exp(−ix − κx²/2), x = 2πfτ; κ = 1/n: n equal poles, κ → 0: Bessel or Butterworth of high order"
+    )
+    reference = "Zverev, Handbook of Filter Synthesis, ch. 2 (group delay below the corner)"
+
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        # a droop of its own is what makes it a filter: without one the delay is the simpler story
+        return {
+            "droop": ExtraParameter("κ", "-", "droop over that of a first order", stats.halfnorm(scale=0.5), 0.0, 1.0)
+        }
+
+    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+        tau, droop = self.get(numbers, "tau_s"), self.get(numbers, "droop")
+
+        def response(f: Array) -> np.ndarray:
+            x = 2.0 * np.pi * f * tau
+            return np.exp(-1j * x - 0.5 * droop * x * x)
+
+        return filtered(force_N, motion.frequency_hz, response)
+
+    def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
+        return Effect.reported(self, values)
+
+
 class ForceClipping(Effect):
     name = "force_clipping"
     law = "F/(1 + |F/F_max|^p)^(1/p), softness s = 1/p; s → 0: hard; s = ½: an amplifier's soft saturation"
@@ -194,4 +225,11 @@ class ForceClipping(Effect):
         }
 
 
-EFFECTS: tuple[type[Effect], ...] = (ChannelDelay, IntegrationHighpass, ForceHighpass, ForceLowpass, ForceClipping)
+EFFECTS: tuple[type[Effect], ...] = (
+    ChannelDelay,
+    IntegrationHighpass,
+    ForceHighpass,
+    ForceLowpass,
+    SteepLowpass,
+    ForceClipping,
+)

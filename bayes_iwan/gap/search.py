@@ -250,8 +250,6 @@ class _Explorer:
     def pruned(self, current: Fit) -> Fit:
         """Less what the others of the set stand in for: one of two effects that look alike, unless both are needed
         (what bends the base first, which names no cause), and what leaves the gap as it is or larger."""
-        if len(current.effects) < 2:
-            return current
         weakest_first = sorted(current.names, key=lambda n: -self.without(current, n).log_evidence)
         base, whole = self.gap_N(self.fits[frozenset()]), self.gap_N(current)
         for name in sorted(weakest_first, key=lambda n: n not in LAST):
