@@ -62,7 +62,10 @@ def summary_csv(posterior: Posterior) -> str:
     writer.writerow([*columns, "method"] if quick else columns)
     for row in posterior.summary():
         cells = [_cell(units.everywhere(getattr(row, name))) for name in columns]
-        writer.writerow([*cells[: columns.index("ess_bulk")], "", "", "", "laplace"] if quick else cells)
+        if quick:
+            at = columns.index("ess_bulk")
+            cells[at : at + 3] = ["", "", ""]
+        writer.writerow([*cells, "laplace"] if quick else cells)
     return out.getvalue()
 
 

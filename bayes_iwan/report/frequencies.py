@@ -14,7 +14,7 @@ from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.marginals import interval, number, symbol_of
 from bayes_iwan.report.predictive import loop_numbers
-from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, styled, subplots
+from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, styled, subplots, ticked
 from bayes_iwan.report.tables import Table, spread
 
 
@@ -88,7 +88,7 @@ def wander_figure(frequencies: Frequencies) -> Figure:
 
 def wander_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
     """Columns and rows of a page's table: quantity, all tests, each frequency, p. Estimates are marked ~."""
-    columns = ["quantity", "all tests", *(f"{f:.3g} Hz alone" for f in frequencies.hz), "agreement p"]
+    columns = ["quantity", "all tests (posterior alone)", *(f"{f:.3g} Hz alone" for f in frequencies.hz), "agreement p"]
     rows = []
     for check in frequencies.checks:
         unit = f" ({check.unit})" if check.unit not in ("", "-") else ""
@@ -129,6 +129,7 @@ def alone_loops_figure(frequencies: Frequencies, n: int = 200) -> Figure:
         ax.set_xlim(0, 1)
         ax.set_xticks([0, 0.5, 1.0], ["0", "0.5", "1"])
         ax.locator_params(axis="y", nbins=4)
+    ticked(list(axes.ravel()))
     for ax in axes.ravel()[len(tests) :]:
         ax.remove()
     figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)", fontsize=9)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.findings import GapPictures
 from bayes_iwan.gap.where import Statistic
-from bayes_iwan.report.style import BLACK, BLUE, PRIOR, points, series, styled, subplots
+from bayes_iwan.report.style import BLACK, BLUE, PRIOR, points, series, styled, subplots, ticked
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
 _DIVERGING = "RdBu_r"
@@ -153,6 +153,7 @@ def gap_harmonics_figure(names: Sequence[str], in_phase_N: Array, quadrature_N: 
         ax.set_xticks(orders)
         ax.set_xlabel("harmonic")
         ax.grid(axis="x", visible=False)
+    ticked(list(axes[0]))
     axes[0, 0].set_ylabel("measured − model (N)")
     if len(names) <= 24:
         handles, labels = axes[0, 1].get_legend_handles_labels()
@@ -202,6 +203,7 @@ def gap_growth_figure(
         ax.minorticks_off()
         ax.set_xlabel(label)
         ax.legend(fontsize=7)
+    ticked(list(axes[0]))
     axes[0, 0].set_ylabel("gap (N RMS)")
     return figure
 

@@ -11,10 +11,12 @@ from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.remarks import LARGE_MISFIT
 from bayes_iwan.physics import Model
-from bayes_iwan.report import checks, frequencies, laws, loops, marginals, sampling, tables, trends
-from bayes_iwan.report.marginals import OPEN, contraction, interval, number
+from bayes_iwan.report import checks, frequencies, laws, loops, sampling, tables, trends
+from bayes_iwan.report.identification_answer import answer, determined
+from bayes_iwan.report.marginals import number, reported
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.predictive import Predictive, predict
+from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.viewer import add_viewer
 
 
@@ -34,15 +36,21 @@ def identification_report(
     out = Path(out_dir)
     by_frequency = compare_frequencies(posterior, out) if by_frequency is None else by_frequency
     p = predict(posterior, n=400, seed=seed)
-    convergence, loop_rows = tables.convergence_table(posterior), tables.loops_table(p)
+    convergence, loop_rows = tables.convergence_table(posterior), tables.loops_table(posterior, p)
     parameters, quantities = tables.parameters_table(posterior), tables.quantities_table(posterior)
     tables.write_tables(
         [parameters, tables.paper_table(posterior), quantities, loop_rows, convergence], posterior, out / "tables"
     )
     what = "Quick identification" if posterior.quick else "Identification"
-    page = Page(f"{what} of {posterior.name}", _subtitle(posterior), _footer(posterior), posterior.problem.units)
-    _summary(page.section("Summary"), posterior, p, loop_rows)
-    _quantities(page.section("What the loops determine"), posterior)
+    page = Page(
+        f"{what} of {posterior.name}",
+        _subtitle(posterior),
+        _footer(posterior),
+        posterior.problem.units,
+        provenance(posterior.campaign, posterior.seed),
+    )
+    answer(page.section("Answer"), posterior, p, loop_rows)
+    determined(page.section("What the loops determine"), posterior)
     _loops(page, posterior, p)
     if isinstance(posterior.problem.model, Model):
         _laws(page.section("Slip forces, stiffness and normal force"), posterior, posterior.problem.model)
@@ -76,83 +84,7 @@ def _subtitle(posterior: Posterior) -> str:
 
 def _footer(posterior: Posterior) -> str:
     versions = ", ".join(f"{k} {v}" for k, v in posterior.versions.items())
-    return f"Made by bayes_iwan, seed {posterior.seed}. {versions}"
-
-
-def _summary(section: Section, posterior: Posterior, p: Predictive, loop_rows: tables.Table) -> None:
-    fitted = [x for x in p.loops if x.role != "held-out"]
-    held = len(p.loops) - len(fitted)
-    rms = np.array([r[3] for r in loop_rows.rows if r[2] != "held-out"])
-    share = np.array([r[4] for r in loop_rows.rows if r[2] != "held-out"])
-    tests = f"{len(fitted)} test{'s' if len(fitted) != 1 else ''}" + (f", {held} more held out" if held else "")
-    missed = f"{float(np.sqrt(np.mean(rms**2))):.2g}"
-    section.text(
-        f"{tests}; {posterior.ndim} sampled parameters, {posterior.z.shape[0] * posterior.z.shape[1]} draws "
-        f"kept. After fitting, the median prediction misses the measured loops by {missed} "
-        f"N RMS, {100 * float(np.sqrt(np.mean(share**2))):.2g} % of the friction force (worst test "
-        f"{100 * float(share.max()):.2g} %)."
-    )
-    for text in posterior.warnings():
-        section.note(text, "warning")
-    if posterior.converged:
-        section.note("The chains have converged.", "good")
-    open_ = [q.symbol for q, c in zip(posterior.problem.prior.free, contraction(posterior.flat_z(4000))) if c < OPEN]
-    if open_:
-        section.text(f"Not determined by these loops (posterior about as wide as the prior): {', '.join(open_)}.")
-    tests_read = () if posterior.campaign is None else posterior.campaign.tests
-    warnings = [(x.file, w) for x in tests_read for w in x.warnings]
-    if warnings:
-        section.table(("record", "what was noticed"), warnings, "Warnings about the records")
-    section.text(
-        "A gain error of the displacement or force channel cannot be seen in loops: the stiffnesses and slip "
-        "forces would absorb all of it; so would the stiffnesses a compliance of the fixture in series. No "
-        "interval includes any of these."
-    )
-
-
-def _quantities(section: Section, posterior: Posterior) -> None:
-    section.figure(
-        marginals.prior_posterior_figure(posterior),
-        "Each sampled number against its prior. Grey: the prior's 50 and 90 % intervals; blue: the "
-        "posterior's; red with an open circle: hardly determined (contraction below 0.5). Contraction is "
-        "one minus the posterior's variance over the prior's, on the prior's scale.",
-        "Point and interval of every sampled number on the scale of its prior, with median, 90 % interval "
-        "and contraction; the same numbers are in the table of parameters.",
-    )
-    draws, labels = marginals.identifiable(posterior)
-    reported = posterior.quantities()
-    widened = [n for n in draws if n in reported]
-    section.table(
-        (
-            "quantity",
-            "median",
-            "posterior alone, 90 % from",
-            "to",
-            "with between-test variance, 90 % from",
-            "to",
-            "reach",
-        ),
-        [
-            (labels[n], *interval(draws[n]), *_ends(posterior.interval(n)), posterior.widenings[n].reach or "reached")
-            for n in widened
-        ],
-        "Identifiable quantities: median and 90 % interval (φ 25 %: a quarter of the elements slip below it). The "
-        "wider interval adds how far the number moves when one test after the other is left out (delete-one-test "
-        "jackknife), and for extrapolated quantities the share of elements that no loop resolves; quote that one.",
-    )
-    section.figure(
-        marginals.corner_figure(draws, labels),
-        "Joint posterior of the identifiable quantities; contours hold 50 and 90 %.",
-        "Corner plot: marginal histograms on the diagonal, pairwise contours below it.",
-        png=True,
-    )
-
-
-def _ends(ends: tuple[float, float]) -> tuple[str, str]:
-    """Both ends of an interval with as many digits as their distance deserves."""
-    distance = abs(ends[1] - ends[0])
-    digits = 3 if not distance > 0.0 else max(2, 2 + int(np.ceil(np.log10(max(map(abs, ends)) / distance))))
-    return f"{ends[0]:.{digits}g}", f"{ends[1]:.{digits}g}"
+    return f"The numbers of this page are in summary.csv and tables/, its draws in posterior.nc. Made with {versions}."
 
 
 def _loops(page: Page, posterior: Posterior, p: Predictive) -> None:
@@ -163,6 +95,7 @@ def _loops(page: Page, posterior: Posterior, p: Predictive) -> None:
         "Friction force (force less the median parallel spring) of every test: measured cycles and the "
         "bands in which 50 and 90 % of further cycles are expected.",
         "One hysteresis loop a test; the dotted measured average lies on the model's median line.",
+        name="friction_loops",
     )
     section.figure(
         loops.residuals_figure(posterior, predictive=p),
@@ -170,17 +103,20 @@ def _loops(page: Page, posterior: Posterior, p: Predictive) -> None:
         "expected, with the noise and the smooth misfit that the likelihood allows. The drifting zero of "
         "the force is taken off test by test.",
         "Residual against phase, one panel a test, with expected bands around zero.",
+        name="residuals",
     )
     section.figure(
         loops.loops_figure(posterior, friction=False, predictive=p),
         "Total force of every test, as above.",
         "One loop of total force a test.",
+        name="loops",
     )
     section.figure(
         loops.frequencies_figure(posterior, p),
         "Friction loops at one amplitude at each frequency, test "
         "and model (the paper's Fig. 12), 90 % bands of the model.",
         "Friction loops of all frequencies over each other, measured and predicted.",
+        name="frequencies",
     )
 
 
@@ -190,6 +126,7 @@ def _laws(section: Section, posterior: Posterior, model: Model) -> None:
         "How the elements' slip forces are distributed (the paper's Fig. 8), with 50 and 90 % bands; grey: "
         "the prior. Loops determine the cumulative form better than the density.",
         "Density and cumulative distribution of slip forces with uncertainty bands.",
+        name="slip_forces",
     )
     if model.stiffness != "constant":
         section.figure(
@@ -197,12 +134,14 @@ def _laws(section: Section, posterior: Posterior, model: Model) -> None:
             "Stiffness of the elements against the relative normal force (the paper's Fig. 9). Only the "
             "shaded range was visited by the tests; outside it the curve is the law's extrapolation.",
             "Rising curve of stiffness against relative normal force with bands.",
+            name="stiffness",
         )
     if model.grip != "constant":
         section.figure(
             laws.grip_figure(posterior),
             "Relative normal force along the largest stroke, out and back (the paper's Fig. 10), 90 % bands.",
             "Relative normal force against displacement for each frequency, one panel a direction.",
+            name="normal_force",
         )
 
 
@@ -230,6 +169,7 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
         frequencies.wander_figure(found),
         text,
         "Quantities against frequency, one panel each, over the joint posterior's band.",
+        name="each_frequency",
     )
     section.table(
         *frequencies.wander_rows(found),
@@ -243,6 +183,7 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
             "median, 50 and 90 % bands) and from all tests (red, dashed: 90 %), less the median from all "
             "tests. Grey: the measured loop. Bands that part say that the frequency wants other values.",
             "One panel a test: bands of the loop from its frequency alone around the joint prediction.",
+            name="each_frequency_loops",
         )
         section.table(
             *frequencies.loop_rows(found),
@@ -256,9 +197,10 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, rows: tables.
     section.figure(
         trends.trends_figure(posterior, p),
         "Lines: predicted with 90 % bands; points: measured, with the 90 % range in which a repeated "
-        "measurement is expected. Loss factor: imaginary over real part of the complex stiffness at the "
-        "fundamental.",
+        "measurement is expected. Loss factor: energy lost over π · stiffness · "
+        "amplitude² of the fundamental, the tangent of the loss angle.",
         "Dissipated energy, equivalent stiffness and loss factor against amplitude and against frequency.",
+        name="trends",
     )
     shown = []
     for row in rows.rows:
@@ -282,7 +224,7 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, rows: tables.
             "residual / friction",
         ),
         shown,
-        "Measured and predicted, test by test (intervals of the model alone, without noise)",
+        "Measured and predicted, test by test (intervals of the model, without noise; as in loops.csv and summary.csv)",
     )
 
 
@@ -310,6 +252,7 @@ def _checks(section: Section, posterior: Posterior, p: Predictive, loop_rows: ta
         "there by more than noise and the admitted smooth misfit explain. Blue: by less than "
         "expected.",
         "A table of p-values, tests by six loop regions.",
+        name="regions",
     )
     section.figure(
         checks.loo_pit_figure(posterior),
@@ -317,6 +260,7 @@ def _checks(section: Section, posterior: Posterior, p: Predictive, loop_rows: ta
         "Within the grey bands the predictive distribution is calibrated; a hump means too wide, a trough "
         "too narrow intervals.",
         "Histogram of LOO-PIT values and their distribution function less the uniform one.",
+        name="loo_pit",
     )
 
 
@@ -325,11 +269,13 @@ def _sampling(section: Section, posterior: Posterior, convergence: tables.Table,
         sampling.traces_figure(posterior, run=run),
         "Traces and ranks of the six quantities that mix worst. Ensembles that agree have flat rank lines near 1.",
         "Trace and rank plots of six quantities.",
+        name="traces",
     )
     section.figure(
         sampling.tau_figure(posterior, run),
         "Autocorrelation time estimated from growing parts of the run. It should level off below the dashed line.",
         "Autocorrelation time against run length.",
+        name="autocorrelation",
     )
     section.table(
         ("number", "R-hat", "ESS, bulk", "ESS, tail", "τ (steps)"),
@@ -382,10 +328,7 @@ def _priors(section: Section, posterior: Posterior) -> None:
         return
     section.table(
         ("number", "unit", "median", "90 % from", "to"),
-        [
-            (r[1], r[2], number(r[7], r[9] - r[5]), number(r[5], r[9] - r[5]), number(r[9], r[9] - r[5]))
-            for r in paper.rows
-        ],
+        [(r[1], r[2], *reported(posterior, r[0])) for r in paper.rows],
         "The paper's parameters (single gamma components and k̃ₙ, λ near β = 0 are hardly determined one by one)"
         if isinstance(posterior.problem.model, Model)
         else "Numbers that follow from the sampled ones",

@@ -9,7 +9,7 @@ from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.physics import Model, ModelError, sine_motion
 from bayes_iwan.physics.simulator import inner_effects
-from bayes_iwan.report.style import PRIOR, band, series, styled, subplots
+from bayes_iwan.report.style import PRIOR, band, series, styled, subplots, ticked
 
 
 def _model(posterior: Posterior) -> Model:
@@ -139,6 +139,7 @@ def grip_figure(posterior: Posterior) -> Figure:
         ax.axhline(1.0, color="#777777", linewidth=0.6)
         ax.set_title(title, loc="left")
         ax.set_xlabel("displacement u (mm)")
+    ticked(list(axes[0]))
     axes[0, 0].set_ylabel("relative normal force α (-)")
     axes[0, 1].legend(loc="best")
     return figure

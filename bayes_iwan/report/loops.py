@@ -17,7 +17,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.report.predictive import Predictive, measured_cycles, predict
-from bayes_iwan.report.style import BLACK, MODEL, band, series, styled, subplots
+from bayes_iwan.report.style import BLACK, MODEL, band, series, styled, subplots, ticked
 
 
 def test_name(loop: Loop, role: bool = True) -> str:
@@ -47,7 +47,9 @@ def _panels(loops: Sequence[Loop], height: float, share_x: bool = False) -> tupl
     for i, ax in enumerate(flat):
         if i not in cells:
             ax.remove()
-    return figure, [flat[c] for c in cells]
+    kept = [flat[c] for c in cells]
+    ticked(kept)
+    return figure, kept
 
 
 def _branches(displacement_mm: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -73,7 +75,7 @@ def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = Tr
         u = p.displacement_mm[t, branch]
         band(ax, u, p.cycle_N[:, t, branch] - off[branch], color, median=False)
     closed = np.r_[np.arange(len(off)), 0]
-    ax.plot(p.displacement_mm[t, closed], (np.median(p.force_N[:, t], axis=0) - off)[closed], color=color)
+    ax.plot(p.displacement_mm[t, closed], (p.median_N[t] - off)[closed], color=color)
     ax.plot(
         p.displacement_mm[t, closed],
         (p.measured_N[t] - off)[closed],
@@ -130,7 +132,7 @@ def residuals_figure(
     """Measured − median prediction along the cycle, with the bands in which an averaged loop was to be expected."""
     p = predict(posterior, loops) if predictive is None else predictive
     figure, axes = _panels(p.loops, 1.65, share_x=True)
-    median = np.median(p.force_N, axis=0)
+    median = p.median_N
     for t, ax in enumerate(axes):
         x = p.loops[t].phase
         band(ax, x, p.loop_N[:, t] - median[t], median=False)
@@ -204,7 +206,7 @@ def frequencies_figure(posterior: Posterior, predictive: Predictive | None = Non
                 band(ax, u[branch], p.force_N[:, t, branch] - off[branch], style["color"], levels=(0.9,), median=False)
             ax.plot(
                 u[closed],
-                (np.median(p.force_N[:, t], axis=0) - off)[closed],
+                (p.median_N[t] - off)[closed],
                 color=style["color"],
                 linestyle=(0, (4, 2)),
                 label=f"{name}, model",

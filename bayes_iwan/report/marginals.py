@@ -47,6 +47,14 @@ def interval(draws: Array, level: float = 0.9) -> tuple[str, str, str]:
     return number(middle, high - low), number(low, high - low), number(high, high - low)
 
 
+def reported(posterior: Any, name: str) -> tuple[str, str, str]:
+    """Median and the reported 90 % interval of a quantity, as in summary.csv, with the digits that it deserves."""
+    low, high = posterior.interval(name)
+    values = posterior.quantities()[name].values
+    middle = float(np.median(values[np.isfinite(values)])) if np.any(np.isfinite(values)) else float("nan")
+    return number(middle, high - low), number(low, high - low), number(high, high - low)
+
+
 @styled
 def prior_posterior_figure(posterior: Posterior) -> Figure:
     """Each sampled number's prior (grey) and posterior (blue) on the prior's own scale, with the contraction.
@@ -56,7 +64,6 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
     prior = posterior.problem.prior
     z = posterior.flat_z(4000)
     shrunk = contraction(z)
-    values = prior.values(z)
     n = len(prior.free)
     figure, axes = subplots(1, 2, 7.6, 0.245 * n + 1.0, width_ratios=(1.35, 1), sharey=True)
     ax, side = axes[0]
@@ -69,10 +76,10 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
         ax.plot([low, high], [i, i], color=color, linewidth=1.4, solid_capstyle="butt")
         ax.plot([first, third], [i, i], color=color, linewidth=4.5, solid_capstyle="butt")
         ax.plot(middle, i, "o", color=color, markersize=5, markerfacecolor="white" if open_ else color)
-        text = "{} [{}, {}] {}".format(*interval(values[p.name]), p.unit if p.unit != "-" else "")
+        text = "{} [{}, {}] {}".format(*reported(posterior, p.name), p.unit if p.unit != "-" else "")
         side.text(0.0, i, text, va="center", fontsize=7.5)
         side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", fontsize=7.5, color=color)
-    side.text(0.0, -1.0, "median [90 % interval]", va="center", fontsize=7.5, weight="bold")
+    side.text(0.0, -1.0, "median [reported 90 % interval]", va="center", fontsize=7.5, weight="bold")
     side.text(1.0, -1.0, "contraction", va="center", ha="right", fontsize=7.5, weight="bold")
     side.set_xlim(0, 1)
     side.axis("off")

@@ -21,7 +21,15 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import replacing, write_whole
-from bayes_iwan.report.style import RC, literal, relabel
+from bayes_iwan.report.provenance import Provenance
+from bayes_iwan.report.style import RC, literal, relabel, save, settle
+
+#: pixels an inch of a figure takes on a screen: its smallest letters are then as large as small print
+PIXELS = 112
+#: inches from which on a figure has its caption below instead of beside it
+BROAD = 8.6
+#: what every figure is written as beside the page
+FILES = ("png", "pdf")
 
 _ENVIRONMENT = Environment(
     loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
@@ -46,7 +54,7 @@ class Section:
     heading: str
     anchor: str
     body: list[Markup] = field(default_factory=list)
-    figures: list[tuple[Figure, str]] = field(default_factory=list)
+    figures: dict[str, tuple[Figure, str]] = field(default_factory=dict)
     units: Units = field(default_factory=Units)
 
     def _said(self, text: str | Markup) -> str | Markup:
@@ -71,16 +79,36 @@ class Section:
         self.body.append(markup)
         return self
 
-    def figure(self, figure: Figure, caption: str, alt: str, png: bool = False, dpi: int = 110) -> Section:
-        """A matplotlib figure, as inline SVG or (png) an embedded picture; alt says what a reader would see in it."""
+    def symbols(self, rows: Sequence[tuple[str, str, str]]) -> Section:
+        """A legend of symbols, (symbol, what it is, unit) each, to stand before what first uses them."""
+        said = [(a, self._said(b), "" if c in ("", "-", "–") else self._said(c)) for a, b, c in rows]
+        self.body.append(template("symbols.html", rows=said))
+        return self
+
+    def figure(
+        self, figure: Figure, caption: str, alt: str, png: bool = False, dpi: int = 110, name: str | None = None
+    ) -> Section:
+        """A matplotlib figure, as inline SVG or (png) an embedded picture, and as files when the page is written.
+
+        alt says what a reader would see in it; name is that of the files (default: the section's and a number).
+        """
         caption, alt = self.units.said(caption), self.units.said(alt)
         relabel(figure, self.units)
-        self.figures.append((figure, caption))
-        name = f"{self.anchor}-f{len(self.figures)}"
+        settle(figure)
+        number = f"{self.anchor}-f{len(self.figures) + 1}"
+        self.figures[name or number] = (figure, caption)
         width = figure.get_size_inches()[0]
-        picture = _png(figure, alt, dpi) if png else _svg(figure, name, alt)
+        picture = _png(figure, alt, dpi) if png else _svg(figure, number, alt)
         self.body.append(
-            template("figure.html", picture=picture, caption=caption, width=round(96 * width), wide=width > 5.5)
+            template(
+                "figure.html",
+                picture=picture,
+                caption=caption,
+                file=name or number,
+                width=round(PIXELS * width),
+                wide=width > 5.5,
+                beside=width < BROAD,
+            )
         )
         return self
 
@@ -115,11 +143,21 @@ def _numeric(cell: Any) -> bool:
 
 
 class Page:
-    """An HTML page in the making. `write` replaces the file whole or not at all."""
+    """An HTML page in the making. `write` replaces the file whole or not at all.
 
-    def __init__(self, title: str, subtitle: str = "", footer: str = "", units: Units | None = None) -> None:
+    made : when, with which version and seed, and from which files; it stands below the title.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        subtitle: str = "",
+        footer: str = "",
+        units: Units | None = None,
+        made: Provenance | None = None,
+    ) -> None:
         self.units = units or Units()
-        self.title, self.footer = title, self.units.said(footer)
+        self.title, self.footer, self.made = title, self.units.said(footer), made
         self.subtitle = self.units.said(subtitle)
         self.sections: list[Section] = []
         self.scripts: list[Markup] = []
@@ -149,11 +187,28 @@ class Page:
             "form-action 'none'"
         )
 
-    def html(self) -> str:
-        return str(template("page.html", page=self, css=asset("page.css")))
+    @property
+    def drawn(self) -> bool:
+        """Has it figures?"""
+        return any(section.figures for section in self.sections)
+
+    def html(self, stem: str = "page") -> str:
+        """The page's text; stem : what its figures' files begin with."""
+        return str(template("page.html", page=self, css=asset("page.css"), stem=stem))
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        return write_whole(path, self.html())
+        """The page, and before it every figure as figures/STEM_NAME.png and .pdf beside it, STEM that of the page."""
+        path = Path(path)
+        folder, named = path.parent / "figures", {}
+        for section in self.sections:
+            named |= {f"{path.stem}_{name}": figure for name, (figure, _) in section.figures.items()}
+        for old in folder.glob(f"{path.stem}_*"):
+            if old.stem not in named:
+                old.unlink()
+        for name, figure in named.items():
+            for kind in FILES:
+                save(figure, folder / f"{name}.{kind}", dpi=150)
+        return write_whole(path, self.html(path.stem))
 
     def write_pdf(self, path: str | os.PathLike[str]) -> Path:
         """The page's figures with their captions, one a page; tables are in the HTML page and the CSV files."""
@@ -164,7 +219,7 @@ class Page:
             PdfPages(temporary, metadata={"Title": self.title, "CreationDate": None}) as pdf,
         ):
             for section in self.sections:
-                for figure, caption in section.figures:
+                for figure, caption in section.figures.values():
                     width = figure.get_size_inches()[0]
                     text = textwrap.fill(f"{section.heading}. {caption}", int(17 * width))
                     note = figure.text(0.0, -0.02, text, va="top", ha="left", fontsize=8)

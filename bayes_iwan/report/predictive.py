@@ -24,6 +24,7 @@ class Predictive:
 
     measured_N : (tests, samples) measured averages less zero_N, (tests,), which makes the mean residual of each test
         zero: the force channel's zero drifts from test to test, the likelihood gives it no weight, nor do figures.
+    median_N : (tests, samples) the posterior's median, which residuals are taken from.
     force_N : what the model says, (draws, tests, samples), with the variance between tests (each fitted test left
         out in turn) beside the posterior's; every draw's mean over a loop moved to their median's.
     loop_N : the same with the likelihood's noise, as an averaged loop would be measured again.
@@ -35,6 +36,7 @@ class Predictive:
     loops: tuple[Loop, ...]
     displacement_mm: Array
     measured_N: Array
+    median_N: Array
     force_N: Array
     loop_N: Array
     cycle_N: Array
@@ -43,7 +45,7 @@ class Predictive:
 
     def residual_N(self) -> Array:
         """Measured − median prediction, (tests, samples)."""
-        return self.measured_N - np.median(self.force_N, axis=0)
+        return self.measured_N - self.median_N
 
 
 def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 300, seed: int = 0) -> Predictive:
@@ -53,25 +55,33 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
     z = posterior.flat_z(n)
     numbers = problem.numbers(z)
     force = problem.force(numbers, motion_of(chosen))
+    median = np.median(force, axis=0)  # of the posterior's own draws: what is added below only widens
     rng = np.random.default_rng([seed, 31])
     if len(problem.loops) > 1:
         without = problem.predict(left_out_optima(problem, posterior.point.z), motion_of(chosen))
         force += between_draws(without, len(force), rng)
-    mean = force.mean(axis=-1, keepdims=True)
-    force += np.median(mean, axis=0) - mean
+    force += median.mean(axis=-1, keepdims=True) - force.mean(axis=-1, keepdims=True)
     likelihood = make_likelihood(problem.likelihood.name, chosen, problem.scales)
     loop = force + _resolved(likelihood.replicate(force, numbers, rng) - force, chosen)
     scatter = np.stack([x.force_scatter_N for x in chosen])
     u = np.stack([x.displacement_mm for x in chosen])
     slope = problem.model.spring_N_mm(numbers)
     if slope is None:
-        spring = straight_part(np.median(force, axis=0), u)
+        spring = straight_part(median, u)
     else:
         spring = float(np.median(slope)) * u + float(np.median(numbers[FORCE_ZERO]))
     measured = np.stack([x.force_N for x in chosen])
-    zero = np.mean(measured - np.median(force, axis=0), axis=1)
+    zero = np.mean(measured - median, axis=1)
     return Predictive(
-        chosen, u, measured - zero[:, None], force, loop, loop + rng.standard_normal(loop.shape) * scatter, spring, zero
+        chosen,
+        u,
+        measured - zero[:, None],
+        median,
+        force,
+        loop,
+        loop + rng.standard_normal(loop.shape) * scatter,
+        spring,
+        zero,
     )
 
 
@@ -91,8 +101,9 @@ def _resolved(noise_N: Array, loops: Sequence[Loop]) -> Array:
 class LoopNumbers:
     """What an isolator's designer reads off a loop; arrays shaped as the forces without their last axis.
 
-    energy_mJ : dissipated a cycle, ∮F du. stiffness_N_mm, loss_factor : of the complex stiffness F₁/u₁ at the
-    fundamental, its real part and imaginary over real part.
+    energy_mJ : dissipated a cycle, ∮F du. stiffness_N_mm : real part of the complex stiffness F₁/u₁ at the fundamental.
+    loss_factor : energy over π · stiffness · |u₁|², the tangent of the loss angle. As in
+    :mod:`bayes_iwan.inference.quantities`.
     """
 
     energy_mJ: Array
@@ -102,8 +113,10 @@ class LoopNumbers:
 
 def loop_numbers(displacement_mm: Array, force_N: Array) -> LoopNumbers:
     """Numbers of periodic loops; force (…, tests, samples), displacement (tests, samples) on a uniform phase grid."""
-    first = np.fft.rfft(force_N, axis=-1)[..., 1] / np.fft.rfft(displacement_mm, axis=-1)[..., 1]
-    return LoopNumbers(loop_energy_mJ(displacement_mm, force_N), first.real, first.imag / first.real)
+    u1 = np.fft.rfft(displacement_mm, axis=-1)[..., 1] * (2.0 / displacement_mm.shape[-1])
+    stiffness = (np.fft.rfft(force_N, axis=-1)[..., 1] * (2.0 / force_N.shape[-1]) / u1).real
+    energy = loop_energy_mJ(displacement_mm, force_N)
+    return LoopNumbers(energy, stiffness, energy / (np.pi * stiffness * np.abs(u1) ** 2))
 
 
 def measured_cycles(loop: Loop, most: int = 40) -> list[tuple[Array, Array]]:

@@ -18,7 +18,7 @@ from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import write_whole
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.report.loops import test_name
-from bayes_iwan.report.marginals import contraction, interval, paper_symbol
+from bayes_iwan.report.marginals import contraction, paper_symbol, reported
 from bayes_iwan.report.predictive import Predictive, loop_numbers
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -63,20 +63,25 @@ _STATISTICS = ("mean", "sd", "q05", "q25", "median", "q75", "q95")
 
 
 def parameters_table(posterior: Posterior) -> Table:
-    """Every sampled number: statistics, prior, contraction."""
+    """Every sampled number: the posterior's statistics, the reported 90 % interval, prior, contraction."""
     prior = posterior.problem.prior
     z = posterior.flat_z()
     values, shrunk = prior.values(z), contraction(z)
     rows = tuple(
-        (p.name, p.symbol, p.unit, p.description, *spread(values[p.name]), p.prior_text(), float(c))
+        (
+            p.name,
+            p.symbol,
+            p.unit,
+            p.description,
+            *spread(values[p.name]),
+            *posterior.interval(p.name),
+            p.prior_text(),
+            float(c),
+        )
         for p, c in zip(prior.free, shrunk)
     )
-    return Table(
-        "parameters",
-        "Sampled parameters",
-        ("name", "symbol", "unit", "description", *_STATISTICS, "prior", "contraction"),
-        rows,
-    )
+    columns = ("name", "symbol", "unit", "description", *_STATISTICS, "low_90", "high_90", "prior", "contraction")
+    return Table("parameters", "Sampled parameters", columns, rows)
 
 
 def paper_table(posterior: Posterior) -> Table:
@@ -101,37 +106,38 @@ def quantities_table(posterior: Posterior) -> Table:
     return Table("quantities", "Reported quantities", columns, rows)
 
 
-def loops_table(p: Predictive) -> Table:
-    """Per test: energy, stiffness and loss factor measured and predicted (for a repeated measurement), RMS residual."""
-    measured, model = loop_numbers(p.displacement_mm, p.measured_N), loop_numbers(p.displacement_mm, p.force_N)
-    again = loop_numbers(p.displacement_mm, p.loop_N)
+def loops_table(posterior: Any, p: Predictive) -> Table:
+    """Per test: energy, stiffness and loss factor measured, predicted (median and the interval of summary.csv) and
+    where a repeated measurement is expected; RMS residual."""
+    measured, again = loop_numbers(p.displacement_mm, p.measured_N), loop_numbers(p.displacement_mm, p.loop_N)
     friction = p.measured_N - p.spring_N
-    rms = np.sqrt(np.mean(p.residual_N() ** 2, axis=1))
-    share = rms / np.sqrt(np.mean(friction**2, axis=1))
+    rms = np.std(p.residual_N(), axis=1)
+    share = rms / np.std(friction, axis=1)
     columns = ["file", "test", "role", "rms_residual_N", "residual_share_of_friction"]
     rows: list[list[Any]] = [
         [x.file, test_name(x, role=False), x.role, float(rms[t]), float(share[t])] for t, x in enumerate(p.loops)
     ]
-    for name in ("energy_mJ", "stiffness_N_mm", "loss_factor"):
-        columns += [
-            f"{name}_measured",
-            f"{name}_median",
-            f"{name}_q05",
-            f"{name}_q95",
-            f"{name}_repeat_q05",
-            f"{name}_repeat_q95",
-        ]
+    found = posterior.quantities()
+    for name, quantity in (
+        ("energy_mJ", "dissipated_energy_mJ"),
+        ("stiffness_N_mm", "equivalent_stiffness_N_mm"),
+        ("loss_factor", "loss_factor"),
+    ):
+        columns += [f"{name}_{x}" for x in ("measured", "median", "low_90", "high_90", "repeat_q05", "repeat_q95")]
         for t, row in enumerate(rows):
-            row.append(float(getattr(measured, name)[t]))
-            row += [float(q) for q in np.quantile(getattr(model, name)[:, t], [0.5, 0.05, 0.95])]
+            at = f"{quantity}[{p.loops[t].file}]"
+            row += [float(getattr(measured, name)[t]), float(np.median(found[at].values)), *posterior.interval(at)]
             row += [float(q) for q in np.quantile(getattr(again, name)[:, t], [0.05, 0.95])]
     return Table("loops", "Loops, measured and predicted", tuple(columns), tuple(tuple(r) for r in rows))
 
 
 def convergence_table(posterior: Posterior) -> Table:
-    """ESS, R-hat and autocorrelation time of every sampled and derived number."""
+    """R-hat and ESS of every sampled number (draws kept, as in summary.csv); autocorrelation time of the run."""
+    row = {r.name: r for r in posterior.summary()}
     rows = tuple(
-        (r.name, float(r.r_hat), float(r.ess_bulk), float(r.ess_tail), float(r.tau)) for r in posterior.convergence
+        (r.name, row[r.name].r_hat, row[r.name].ess_bulk, row[r.name].ess_tail, float(r.tau))
+        for r in posterior.convergence
+        if r.name in row
     )
     return Table("convergence", "Convergence", ("name", "r_hat", "ess_bulk", "ess_tail", "tau_steps"), rows)
 
@@ -190,16 +196,14 @@ def _tex_text(text: str) -> str:
 
 def latex_table(posterior: Posterior) -> str:
     """A table of the sampled parameters for the booktabs package: symbol, meaning, median, 90 % interval, unit."""
-    prior = posterior.problem.prior
-    values = prior.values(posterior.flat_z())
     lines = [
         r"\begin{tabular}{llrll}",
         r"\toprule",
         r"Parameter & Meaning & Median & 90\,\% interval & Unit \\",
         r"\midrule",
     ]
-    for p in prior.free:
-        middle, low, high = (x.replace("−", "-") for x in interval(values[p.name]))
+    for p in posterior.problem.prior.free:
+        middle, low, high = (x.replace("−", "-") for x in reported(posterior, p.name))
         unit = "--" if p.unit == "-" else _tex_text(p.unit)
         cells = (_tex_symbol(p.symbol), _tex_text(p.description), f"${middle}$", f"$[{low},\\ {high}]$", unit)
         lines.append(" & ".join(cells) + r" \\")

@@ -9,7 +9,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.physics import sine_motion
 from bayes_iwan.report.predictive import LoopNumbers, Predictive, loop_numbers, predict
-from bayes_iwan.report.style import band, points, series, styled, subplots
+from bayes_iwan.report.style import band, points, series, styled, subplots, ticked
 
 _WHAT = (
     ("energy_mJ", "dissipated energy (mJ/cycle)"),
@@ -78,6 +78,7 @@ def trends_figure(posterior: Posterior, predictive: Predictive | None = None, n:
         axes[0, column].legend(
             loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=1.2, handletextpad=0.2
         )
+    ticked(list(axes.ravel()))
     for ax in axes[:, 0]:
         ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
     return figure

@@ -27,6 +27,7 @@ def viewer_data(p: Predictive) -> dict[str, Any]:
         far = max(0, int(4 - np.floor(np.log10(max(loop.amplitude_mm, 1e-9)))))
         slope, zero = np.polyfit(p.displacement_mm[t], p.spring_N[t], 1)
         picked = np.linspace(0, len(p.force_N) - 1, min(DRAWS, len(p.force_N))).astype(int)
+        low = np.quantile(p.force_N[:, t], [0.05, 0.25], axis=0)
         cycles = []
         for u, force in measured_cycles(loop, CYCLES):
             step = max(1, len(u) // 160)
@@ -40,7 +41,8 @@ def viewer_data(p: Predictive) -> dict[str, Any]:
                 "zero": float(zero),
                 "measured": _rounded(p.measured_N[t], places),
                 "model": [
-                    _rounded(q, places) for q in np.quantile(p.force_N[:, t], [0.05, 0.25, 0.5, 0.75, 0.95], axis=0)
+                    _rounded(q, places)
+                    for q in (low[0], low[1], p.median_N[t], *np.quantile(p.force_N[:, t], [0.75, 0.95], axis=0))
                 ],
                 "cycle": [_rounded(q, places) for q in np.quantile(p.cycle_N[:, t], [0.05, 0.25, 0.75, 0.95], axis=0)],
                 "loop": [_rounded(q, places) for q in np.quantile(p.loop_N[:, t], [0.05, 0.25, 0.75, 0.95], axis=0)],

@@ -1,0 +1,181 @@
+"""The head of an identification's page: the answer, how far to trust it, what is not known, and what symbols mean."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from bayes_iwan.inference.posterior import LARGE_MISFIT
+from bayes_iwan.physics import Model
+from bayes_iwan.report import marginals, tables
+from bayes_iwan.report.marginals import OPEN, contraction, interval, number, reported, symbol_of
+from bayes_iwan.report.page import Section
+from bayes_iwan.report.predictive import Predictive
+
+#: what a customer asks of the model first, and in words that need no paper
+_FIRST = {
+    "kp_N_mm": "parallel spring: stiffness once all contacts slide",
+    "k1_N_mm": "sticking contacts: stiffness that they add before they slide",
+    "mean_slip_force_N": "friction: mean slip force of the contacts",
+}
+_UNSEEN = (
+    "A gain error of the displacement or force channel: stiffnesses and slip forces would absorb all of it. Check both "
+    "sensors against a known spring.",
+    "A compliance of the fixture in series with the specimen: the stiffnesses would absorb it too.",
+)
+
+
+def answer(section: Section, posterior: Any, p: Predictive, loop_rows: tables.Table) -> None:
+    """Stiffness, friction, damping and misfit with their intervals; then what is not known."""
+    misfit = posterior.misfit()
+    fitted = [r for r in loop_rows.rows if r[2] != "held-out"]
+    rows = [_number_row(posterior, name) for name in _asked(posterior)]
+    for title, unit, at in (
+        ("equivalent stiffness of the tests", "N/mm", 11),
+        ("energy lost a cycle", "mJ", 5),
+        ("damping: loss factor of the tests", "", 17),
+    ):
+        rows.append(_range_row(title, unit, fitted, at))
+    worst = max(fitted, key=lambda r: r[4])
+    rows.append(
+        (
+            "misfit: what the model leaves unexplained, RMS",
+            f"{number(misfit.rms_N, misfit.rms_N)} N",
+            f"{100 * misfit.share:.2g} % of the friction force (worst test, {worst[1]}: {100 * worst[4]:.2g} %)",
+        )
+    )
+    section.table(("what", "value", "90 % interval, or range over the tests"), rows, "The answer")
+    held = len(loop_rows.rows) - len(fitted)
+    section.text(
+        f"From {len(fitted)} test{'s' if len(fitted) != 1 else ''}"
+        + (f" ({held} more held out)" if held else "")
+        + ". Intervals hold the posterior's spread and how far a number moves when one test after the other is left "
+        "out; the same are in summary.csv."
+    )
+    for text in posterior.warnings():
+        section.note(text, "warning")
+    if posterior.converged:
+        section.note("The chains have converged.", "good")
+    if misfit.share <= LARGE_MISFIT:
+        section.note(
+            f"The model leaves {100 * misfit.share:.2g} % of the friction force unexplained; bayes-iwan diagnose "
+            "says whether that has a cause.",
+            "good",
+        )
+    section.heading_below("What is not known")
+    items = Markup("").join(Markup("<li>{}</li>").format(section.units.said(x)) for x in _open(posterior))
+    section.html(Markup("<ul>{}</ul>").format(items))
+    warnings = [(x.file, w) for x in posterior.campaign.tests for w in x.warnings]
+    if warnings:
+        section.table(("record", "what was noticed"), warnings, "Warnings about the records")
+
+
+def _asked(posterior: Any) -> list[str]:
+    """Names of the numbers that the answer opens with: the first three, or a user's own model's determined ones."""
+    if isinstance(posterior.problem.model, Model):
+        return [n for n in _FIRST if n in posterior.quantities()]
+    noise = {q.name for q in posterior.problem.likelihood.parameters}
+    shrunk = dict(zip(posterior.names, contraction(posterior.flat_z(4000))))
+    return [n for n in posterior.names if n not in noise and shrunk[n] >= OPEN][:6]
+
+
+def _number_row(posterior: Any, name: str) -> tuple[str, str, str]:
+    middle, low, high = reported(posterior, name)
+    unit = posterior.quantities()[name].unit
+    unit = "" if unit in ("", "-") else f" {unit}"
+    by_name = {q.name: q.description for q in posterior.problem.prior.parameters}
+    words = _FIRST.get(name, by_name.get(name, name))
+    return f"{words} ({symbol_of(posterior, name)})", f"{middle}{unit}", f"{low} to {high}{unit}"
+
+
+def _range_row(title: str, unit: str, rows: list[tuple[Any, ...]], at: int) -> tuple[str, str, str]:
+    """Smallest to largest of the tests, measured; and predicted with the outer ends of the intervals."""
+    measured = [r[at] for r in rows]
+    low, high = min(r[at + 2] for r in rows), max(r[at + 3] for r in rows)
+    unit = f" {unit}" if unit else ""
+    spread = max(max(measured) - min(measured), 0.02 * abs(max(measured)))
+    value = f"{number(min(measured), spread)} to {number(max(measured), spread)}{unit}"
+    if len(rows) == 1:
+        value = f"{measured[0]:.4g}{unit}"
+    return title, value, f"measured; predicted {number(low, spread)} to {number(high, spread)}{unit}"
+
+
+def _open(posterior: Any) -> list[Markup]:
+    """What these loops leave open, a line each."""
+    out = []
+    shrunk = contraction(posterior.flat_z(4000))
+    noise = {q.name for q in posterior.problem.likelihood.parameters}
+    loose = [
+        f"{q.symbol} ({q.description})"
+        for q, c in zip(posterior.problem.prior.free, shrunk)
+        if c < OPEN and q.name not in noise
+    ]
+    if loose:
+        out.append("Not determined one by one (posterior about as wide as the prior): " + "; ".join(loose) + ".")
+    for name, widening in posterior.widenings.items():
+        if widening.reach and name in posterior.quantities() and "[" not in name:
+            out.append(f"{symbol_of(posterior, name)}: {widening.reach}.")
+    return [escape(x) for x in (*out, *_UNSEEN)]
+
+
+def determined(section: Section, posterior: Any) -> None:
+    """Every sampled number against its prior, the quantities that loops determine, and their joint posterior."""
+    prior = posterior.problem.prior
+    section.text("Symbols of this page:")
+    section.symbols(
+        [
+            *((q.symbol, q.description, q.unit) for q in prior.parameters),
+            *_QUANTILES,
+            ("α", "relative normal force: that of the contacts over its value at rest", ""),
+        ]
+    )
+    section.figure(
+        marginals.prior_posterior_figure(posterior),
+        "Each sampled number against its prior. Grey: the prior's 50 and 90 % intervals; blue: the "
+        "posterior's; red with an open circle: hardly determined (contraction below 0.5). Contraction is "
+        "one minus the posterior's variance over the prior's, on the prior's scale. The numbers at the right are those "
+        "of summary.csv.",
+        "Point and interval of every sampled number on the scale of its prior, with median, 90 % interval "
+        "and contraction; the same numbers are in the table of parameters.",
+        name="parameters",
+    )
+    draws, labels = marginals.identifiable(posterior)
+    rows = [
+        (
+            labels[n],
+            *reported(posterior, n),
+            "{1} to {2}".format(*interval(x)),
+            posterior.widenings[n].reach or "reached by the loops",
+        )
+        for n, x in draws.items()
+        if n in posterior.widenings
+    ]
+    section.table(
+        ("quantity", "median", "90 % from", "to", "posterior alone", "reach"),
+        rows,
+        "Quantities that the loops determine, as in summary.csv. The interval to quote adds to the posterior's how far "
+        "the number moves when one test after the other is left out (delete-one-test jackknife) and, for numbers that "
+        "are extrapolated, the share of contacts that no loop resolves.",
+    )
+    bends = _bends(posterior)
+    section.figure(
+        marginals.corner_figure({n: x for n, x in draws.items() if n not in bends}, labels),
+        "Joint posterior of the determined quantities, the model's bends left out; contours hold 50 and 90 %.",
+        "Corner plot: marginal histograms on the diagonal, pairwise contours below it.",
+        png=True,
+        name="corner",
+    )
+
+
+_QUANTILES = tuple(
+    (f"φ {share} %", f"slip force that {share} % of the contacts slip below, at rest", "N") for share in (25, 50, 75)
+)
+
+
+def _bends(posterior: Any) -> set[str]:
+    """Names of the numbers by which the model's own form may bend a little."""
+    from bayes_iwan.physics.sampled import embedded_parameters
+
+    return {q.name for q in embedded_parameters()} & set(np.array(posterior.names))

@@ -1,0 +1,45 @@
+"""Where a page's numbers come from: when it was made, with which version and seed, from which files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from bayes_iwan import __version__
+from bayes_iwan.campaign import Campaign
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What stands below a page's title.
+
+    date : when the page was written, local time; version : of the package; seed : of all random numbers, None where
+    none were drawn. folder : of the campaign or campaigns; files : of it that were read; source : as it states itself.
+    """
+
+    date: str
+    version: str
+    seed: int | None
+    folder: str
+    files: tuple[str, ...]
+    source: str = ""
+
+    def said(self) -> str:
+        """One line."""
+        seed = "" if self.seed is None else f", seed {self.seed}"
+        files = f" ({len(self.files)} file{'s' if len(self.files) != 1 else ''})" if self.files else ""
+        return f"{self.date} · bayes-iwan {self.version}{seed} · from {self.folder}{files}"
+
+
+def provenance(campaign: Campaign, seed: int | None = None) -> Provenance:
+    """That of a page about one campaign."""
+    files = ("campaign.toml", *(test.file for test in campaign.tests))
+    return of_folder(campaign.path, seed, files, campaign.source)
+
+
+def of_folder(folder: str | Path, seed: int | None = None, files: Sequence[str] = (), source: str = "") -> Provenance:
+    """That of a page about files in a folder."""
+    date = f"{datetime.now().astimezone():%Y-%m-%d %H:%M %Z}"
+    return Provenance(date, __version__, seed, str(Path(folder).absolute()), tuple(files), source)
