@@ -22,7 +22,7 @@ def main() -> None:
         simulate_campaign(tests, fault="viscous_damping", size=0.1, seed=5).write(Path(folder) / "damped")
         answer = diagnose_campaign(Path(folder) / "damped", Path(folder) / "out", seed=5, quick=True)
         PICTURE.parent.mkdir(exist_ok=True)
-        shutil.copy(Path(folder) / "out" / "figures" / "headline.png", PICTURE)
+        shutil.copy(Path(folder) / "out" / "figures" / "diagnosis_headline.png", PICTURE)
     print("\n".join(answer["sentences"]))
     print({p: v for e in answer["effects"][:1] for p, v in e["parameters"].items()})
 

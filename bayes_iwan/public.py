@@ -12,7 +12,8 @@ from html import escape
 from pathlib import Path
 
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
-from bayes_iwan.campaign.inspect import Inspection, inspect_campaign
+from bayes_iwan.campaign.folder import read_checked
+from bayes_iwan.campaign.inspect import Inspection, inspect_campaign, inspect_loop
 from bayes_iwan.comparison.families import Comparison, compare_families
 from bayes_iwan.drawing import draw
 from bayes_iwan.files import clear, owned
@@ -86,8 +87,10 @@ def check(campaign: Campaign | PathLike) -> Check:
     >>> [loop.role for loop in bi.check(folder).loops]
     ['fit', 'fit']
     """
-    found = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
-    return Check(found, tuple(inspect_campaign(found)))
+    if isinstance(campaign, Campaign):
+        return Check(campaign, inspect_campaign(campaign))
+    found, loops = read_checked(campaign)
+    return Check(found, tuple(inspect_loop(loop) for loop in loops))
 
 
 def identify(

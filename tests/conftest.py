@@ -18,6 +18,7 @@ from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model, Reference, paper, sine_motion
 from bayes_iwan.physics.normal_force import from_paper_hunt_crossley
 from bayes_iwan.physics.stiffness import from_paper_stiffness
+from bayes_iwan.report import page
 
 
 @pytest.fixture(scope="session")
@@ -52,6 +53,16 @@ def made_up_campaign(tmp_path_factory):
 # the analyses' scripts give their workers one thread through the environment; run inside this process they must not
 # change the number that numba has started with
 os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
+
+
+# figures as files cost more than most tests that write a page: those about files ask for them
+page.FILES = ()
+
+
+@pytest.fixture
+def figure_files(monkeypatch):
+    """Pages write their figures as they do for a user."""
+    monkeypatch.setattr(page, "FILES", ("png", "pdf"))
 
 
 # ---- campaigns and diagnoses of the gap ----

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.corners import cornered_motion
+from bayes_iwan.campaign.corners import CORNERS_GAP, CORNERS_SAMPLES, LEAST_GAP, cornered_motion, has_corners
 from bayes_iwan.campaign.cycles import Cut, cut_cycles
 from bayes_iwan.campaign.harmonics import evaluate, grams, inverse, on_grid, project, to_complex
 from bayes_iwan.campaign.records import CampaignError, Record
@@ -174,6 +175,16 @@ class Loop:
     record: Record
     cut: Cut
     averager: Averager
+
+    @cached_property
+    def corners_gap(self) -> float:
+        """Share of the friction force that filtered channels may make a model miss, the drive turning or stopping at
+        once; 0 where it does not, or is sampled so fast that it does no harm."""
+        used = self.averager.index
+        share = CORNERS_GAP * min(1.0, CORNERS_SAMPLES * self.n_cycles / used.size)
+        if share < LEAST_GAP or not has_corners(self.averager.phase, self.record.displacement_mm[used], self.n_cycles):
+            return 0.0
+        return share
 
     def fold(self, signal: Array) -> np.ndarray:
         """(n_blocks, H + 1) complex: any (n,) signal on the record's samples, averaged as the force was."""

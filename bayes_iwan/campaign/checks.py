@@ -23,7 +23,6 @@ FEWEST_PER_CYCLE = 8.0
 REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
 LATE = 0.3  # below minus this the delay is so long that no loop is left to identify
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
-CORNERED = 10, 0.02  # a drive has corners if harmonics above this hold more of its squared velocity than this
 FLAT = 0.01  # of the force's height: what counts as its top
 FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a sliding specimen's top takes at most
 CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force bends long before
@@ -154,14 +153,12 @@ def check_record(record: Record) -> tuple[Record, Loop]:
 
 def _corners(loop: Loop) -> list[str]:
     """A drive with corners is kept whole, but what the channels make of the corners is not the specimen's doing."""
-    power = np.abs(np.fft.rfft(loop.velocity_m_s)) ** 2
-    order, share = CORNERED
-    if power[order + 1 :].sum() <= share * power.sum():
+    if not loop.corners_gap:
         return []
     return [
-        "the drive has corners (a triangle, holds): it is kept whole, but a force that turns at once is more than "
-        "filtered "
-        "channels pass, so a gap of a few per cent there is theirs and not the specimen's; diagnose with sines"
+        "the drive has corners (a triangle, holds): it is kept whole, but a motion that turns at once is more than "
+        f"filtered channels pass. A misfit of up to {100 * loop.corners_gap:.2g} % of the friction force may be "
+        "theirs, and `diagnose` lays that on nothing; run sines"
     ]
 
 

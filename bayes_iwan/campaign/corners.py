@@ -14,13 +14,20 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.harmonics import evaluate
+from bayes_iwan.campaign.harmonics import evaluate, fit
 
 SMOOTH_HARMONICS = 8  # beside the kinks
 MOST_KINKS = 6
 CANDIDATES = 512  # places that a kink is looked for at first
 CLOSEST = 2.0  # samples between two corners
 BINS = 512  # of phase, that samples are gathered in
+#: a drive has corners if harmonics above this, without the strongest, hold more of its squared velocity than this
+CORNERED = 5, 0.015
+MOST_HARMONICS = 24
+#: share of the friction force by which sound channels, which filter what turns at once, make a model miss such a drive:
+#: so much up to so many samples a cycle, less in proportion above. Sound specimens under triangles and trapezoids show
+#: up to 4 % (tests/gap/test_drive_faults.py). Below LEAST nothing is said
+CORNERS_GAP, CORNERS_SAMPLES, LEAST_GAP = 0.05, 160.0, 0.01
 SHARP = 2e-4  # of the amplitude: RMS that kinks may leave beyond the noise
 
 
@@ -47,6 +54,19 @@ class CorneredMotion:
         """Half the peak-to-peak."""
         phase = np.concatenate([np.arange(4096) / 4096, self.places])
         return float(np.ptp(self.value(phase)) / 2)
+
+
+def has_corners(phase: Array, displacement: Array, n_cycles: int) -> bool:
+    """Does a motion turn or stop at once, as a triangle's or a trapezoid's? (n,) samples at (n,) phases in cycles.
+
+    Corners leave many harmonics of the velocity that fall off slowly; one strong harmonic is a distorted sine.
+    """
+    count = int(min(MOST_HARMONICS, 0.45 * phase.size / n_cycles))
+    size = np.abs(fit(phase, displacement, count)[1:])
+    power = (np.arange(1, count + 1) * size) ** 2
+    order, share = CORNERED
+    beyond = power[order:]
+    return bool(beyond.sum() - beyond.max(initial=0.0) > share * power.sum())
 
 
 def cornered_motion(phase: Array, displacement: Array, n_cycles: int) -> CorneredMotion | None:

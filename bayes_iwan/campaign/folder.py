@@ -123,6 +123,11 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     >>> [(test.frequency_hz, test.amplitude_mm) for test in bi.read_campaign(folder).tests]
     [(10.0, 0.4), (10.0, 0.9)]
     """
+    return read_checked(path)[0]
+
+
+def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ...]]:
+    """The same, and the averaged loops (of one block) that were checked, for those who look at them next."""
     folder = Path(path)
     if folder.name == "campaign.toml":
         folder = folder.parent
@@ -158,11 +163,12 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         seen.add(test["file"])
     try:
         checked = [check_record(_record(folder, test, channels, units)) for test in tests]
-        records = compared([record for record, _ in checked], [loop for _, loop in checked])
+        loops = [loop for _, loop in checked]
+        records = compared([record for record, _ in checked], loops)
     except CampaignError as error:
         raise CampaignError(units.text(str(error))) from None
     records = tuple(replace(record, warnings=units.everywhere(record.warnings)) for record in records)
-    return Campaign(
+    campaign = Campaign(
         name=specimen["name"],
         description=specimen.get("description", ""),
         source=specimen.get("source", ""),
@@ -172,6 +178,7 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         from_acceleration="acceleration" in channels,
         limits=limits,
     )
+    return campaign, tuple(in_band(replace(loop, record=record)) for loop, record in zip(loops, records))
 
 
 def read_toml(path: Path, hint: str) -> dict[str, Any]:

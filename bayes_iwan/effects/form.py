@@ -54,7 +54,7 @@ class SlipForcesFree(_Series):
     decay = 0.8
     physics = (
         "The elements' slip forces are spread in another way than the base's family can be: contacts of several kinds, "
-        "a limit from which all slip, a gap between weak and strong ones."
+        "a limit from which all slip, weak and strong ones with none between."
     )
     reference = (
         "Neyman, Skand. Aktuarietidskr. 20 (1937) 150 (smooth alternatives); Segalman, J. Appl. Mech. 72 (2005) 752"

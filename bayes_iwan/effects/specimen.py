@@ -169,7 +169,7 @@ class CubicStiffness(Effect):
 
 
 class _Contact(Effect):
-    """A contact beyond a gap: k·p·(d/p)^e of the way d into it, with the secant stiffness k at d = p, a tenth of ℓ."""
+    """A contact beyond a clearance: k·p·(d/p)^e of the way d into it, its secant stiffness k at d = p, a tenth of ℓ."""
 
     name = "end_stop"
     sudden = True
@@ -179,8 +179,8 @@ class _Contact(Effect):
         "J. Appl. Mech. 42 (1975) 440 (e = 3/2 for round bodies)"
     )
     look_alikes = ("cubic_stiffness", "quadratic_stiffness")
-    bench = "amplitudes just below and above the gap"
-    remedy = "Keep the stroke below the gap, or move the stop."
+    bench = "amplitudes just below and above the clearance"
+    remedy = "Keep the stroke below the clearance, or move the stop."
 
     def first_guess(self) -> float:
         return self.scales.slip_N / self.scales.length_mm
@@ -188,7 +188,7 @@ class _Contact(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         a = self.scales.length_mm
         return {
-            "gap_mm": ExtraParameter(
+            "clearance_mm": ExtraParameter(
                 "g",
                 "mm",
                 "displacement at which contact begins",
@@ -208,31 +208,31 @@ class _Contact(Effect):
         }
 
     def push_N(self, into_mm: Array, numbers: Numbers) -> Array:
-        """Force of the contact without its sign, `into_mm` beyond the gap (negative: none)."""
+        """Force of the contact without its sign, `into_mm` beyond the clearance (negative: none)."""
         scale = 0.1 * self.scales.length_mm
         return scale * power_of(np.maximum(into_mm, 0.0) / scale, self.get(numbers, "exponent"))
 
 
 class EndStop(_Contact):
-    law = "a contact on one side, k·p·(d/p)^e beyond the gap; e = 1: a linear spring, 3/2: Hertz"
-    strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contact; negative: the stop is on the side u < −gap")
+    law = "a contact on one side, k·p·(d/p)^e beyond the clearance; e = 1: a linear spring, 3/2: Hertz"
+    strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contact; negative: the stop is on the side u < −clearance")
     signed = True
-    signature = "nothing below the gap; beyond it a one-sided force, all harmonics in phase, at every frequency alike"
+    signature = "nothing below the clearance; beyond it a one-sided force, all harmonics in phase, at all frequencies"
 
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
         k = self.get(numbers, "k_N_mm")
         side = np.where(k < 0.0, -1.0, 1.0)
-        return force_N + k * self.push_N(side * motion.displacement_mm - self.get(numbers, "gap_mm"), numbers)
+        return force_N + k * self.push_N(side * motion.displacement_mm - self.get(numbers, "clearance_mm"), numbers)
 
 
 class EndStops(_Contact):
-    law = "contacts on both sides, k·p·(d/p)^e beyond the gap on each; e = 1: linear springs, 3/2: Hertz"
+    law = "contacts on both sides, k·p·(d/p)^e beyond the clearance on each; e = 1: linear springs, 3/2: Hertz"
     strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contacts")
-    signature = "nothing in mid-stroke; beyond the gap odd harmonics in phase, at every frequency alike"
+    signature = "nothing in mid-stroke; beyond the clearance odd harmonics in phase, at every frequency alike"
 
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
         u = motion.displacement_mm
-        push = self.push_N(np.abs(u) - self.get(numbers, "gap_mm"), numbers)
+        push = self.push_N(np.abs(u) - self.get(numbers, "clearance_mm"), numbers)
         return force_N + self.get(numbers, "k_N_mm") * np.sign(u) * push
 
 

@@ -18,7 +18,7 @@ from bayes_iwan.effects.base import Effect, ExtraParameter, Motion
 class SpeedSquared(Effect):
     name = "speed_squared"
     strength = ("c_N_s2_m2", "c", "N·s²/m²", "force over speed squared")
-    physics = "a force against the motion that grows with the square of speed, as fluid pushed through a gap makes it"
+    physics = "a force against the motion that grows with the square of speed, as fluid in an orifice makes it"
     reference = "Nayfeh & Mook, Nonlinear Oscillations, §3.3.2"
     signature = "quadrature at the fundamental and third harmonic ∝ (frequency × amplitude)²"
 

@@ -39,6 +39,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "kind": v.kind.value,
             "causes": [_cause(c) for c in v.causes],
             "unknown_rest": v.unknown_rest,
+            "cornered_drives": list(v.cornered),
             "cause": v.cause,
             "second_cause": v.names[1] if len(v.names) > 1 else None,
             "probability": v.probabilities[v.cause],

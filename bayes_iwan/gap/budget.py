@@ -41,6 +41,8 @@ class Kind(StrEnum):
     EXPLAINED = "explained"
     PARTLY = "partly_explained"
     UNKNOWN = "unknown"
+    #: a gap no larger than what channels make of a drive with corners: nothing can be said of the specimen
+    DRIVE = "drive"
 
 
 @dataclass(frozen=True)
@@ -102,12 +104,16 @@ class Verdict:
     """The headline: its kind, the named causes (largest share first), and whether the rest has a cause without a name.
 
     probabilities : that each effect contributes, of "none" and of "unknown" (a rest that has a cause)
+    cornered : files of the tests whose drive has corners; corners_gap : share of the friction force that channels may
+    make the model miss of such a drive
     """
 
     kind: Kind
     causes: tuple[Cause, ...]
     unknown_rest: bool
     probabilities: dict[str, float]
+    cornered: tuple[str, ...] = ()
+    corners_gap: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -115,9 +121,11 @@ class Verdict:
 
     @property
     def cause(self) -> str:
-        """The largest named cause, else "none" or "unknown"."""
+        """The largest named cause, else "drive", "none" or "unknown"."""
         if self.causes:
             return self.causes[0].name
+        if self.kind is Kind.DRIVE:
+            return "drive"
         return "unknown" if self.unknown_rest else "none"
 
 

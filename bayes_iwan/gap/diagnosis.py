@@ -19,7 +19,7 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.conditions import conditions_of
 from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.effects.user_file import load_effects
-from bayes_iwan.gap.budget import NO_CAUSE, GapBudget, RestOfGap, Share, Verdict, rest_share
+from bayes_iwan.gap.budget import NO_CAUSE, GapBudget, Kind, RestOfGap, Share, Verdict, rest_share
 from bayes_iwan.gap.calibration import Calibration, calibration
 from bayes_iwan.gap.data import GapData, gap_data
 from bayes_iwan.gap.evidence import Fit, base_model
@@ -296,7 +296,9 @@ def _next(
     data: GapData, found: Weighed, verdict: Verdict, constants: Calibration, campaign: Campaign
 ) -> NextTest | None:
     """The test that best settles what is still in question: a cause and its nearest rival, or whether a cause is there
-    at all; None where nothing is."""
+    at all; None where nothing is, or where the drive must be mended first."""
+    if verdict.kind is Kind.DRIVE:
+        return None
     whole = frozenset(found.search.chosen)
     for f in sorted(found.figures, key=lambda f: -f.moved):
         if f.name in NO_CAUSE:

@@ -119,7 +119,13 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     causes = _causes(found, named, probabilities, c, held_out)
     flagged = rest >= 0.5
     kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
-    return Verdict(kind, causes, flagged, probabilities)
+    loops = found.search.data.loops
+    cornered, theirs = tuple(x.file for x in loops if x.corners_gap), max(x.corners_gap for x in loops)
+    if kind is not Kind.NONE and found.sizes[frozenset()].all.share <= theirs:
+        none = probabilities["none"]
+        sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
+        return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
+    return Verdict(kind, causes, flagged, probabilities, cornered, theirs)
 
 
 def _causes(

@@ -32,7 +32,7 @@ def title(name: str) -> str:
 def not_excluded(d: Diagnosis) -> list[str]:
     """Effects that are not named and not out of the question, the likeliest first."""
     ranked = sorted(d.verdict.probabilities.items(), key=lambda np: -np[1])
-    out = {"none", "unknown", *d.verdict.names, *NO_CAUSE}
+    out = {"none", "unknown", "drive", *d.verdict.names, *NO_CAUSE}
     return [name for name, p in ranked if name not in out and p >= WORTH_LISTING]
 
 
@@ -55,6 +55,27 @@ def _size(gap: Gap) -> str:
 
 
 def _which(d: Diagnosis) -> list[str]:
+    if d.verdict.kind is Kind.DRIVE:
+        return [
+            f"Whose gap this is cannot be told: {_cornered(d)}, and sound channels, which filter what turns at once, "
+            f"make a gap of up to {_percent(d.verdict.corners_gap)} of the friction force of such a drive. It is laid "
+            "on nothing."
+        ]
+    drive = []
+    if d.verdict.cornered and d.verdict.kind is not Kind.NONE:
+        theirs = _percent(d.verdict.corners_gap)
+        drive = [f"Of it, up to {theirs} of the friction force may be the channels': {_cornered(d)}."]
+    return drive + _found(d)
+
+
+def _cornered(d: Diagnosis) -> str:
+    """Which drives turn at once."""
+    files = d.verdict.cornered
+    which = ", ".join(files[:3]) + (" …" if len(files) > 3 else "")
+    return f"the drive of {len(files)} test{'s' if len(files) > 1 else ''} has corners ({which})"
+
+
+def _found(d: Diagnosis) -> list[str]:
     if d.verdict.causes:
         return [_sentence(c, d) for c in d.verdict.causes]
     others = not_excluded(d)
@@ -95,7 +116,7 @@ def _rest(d: Diagnosis) -> list[str]:
     rest, kind = d.budget.rest, d.verdict.kind
     if kind is Kind.EXPLAINED:
         return [f"What is left, {_percent(rest.share.value)} of the gap, is no more than a law slightly off leaves."]
-    if kind is Kind.NONE:
+    if kind in (Kind.NONE, Kind.DRIVE):
         return []
     out = []
     if kind is Kind.PARTLY:
@@ -126,6 +147,8 @@ def _remedies(d: Diagnosis) -> list[str]:
 
 
 def _next(d: Diagnosis) -> str:
+    if d.verdict.kind is Kind.DRIVE:
+        return "Run these tests again with sines; then a diagnosis can tell."
     following = d.next_test
     if following is None:
         return "No further loop test is needed to settle which of the catalogue's effects contribute."

@@ -30,6 +30,7 @@ from bayes_iwan.inference.quantities import quantities
 from bayes_iwan.inference.settings import DiagnoseSettings, IdentifySettings
 from bayes_iwan.report.diagnosis import diagnose_campaign
 from bayes_iwan.report.marginals import identifiable
+from bayes_iwan.report.provenance import of_folder
 from bayes_iwan.report.tables import Table
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.sampling.checkpoint import CheckpointError
@@ -193,7 +194,7 @@ def batch(
         finished = tuple(_read(job, n) for n in names if n not in failures)
         result = Batch(finished, failures, populations(finished, seed))
         _write(result, there)
-        write_batch_page(result, there)
+        write_batch_page(result, there, of_folder(source, seed, names))
     return result
 
 
@@ -272,7 +273,7 @@ def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:
     for name, x in draws.items():
         low, median, high = np.quantile(x, [0.05, 0.5, 0.95])
         prior = np.asarray(before[name].values, dtype=float)
-        record[name] = {
+        record[posterior.problem.units.name(name)] = {
             "label": labels[name],
             "unit": found[name].unit,
             "median": float(median),

@@ -10,7 +10,8 @@ import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from bayes_iwan.report.page import Page
+from bayes_iwan.report.page import Page, Section
+from bayes_iwan.report.provenance import Provenance
 from bayes_iwan.report.style import MEASURED, MODEL, styled, subplots
 
 if TYPE_CHECKING:
@@ -20,13 +21,18 @@ if TYPE_CHECKING:
 NAMED = 40
 
 
-def write_batch_page(result: Batch, out: Path) -> Path:
-    """The page across specimens; returns its path."""
+def write_batch_page(result: Batch, out: Path, made: Provenance) -> Path:
+    """The page across specimens; returns its path. made : from what and when."""
     n, failed = len(result.finished), len(result.failures)
-    page = Page(f"{n + failed} specimens")
-    _summary(page, result)
+    page = Page(
+        f"{n + failed} specimens",
+        footer="The numbers of this page are in batch.csv, the reasons of failures in failures.csv.",
+        made=made,
+    )
+    section = page.section("Answer")
+    _summary(section, result)
     if result.populations:
-        _populations(page, result)
+        _populations(section, result)
     if any(x.quantities for x in result.finished):
         section = page.section("Parameters against specimen")
         section.figure(
@@ -35,6 +41,7 @@ def write_batch_page(result: Batch, out: Path) -> Path:
             "that are still to come, by the population's mean and spread; open circles stand out from the others.",
             "One panel a quantity: an interval for every specimen over the population's band; the same numbers are in "
             "batch.csv.",
+            name="parameters",
         )
     if any(x.cause is not None for x in result.finished):
         _causes(page, result)
@@ -42,8 +49,7 @@ def write_batch_page(result: Batch, out: Path) -> Path:
     return page.write(out / "batch.html")
 
 
-def _summary(page: Page, result: Batch) -> None:
-    section = page.section("Summary")
+def _summary(section: Section, result: Batch) -> None:
     late = [x.name for x in result.finished if x.converged is False]
     section.text(
         f"{len(result.finished)} finished, {len(result.failures)} failed; "
@@ -59,7 +65,7 @@ def _summary(page: Page, result: Batch) -> None:
         section.table(("specimen", "reason"), list(result.failures.items()), "Failures")
 
 
-def _populations(page: Page, result: Batch) -> None:
+def _populations(section: Section, result: Batch) -> None:
     rows = []
     for name, p in result.populations.items():
         label = next(x.quantities[name].label for x in result.finished if name in x.quantities)
@@ -69,7 +75,8 @@ def _populations(page: Page, result: Batch) -> None:
             spread = "{:.3g} [{:.2g}, {:.2g}]".format(*p.spread)
         typical = "{:.4g} [{:.4g}, {:.4g}]".format(*p.typical)
         rows.append((label, len(p.names), typical, spread, "{:.4g} to {:.4g}".format(*p.next_specimen)))
-    page.section("The population").text(
+    section.heading_below("The population")
+    section.text(
         "Typical value and spread between specimens, each posterior's own error taken off (a normal population of "
         "logarithms where values are positive; flat priors on mean and spread)."
     ).table(

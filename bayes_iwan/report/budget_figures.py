@@ -116,13 +116,14 @@ def probabilities_figure(
 ) -> Figure:
     """Probability that each effect contributes, that none does, and that the rest has a cause without a name."""
     ranked = sorted(probabilities.items(), key=lambda x: -x[1])
-    keep = [x for x in ranked if x[0] in ("none", "unknown") or x[1] >= 0.005][:most]
-    keep += [x for x in ranked if x[0] in ("none", "unknown") and x not in keep]
+    always = ("none", "unknown", "drive")
+    keep = [x for x in ranked if x[0] in always or x[1] >= 0.005][:most]
+    keep += [x for x in ranked if x[0] in always and x not in keep]
     figure, axes = subplots(1, 1, 6.2, 0.3 * len(keep) + 0.8)
     ax = axes[0, 0]
     y = np.arange(len(keep))[::-1]
     for k, (name, p) in zip(y, keep):
-        colour = {"none": GREEN, "unknown": ORANGE}.get(name, BLUE if name in named else PRIOR)
+        colour = {"none": GREEN, "unknown": ORANGE, "drive": ORANGE}.get(name, BLUE if name in named else PRIOR)
         ax.barh(
             k,
             p,
@@ -193,4 +194,9 @@ def moved_figure(moved: Mapping[str, Moved]) -> Figure:
 
 
 def _words(name: str) -> str:
-    return {"none": "none: the model suffices", "unknown": "unknown: the rest has a cause"}.get(name, title(name))
+    own = {
+        "none": "none: the model suffices",
+        "unknown": "unknown: the rest has a cause",
+        "drive": "the drive: cannot be told",
+    }
+    return own.get(name, title(name))

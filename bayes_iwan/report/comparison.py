@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.families import Comparison
-from bayes_iwan.report.page import Page
+from bayes_iwan.report.page import Page, Section
+from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.style import BLUE, ORANGE, styled, subplots
 from bayes_iwan.report.tables import Table
 
@@ -137,14 +138,47 @@ def comparison_table(comparison: Comparison) -> Table:
     return Table("compare", "Model families ranked", columns, rows)
 
 
+#: standard errors of a difference, and the difference itself, below which nothing is decided
+DECIDES, LEAST = 2.0, 4.0
+_WORDS = (
+    ("density", "expected log predictive density: how probable data that were left out are to the fitted family, in "
+     "nats (natural logarithm); larger is better", ""),
+    ("SE", "standard error", ""),
+    ("LOO", "leave-one-out: a single datum left out at a time", ""),
+    ("k", "Pareto shape of the weights behind LOO; above 0.7 it is not to be trusted", ""),
+    ("residual", "measured − predicted force, RMS, as a share of the RMS friction force", "%"),
+)  # fmt: skip
+
+
+def _answer(section: Section, comparison: Comparison) -> None:
+    """Which family predicts best, which cannot be told from it, and what the words mean."""
+    rows = comparison.rows()
+    best, *others = rows
+    tied = [r.label for r in others if abs(r.difference) < max(DECIDES * r.difference_se, LEAST)]
+    said = f"{best.label} predicts best and misses {100 * best.residual_share:.2g} % of the friction force."
+    if tied:
+        said += f" Not to be told from it by these tests: {', '.join(tied)}."
+    elif others:
+        said += f" Every other one predicts worse, the next ({others[0].label}) by {-others[0].difference:.0f} nats."
+    section.note(said, "note" if tied else "good")
+    if short := [r.label for r in rows if not r.converged]:
+        section.note(f"Not converged, so that their density is some nats off: {', '.join(short)}.", "warning")
+    section.symbols(_WORDS)
+
+
 def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -> Path:
     """Write compare.html and compare.csv into out_dir; returns the page's path."""
     out = Path(out_dir)
     comparison_table(comparison).write_csv(out)
+    first = comparison.entries[0].posterior
     page = Page(
         f"Model families compared: {comparison.campaign or 'loops'}",
         f"{len(comparison.entries)} families, ranked by expected log predictive density",
+        "The numbers of this page are in compare.csv.",
+        first.problem.units,
+        None if first.campaign is None else provenance(first.campaign, first.seed),
     )
+    _answer(page.section("Answer"), comparison)
     rows = comparison.rows()
     section = page.section("Ranking")
     how = (
@@ -162,6 +196,7 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
         "Left: difference from the best family (more negative: predicts worse). "
         "Right: what the median prediction misses.",
         "Ranking of families with standard errors, and bars of residual share.",
+        name="ranking",
     )
 
     def signed(x: float) -> str:
@@ -216,5 +251,6 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
             "Log predictive density of each test when it is left out, less that "
             "of the best family. Orange: worse, violet: better.",
             "Families by tests, differences as numbers.",
+            name="tests",
         )
     return page.write(out / "compare.html")

@@ -17,7 +17,8 @@ from bayes_iwan.gap.words import listed
 from bayes_iwan.inference.config import Config, diagnose_settings_of
 from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.report import budget_figures, gap_figures
-from bayes_iwan.report.diagnosis_page import write_diagnosis_page, write_figures
+from bayes_iwan.report.diagnosis_page import write_diagnosis_page
+from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.style import relabel
 
 
@@ -125,10 +126,15 @@ def write_found(found: Diagnosis, out: Path) -> Path:
 
 def _write(found: Diagnosis, folder: Path, effects_file: str | Path | None, simulator_file: str | Path | None) -> Path:
     answer, figures = finite(to_dict(found)), diagnosis_figures(found)
-    clear(folder, "diagnosis.json", "diagnosis.html", "figures", "fits.json")
-    write_figures(figures, folder / "figures")
+    clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")
     page = write_diagnosis_page(
-        answer, figures, folder / "diagnosis.html", effects_described(found), found.campaign.units
+        answer,
+        figures,
+        folder / "diagnosis.html",
+        effects_described(found),
+        found.campaign.units,
+        provenance(found.campaign, found.seed),
+        {p.name: p.description for p in found.fit.problem.prior.free},
     )
     write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
     return page

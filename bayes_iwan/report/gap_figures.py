@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.findings import GapPictures
 from bayes_iwan.gap.where import Statistic
-from bayes_iwan.report.style import BLACK, BLUE, PRIOR, points, series, styled, subplots, ticked
+from bayes_iwan.report.style import BLACK, BLUE, PRIOR, decimal_ticks, points, series, styled, subplots, ticked
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
 _DIVERGING = "RdBu_r"
@@ -195,7 +195,7 @@ def gap_growth_figure(
             )
             for k, t in enumerate(at):
                 ax.plot(x[t], y[k], linestyle="none", markerfacecolor=style["color"] if found[t] else "white", **style)
-            ax.plot([], [], label=f"{value:.3g} {unit}", linestyle=series(i)["linestyle"], **style)
+            ax.plot([], [], label=f"{_nominal(value):g} {unit}", linestyle=series(i)["linestyle"], **style)
         ax.set_xscale("log")
         ax.set_yscale("log")
         ticks = sorted({float(f"{v:.2g}") for v in x})
@@ -203,9 +203,16 @@ def gap_growth_figure(
         ax.minorticks_off()
         ax.set_xlabel(label)
         ax.legend(fontsize=7)
+    decimal_ticks(axes[0, 0].yaxis, *axes[0, 0].get_ylim())
     ticked(list(axes[0]))
     axes[0, 0].set_ylabel("gap (N RMS)")
     return figure
+
+
+def _nominal(value: float) -> float:
+    """A setting as it was meant: 8 for 7.98, 17.5 for 17.5."""
+    short = float(f"{value:.2g}")
+    return short if abs(short / value - 1.0) < 0.01 else float(f"{value:.3g}")
 
 
 def _groups(values: Array) -> list[tuple[float, NDArray[np.int64]]]:

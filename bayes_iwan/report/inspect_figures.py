@@ -8,10 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.inspect import CycleMean, Inspection
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.report.loops import test_name
-from bayes_iwan.report.style import points, series, styled, subplots
+from bayes_iwan.report.style import decimal_ticks, points, series, styled, subplots
 
 CYCLES = 12  # cycles drawn behind a loop
 COLUMNS = 3
@@ -57,6 +58,7 @@ def loops(tests: Sequence[Inspection], units: Units, linear: bool = True) -> Fig
         ax.plot(_closed(u), _closed(force), color="black", linewidth=1.3)
         ax.set_title(units.text(test_name(test.loop)))
         ax.set_xlabel(units.text("displacement (mm)"))
+        ax.locator_params(axis="x", nbins=5)
         ax.set_ylabel(units.text("force (N)" if linear else "force less the straight part (N)"))
     return figure
 
@@ -74,6 +76,7 @@ def overlays(tests: Sequence[Inspection], units: Units) -> Figure:
             ax.plot(_closed(u), _closed(force), label=f"{m.loop.record.frequency_hz:g} Hz", **series(k))
         ax.set_title(units.text(f"{amplitude:g} mm, less {slope:.3g} N/mm"))
         ax.set_xlabel(units.text("displacement (mm)"))
+        ax.locator_params(axis="x", nbins=5)
         ax.set_ylabel(units.text("force less a common line (N)"))
         ax.legend(loc="upper right")
     return figure
@@ -122,16 +125,29 @@ def noise(tests: Sequence[Inspection], units: Units) -> Figure:
     """Spectrum of what is left of the force between cycles, with the mains lines that were found."""
     figure, panels = _panels(len(tests), 2.3)
     for ax, test in zip(panels, tests):
-        ax.loglog(test.spectrum_hz, np.sqrt(np.maximum(test.spectrum_N2_Hz, 1e-300)), color="black", linewidth=0.9)
+        ax.loglog(
+            *_thinned(test.spectrum_hz, np.sqrt(np.maximum(test.spectrum_N2_Hz, 1e-300))), color="black", linewidth=0.9
+        )
         for line in test.lines:
             ax.axvline(line.frequency_hz, color=series(1)["color"], linewidth=1.0, linestyle=(0, (4, 2)))
             ax.text(
                 line.frequency_hz, 0.98, f" {line.frequency_hz:.4g} Hz", transform=ax.get_xaxis_transform(), va="top"
             )
+        decimal_ticks(ax.xaxis, *ax.get_xlim())
+        decimal_ticks(ax.yaxis, *ax.get_ylim())
         ax.set_title(units.text(f"{test_name(test.loop)}: {test.noise_N:.2g} N"))
         ax.set_xlabel("frequency (Hz)")
         ax.set_ylabel(units.text("noise (N/√Hz)"))
     return figure
+
+
+def _thinned(hz: Array, amplitude: Array, most: int = 240) -> tuple[Array, Array]:
+    """A spectrum with no more points than a logarithmic axis can show: RMS of those that fall together."""
+    if hz.size <= most:
+        return hz, amplitude
+    cell = np.unique(np.floor(np.log(hz / hz[0]) / np.log(hz[-1] / hz[0]) * most), return_inverse=True)[1]
+    count = np.bincount(cell)
+    return np.bincount(cell, hz) / count, np.sqrt(np.bincount(cell, amplitude**2) / count)
 
 
 @styled
@@ -151,7 +167,8 @@ def drift(tests: Sequence[Inspection], units: Units) -> Figure:
         ax.set_title(units.text(test_name(test.loop)))
         ax.set_xlabel("cycle")
         ax.set_ylabel("off the median (%)")
-    panels[0].legend(ncols=3, loc="best", handlelength=1.6, columnspacing=0.8)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
     return figure
 
 
@@ -171,7 +188,9 @@ def drive(tests: Sequence[Inspection], units: Units) -> Figure:
             **points(k),
         )
     ax.set_yscale("log")
+    decimal_ticks(ax.yaxis, *ax.get_ylim())
     ax.set_xticks(orders)
+    ax.set_xlim(1.5, 10.5)
     ax.set_xlabel("harmonic of the drive")
     ax.set_ylabel("share of the fundamental (%)")
     if len(tests) <= 12:

@@ -1,5 +1,4 @@
-"""The page of `bayes-iwan inspect`: what a campaign shows before any model, and what that means for an "
-"identification."""
+"""The page of `bayes-iwan inspect`: what a campaign shows before any model, and what that means for identification."""
 
 from __future__ import annotations
 
@@ -7,14 +6,16 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayes_iwan import __version__
-from bayes_iwan.campaign import Campaign, read_campaign
+import numpy as np
+
+from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.accelerometer import STATED
-from bayes_iwan.campaign.inspect import LEVEL, Inspection, inspect_campaign
+from bayes_iwan.campaign.folder import read_checked
+from bayes_iwan.campaign.inspect import LEVEL, Inspection, inspect_loop
 from bayes_iwan.report import inspect_figures as figures
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.page import Page
-from bayes_iwan.report.style import save
+from bayes_iwan.report.provenance import provenance
 
 LEGEND = (
     ("u, A", "displacement and its amplitude (half the peak-to-peak of the averaged cycle)", "mm"),
@@ -29,8 +30,8 @@ LEGEND = (
 
 def inspect_to(campaign: str | os.PathLike[str], out: str | os.PathLike[str] | None = None) -> str:
     """Inspect a campaign: its text, and with `out` a page inspect.html with figures as files beside it."""
-    read = read_campaign(campaign)
-    tests = inspect_campaign(read)
+    read, loops = read_checked(campaign)
+    tests = tuple(inspect_loop(loop) for loop in loops)
     text = inspect_text(read, tests)
     if out is not None:
         write_page(read, tests, Path(out))
@@ -79,15 +80,15 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
     page = Page(
         f"What the records show: {campaign.name}",
         campaign.description,
-        footer=f"bayes-iwan {__version__}; no model was fitted. Records: {campaign.source or 'no source stated'}",
+        "No model was fitted and nothing drawn at random.",
+        units,
+        provenance(campaign),
     )
     _answer(page, campaign, tests)
 
     def figure(heading: str, name: str, drawing: figures.Figure, text: str, caption: str, alt: str) -> None:
         section = page.section(heading).text(units.text(text))
-        section.figure(drawing, units.text(caption), alt)
-        for ending in ("png", "pdf"):
-            save(drawing, out / "figures" / f"inspect_{name}.{ending}")
+        section.figure(drawing, units.text(caption), alt, name=name)
 
     figure(
         "Loops",
@@ -160,20 +161,18 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
 
 
 def _answer(page: Page, campaign: Campaign, tests: Sequence[Inspection]) -> None:
-    units = campaign.units
+    section = page.section("Answer")
+    rows = [
+        ("tests", f"{len(tests)}"),
+        ("frequency", _between([t.loop.frequency_hz for t in tests], "Hz")),
+        ("amplitude", _between([t.loop.amplitude_mm for t in tests], "mm")),
+        ("equivalent stiffness", _between([t.stiffness_N_mm.value for t in tests], "N/mm")),
+        ("energy lost a cycle", _between([t.energy_mJ.value for t in tests], "mJ")),
+        ("damping: loss factor", _between([t.loss_factor.value for t in tests])),
+        ("noise over the force's RMS", _between([100 * t.noise_N / float(np.std(t.loop.force_N)) for t in tests], "%")),
+    ]
+    section.table(("what", "from smallest to largest of the tests"), rows, "The answer, before any model")
     noted = [(test, note) for test in tests for note in test.notes]
-    section = page.section("What was found")
-    energy = [t.energy_mJ.value for t in tests]
-    stiffness = [t.stiffness_N_mm.value for t in tests]
-    section.text(
-        units.text(
-            f"{len(tests)} test(s). Equivalent stiffness {min(stiffness):.3g} to {max(stiffness):.3g} N/mm, energy "
-            "lost a "
-            f"cycle {min(energy):.3g} to {max(energy):.3g} mJ, loss factor "
-            f"{min(t.loss_factor.value for t in tests):.3g} to "
-            f"{max(t.loss_factor.value for t in tests):.3g}. No model was fitted."
-        )
-    )
     if noted:
         section.note(f"{len(noted)} remark(s) on the records: read them before anything is identified.", "warning")
         section.table(
@@ -183,14 +182,17 @@ def _answer(page: Page, campaign: Campaign, tests: Sequence[Inspection]) -> None
         )
     else:
         section.note("Nothing stands in the way of an identification.", "good")
+    section.text("Symbols of this page:").symbols(LEGEND)
     section.table(
-        [units.text(c) for c in COLUMNS],
-        _rows(tests),
-        f"Tests; intervals in brackets: {100 * LEVEL:.0f} %, from the scatter of the cycles",
+        COLUMNS, _rows(tests), f"Tests; intervals in brackets: {100 * LEVEL:.0f} %, from the scatter of the cycles"
     )
-    section.table(("symbol", "what it is", "unit"), [(a, b, units.text(c)) for a, b, c in LEGEND], "Symbols", fold=True)
     if campaign.from_acceleration:
         section.text(STATED)
-    names = ", ".join(units.text(test_name(t.loop)) for t in tests if t.loop.role == "held-out")
+    names = ", ".join(test_name(t.loop) for t in tests if t.loop.role == "held-out")
     if names:
         section.text(f"Held out of any fit: {names}.")
+
+
+def _between(values: Sequence[float], unit: str = "") -> str:
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return (low if low == high else f"{low} to {high}") + (f" {unit}" if unit else "")

@@ -199,7 +199,8 @@ class Page:
     def write(self, path: str | os.PathLike[str]) -> Path:
         """The page, and before it every figure as figures/STEM_NAME.png and .pdf beside it, STEM that of the page."""
         path = Path(path)
-        folder, named = path.parent / "figures", {}
+        folder = path.parent / "figures"
+        named: dict[str, Figure] = {}
         for section in self.sections:
             named |= {f"{path.stem}_{name}": figure for name, (figure, _) in section.figures.items()}
         for old in folder.glob(f"{path.stem}_*"):

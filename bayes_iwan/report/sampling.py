@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
 from scipy.stats import rankdata
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.report.style import series, styled, subplots
+from bayes_iwan.report.style import decimal_ticks, series, styled, subplots
 from bayes_iwan.sampling.checkpoint import NAME, CheckpointError, read_checkpoint
 from bayes_iwan.sampling.convergence import longest_autocorrelation_time
 
@@ -114,10 +113,7 @@ def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
     ax.set_xscale("log")
     ax.set_yscale("log")
     for axis, low, high in ((ax.xaxis, steps[0], steps[-1]), (ax.yaxis, *ax.get_ylim())):
-        ticks = [m * 10.0**k for k in range(-1, 8) for m in (1, 2, 5) if low <= m * 10.0**k <= high]
-        ticks = ticks if len(ticks) <= 7 else [t for t in ticks if str(t)[0] == "1"]
-        axis.set_ticks(ticks, [f"{t:g}" if t < 1e5 else f"{t:.0e}" for t in ticks])
-        axis.set_minor_locator(NullLocator())
+        decimal_ticks(axis, low, high)
     ax.set_xlabel("steps of production")
     ax.set_ylabel("autocorrelation time (steps)")
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

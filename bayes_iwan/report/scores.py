@@ -9,8 +9,8 @@ from pathlib import Path
 
 from bayes_iwan.files import write_whole
 from bayes_iwan.gap.saved_fits import find_shares
-from bayes_iwan.report.diagnosis_page import write_figures
 from bayes_iwan.report.score_figures import figures
+from bayes_iwan.report.style import save
 from bayes_iwan.validation.scoring import score
 
 
@@ -43,5 +43,7 @@ def write_score(
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(folder / "score.txt", table + "\n")
         write_whole(folder / "score.json", json.dumps(result.as_dict(), indent=1) + "\n")
-        write_figures(figures(result), folder)
+        for name, figure in figures(result).items():
+            for kind in ("png", "svg"):
+                save(figure, folder / f"{name}.{kind}")
     return table

@@ -11,10 +11,11 @@ from typing import Any, TypeVar
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
@@ -62,6 +63,7 @@ RC: Any = {
     "savefig.facecolor": "white",
     "axes.unicode_minus": True,
     "path.simplify_threshold": 0.3,
+    "figure.constrained_layout.w_pad": 0.09,  # a browser's letters are a little wider than those laid out
 }
 
 F = TypeVar("F", bound=Callable[..., Figure])
@@ -92,6 +94,22 @@ def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any
     """A figure that no global state keeps, and its axes (rows, columns); width and height in inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
+
+
+def decimal_ticks(axis: Axis, low: float, high: float, most: int = 6) -> None:
+    """Plain numbers on a logarithmic axis: 1, 2 and 5 times powers of ten, or these powers alone where there are many.
+
+    Matplotlib's own are formulas, dozens to a panel, each as dear to draw as the rest of it.
+    """
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    ticks = [float(f"{m}e{k}") for k in powers for m in (1, 2, 5)]
+    ticks = [t for t in ticks if low * 0.999 <= t <= high * 1.001]
+    if len(ticks) > most:
+        ticks = [t for t in ticks if f"{t:e}".startswith("1.0")][:: 1 + len(ticks) // (3 * most)]
+    if len(ticks) < 2:
+        ticks = sorted({float(f"{t:.2g}") for t in np.geomspace(low, high, 3)})
+    axis.set_ticks(ticks, [f"{t:g}" for t in ticks])
+    axis.set_minor_locator(NullLocator())
 
 
 def ticked(axes: Sequence[Axes]) -> None:

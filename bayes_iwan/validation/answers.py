@@ -15,7 +15,7 @@ from typing import Any
 from bayes_iwan.validation.sealed import WithheldError
 from bayes_iwan.validation.truths import json_number
 
-KINDS = ("none", "explained", "partly_explained", "unknown")
+KINDS = ("none", "explained", "partly_explained", "unknown", "drive")
 #: probabilities are rounded when they are written
 _ROUNDING = 1e-3
 

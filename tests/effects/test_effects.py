@@ -227,8 +227,8 @@ def test_quadratic_and_cubic_stiffness(kit):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_end_stop_acts_on_its_side_beyond_the_gap_only(side, kit):
-    extended, base = change("end_stop", kit, side * 20.0, gap_mm=0.7)
+def test_end_stop_acts_on_its_side_beyond_the_clearance_only(side, kit):
+    extended, base = change("end_stop", kit, side * 20.0, clearance_mm=0.7)
     extra, u = (extended - base)[0], motion().displacement_mm[0, 0]
     np.testing.assert_allclose(extra, side * 20.0 * np.maximum(side * u - 0.7, 0.0), atol=1e-12)
     assert np.abs(extra).max() == pytest.approx(20.0 * 0.2)

@@ -145,9 +145,9 @@ def test_contacts_are_linear_or_hertzian_on_one_side_or_both(e, kit):
     deep = np.maximum(np.abs(at.displacement_mm[0]) - 0.5, 0.0)
     scale = 0.1 * kit.scales.length_mm
     hertz = 6.0 * scale * (deep / scale) ** e
-    both = added(made(kit, "EndStops"), at, k_N_mm=6.0, gap_mm=0.5, exponent=e)
+    both = added(made(kit, "EndStops"), at, k_N_mm=6.0, clearance_mm=0.5, exponent=e)
     np.testing.assert_allclose(both, np.sign(at.displacement_mm[0]) * hertz, rtol=1e-9, atol=1e-12)
-    low = added(made(kit, "EndStop"), at, k_N_mm=-6.0, gap_mm=0.5, exponent=e)
+    low = added(made(kit, "EndStop"), at, k_N_mm=-6.0, clearance_mm=0.5, exponent=e)
     np.testing.assert_allclose(low, np.where(at.displacement_mm[0] < 0.0, -hertz, 0.0), rtol=1e-9, atol=1e-12)
     assert np.abs(both[1]).max() < 1e-200  # 0.3 mm reaches neither
 
