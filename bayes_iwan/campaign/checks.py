@@ -39,16 +39,20 @@ def on_grid_of_rate(time: Array, rate: float) -> Array:
     return exact if rounded else time
 
 
+def check_epoch(file: str, start_s: float, mend: str) -> None:
+    """Refuse a clock that counts milliseconds and is said to count seconds."""
+    if start_s > EPOCH_S:
+        raise CampaignError(
+            f"{file}: time starts at {start_s:.6g} s, {start_s / 3.15576e7:,.0f} years: milliseconds since 1970? {mend}"
+        )
+
+
 def check_time(file: str, time: Array, rate: float | None, frequency_hz: float) -> None:
     """Refuse a record whose time column runs backwards, contradicts its sample rate or aliases the motion."""
     if time.size < 2 * FEWEST_PER_CYCLE:
         raise CampaignError(f"{file}: {time.size} samples; at least two whole cycles are needed")
     steps = np.diff(time)
-    if time[0] > EPOCH_S:
-        raise CampaignError(
-            f"{file}: time starts at {time[0]:.6g} s, {time[0] / 3.15576e7:,.0f} years: milliseconds since 1970? Name "
-            "the column time_ms"
-        )
+    check_epoch(file, float(time[0]), "Name the column time_ms")
     if not (steps > 0).all():
         k = int(np.argmin(steps > 0))
         mend = "sort the rows or delete the repeated one"
@@ -237,7 +241,8 @@ def _angle(loop: Loop) -> list[str]:
         what = (
             f"the loop gives out energy (sine of the loss angle {loss:.3f}), which no passive specimen does: the force "
             "is "
-            f"late by {angle:.2g}° ({late:.2g} ms) and more, a delayed or AC-coupled channel"
+            f"late by {angle:.2g}° ({late:.2g} ms) and more, a delayed or AC-coupled channel, or the two channels are "
+            "swapped"
         )
         if loss < -LATE:
             raise CampaignError(f"{loop.file}: {what}. Shift the force column back by its delay, and record both alike")

@@ -230,6 +230,17 @@ def test_sample_rates(table, record):
     np.testing.assert_allclose(test.record.time_s, r.time_s, atol=1e-9)
 
 
+def test_a_clock_in_milliseconds_since_1970_named_seconds(table, record):
+    r = record(noise_N=0.002)
+    file = table(
+        "epoch.csv", {"time_s": 1.7e12 + 1e3 * r.time_s, "displacement_mm": r.displacement_mm, "force_N": r.force_N}
+    )
+    with pytest.raises(CampaignError, match=r"milliseconds since 1970\? Say --unit time=ms"):
+        import_tests([file])
+    (test,) = import_tests([file], Recipe(units={"time": "ms"}))
+    assert test.record.frequency_hz == pytest.approx(r.frequency_hz, rel=1e-3)
+
+
 def test_bad_channels(table, record):
     r = record()
     n = r.time_s.size

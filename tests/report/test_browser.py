@@ -9,6 +9,7 @@ import shutil
 import subprocess
 
 import pytest
+from pypdf import PdfReader
 
 from bayes_iwan.report import predict
 
@@ -172,3 +173,13 @@ def test_controls_take_the_keyboard_and_fit_a_phone(seen):
     found, _ = seen
     assert found["focusable"]
     assert found["wide"] == []
+
+
+def test_printed_it_is_text_answer_first(page, tmp_path):
+    """A customer prints the page: words, figures' texts among them, can be searched and copied."""
+    browse(page / "report.html", tmp_path, f"--print-to-pdf={tmp_path / 'p.pdf'}", "--no-pdf-header-footer")
+    pages = [one.extract_text() for one in PdfReader(tmp_path / "p.pdf").pages]
+    assert "Answer" in pages[0] and "parallel spring" in pages[0] and "mean slip force" in pages[0]
+    whole = " ".join(" ".join(pages).split())
+    for words in ("friction force (N)", "relative normal force α", "10 Hz, 0.4 mm", "What is not known"):
+        assert words in whole, words

@@ -19,7 +19,7 @@ from bayes_iwan.gap.findings import GapPictures
 from bayes_iwan.gap.where import Statistic
 from bayes_iwan.report import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis import diagnosis_figures
-from bayes_iwan.report.diagnosis_page import write_diagnosis_page, write_figures
+from bayes_iwan.report.diagnosis_page import write_diagnosis_page
 
 T, N = 4, 64
 PHASE = np.arange(N) / N
@@ -152,7 +152,7 @@ def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures):
     assert parts.outside == [] and parts.open == []
     assert len(parts.ids) == len(set(parts.ids))
     assert parts.headings[:3] == ["Answer", "Where the model misses", "Which cause"]
-    said = text.index(html.escape(" ".join(d["sentences"]), quote=False).replace("'", "&#39;"))
+    said = text.index("<br>".join(html.escape(s, quote=False).replace("'", "&#39;") for s in d["sentences"]))
     assert said < text.index("<svg") < text.index("It grows with")  # sentences, then one picture, then the rest
     assert "a &lt;rope&gt; &amp; spring" in text and "<rope>" not in text and "<frequency>" not in text
     damping = d["effects"][0]["parameters"]["c_N_s_mm"]
@@ -310,7 +310,7 @@ def test_many_tests_and_single_blocks_draw():
     assert "gap_cycles" not in drawn and len(drawn["gap_loops"].axes) == 6 * T + 1
 
 
-def test_figure_files(tmp_path, figures):
-    paths = write_figures({"moved": figures["moved"]}, tmp_path)
-    assert sorted(x.name for x in paths) == ["moved.png", "moved.svg"]
-    assert (tmp_path / "moved.png").read_bytes()[:4] == b"\x89PNG"
+def test_figure_files(tmp_path, found, figures, figure_files):
+    write_diagnosis_page(answer(found), {"moved": figures["moved"]}, tmp_path / "diagnosis.html")
+    assert sorted(x.name for x in (tmp_path / "figures").iterdir()) == ["diagnosis_moved.pdf", "diagnosis_moved.png"]
+    assert (tmp_path / "figures" / "diagnosis_moved.png").read_bytes()[:4] == b"\x89PNG"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import hashlib
+import html
 import json
 import re
 from dataclasses import replace
@@ -13,9 +14,11 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from markupsafe import Markup
+from pypdf import PdfReader
 
 from bayes_iwan.report import latex_table
 from bayes_iwan.report.identification import searches_said
+from bayes_iwan.report.marginals import reported
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import save, subplots
 
@@ -105,22 +108,23 @@ def test_text_is_escaped(tmp_path):
     axes[0, 0].plot([0, 1], [0, 1])
     section.figure(figure, "<q>", '"quoted" <alt>')
     page.script(Markup("1;"), "data", json.dumps({"a": "</script>"}))
-    html = page.write(tmp_path / "page.html").read_text()
+    written = page.write(tmp_path / "page.html").read_text()
     for bad in ("<script>alert", "<b>bold", "<i>", "<u>", "<q>", "<alt>", '</script>"}'):
-        assert bad not in html, bad
-    assert "<em>yes</em>" in html
-    Outline(html)
+        assert bad not in written, bad
+    assert "<em>yes</em>" in written
+    Outline(written)
 
 
 def test_the_page_lets_no_script_run_but_its_own():
     page = Page("scripts")
     assert "script-src 'none';" in page.html()
     page.script(Markup("let a = 1 < 2;"))
-    html = page.html()
-    own = re.findall(r"<script>(.*?)</script>", html, re.S)
+    written = page.html()
+    own = re.findall(r"<script>(.*?)</script>", written, re.S)
     assert own == ["let a = 1 < 2;"]
     digest = base64.b64encode(hashlib.sha256(own[0].encode()).digest()).decode()
-    assert f"script-src 'sha256-{digest}';" in html and "unsafe-inline" not in html.split("script-src")[1].split(";")[0]
+    assert f"script-src 'sha256-{digest}';" in written
+    assert "unsafe-inline" not in written.split("script-src")[1].split(";")[0]
 
 
 @pytest.mark.parametrize("name", ["$x^{$", "a$b", r"$\\frac{$", "5 $ and 6 $"])
@@ -142,6 +146,92 @@ def test_two_figures_do_not_share_ids():
         section.figure(figure, "c", "a")
     ids = Outline(page.html()).ids
     assert len(ids) == len(set(ids))
+
+
+def one_figure(text="displacement α (mm)"):
+    figure, axes = subplots(1, 1, 2, 2)
+    axes[0, 0].set_xlabel(text)
+    return figure
+
+
+def test_figures_are_files_beside_the_page_with_text_in_them(tmp_path, figure_files):
+    page = Page("figures")
+    page.section("one").figure(one_figure(), "c", "a", name="alpha").figure(one_figure(), "c", "a")
+    page.write(tmp_path / "report.html")
+    names = {"report_alpha", "report_one-f2"}
+    assert {p.name for p in (tmp_path / "figures").iterdir()} == {f"{n}.{k}" for n in names for k in ("png", "pdf")}
+    drawn = (tmp_path / "figures" / "report_alpha.pdf").read_bytes()
+    assert b"/CIDFontType2" in drawn and b"/ToUnicode" in drawn and b"/Type3" not in drawn
+    text = PdfReader(tmp_path / "figures" / "report_alpha.pdf").pages[0].extract_text()
+    assert "displacement α (mm)" in text
+    written = (tmp_path / "report.html").read_text()
+    assert "[alpha]" in written and "figures/report_NAME.png" in written and "displacement α (mm)</text>" in written
+    other = Page("another page's figures stay, one's own old ones go")
+    other.section("one").figure(one_figure(), "c", "a", name="beta")
+    other.write(tmp_path / "diagnosis.html")
+    page = Page("figures")
+    page.section("one").figure(one_figure(), "c", "a", name="alpha")
+    page.write(tmp_path / "report.html")
+    assert {p.stem for p in (tmp_path / "figures").iterdir()} == {"report_alpha", "diagnosis_beta"}
+
+
+def test_a_figure_is_laid_out_once(tmp_path, monkeypatch):
+    figure, laid = one_figure(), []
+    engine = figure.get_layout_engine()
+    monkeypatch.setattr(engine, "execute", lambda f, run=engine.execute: (laid.append(1), run(f)))
+    for kind in ("svg", "png", "pdf"):
+        save(figure, tmp_path / f"f.{kind}")
+    assert laid == [1]
+
+
+def test_the_head_says_when_with_what_and_from_where(text, posterior):
+    head = text.split("<main")[0]
+    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d \w+ · bayes-iwan [\d.]+, seed 1 · from /", head)
+    assert f"({len(posterior.campaign.tests) + 1} files)" in head
+    foot = text.split("<footer>")[1]
+    assert all(test.file in foot for test in posterior.campaign.tests)
+
+
+def test_the_answer_comes_first_and_symbols_before_what_uses_them(text, posterior):
+    sections = re.findall(r"<h2[^>]*>(.*?)</h2>", text)
+    assert sections[0] == "Answer"
+    first = text.split("<h2")[1]
+    for words in ("parallel spring", "mean slip force", "equivalent stiffness", "loss factor", "misfit", "What is not"):
+        assert words in first, words
+    legend = re.search(r'<dl class="symbols">(.*?)</dl>', text, re.S)
+    symbols = {html.unescape(x) for x in re.findall(r"<dt>(.*?)</dt>", legend.group(1))}
+    assert {q.symbol for q in posterior.problem.prior.parameters} <= symbols
+    assert legend.start() < text.index("<svg")
+
+
+def test_one_set_of_numbers(page, text, posterior):
+    """What the page, the tables, the LaTeX table and the summary say of a number is the same."""
+    rows = {r.name: r for r in posterior.summary()}
+    with (page / "tables" / "parameters.csv").open() as file:
+        for r in csv.DictReader(file):
+            row = rows[r["name"]]
+            assert (float(r["low_90"]), float(r["high_90"])) == pytest.approx((row.low_90, row.high_90), rel=1e-7)
+            assert float(r["median"]) == pytest.approx(row.q50, rel=1e-7, abs=1e-12)
+    with (page / "tables" / "convergence.csv").open() as file:
+        for r in csv.DictReader(file):
+            assert float(r["ess_bulk"]) == pytest.approx(rows[r["name"]].ess_bulk, rel=1e-7)
+    with (page / "tables" / "loops.csv").open() as file:
+        loops = list(csv.DictReader(file))
+    for r in loops:
+        row = rows[f"dissipated_energy_mJ[{r['file']}]"]
+        found = [float(r[f"energy_mJ_{x}"]) for x in ("median", "low_90", "high_90")]
+        assert found == pytest.approx([row.q50, row.low_90, row.high_90], rel=1e-7)
+    misfit = posterior.misfit()
+    fitted = [float(r["rms_residual_N"]) for r in loops if r["role"] != "held-out"]
+    assert np.sqrt(np.mean(np.square(fitted))) == pytest.approx(misfit.rms_N, rel=1e-6)
+    shares = [float(r["residual_share_of_friction"]) for r in loops if r["role"] != "held-out"]
+    assert np.sqrt(np.mean(np.square(shares))) == pytest.approx(misfit.share, rel=1e-6)
+    for name in ("kp_N_mm", "k1_N_mm", "mean_slip_force_N"):
+        middle, low, high = reported(posterior, name)
+        first, rest = text.split("<h2")[1], text.split("<h2")[2]
+        assert f"{low} to {high}" in html.unescape(first)
+        assert f"{middle} [{low}, {high}]" in html.unescape(rest)  # the figure's own text
+    assert f"{100 * misfit.share:.2g} % of the friction force" in text.split("<h2")[1]
 
 
 def test_failed_write_leaves_the_old_page(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.averaging import Loop, average
 from bayes_iwan.campaign.between_tests import compared
-from bayes_iwan.campaign.checks import check_record, check_time, on_grid_of_rate, step_warnings
+from bayes_iwan.campaign.checks import check_epoch, check_record, check_time, on_grid_of_rate, step_warnings
 from bayes_iwan.campaign.drive import split as split_levels
 from bayes_iwan.campaign.importing.channels import assign
 from bayes_iwan.campaign.importing.formats import read_file
@@ -195,7 +195,9 @@ def _time(roles: Mapping[str, Channel], recipe: Recipe, where: str) -> tuple[Arr
         return np.arange(n) / rate, rate, f"time: {rate:.9g} samples a second"
     unit = recipe.units.get("time", channel.unit) or "s"
     time, _ = converted(channel.values, unit, "", "time", f"{where}: {channel.name!r}")
-    time = time - time[np.flatnonzero(np.isfinite(time))[:1]].sum()
+    start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())
+    check_epoch(where, start, "Say --unit time=ms")
+    time = time - start
     if rate is not None:
         time = on_grid_of_rate(time, rate)
     known = time[np.isfinite(time)]
