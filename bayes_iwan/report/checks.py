@@ -178,7 +178,7 @@ def loo_pit_figure(posterior: Posterior, result: LooPit | None = None) -> Figure
     right.fill_between([0, 1], [-bound, -bound], [bound, bound], color="#777777", alpha=0.2, linewidth=0)
     right.step(np.r_[0, pit, 1], np.r_[0, np.arange(1, n + 1) / n, 1] - np.r_[0, pit, 1], where="post", color=BLUE)
     right.axhline(0.0, color="#777777", linewidth=0.7)
-    right.set_title("b. distribution function − uniform (grey: 95 %)", loc="left")
+    right.set_title("b. distribution − uniform (grey: 95 %)", loc="left")
     right.set_xlabel("LOO-PIT")
     right.set_ylabel("difference")
     return figure

@@ -176,7 +176,7 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
         f"{len(comparison.entries)} families, ranked by expected log predictive density",
         "The numbers of this page are in compare.csv.",
         first.problem.units,
-        None if first.campaign is None else provenance(first.campaign, first.seed),
+        provenance(first.campaign, first.seed),
     )
     _answer(page.section("Answer"), comparison)
     rows = comparison.rows()

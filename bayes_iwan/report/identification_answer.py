@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from bayes_iwan.inference.posterior import LARGE_MISFIT
+from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.remarks import LARGE_MISFIT
 from bayes_iwan.physics import Model
 from bayes_iwan.report import marginals, tables
 from bayes_iwan.report.marginals import OPEN, contraction, interval, number, reported, symbol_of
@@ -27,7 +28,7 @@ _UNSEEN = (
 )
 
 
-def answer(section: Section, posterior: Any, p: Predictive, loop_rows: tables.Table) -> None:
+def answer(section: Section, posterior: Posterior, p: Predictive, loop_rows: tables.Table) -> None:
     """Stiffness, friction, damping and misfit with their intervals; then what is not known."""
     misfit = posterior.misfit()
     fitted = [r for r in loop_rows.rows if r[2] != "held-out"]
@@ -67,12 +68,13 @@ def answer(section: Section, posterior: Any, p: Predictive, loop_rows: tables.Ta
     section.heading_below("What is not known")
     items = Markup("").join(Markup("<li>{}</li>").format(section.units.said(x)) for x in _open(posterior))
     section.html(Markup("<ul>{}</ul>").format(items))
-    warnings = [(x.file, w) for x in posterior.campaign.tests for w in x.warnings]
+    tests_read = () if posterior.campaign is None else posterior.campaign.tests
+    warnings = [(x.file, w) for x in tests_read for w in x.warnings]
     if warnings:
         section.table(("record", "what was noticed"), warnings, "Warnings about the records")
 
 
-def _asked(posterior: Any) -> list[str]:
+def _asked(posterior: Posterior) -> list[str]:
     """Names of the numbers that the answer opens with: the first three, or a user's own model's determined ones."""
     if isinstance(posterior.problem.model, Model):
         return [n for n in _FIRST if n in posterior.quantities()]
@@ -81,7 +83,7 @@ def _asked(posterior: Any) -> list[str]:
     return [n for n in posterior.names if n not in noise and shrunk[n] >= OPEN][:6]
 
 
-def _number_row(posterior: Any, name: str) -> tuple[str, str, str]:
+def _number_row(posterior: Posterior, name: str) -> tuple[str, str, str]:
     middle, low, high = reported(posterior, name)
     unit = posterior.quantities()[name].unit
     unit = "" if unit in ("", "-") else f" {unit}"
@@ -102,7 +104,7 @@ def _range_row(title: str, unit: str, rows: list[tuple[Any, ...]], at: int) -> t
     return title, value, f"measured; predicted {number(low, spread)} to {number(high, spread)}{unit}"
 
 
-def _open(posterior: Any) -> list[Markup]:
+def _open(posterior: Posterior) -> list[Markup]:
     """What these loops leave open, a line each."""
     out = []
     shrunk = contraction(posterior.flat_z(4000))
@@ -120,7 +122,7 @@ def _open(posterior: Any) -> list[Markup]:
     return [escape(x) for x in (*out, *_UNSEEN)]
 
 
-def determined(section: Section, posterior: Any) -> None:
+def determined(section: Section, posterior: Posterior) -> None:
     """Every sampled number against its prior, the quantities that loops determine, and their joint posterior."""
     prior = posterior.problem.prior
     section.text("Symbols of this page:")
@@ -174,7 +176,7 @@ _QUANTILES = tuple(
 )
 
 
-def _bends(posterior: Any) -> set[str]:
+def _bends(posterior: Posterior) -> set[str]:
     """Names of the numbers by which the model's own form may bend a little."""
     from bayes_iwan.physics.sampled import embedded_parameters
 

@@ -47,7 +47,7 @@ def interval(draws: Array, level: float = 0.9) -> tuple[str, str, str]:
     return number(middle, high - low), number(low, high - low), number(high, high - low)
 
 
-def reported(posterior: Any, name: str) -> tuple[str, str, str]:
+def reported(posterior: Posterior, name: str) -> tuple[str, str, str]:
     """Median and the reported 90 % interval of a quantity, as in summary.csv, with the digits that it deserves."""
     low, high = posterior.interval(name)
     values = posterior.quantities()[name].values

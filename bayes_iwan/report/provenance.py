@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -33,8 +33,10 @@ class Provenance:
         return f"{self.date} · bayes-iwan {self.version}{seed} · from {self.folder}{files}"
 
 
-def provenance(campaign: Campaign, seed: int | None = None) -> Provenance:
-    """That of a page about one campaign."""
+def provenance(campaign: Campaign | None, seed: int | None = None) -> Provenance:
+    """That of a page about one campaign; None for loops that came from no folder."""
+    if campaign is None:
+        return replace(of_folder(".", seed), folder="loops in memory")
     files = ("campaign.toml", *(test.file for test in campaign.tests))
     return of_folder(campaign.path, seed, files, campaign.source)
 

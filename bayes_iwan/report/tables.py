@@ -106,7 +106,7 @@ def quantities_table(posterior: Posterior) -> Table:
     return Table("quantities", "Reported quantities", columns, rows)
 
 
-def loops_table(posterior: Any, p: Predictive) -> Table:
+def loops_table(posterior: Posterior, p: Predictive) -> Table:
     """Per test: energy, stiffness and loss factor measured, predicted (median and the interval of summary.csv) and
     where a repeated measurement is expected; RMS residual."""
     measured, again = loop_numbers(p.displacement_mm, p.measured_N), loop_numbers(p.displacement_mm, p.loop_N)

@@ -230,11 +230,12 @@ def test_sample_rates(table, record):
     np.testing.assert_allclose(test.record.time_s, r.time_s, atol=1e-9)
 
 
-def test_a_clock_in_milliseconds_since_1970_named_seconds(table, record):
+def test_a_clock_in_milliseconds_since_1970_named_seconds(tmp_path, record):
     r = record(noise_N=0.002)
-    file = table(
-        "epoch.csv", {"time_s": 1.7e12 + 1e3 * r.time_s, "displacement_mm": r.displacement_mm, "force_N": r.force_N}
-    )
+    rows = zip(r.time_s, r.displacement_mm, r.force_N)
+    lines = [f"{1.7e12 + 1e3 * t:.3f},{u:.8f},{f:.8f}" for t, u, f in rows]
+    file = tmp_path / "epoch.csv"
+    file.write_text("\n".join(["time_s,displacement_mm,force_N", *lines, ""]))
     with pytest.raises(CampaignError, match=r"milliseconds since 1970\? Say --unit time=ms"):
         import_tests([file])
     (test,) = import_tests([file], Recipe(units={"time": "ms"}))

@@ -20,6 +20,7 @@ from bayes_iwan.gap.where import Statistic
 from bayes_iwan.report import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis import diagnosis_figures
 from bayes_iwan.report.diagnosis_page import write_diagnosis_page
+from bayes_iwan.report.provenance import provenance
 
 T, N = 4, 64
 PHASE = np.arange(N) / N
@@ -148,7 +149,9 @@ def percent(cell):
 def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures):
     d = answer(found) | {"campaign": "a <rope> & spring"}
     d["where"]["sentences"] = ["It grows with <frequency>."]
-    text, parts = read(write_diagnosis_page(d, figures, tmp_path / "diagnosis.html", effects_described(found)))
+    made = provenance(found.campaign, found.seed)
+    page = write_diagnosis_page(d, figures, tmp_path / "diagnosis.html", effects_described(found), made=made)
+    text, parts = read(page)
     assert parts.outside == [] and parts.open == []
     assert len(parts.ids) == len(set(parts.ids))
     assert parts.headings[:3] == ["Answer", "Where the model misses", "Which cause"]
@@ -282,7 +285,7 @@ def test_figures_show_what_they_are_given(found, figures):
     assert stems[1].get_ylim()[1] > 0.4
 
 
-def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found):
+def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found, figure_files):
     """The same numbers as a torque in N·m over an angle in mrad: no text of page, figures or answer says N or mm."""
     records = tuple(replace(r, units=Units("mrad", "N·m")) for r in found.campaign.tests)
     torsion = replace(found, campaign=replace(found.campaign, tests=records))

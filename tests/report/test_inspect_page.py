@@ -13,7 +13,7 @@ from bayes_iwan.report.inspect_page import inspect_to
 ROOT = Path(__file__).parents[2]
 
 
-def test_a_sound_campaign(tmp_path, capsys):
+def test_a_sound_campaign(tmp_path, capsys, figure_files):
     assert cli.main(["inspect", str(ROOT / "data" / "rope_spring"), "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "f10_a0.3" in said and "inspect.html" in said and "90 %" in said
