@@ -136,12 +136,15 @@ def lighten() -> None:
     """Short adaptation, pages of one figure, a diagnosis that is told: in this process and its children alone."""
     sampling_run._WARMUP_STEPS, sampling_run._ROUND_STEPS, sampling_run._ROUNDS = 40, (30, 40), (3, 5)
     report_room.identification_report = small_page
-    diagnosis_room.diagnose_folder = lambda campaign, **options: SimpleNamespace(campaign=read_campaign(campaign))
+    fit = SimpleNamespace(problem=SimpleNamespace(prior=SimpleNamespace(free=())))
+    diagnosis_room.diagnose_folder = lambda campaign, **options: SimpleNamespace(
+        campaign=read_campaign(campaign), seed=0, fit=fit
+    )
     diagnosis_room.to_dict = lambda found: as_found()
     diagnosis_room.effects_described = lambda found: {}
     diagnosis_room.write_answer = write_told
     diagnosis_room.diagnosis_figures = lambda found: {n: small_figure() for n in ("gap", "where", "shares")}
-    diagnosis_room.write_diagnosis_page = lambda answer, figures, path, about, units: small_page(path)
+    diagnosis_room.write_diagnosis_page = lambda answer, figures, path, *about: small_page(path)
 
 
 def in_child(work: Callable[[], int], said: Path, limit: int | None = None) -> int:
