@@ -7,7 +7,7 @@ signal through `Loop.fold`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -52,9 +52,9 @@ class Averager:
     def n_resolved(self) -> int:
         return (self.inverses.shape[1] - 1) // 2
 
-    def solve(self, signals: Array) -> np.ndarray:
-        """(k, n_blocks + 1, H + 1) complex harmonics of (k, n) signals, of each block and of all together."""
-        right = project(self.phase, signals[:, self.index], self.starts[:-1], self.n_resolved)
+    def solve(self, signals: Iterable[Array]) -> np.ndarray:
+        """(k, n_blocks + 1, H + 1) complex harmonics of k signals of (n,), of each block and of all together."""
+        right = project(self.phase, [x[self.index] for x in signals], self.starts[:-1], self.n_resolved)
         right = np.concatenate([right, right.sum(axis=0, keepdims=True)])
         found = to_complex(np.moveaxis(self.inverses @ right, -1, 0))
         out = np.zeros((*found.shape[:2], self.n_harmonics + 1), dtype=complex)
@@ -68,7 +68,7 @@ class Averager:
             raise CampaignError(
                 f"fold: the signal must be on the record's {self.n_samples} samples, not {signal.shape}"
             )
-        return self.solve(signal[None])[0, :-1]
+        return self.solve([signal])[0, :-1]
 
     def inflation(self) -> Array:
         """(n_blocks + 1, n_resolved + 1) variance under white noise, over that of even sampling without gaps."""
@@ -110,13 +110,16 @@ def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int) -> Array:
     first, last = np.searchsorted(at_used, [h - half_width, h + half_width])
     x, y = np.log(at_used), log_used
     # sums over each window of 1, x, y, x x, x y: a straight line in log-log, its slope held near 0 by a prior
-    sums = np.cumsum(np.stack([np.ones_like(x), x, y, x * x, x * y]), axis=1)
-    sums = np.concatenate([np.zeros((5, 1)), sums], axis=1)
-    n, sx, sy, sxx, sxy = sums[:, last] - sums[:, first]
+    n, sx, sy, sxx, sxy = (_over_windows(terms, first, last) for terms in (np.ones_like(x), x, y, x * x, x * y))
     slope = (sxy - sx * sy / n) / (sxx - sx * sx / n + LOG_VARIANCE / STEEPEST**2)
     level = sy / n + slope * (np.log(h) - sx / n)
     slowest = log_power[1:6][: max(n_cycles - 1, 1)]  # below the first harmonic
     return np.exp(np.concatenate([[np.mean(slowest) - np.log(2)], level]) / 2)
+
+
+def _over_windows(terms: Array, first: np.ndarray, last: np.ndarray) -> Array:
+    sums = np.concatenate([np.zeros(1), np.cumsum(terms)])
+    return sums[last] - sums[first]
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,7 @@ class Loop:
     def left_over(self, signal: Array) -> Array:
         """(n_kept,): what averaging over the whole record leaves of a (n,) signal, on `averager.index`'s samples."""
         signal = np.asarray(signal, dtype=float)
-        return _residual(self.averager, signal, self.averager.solve(signal[None])[0, -1])
+        return _residual(self.averager, signal, self.averager.solve([signal])[0, -1])
 
 
 def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks: int = 6) -> Loop:
@@ -212,7 +215,7 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
     averager = _averager(cut, u.size, n_harmonics, n_blocks)
     resolved, index = averager.n_resolved, averager.index
 
-    u_blocks, f_blocks = averager.solve(np.stack([u, force]))
+    u_blocks, f_blocks = averager.solve([u, force])
     inflation = np.sqrt(averager.inflation())
     u_noise = harmonic_noise(_residual(averager, u, u_blocks[-1]), n_cycles, resolved) * inflation[-1]
     residual = _residual(averager, force, f_blocks[-1])
@@ -325,13 +328,15 @@ def _without_trends(averager: Averager, residual: Array, n_cycles: int) -> Array
     """
     if n_cycles < MANY_CYCLES:
         return residual
-    tau = np.linspace(-1, 1, residual.size)
-    trends = np.stack([np.polynomial.legendre.Legendre.basis(order)(tau) for order in (1, 2, 3)])
-    trends /= np.sqrt(np.mean(trends**2, axis=1, keepdims=True))
-    sums = project(averager.phase, trends * residual, np.zeros(1, dtype=int), averager.n_resolved)[0]
-    changes = to_complex(sums.T * (2 / residual.size))
-    changes[:, 0] = 0
-    return residual - sum(trend * evaluate(change, averager.phase) for trend, change in zip(trends, changes))
+    tau, total = np.linspace(-1, 1, residual.size), np.zeros(residual.size)
+    for order in (1, 2, 3):
+        trend = np.polynomial.legendre.Legendre.basis(order)(tau)
+        trend /= np.sqrt(np.mean(trend**2))
+        sums = project(averager.phase, [trend * residual], np.zeros(1, dtype=int), averager.n_resolved)[0]
+        change = to_complex(sums.T * (2 / residual.size))[0]
+        change[0] = 0
+        total += trend * evaluate(change, averager.phase)
+    return residual - total
 
 
 def _scatter(phase: Array, residual: Array, n_phase: int, n_cycles: int) -> Array:

@@ -6,13 +6,14 @@ displacement to the next, found with hysteresis so that noise cannot make two cr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.harmonics import evaluate, fit, grams, inverse, project
+from bayes_iwan.campaign.harmonics import evaluate, fit, inverse_grams, project
 from bayes_iwan.campaign.records import CampaignError
 
 HYSTERESIS = 0.25  # of the amplitude: far above any usable noise, well inside any motion
@@ -72,12 +73,15 @@ def crossings(
     return times
 
 
-def cycle_shapes(phase: Array, cycles: np.ndarray, signals: Array, n_harmonics: int) -> Array:
+def cycle_shapes(phase: Array, cycles: np.ndarray, signals: Sequence[Array], n_harmonics: int) -> Array:
     """Harmonics of each cycle as rows whose Euclidean distance is an RMS, (k, n_cycles, 2 H + 1)."""
     index = np.flatnonzero(np.isin(np.floor(phase), cycles))
-    starts = np.searchsorted(phase[index], cycles)
-    right = project(phase[index], signals[:, index], starts, n_harmonics)
-    rows = inverse(grams(phase[index], starts, n_harmonics)) @ right
+    phase = phase[index]
+    starts = np.searchsorted(phase, cycles)
+    rows = project(phase, [x[index] for x in signals], starts, n_harmonics)
+    del index
+    for some, inverses in inverse_grams(phase, starts, n_harmonics):
+        rows[some] = inverses @ rows[some]
     rows[:, 1:] *= np.sqrt(0.5)
     return np.moveaxis(rows, -1, 0)
 
@@ -179,7 +183,7 @@ def cut_cycles(file: str, time_s: Array, displacement: Array, force: Array | Non
         if cycles.size < 2:
             raise _too_few(file, cycles.size, 0, 0, holes)
         n_shape = int(max(1, min(6, 0.4 * per_cycle)))
-        signals = np.stack([displacement] if force is None else [displacement, force])
+        signals = [displacement] if force is None else [displacement, force]
         shapes = cycle_shapes(phase, cycles, signals, n_shape)
         first, last = _steady(*shapes)
         if last - first < 2:
@@ -249,9 +253,9 @@ def _constant(
         index = np.flatnonzero(np.isin(np.floor(phase), kept))
         used = phase[index]
         series = fit(used, signal[index], n_harmonics)
-        slope = evaluate(2j * np.pi * np.arange(series.size) * series, used)
+        lever = evaluate(2j * np.pi * np.arange(series.size) * series, used)
         centre = used.mean()
-        lever = slope * (used - centre)
+        lever *= used - centre
         step = np.dot(lever, signal[index] - evaluate(series, used)) / np.dot(lever, lever)
         phase = phase + step * (phase - centre)
         rate *= 1 + step

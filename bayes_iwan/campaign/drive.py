@@ -72,7 +72,7 @@ def judge(time_s: Array, displacement: Array) -> Drive | None:
     if times.size <= FEWEST or per_cycle.min() < 4:
         return None
     phase = phase_between(time_s, times, np.arange(float(times.size)))
-    (rows,) = cycle_shapes(phase, np.arange(times.size - 1), displacement[None], 1)
+    (rows,) = cycle_shapes(phase, np.arange(times.size - 1), [displacement], 1)
     size = np.sqrt(2) * np.linalg.norm(rows[:, 1:], axis=1)
     size = size * half / max(float(np.percentile(size, 95)), 1e-300)
     if not size.min() > 0:

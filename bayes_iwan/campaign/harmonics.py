@@ -9,24 +9,27 @@ BLAS calls of this size take up to a hundred times as long as they should when t
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from bayes_iwan.arrays import Array
 
 CHUNK = 8192  # samples at a time: their waves stay in cache
+GROUPS = 256  # whose matrices are in memory at a time
 STEP = 6  # 101 * 101 * 6 multiplications stay below OpenBLAS's threshold for threads
 
 
-def project(phase: Array, signals: Array, starts: np.ndarray, n_harmonics: int) -> Array:
+def project(phase: Array, signals: Sequence[Array], starts: np.ndarray, n_harmonics: int) -> Array:
     """Right-hand sides of the normal equations, (n_groups, m, k).
 
-    phase : (n,) in cycles; signals : (k, n); starts : (n_groups,) first sample of each group.
+    phase : (n,) in cycles; signals : k of (n,); starts : (n_groups,) first sample of each group.
     """
     sums = _sums(phase, signals, starts, n_harmonics)
     return np.concatenate([sums.real, -sums.imag[:, 1:]], axis=1)
 
 
-def _sums(phase: Array, signals: Array, starts: np.ndarray, n_harmonics: int) -> np.ndarray:
+def _sums(phase: Array, signals: Sequence[Array], starts: np.ndarray, n_harmonics: int) -> np.ndarray:
     """(n_groups, H + 1, k) sums of signal * exp(2 pi i h phase) over each group, a cacheful at a time."""
     out = np.zeros((starts.size, n_harmonics + 1, len(signals)), dtype=complex)
     for a in range(0, phase.size, CHUNK):
@@ -35,7 +38,7 @@ def _sums(phase: Array, signals: Array, starts: np.ndarray, n_harmonics: int) ->
         groups = np.arange(first - 1, last)
         local = np.maximum(starts[groups] - a, 0)
         turn = np.exp(2j * np.pi * phase[a:b])
-        wave = signals[:, a:b].astype(complex)
+        wave = np.stack([x[a:b] for x in signals]).astype(complex)
         for h in range(n_harmonics + 1):
             out[groups, h] += np.add.reduceat(wave, local, axis=1).T
             wave *= turn
@@ -48,13 +51,29 @@ def grams(phase: Array, starts: np.ndarray, n_harmonics: int) -> Array:
     A product of two harmonics is their sum and their difference, so 2 H + 1 sums a group are enough. A ridge of
     1e-9 of the diagonal is added: it matters only where gaps leave a combination undetermined.
     """
-    sums = _sums(phase, np.ones((1, phase.size)), starts, 2 * n_harmonics)[..., 0]
+    return _matrices(_ones(phase, starts, n_harmonics), n_harmonics)
+
+
+def inverse_grams(phase: Array, starts: np.ndarray, n_harmonics: int) -> Iterator[tuple[slice, Array]]:
+    """The inverses of `grams`, so many groups at a time that a long record's many cycles do not fill the memory."""
+    sums = _ones(phase, starts, n_harmonics)
+    for a in range(0, len(sums), GROUPS):
+        some = slice(a, a + GROUPS)
+        yield some, inverse(_matrices(sums[some], n_harmonics))
+
+
+def _ones(phase: Array, starts: np.ndarray, n_harmonics: int) -> np.ndarray:
+    """(n_groups, 2 H + 1) sums of the harmonics alone."""
+    return _sums(phase, [np.broadcast_to(1.0, phase.shape)], starts, 2 * n_harmonics)[..., 0]
+
+
+def _matrices(sums: np.ndarray, n_harmonics: int) -> Array:
     h = np.arange(n_harmonics + 1)
     plus = sums[:, h[:, None] + h]
     minus = sums[:, np.abs(h[:, None] - h)]
     minus.imag[:, h[:, None] < h] *= -1
     m, k = 2 * n_harmonics + 1, n_harmonics + 1
-    out = np.empty((starts.size, m, m))
+    out = np.empty((len(sums), m, m))
     out[:, :k, :k] = (minus.real + plus.real) / 2
     out[:, k:, k:] = (minus.real - plus.real)[:, 1:, 1:] / 2
     out[:, k:, :k] = -(plus.imag + minus.imag)[:, 1:] / 2
@@ -83,7 +102,7 @@ def inverse(matrices: Array) -> Array:
 def fit(phase: Array, signal: Array, n_harmonics: int) -> np.ndarray:
     """(H + 1,) complex harmonics of one (n,) signal by least squares."""
     one = np.zeros(1, dtype=int)
-    right = project(phase, signal[None], one, n_harmonics)[0]
+    right = project(phase, [signal], one, n_harmonics)[0]
     return to_complex((inverse(grams(phase, one, n_harmonics)[0]) @ right)[:, 0])
 
 

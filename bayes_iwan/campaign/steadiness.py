@@ -55,8 +55,7 @@ def cycles_of(loop: Loop) -> Cycles:
     record, cut = loop.record, loop.cut
     number = cut.cycles
     n_shape = int(max(1, min(6, 0.4 * cut.index.size / number.size)))
-    signals = np.stack([record.displacement_mm, record.force_N])
-    u, f = cycle_shapes(cut.phase, number, signals, n_shape)
+    u, f = cycle_shapes(cut.phase, number, [record.displacement_mm, record.force_N], n_shape)
     middle = np.interp(number + 0.5, cut.phase, record.time_s)
     fundamental = u[:, 1] + 1j * u[:, 1 + n_shape]
     ahead = np.angle(fundamental / fundamental.sum()) / (2 * np.pi)

@@ -142,6 +142,10 @@ def _numeric(cell: Any) -> bool:
     return bool(re.fullmatch(r"[−+-]?[\d.,  ]+(?:e[−-]?\d+)?(?: ?[%–±].*)?|–|∞|nan|", str(cell)))
 
 
+#: names from files may hold what steers a terminal that shows a page's source
+_CONTROL = {i: "?" for i in (*range(32), 127, *range(128, 160)) if chr(i) not in "\t\n\r"}
+
+
 class Page:
     """An HTML page in the making. `write` replaces the file whole or not at all.
 
@@ -209,7 +213,7 @@ class Page:
         for name, figure in named.items():
             for kind in FILES:
                 save(figure, folder / f"{name}.{kind}", dpi=150)
-        return write_whole(path, self.html(path.stem))
+        return write_whole(path, self.html(path.stem).translate(_CONTROL))
 
     def write_pdf(self, path: str | os.PathLike[str]) -> Path:
         """The page's figures with their captions, one a page; tables are in the HTML page and the CSV files."""

@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
+from bayes_iwan.campaign import CampaignError, average, read_campaign, write_campaign
 
 NESTED = "x = " + "[" * 5000 + "]" * 5000
 BIG = "1" + "0" * 400
@@ -111,6 +111,17 @@ def test_memory_to_read_a_long_record(tmp_path, record):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 10 * size, peak / size
+
+
+def test_memory_to_average_a_long_record(record):
+    """Beside the record itself no more than five times its size, however many cycles it has."""
+    r = record(n_cycles=3000.3, noise_N=0.01)
+    average(r, n_blocks=1)
+    tracemalloc.start()
+    average(r)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 5 * 24 * r.time_s.size, peak / (24 * r.time_s.size)
 
 
 def test_copies_are_refused(tmp_path, record):

@@ -115,6 +115,14 @@ def test_text_is_escaped(tmp_path):
     Outline(written)
 
 
+def test_names_cannot_steer_a_terminal_that_shows_the_source(tmp_path):
+    page = Page("sound \x1b[2J\x9b31m")
+    page.section("one").text("a\x1b]0;title\x07b")
+    text = page.write(tmp_path / "page.html").read_text()
+    assert "sound ?[2J?31m" in text and "a?]0;title?b" in text
+    assert not any((ord(c) < 32 and c not in "\t\r\n") or 127 <= ord(c) < 160 for c in text)
+
+
 def test_the_page_lets_no_script_run_but_its_own():
     page = Page("scripts")
     assert "script-src 'none';" in page.html()
