@@ -171,7 +171,9 @@ class SteepLowpass(ForceLowpass):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         # a droop of its own is what makes it a filter: without one the delay is the simpler story
         return {
-            "droop": ExtraParameter("κ", "-", "droop over that of a first order", stats.halfnorm(scale=0.5), 0.0, 1.0)
+            "droop": ExtraParameter(
+                "κ", "-", "droop over that of a first order", stats.lognorm(s=0.8, scale=0.3), 0.0, 1.0
+            )
         }
 
     def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:

@@ -8,7 +8,7 @@ parameters: those that promise most once the smaller model's own parameters may 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,6 +42,8 @@ BESIDE_ALIKE = 25.0
 RIVALS_MOST = 3
 #: and only those whose first step promises this share of what the effect itself gains there
 RIVAL_SHARE = 0.3
+#: look-alikes that differ by no more are tied
+TIED_NATS = 5.0
 #: rounds in which a better rival takes its place
 EXCHANGES_MOST = 2
 #: effects in a set, at most; those of LAST beside them are not counted
@@ -206,8 +208,24 @@ class _Explorer:
             for k, f in self.fits.items()
             if current.names < k and len(k) == len(current.names) + 1 and bool(k - current.names <= LAST) == last
         ]
-        best = max(larger, key=lambda f: f.log_evidence, default=None)
-        return best if best is not None and best.log_evidence > current.log_evidence + WORTH_NATS else None
+        if not larger:
+            return None
+        best = self.plainest(current.names, larger)
+        return best if best.log_evidence > current.log_evidence + WORTH_NATS else None
+
+    def plainest(self, shared: frozenset[str], fits: Sequence[Fit]) -> Fit:
+        """The best of fits with one effect beside those shared; among look-alikes that are all but tied the one that
+        the catalogue lists first, which is the simpler story."""
+        best = max(fits, key=lambda f: f.log_evidence)
+        (name,) = best.names - shared
+        tied = [
+            f
+            for f in fits
+            if f.log_evidence > best.log_evidence - TIED_NATS
+            and look_alike(self.effects, name, next(iter(f.names - shared)))
+        ]
+        listed = list(self.effects)
+        return min(tied, key=lambda f: listed.index(next(iter(f.names - shared))))
 
     def grown(self, current: Fit, most: int) -> Fit:
         """Effect after effect taken in, with exchanges on the way, while it is worth it."""
@@ -244,7 +262,7 @@ class _Explorer:
     def best_beside(self, less: Fit, current: Fit) -> Fit:
         """The current fit, or a clearly better one of as many effects that has those of a smaller one."""
         same_size = [f for k, f in self.fits.items() if less.names < k and len(k) == len(current.names)]
-        best = max(same_size, key=lambda f: f.log_evidence)
+        best = self.plainest(less.names, same_size)
         return best if best.log_evidence > current.log_evidence + 1.0 else current
 
     def pruned(self, current: Fit) -> Fit:

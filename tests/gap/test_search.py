@@ -149,7 +149,7 @@ def test_an_effect_without_a_finite_force_failed_and_is_not_called_improbable(ki
     base = kit.diagnosed(None).search
     kinds = {"broken": (Broken,), "viscous_damping": catalogue.variants()["viscous_damping"]}
     found = search(base.data, base.scales, base.settings, kinds, np.random.default_rng(0))
-    assert list(found.failed) == ["broken"] and "no strength gives a finite change" in found.failed["broken"]
+    assert list(found.failed) == ["broken"] and "not finite (NaN or infinite)" in found.failed["broken"]
     assert "broken" not in found.effects and "viscous_damping" in found.effects
 
 
