@@ -82,11 +82,15 @@ def step_warnings(time: Array) -> tuple[str, ...]:
     gaps = steps[steps > 1.5 * step]
     if gaps.size:
         notes.append(
-            f"{gaps.size} gap(s) of up to {gaps.max():.3g} s (steps are {step:.3g} s): bridged (dropped samples?)"
+            f"{gaps.size} gap(s) of up to {gaps.max():.3g} s (steps are {step:.3g} s), dropped samples? They are bridged "
+            "by the time column and cost only their cycles; where they are many, look at the recorder"
         )
     rest = steps[steps <= 1.5 * step]
     if rest.max() - rest.min() > 0.02 * step:
-        notes.append(f"irregular steps, {rest.min():.3g} to {rest.max():.3g} s: each sample kept at its own time")
+        notes.append(
+            f"irregular steps, {rest.min():.3g} to {rest.max():.3g} s: each sample is kept at its own time, which does no "
+            "harm if the time column is true"
+        )
     return tuple(notes)
 
 
@@ -134,11 +138,19 @@ def check_record(record: Record) -> tuple[Record, Loop]:
             "static load, or an offset of the channel? It is identified as a constant; subtract it if it is no load"
         )
     if loop.cut.gap_cycles:
-        notes.append(f"{loop.cut.gap_cycles} cycle(s) left out: long gaps or pauses")
+        notes.append(
+            f"{loop.cut.gap_cycles} cycle(s) left out: long gaps or pauses. The others are averaged; fewer cycles widen "
+            "intervals"
+        )
     if loop.cut.run_in:
-        notes.append(f"{loop.cut.run_in} run-in cycle(s) left out at the start")
+        notes.append(
+            f"{loop.cut.run_in} run-in cycle(s) left out at the start, which would pass for other slip forces; nothing is "
+            "to be done"
+        )
     if loop.cut.run_out:
-        notes.append(f"{loop.cut.run_out} unsteady cycle(s) left out at the end")
+        notes.append(
+            f"{loop.cut.run_out} unsteady cycle(s) left out at the end, where the drive stops; nothing is to be done"
+        )
     for name, values, mean in (
         ("displacement", record.displacement_mm[index] - loop.offset_mm, loop.displacement_mm),
         ("force", record.force_N[index], loop.force_N),
@@ -289,5 +301,9 @@ def _rails(name: str, values: Array, n_cycles: int) -> list[str]:
         levels = np.unique(values[np.abs(values - extreme) < 0.02 * span])
         near = np.count_nonzero((np.abs(values - extreme) < 0.02 * span) & ~at)
         if levels.size < 2 or np.count_nonzero(at) > 3 * near:
-            notes.append(f"the {name} rests on its {side} value {extreme:.6g} for {share:.1%} of the time: clipped?")
+            wrong = "Slip forces would be too small" if name == "force" else "The stroke would be too small"
+            notes.append(
+                f"the {name} rests on its {side} value {extreme:.6g} for {share:.1%} of the time: clipped? {wrong}; "
+                "lower the gain and record again"
+            )
     return notes
