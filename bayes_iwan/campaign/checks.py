@@ -82,13 +82,13 @@ def step_warnings(time: Array) -> tuple[str, ...]:
     gaps = steps[steps > 1.5 * step]
     if gaps.size:
         notes.append(
-            f"{gaps.size} gap(s) of up to {gaps.max():.3g} s (steps are {step:.3g} s), dropped samples? They are bridged "
-            "by the time column and cost only their cycles; where they are many, look at the recorder"
+            f"{gaps.size} gap(s) of up to {gaps.max():.3g} s (steps are {step:.3g} s), dropped samples? They are "
+            "bridged by the time column and cost only their cycles; where they are many, look at the recorder"
         )
     rest = steps[steps <= 1.5 * step]
     if rest.max() - rest.min() > 0.02 * step:
         notes.append(
-            f"irregular steps, {rest.min():.3g} to {rest.max():.3g} s: each sample is kept at its own time, which does no "
+            f"irregular steps, {rest.min():.3g} to {rest.max():.3g} s: each sample keeps its own time, which does no "
             "harm if the time column is true"
         )
     return tuple(notes)
