@@ -139,13 +139,13 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         )
     if loop.cut.gap_cycles:
         notes.append(
-            f"{loop.cut.gap_cycles} cycle(s) left out: long gaps or pauses. The others are averaged; fewer cycles widen "
+            f"{loop.cut.gap_cycles} cycle(s) left out: long gaps or pauses. The others are averaged; fewer widen "
             "intervals"
         )
     if loop.cut.run_in:
         notes.append(
-            f"{loop.cut.run_in} run-in cycle(s) left out at the start, which would pass for other slip forces; nothing is "
-            "to be done"
+            f"{loop.cut.run_in} run-in cycle(s) left out at the start, which would pass for other slip forces; nothing "
+            "is to be done"
         )
     if loop.cut.run_out:
         notes.append(

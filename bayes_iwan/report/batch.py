@@ -13,7 +13,7 @@ import os
 import time
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -194,7 +194,7 @@ def batch(
         finished = tuple(_read(job, n) for n in names if n not in failures)
         result = Batch(finished, failures, populations(finished, seed))
         _write(result, there)
-        write_batch_page(result, there, of_folder(source, seed, names))
+        write_batch_page(result, there, replace(of_folder(source, seed, names), counted="campaign"))
     return result
 
 

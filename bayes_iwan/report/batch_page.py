@@ -10,6 +10,10 @@ import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from bayes_iwan.inference.scales import Scales
+from bayes_iwan.physics import Model
+from bayes_iwan.physics.sampled import default_parameters
+from bayes_iwan.report.identification_answer import QUANTILES
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import Provenance
 from bayes_iwan.report.style import MEASURED, MODEL, styled, subplots
@@ -33,6 +37,8 @@ def write_batch_page(result: Batch, out: Path, made: Provenance) -> Path:
     _summary(section, result)
     if result.populations:
         _populations(section, result)
+    if rows := _symbols(result):
+        section.text("Symbols of this page:").symbols(rows)
     if any(x.quantities for x in result.finished):
         section = page.section("Parameters against specimen")
         section.figure(
@@ -47,6 +53,16 @@ def write_batch_page(result: Batch, out: Path, made: Provenance) -> Path:
         _causes(page, result)
     _specimens(page, result)
     return page.write(out / "batch.html")
+
+
+def _symbols(result: Batch) -> list[tuple[str, str, str]]:
+    """Meaning and unit of the Iwan model's symbols among the labels; a user's own model says its own in its report."""
+    scales = Scales(*[1.0] * 6)
+    known = {q.symbol: q.description for q in default_parameters(Model(scales.reference), scales)}
+    known |= {symbol: meaning for symbol, meaning, _ in QUANTILES}
+    labels = {q.label: q.unit for x in result.finished for q in x.quantities.values()}
+    found = {label.partition(" (")[0]: unit for label, unit in labels.items()}
+    return [(symbol, known[symbol], unit) for symbol, unit in found.items() if symbol in known]
 
 
 def _summary(section: Section, result: Batch) -> None:

@@ -129,7 +129,7 @@ def determined(section: Section, posterior: Posterior) -> None:
     section.symbols(
         [
             *((q.symbol, q.description, q.unit) for q in prior.parameters),
-            *_QUANTILES,
+            *QUANTILES,
             ("α", "relative normal force: that of the contacts over its value at rest", ""),
         ]
     )
@@ -171,7 +171,7 @@ def determined(section: Section, posterior: Posterior) -> None:
     )
 
 
-_QUANTILES = tuple(
+QUANTILES = tuple(
     (f"φ {share} %", f"slip force that {share} % of the contacts slip below, at rest", "N") for share in (25, 50, 75)
 )
 

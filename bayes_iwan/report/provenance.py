@@ -16,7 +16,8 @@ class Provenance:
     """What stands below a page's title.
 
     date : when the page was written, local time; version : of the package; seed : of all random numbers, None where
-    none were drawn. folder : of the campaign or campaigns; files : of it that were read; source : as it states itself.
+    none were drawn. folder : of the campaign or campaigns; files : of it that were read; source : as it states itself;
+    counted : what the files are.
     """
 
     date: str
@@ -25,11 +26,12 @@ class Provenance:
     folder: str
     files: tuple[str, ...]
     source: str = ""
+    counted: str = "file"
 
     def said(self) -> str:
         """One line."""
         seed = "" if self.seed is None else f", seed {self.seed}"
-        files = f" ({len(self.files)} file{'s' if len(self.files) != 1 else ''})" if self.files else ""
+        files = f" ({len(self.files)} {self.counted}{'s' if len(self.files) != 1 else ''})" if self.files else ""
         return f"{self.date} · bayes-iwan {self.version}{seed} · from {self.folder}{files}"
 
 
