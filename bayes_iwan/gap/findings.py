@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.gap_size import GapSize
-from bayes_iwan.gap.laws import PowerLaw
+from bayes_iwan.gap.laws import GrowthLaw
 from bayes_iwan.gap.residuals import Residual
 from bayes_iwan.gap.where import Statistic, Where
 
@@ -277,7 +277,7 @@ def _laws(w: Where) -> list[str]:
     return out
 
 
-def _most(law: PowerLaw, w: Where) -> float:
+def _most(law: GrowthLaw, w: Where) -> float:
     """The law's force in the test where it is largest, N: its own reference point may lie far outside the tests."""
     f, a = w.frequency_hz / w.frequency_hz.max(), w.amplitude_mm / w.amplitude_mm.max()
     powers = [0.0 if p is None else p[0] for p in (law.frequency_power, law.amplitude_power)]

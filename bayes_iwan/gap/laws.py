@@ -30,7 +30,7 @@ LENGTH = 0.05
 
 
 @dataclass(frozen=True)
-class PowerLaw:
+class GrowthLaw:
     """c · (f/f₀)^a · (A/A₀)^b in one harmonic; f₀ and A₀ are the largest of the tests.
 
     force_N, sd_N : c and its standard error. frequency_power, amplitude_power : a, b as (best, low, high) with 90 %
@@ -93,9 +93,9 @@ class LawSearch:
         self.middle, self.scale = root.mean(axis=0), np.maximum(root.std(axis=0), 1e-300)
         self.null_scores = (root - self.middle) / self.scale
 
-    def laws(self, p_value: Callable[[float], float], level: float, most: int = 4) -> tuple[PowerLaw, ...]:
+    def laws(self, p_value: Callable[[float], float], level: float, most: int = 4) -> tuple[GrowthLaw, ...]:
         """The significant laws in order. p_value : of a score, the number of statistics allowed for."""
-        out: list[PowerLaw] = []
+        out: list[GrowthLaw] = []
         left, signatures, rest = self.left, list(self.signatures), list(range(len(self.names)))
         while rest and len(out) < most:
             found = []
@@ -117,7 +117,7 @@ class LawSearch:
             rest.remove(i)
         return tuple(out)
 
-    def _law(self, i: int, s: Array, left: Array, gain: Array, p: float) -> tuple[PowerLaw, Array]:
+    def _law(self, i: int, s: Array, left: Array, gain: Array, p: float) -> tuple[GrowthLaw, Array]:
         order, part = self.names[i]
         best = int(np.argmax(gain))
         power = float(s[best] @ s[best])
@@ -129,7 +129,7 @@ class LawSearch:
         # with two frequencies the parallel spring takes up whatever makes one power differ from another
         known = self.frequencies > 2 or (order, part) != (1, "in phase")
         by_frequency = _profile(self.f_powers, table.max(axis=1), spare) if known else None
-        law = PowerLaw(
+        law = GrowthLaw(
             order,
             part,
             size,

@@ -19,7 +19,7 @@ from bayes_iwan.gap.calibration import calibration
 from bayes_iwan.gap.data import MAINS_HZ
 from bayes_iwan.gap.evidence import LENGTHS
 from bayes_iwan.gap.gap_size import LEVEL
-from bayes_iwan.gap.laws import LawSearch, PowerLaw
+from bayes_iwan.gap.laws import GrowthLaw, LawSearch
 from bayes_iwan.gap.residuals import ALONG, LOOP, MAINS, MEAN, Residual
 from bayes_iwan.inference.loop_error import harmonics_of
 from bayes_iwan.physics import Model
@@ -73,7 +73,7 @@ class Where:
     frequency_hz: Array
     amplitude_mm: Array
     statistics: tuple[Statistic, ...]
-    laws: tuple[PowerLaw, ...]
+    laws: tuple[GrowthLaw, ...]
     count: int
     phase_N: Array
     expected_N: Array

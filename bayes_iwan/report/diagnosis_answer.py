@@ -31,17 +31,17 @@ _WORDS = (
 )  # fmt: skip
 
 
-def drawn(section: Section, figures: Mapping[str, Figure], *names: str) -> None:
+def put_figures(section: Section, figures: Mapping[str, Figure], *names: str) -> None:
     """Those of these figures that there are, with their captions."""
     for name in names:
         if name in figures:
             section.figure(figures[name], *CAPTIONS[name], name=name)
 
 
-def answer(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
+def diagnosis_answer(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     """The verdict in words, the waterfall, the gap as a sum, where the rest sits, and the words that follow."""
     section.note(Markup("<br>").join(d["sentences"]), _BOX.get(d["verdict"]["kind"], "note"))
-    drawn(section, figures, *(("headline",) if "headline" in figures else ("gap_loops",)))
+    put_figures(section, figures, *(("headline",) if "headline" in figures else ("gap_loops",)))
     if d["verdict"]["causes"]:
         section.table(
             ("part of the gap", "probability", "share", "90 % interval", "on tests left out", "90 % interval",

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.gap.words import listed, title
-from bayes_iwan.report.cells import force, force_range, number, percent
-from bayes_iwan.report.diagnosis_answer import answer, drawn
+from bayes_iwan.report.cells import force_cell, force_range, number_cell, percent
+from bayes_iwan.report.diagnosis_answer import diagnosis_answer, put_figures
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import Provenance
 
@@ -41,7 +41,7 @@ def write_diagnosis_page(
         units,
         made,
     )
-    answer(page.section("Answer"), d, figures)
+    diagnosis_answer(page.section("Answer"), d, figures)
     _where(page.section("Where the model misses"), d, figures)
     _which(page.section("Which cause"), d, figures, about)
     _how_far(page.section("How far the gap shrinks"), d, figures)
@@ -58,13 +58,13 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         items = Markup("").join(Markup("<li>{}</li>").format(x) for x in found)
         section.html(Markup("<ul>{}</ul>").format(items))
     names = [n for n in ("gap_loops", "gap_map", "gap_regions", "gap_harmonics", "gap_growth", "gap_cycles")]
-    drawn(section, figures, *(n for n in names if "headline" in figures or n != "gap_loops"))
+    put_figures(section, figures, *(n for n in names if "headline" in figures or n != "gap_loops"))
     rows = [
         (
             "all tests",
             "",
             "",
-            force(gap["before_rms_N"]),
+            force_cell(gap["before_rms_N"]),
             force_range(gap["before_interval_N"]),
             percent(gap["before_share"]),
             "",
@@ -75,7 +75,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
             t["file"],
             f"{t['frequency_hz']:.3g}",
             f"{t['amplitude_mm']:.3g}",
-            force(t["gap_rms_N"]),
+            force_cell(t["gap_rms_N"]),
             force_range(t.get("interval_N")),
             percent(t["share"]),
             "yes" if t["significant"] else "no",
@@ -93,7 +93,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         [
             (
                 r["region"],
-                force(r["gap_rms_N"]),
+                force_cell(r["gap_rms_N"]),
                 percent(r["share_of_gap"]),
                 percent(r.get("share_of_time")),
                 "yes" if r["significant"] else "no",
@@ -106,7 +106,12 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
     section.table(
         ("harmonic", "with displacement", "with velocity", "stands out"),
         [
-            (str(h["order"]), force(h["in_phase_N"]), force(h["quadrature_N"]), "yes" if h["significant"] else "no")
+            (
+                str(h["order"]),
+                force_cell(h["in_phase_N"]),
+                force_cell(h["quadrature_N"]),
+                "yes" if h["significant"] else "no",
+            )
             for h in w["harmonics"]
         ],
         "Harmonics of what is missed (RMS over tests)",
@@ -117,7 +122,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
 def _which(
     section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure], about: Mapping[str, Mapping[str, Any]]
 ) -> None:
-    drawn(section, figures, "probabilities")
+    put_figures(section, figures, "probabilities")
     for effect in d["effects"]:
         name = effect["name"]
         cause = next(c for c in d["verdict"]["causes"] if c["name"] == name)
@@ -131,9 +136,9 @@ def _which(
         rows = [
             (
                 p,
-                number(v["mean"]),
-                number(v["sd"]),
-                f"{number(v['q05'])} to {number(v['q95'])}",
+                number_cell(v["mean"]),
+                number_cell(v["sd"]),
+                f"{number_cell(v['q05'])} to {number_cell(v['q95'])}",
                 v["unit"],
             )
             for p, v in effect["parameters"].items()
@@ -177,12 +182,12 @@ def _which(
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     gap = d["gap"]
     section.text(
-        f"The gap before is {force(gap['before_rms_N'])} RMS, with all named causes {force(gap['after_rms_N'])}. "
+        f"The gap before is {force_cell(gap['before_rms_N'])} RMS, with all named causes {force_cell(gap['after_rms_N'])}. "
         "What a cause does on the tests that it was fitted to flatters it; the tests left out of the fit judge it. "
         f"The ceiling is {100 * gap['ceiling_shrink']:.0f} %: so far a smooth rest, free of any "
         "cause, closes the gap, and no added effect can be expected to close it further."
     )
-    drawn(section, figures, "budget", "shares", "before_after")
+    put_figures(section, figures, "budget", "shares", "before_after")
 
 
 def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure], meanings: Mapping[str, str]) -> None:
@@ -193,11 +198,18 @@ def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         "A model without the causes bends its own parameters to imitate them. These are the specimen's without and "
         "with them."
     )
-    drawn(section, figures, "moved")
+    put_figures(section, figures, "moved")
     section.table(
         ("parameter", "without", "with", "sd", "unit", "what it is"),
         [
-            (n, number(m["before"]), number(m["after"]), number(m["sd"]), m["unit"], meanings.get(n, "–"))
+            (
+                n,
+                number_cell(m["before"]),
+                number_cell(m["after"]),
+                number_cell(m["sd"]),
+                m["unit"],
+                meanings.get(n, "–"),
+            )
             for n, m in d["moved"].items()
         ],
         "Identified parameters without and with the causes",
@@ -260,7 +272,7 @@ def _settings(section: Section, d: Mapping[str, Any]) -> None:
     )
     rows = [("seed", str(d["seed"])), ("quick run", "yes" if d.get("quick") else "no")]
     rows += [
-        (label, force(gap[key]))
+        (label, force_cell(gap[key]))
         for key, label in (
             ("residual_rms_N", "residual, RMS, noise included"),
             ("noise_rms_N", "noise, RMS"),

@@ -12,7 +12,7 @@ from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.remarks import LARGE_MISFIT
 from bayes_iwan.physics import Model
 from bayes_iwan.report import checks, frequencies, laws, loops, sampling, tables, trends
-from bayes_iwan.report.identification_answer import answer, determined
+from bayes_iwan.report.identification_answer import determined, identification_answer
 from bayes_iwan.report.marginals import number, reported
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.predictive import Predictive, predict
@@ -49,7 +49,7 @@ def identification_report(
         posterior.problem.units,
         provenance(posterior.campaign, posterior.seed),
     )
-    answer(page.section("Answer"), posterior, p, loop_rows)
+    identification_answer(page.section("Answer"), posterior, p, loop_rows)
     determined(page.section("What the loops determine"), posterior)
     _loops(page, posterior, p)
     if isinstance(posterior.problem.model, Model):

@@ -28,7 +28,7 @@ _UNSEEN = (
 )
 
 
-def answer(section: Section, posterior: Posterior, p: Predictive, loop_rows: tables.Table) -> None:
+def identification_answer(section: Section, posterior: Posterior, p: Predictive, loop_rows: tables.Table) -> None:
     """Stiffness, friction, damping and misfit with their intervals; then what is not known."""
     misfit = posterior.misfit()
     fitted = [r for r in loop_rows.rows if r[2] != "held-out"]
