@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 
-def force_cell(x: float | None) -> str:
+def newton(x: float | None) -> str:
     if x is None or x != x:
         return "–"
     return f"{x:.3g} N" if abs(x) >= 0.1 or x == 0 else f"{1e3 * x:.3g} mN"
 
 
 def force_range(pair: Sequence[float] | None) -> str:
-    return "–" if not pair else f"{force_cell(pair[0])} to {force_cell(pair[1])}"
+    return "–" if not pair else f"{newton(pair[0])} to {newton(pair[1])}"
 
 
 def percent(x: float | None) -> str:
@@ -25,5 +25,5 @@ def percent_range(pair: Sequence[float] | None) -> str:
     return "–" if not pair else f"{percent(pair[0])} to {percent(pair[1])}"
 
 
-def number_cell(x: float | None) -> str:
+def digits(x: float | None) -> str:
     return "–" if x is None or x != x else f"{x:.4g}"

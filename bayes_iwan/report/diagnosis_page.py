@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.gap.words import listed, title
-from bayes_iwan.report.cells import force_cell, force_range, number_cell, percent
+from bayes_iwan.report.cells import digits, force_range, newton, percent
 from bayes_iwan.report.diagnosis_answer import diagnosis_answer, put_figures
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import Provenance
@@ -64,7 +64,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
             "all tests",
             "",
             "",
-            force_cell(gap["before_rms_N"]),
+            newton(gap["before_rms_N"]),
             force_range(gap["before_interval_N"]),
             percent(gap["before_share"]),
             "",
@@ -75,7 +75,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
             t["file"],
             f"{t['frequency_hz']:.3g}",
             f"{t['amplitude_mm']:.3g}",
-            force_cell(t["gap_rms_N"]),
+            newton(t["gap_rms_N"]),
             force_range(t.get("interval_N")),
             percent(t["share"]),
             "yes" if t["significant"] else "no",
@@ -93,7 +93,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         [
             (
                 r["region"],
-                force_cell(r["gap_rms_N"]),
+                newton(r["gap_rms_N"]),
                 percent(r["share_of_gap"]),
                 percent(r.get("share_of_time")),
                 "yes" if r["significant"] else "no",
@@ -108,8 +108,8 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         [
             (
                 str(h["order"]),
-                force_cell(h["in_phase_N"]),
-                force_cell(h["quadrature_N"]),
+                newton(h["in_phase_N"]),
+                newton(h["quadrature_N"]),
                 "yes" if h["significant"] else "no",
             )
             for h in w["harmonics"]
@@ -136,9 +136,9 @@ def _which(
         rows = [
             (
                 p,
-                number_cell(v["mean"]),
-                number_cell(v["sd"]),
-                f"{number_cell(v['q05'])} to {number_cell(v['q95'])}",
+                digits(v["mean"]),
+                digits(v["sd"]),
+                f"{digits(v['q05'])} to {digits(v['q95'])}",
                 v["unit"],
             )
             for p, v in effect["parameters"].items()
@@ -182,7 +182,7 @@ def _which(
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     gap = d["gap"]
     section.text(
-        f"The gap before is {force_cell(gap['before_rms_N'])} RMS, with all named causes {force_cell(gap['after_rms_N'])}. "
+        f"The gap before is {newton(gap['before_rms_N'])} RMS, with all named causes {newton(gap['after_rms_N'])}. "
         "What a cause does on the tests that it was fitted to flatters it; the tests left out of the fit judge it. "
         f"The ceiling is {100 * gap['ceiling_shrink']:.0f} %: so far a smooth rest, free of any "
         "cause, closes the gap, and no added effect can be expected to close it further."
@@ -204,9 +204,9 @@ def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         [
             (
                 n,
-                number_cell(m["before"]),
-                number_cell(m["after"]),
-                number_cell(m["sd"]),
+                digits(m["before"]),
+                digits(m["after"]),
+                digits(m["sd"]),
                 m["unit"],
                 meanings.get(n, "–"),
             )
@@ -272,7 +272,7 @@ def _settings(section: Section, d: Mapping[str, Any]) -> None:
     )
     rows = [("seed", str(d["seed"])), ("quick run", "yes" if d.get("quick") else "no")]
     rows += [
-        (label, force_cell(gap[key]))
+        (label, newton(gap[key]))
         for key, label in (
             ("residual_rms_N", "residual, RMS, noise included"),
             ("noise_rms_N", "noise, RMS"),
