@@ -15,8 +15,10 @@ import resource
 import shutil
 import tempfile
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ from bayes_iwan.gap.search import search
 from bayes_iwan.inference.population import SpecimenDraws, population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.inference.settings import DiagnoseSettings
 from kill_runs import CONFIG, made_up
 
 HERE = Path(__file__).parent
@@ -47,22 +50,24 @@ def seconds(work: Callable[[], object], least: float = 0.3) -> float:
     return (time.process_time() - began) / calls
 
 
-def peak_of(work: Callable[[], object]) -> float:
-    """Peak memory (MB) that a call adds, in a process of its own."""
+def cost_of(work: Callable[[], object]) -> tuple[float, float]:
+    """Processor seconds and peak memory (MB) of one call, in a process of its own."""
     read, write = os.pipe()
     pid = os.fork()
     if pid == 0:
         with open("/proc/self/statm") as file:
             before = int(file.read().split()[1]) * resource.getpagesize() / 2**20
+        began = time.process_time()
         work()
+        took = time.process_time() - began
         most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        os.write(write, f"{most - before:.1f}".encode())
+        os.write(write, f"{took:.4f} {most - before:.1f}".encode())
         os._exit(0)
     os.close(write)
     with open(read) as file:
-        told = file.read()
+        told = file.read().split()
     os.waitpid(pid, 0)
-    return float(told)
+    return float(told[0]), float(told[1])
 
 
 def slope(sizes: list[float], values: list[float]) -> float:
@@ -111,7 +116,7 @@ def candidates(quick: bool) -> dict[str, object]:
     for n in sizes:
         some = dict(list(kinds.items())[:n])
         began = time.process_time()
-        search(data, scales, {}, some, np.random.default_rng(0))
+        search(data, scales, DiagnoseSettings(), some, np.random.default_rng(0))
         times.append(time.process_time() - began)
     return {"candidates": told("search against candidate effects", sizes, times, "s")}
 
@@ -156,18 +161,20 @@ def batch_cost(campaign_s: float, once_s: float, share: float, campaigns: int = 
     return out
 
 
-def one_campaign(quick: bool) -> float:
-    """Processor seconds of `identify` with all its files, of the rope spring's twelve tests (quick: of two)."""
+def one_campaign(small: bool, quick: bool) -> float:
+    """Processor seconds of `identify` (or of `identify --quick`) with all its files, of the rope spring's twelve tests
+    (small: of two)."""
     tmp = Path(tempfile.mkdtemp(prefix="scale"))
     try:
-        campaign: Path = made_up(tmp / "campaign", 5.5, 7) if quick else HERE.parent / "data" / "rope_spring"
-        config = write_whole(tmp / "config.toml", CONFIG) if quick else None
+        campaign: Path = made_up(tmp / "campaign", 5.5, 7) if small else HERE.parent / "data" / "rope_spring"
+        config = write_whole(tmp / "config.toml", CONFIG) if small else None
         began = time.process_time()
-        with executors.serial():
-            bayes_iwan.identify(campaign, tmp / "out", config=config, seed=1, progress=False)
+        with executors.serial(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", bayes_iwan.NotConverged)
+            bayes_iwan.identify(campaign, tmp / "out", config=config, seed=1, progress=False, quick=quick)
         took = time.process_time() - began
         size = sum(p.stat().st_size for p in (tmp / "out").rglob("*") if p.is_file()) / 2**20
-        print(f"one campaign: {took:.0f} s, {size:.1f} MB of files")
+        print(f"one campaign {'quick' if quick else 'sampled'}: {took:.0f} s, {size:.1f} MB of files", flush=True)
         return took
     finally:
         shutil.rmtree(tmp)
@@ -176,7 +183,9 @@ def one_campaign(quick: bool) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a decade of each size, and records of a million samples")
-    parser.add_argument("--campaign-s", type=float, help="processor seconds of one campaign (default: identify here)")
+    parser.add_argument(
+        "--campaign-s", type=float, help="processor seconds of one sampled campaign (default: identify here)"
+    )
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     found: dict[str, Any] = {}
@@ -205,22 +214,17 @@ def main() -> None:
         found["walkers, memory"] = told(
             "memory against walkers",
             [160, 640, 2560, 10240],
-            [peak_of(evaluations(problem, n)) for n in (160, 640, 2560, 10240)],
+            [cost_of(evaluations(problem, n))[1] for n in (160, 640, 2560, 10240)],
             "MB",
         )
         sizes = [10**5, 3 * 10**5, 10**6] + ([] if args.quick else [3 * 10**6, 10**7])
-        records = {n: long_record(n) for n in sizes}
-        found["samples"] = told(
-            "averaging against samples of a record",
-            sizes,
-            [seconds(lambda r=r: average(r), 0.0) for r in records.values()],
-            "s",
-        )
-        memory = [peak_of(lambda r=r: average(r)) for r in records.values()]
-        found["samples, memory"] = told("memory of averaging", sizes, memory, "MB")
+        average(long_record(10**4))  # what is loaded once
+        costs = [cost_of(partial(average, long_record(n))) for n in sizes]
+        found["samples"] = told("averaging against samples of a record", sizes, [t for t, _ in costs], "s")
+        memory = [m for _, m in costs]
+        found["samples, memory"] = told("memory of averaging, beside the record", sizes, memory, "MB")
         own = sizes[-1] * 24 / 2**20
-        print(f"    the largest record itself is {own:.0f} MB: {memory[-1] / own:.1f} times its size")
-        del records
+        print(f"    the largest record itself is {own:.0f} MB: {memory[-1] / own:.1f} times its size more")
         sizes = [3, 10, 30, 100]
         rng = np.random.default_rng(0)
         some = [
@@ -237,8 +241,9 @@ def main() -> None:
         per_quantity = found["population"]["values"][-1] * 10.0  # of 1,000 campaigns, in proportion
     told_cores, share = cores(20 if args.quick else 200)
     found |= told_cores
-    campaign_s = args.campaign_s or one_campaign(args.quick)
-    found["batch of 1,000"] = batch_cost(campaign_s, 10.0 * per_quantity, share)
+    once = 10.0 * per_quantity
+    found["batch of 1,000, quick"] = batch_cost(one_campaign(args.quick, True), once, share)
+    found["batch of 1,000"] = batch_cost(args.campaign_s or one_campaign(args.quick, False), once, share)
     if args.out is not None:
         write_json(args.out, found)
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_iwan.executors import Failure, finished
-from bayes_iwan.files import write_json
+from bayes_iwan.files import clear, write_json
 from bayes_iwan.validation import confinement
 from bayes_iwan.validation.sealed import WithheldError, case_names, read_json, truth_folder
 
@@ -130,6 +130,7 @@ def _answer_one(task: _Task, name: str) -> dict[str, Any]:
     """Start a process for one case, wait for it, read what it wrote."""
     folder = task.out / name
     folder.mkdir(parents=True, exist_ok=True)
+    clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")  # of an answer that was begun and not counted
     scratch = confinement.temporary_folder()
     cache = task.out / _CACHE
     cache.mkdir(exist_ok=True)

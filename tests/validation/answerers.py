@@ -30,6 +30,10 @@ def fails_once(campaign: Path, out: Path, seed: int, quick: bool) -> None:
     none(campaign, out, seed, quick)
 
 
+def silent(campaign: Path, out: Path, seed: int, quick: bool) -> None:
+    """Ends without an answer."""
+
+
 def spies(campaign: Path, out: Path, seed: int, quick: bool) -> None:
     """Tries to get at the truth, at another case, and out of its folder, in every way at hand."""
     apart = campaign.parent.with_name(campaign.parent.name + "-truth")

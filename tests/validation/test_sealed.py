@@ -236,6 +236,15 @@ def test_truth_within_the_folder_is_refused(copy):
         answer(folder, answerers.none)
 
 
+def test_what_a_killed_answering_left_is_no_answer(made, tmp_path):
+    (tmp_path / "case_01").mkdir()
+    answerers.write(tmp_path / "case_01", {"kind": "none", "causes": [], "unknown_rest": False}, {"none": 1.0})
+    path = answer(made[0], answerers.silent, out=tmp_path, only=["case_01"])
+    found = json.loads(path.read_text())
+    assert found["answers"] == {} and "diagnosis.json: no such file" in found["failed"]["case_01"]
+    assert not (tmp_path / ".numba_cache").exists()
+
+
 def test_unknown_case_is_refused(made, tmp_path):
     with pytest.raises(WithheldError, match="no case case_09"):
         answer(made[0], answerers.none, out=tmp_path, only=["case_09"])
