@@ -5,6 +5,8 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 SHORT = """
 [model]
 slip = "gamma1"
@@ -51,14 +53,17 @@ def test_a_signal_ends_a_run_and_resume_gives_the_same_answer(tmp_path, made_up_
     assert (tmp_path / "cut" / "summary.csv").read_bytes() == (tmp_path / "whole" / "summary.csv").read_bytes()
 
 
-def test_a_full_disk_is_one_line(tmp_path, made_up_campaign):
+@pytest.mark.parametrize("more", [[], ["--quick"]], ids=["over the checkpoint", "over posterior.nc"])
+def test_a_full_disk_is_one_line(tmp_path, made_up_campaign, more):
+    """HDF5 itself would end the process with a segmentation fault."""
     config = tmp_path / "c.toml"
     config.write_text(SHORT)
-    words = ["identify", str(made_up_campaign), "--out", str(tmp_path / "out"), "--config", str(config)]
+    words = ["identify", str(made_up_campaign), "--out", str(tmp_path / "out"), "--config", str(config), *more]
     code = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000)); "
         "from bayes_iwan.cli import main; sys.exit(main())"
     )
     run = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
     assert run.returncode == 2 and run.stderr.count("bayes-iwan:") == 1 and "Traceback" not in run.stderr
-    assert "File too large" in run.stderr
+    assert "File too large" in run.stderr and run.stderr.count("\n") == 1
+    assert not [p for p in (tmp_path / "out").rglob("*") if p.name == "posterior.nc" or p.name.startswith(".")]

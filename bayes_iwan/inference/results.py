@@ -16,7 +16,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop, read_campaign
-from bayes_iwan.files import clear, replacing, write_whole
+from bayes_iwan.files import clear, write_whole
 from bayes_iwan.inference.config import settings_of
 from bayes_iwan.inference.point import Point
 from bayes_iwan.inference.posterior import Posterior
@@ -124,16 +124,19 @@ def write_netcdf(posterior: Posterior, path: Path) -> None:
     posterior_predictive, log_likelihood, sample_stats, observed_data, constant_data; the root's attributes hold the
     seed, configuration, versions and convergence.
     """
+    import h5netcdf
     import xarray as xr  # some 0.5 s to import: only where files are written
+    from xarray.backends import H5NetCDFStore
 
-    with replacing(path) as part:
-        xr.Dataset(attrs=_attributes(posterior)).to_netcdf(part, mode="w", engine="h5netcdf")
+    buffer = io.BytesIO()  # not the disk: HDF5 ends the whole process where a disk is full
+    with h5netcdf.File(buffer, "w") as file:
+        xr.Dataset(attrs=_attributes(posterior)).dump_to_store(H5NetCDFStore(file, mode="w"))
         for group, dataset in _groups(posterior, xr).items():
             few = {"dtype": "f4"} if group in _SHOWN else {}
             packed = {name: {"zlib": True, "complevel": 4, "shuffle": True, **few} for name in dataset.data_vars}
-            dataset.to_netcdf(part, mode="a", group=group, engine="h5netcdf", encoding=packed)
-        with open(part, "ab") as file:  # a damaged byte makes HDF5's reader wrong, slow or dead: it shall not see one
-            file.write(_SEAL + hashlib.sha256(part.read_bytes()).digest())
+            dataset.dump_to_store(H5NetCDFStore(file, group=group, mode="a"), encoding=packed)
+    whole = buffer.getvalue()  # a damaged byte makes HDF5's reader wrong, slow or dead: it shall not see one
+    write_whole(path, whole + _SEAL + hashlib.sha256(whole).digest())
 
 
 def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
