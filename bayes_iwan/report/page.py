@@ -8,7 +8,7 @@ import io
 import os
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
+from pypdf import PdfReader, PdfWriter
 
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import replacing, write_whole
@@ -210,9 +211,11 @@ class Page:
         for old in folder.glob(f"{path.stem}_*"):
             if old.stem not in named:
                 old.unlink()
-        for name, figure in named.items():
-            for kind in FILES:
-                save(figure, folder / f"{name}.{kind}", dpi=150)
+        if "png" in FILES:
+            for name, figure in named.items():
+                save(figure, folder / f"{name}.png", dpi=150)
+        if "pdf" in FILES:
+            _write_pdfs(named, folder)
         return write_whole(path, self.html(path.stem).translate(_CONTROL))
 
     def write_pdf(self, path: str | os.PathLike[str]) -> Path:
@@ -232,6 +235,22 @@ class Page:
                     pdf.savefig(literal(figure), bbox_inches="tight", pad_inches=0.4)
                     note.remove()
         return path
+
+
+def _write_pdfs(figures: Mapping[str, Figure], folder: Path) -> None:
+    """Every figure as NAME.pdf. They are drawn as pages of one file, since picking the letters out of a font costs more
+    than drawing a figure, and is so done once; each page then becomes a file of its own."""
+    whole = io.BytesIO()
+    with mpl.rc_context(RC), PdfPages(whole, metadata={"CreationDate": None}) as pdf:
+        for figure in figures.values():
+            pdf.savefig(settle(figure))
+    if not figures:
+        return
+    for name, page in zip(figures, PdfReader(whole).pages):
+        one, content = PdfWriter(), io.BytesIO()
+        one.add_page(page)
+        one.write(content)
+        write_whole(folder / f"{name}.pdf", content.getvalue())
 
 
 def _svg(figure: Figure, name: str, alt: str) -> Markup:
