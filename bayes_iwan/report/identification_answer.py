@@ -26,6 +26,10 @@ _UNSEEN = (
     "sensors against a known spring.",
     "A compliance of the fixture in series with the specimen: the stiffnesses would absorb it too.",
 )
+QUANTILES = tuple(
+    (f"φ {share} %", f"slip force that {share} % of the contacts slip below, at rest", "N") for share in (25, 50, 75)
+)
+_OF_CONTACTS = (*QUANTILES, ("α", "relative normal force: that of the contacts over its value at rest", ""))
 
 
 def identification_answer(section: Section, posterior: Posterior, p: Predictive, loop_rows: tables.Table) -> None:
@@ -129,8 +133,7 @@ def determined(section: Section, posterior: Posterior) -> None:
     section.symbols(
         [
             *((q.symbol, q.description, q.unit) for q in prior.parameters),
-            *QUANTILES,
-            ("α", "relative normal force: that of the contacts over its value at rest", ""),
+            *(_OF_CONTACTS if isinstance(posterior.problem.model, Model) else ()),
         ]
     )
     section.figure(
@@ -169,11 +172,6 @@ def determined(section: Section, posterior: Posterior) -> None:
         png=True,
         name="corner",
     )
-
-
-QUANTILES = tuple(
-    (f"φ {share} %", f"slip force that {share} % of the contacts slip below, at rest", "N") for share in (25, 50, 75)
-)
 
 
 def _bends(posterior: Posterior) -> set[str]:
