@@ -105,6 +105,7 @@ def identify(
     progress: bool = True,
     simulator: Simulator | PathLike | None = None,
     quick: bool = False,
+    executor: Executor | None = None,
 ) -> Posterior:
     """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
 
@@ -128,6 +129,8 @@ def identify(
         a model of your own in the place of the Iwan model, or its Python file (its code is run).
     quick
         the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
+    executor
+        from :func:`bayes_iwan.executors.opened`, to identify the frequencies alone side by side.
 
     Returns
     -------
@@ -185,7 +188,7 @@ def identify(
             return posterior
         draw("identification_report", posterior, folder)  # stands should the runs of single frequencies be cut short
         if per_test:
-            identify_frequencies(posterior, folder, resume=resume, progress=progress)
+            identify_frequencies(posterior, folder, resume=resume, progress=progress, executor=executor)
             draw("identification_report", posterior, folder)
         if posterior.converged and not keep_chains:
             alone = (p.parent.name for p in folder.glob(f"per_test/*/{CHECKPOINT}"))

@@ -23,25 +23,29 @@ from bayes_iwan.cli.command import CAMPAIGN, CONFIG, DASK, OUT, SEED, SIMULATOR,
     ),
     argument("--quick", action="store_true", help="optimum and Laplace intervals in seconds, not sampled"),
     SIMULATOR,
+    WORKERS,
+    DASK,
 )
 def run_identify(args: argparse.Namespace) -> int:
     import warnings
 
-    from bayes_iwan import Model, NotConverged, identify
+    from bayes_iwan import Model, NotConverged, executors, identify
 
     warnings.simplefilter("ignore", NotConverged)  # said below
 
-    posterior = identify(
-        args.campaign,
-        args.out,
-        config=args.config,
-        seed=args.seed,
-        per_test=args.per_test,
-        resume=args.resume,
-        keep_chains=args.keep_chains,
-        simulator=args.simulator,
-        quick=args.quick,
-    )
+    with executors.opened(args.workers, args.dask) as executor:
+        posterior = identify(
+            args.campaign,
+            args.out,
+            config=args.config,
+            seed=args.seed,
+            per_test=args.per_test,
+            resume=args.resume,
+            keep_chains=args.keep_chains,
+            simulator=args.simulator,
+            quick=args.quick,
+            executor=executor,
+        )
     units = posterior.problem.units
     iwan = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
     wanted = iwan if isinstance(posterior.problem.model, Model) else posterior.problem.names

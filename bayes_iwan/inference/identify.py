@@ -11,11 +11,13 @@ import os
 import platform
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from bayes_iwan import executors
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.inference import results
@@ -27,7 +29,7 @@ from bayes_iwan.inference.quantities import sampled_and_derived
 from bayes_iwan.inference.rows import ConvergenceRow
 from bayes_iwan.inference.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.user_file import load_simulator
-from bayes_iwan.physics import Simulator
+from bayes_iwan.physics import Scales, Simulator
 from bayes_iwan.physics.parameter import Z_LIMIT
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.sampling.ensembles import Chains, Stop, sample
@@ -94,28 +96,78 @@ def identify_campaign(
     return posterior
 
 
-def identify_frequencies(joint: Posterior, out: Path, *, resume: bool = False, progress: bool = True) -> None:
+class FrequencyError(ValueError):
+    """A frequency alone that could not be identified; the message names it and says why."""
+
+
+@dataclass(frozen=True)
+class _Alone:
+    """What the runs of all frequencies share; a simulator from a file is loaded where they run."""
+
+    settings: IdentifySettings
+    scales: Scales
+    simulator: Simulator | None
+    simulator_file: str
+    campaign: Campaign | None
+    seed: int
+    out: Path
+    resume: bool
+    progress: bool
+
+
+def identify_frequencies(
+    joint: Posterior,
+    out: Path,
+    *,
+    resume: bool = False,
+    progress: bool = True,
+    executor: Executor | None = None,
+) -> None:
     """Identify each frequency of a joint posterior's fitted tests alone, on its scales, into out/per_test.
 
-    Raises KeyboardInterrupt where Ctrl-C ended a run: what it had drawn is kept, `resume` goes on from it.
+    executor : from :func:`bayes_iwan.executors.opened`, to identify them side by side.
+    Raises FrequencyError, and KeyboardInterrupt where Ctrl-C ended a run: what it had drawn is kept, `resume` goes on
+    from it.
     """
-    for name, group in by_frequency(joint.loops).items():
-        folder = out / "per_test" / name
-        alone = make_problem(group, joint.settings, joint.problem.model, joint.problem.scales)
-        part = identify_problem(
-            alone,
-            joint.seed,
-            config=joint.settings,
-            campaign=joint.campaign,
-            loops=group,
-            out=folder,
-            resume=resume,
-            progress=progress,
-            simulator_file=joint.simulator_file,
-        )
-        results.write(part, folder)
-        if part.interrupted:  # or the next frequency would start in the face of Ctrl-C
-            raise KeyboardInterrupt
+    simulator = None if joint.simulator_file else joint.problem.model
+    here = executor is None
+    shared = _Alone(
+        joint.settings, joint.problem.scales, simulator, joint.simulator_file, joint.campaign, joint.seed, out, resume,
+        progress and here,
+    )  # fmt: skip
+    pieces = {name: (name, group) for name, group in by_frequency(joint.loops).items()}
+    done = executors.run(
+        pieces,
+        _one_frequency,
+        shared,
+        executor=executor,
+        what="per test",
+        unit="frequency",
+        progress=progress and not here,
+    )
+    for name, found in done.items():
+        if isinstance(found, executors.Failure):
+            raise FrequencyError(f"{name} alone: {found}")
+
+
+def _one_frequency(shared: _Alone, piece: tuple[str, tuple[Loop, ...]]) -> None:
+    name, group = piece
+    folder = shared.out / "per_test" / name
+    simulator = load_simulator(shared.simulator_file) if shared.simulator_file else shared.simulator
+    part = identify_problem(
+        make_problem(group, shared.settings, simulator, shared.scales),
+        shared.seed,
+        config=shared.settings,
+        campaign=shared.campaign,
+        loops=group,
+        out=folder,
+        resume=shared.resume,
+        progress=shared.progress,
+        simulator_file=shared.simulator_file,
+    )
+    results.write(part, folder)
+    if part.interrupted:  # or the next frequency would start in the face of Ctrl-C
+        raise KeyboardInterrupt
 
 
 def by_frequency(loops: Sequence[Loop]) -> dict[str, tuple[Loop, ...]]:

@@ -8,10 +8,17 @@ import h5py
 import numpy as np
 import pytest
 
+from bayes_iwan import executors
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.inference import results
 from bayes_iwan.inference.config import ConfigError, settings_of
-from bayes_iwan.inference.identify import by_frequency, identify_campaign, identify_problem
+from bayes_iwan.inference.identify import (
+    FrequencyError,
+    by_frequency,
+    identify_campaign,
+    identify_frequencies,
+    identify_problem,
+)
 from bayes_iwan.inference.point import find_point, goal_share, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.results import ResultsError
@@ -195,13 +202,20 @@ def test_each_frequency_alone(folder, tmp_path, small_loops):
         "f20Hz": ["f20_a1.csv"],
     }
     assert by_frequency([replace(x, role="held-out") for x in small_loops]) == {}
-    identify_campaign(folder, tmp_path, config=SMALL, seed=2, per_test=True, progress=False)
+    joint = identify_campaign(folder, tmp_path, config=SMALL, seed=2, per_test=True, progress=False)
+    with executors.opened(2) as executor:  # the same wherever it runs
+        some = replace(joint, loops=groups["f20Hz"])
+        identify_frequencies(some, tmp_path / "elsewhere", progress=False, executor=executor)
+    one, other = (f / "per_test" / "f20Hz" / "summary.csv" for f in (tmp_path, tmp_path / "elsewhere"))
+    assert one.read_bytes() == other.read_bytes()
     for name in groups:
         part = results.load(tmp_path / "per_test" / name)
         kp = part.values()["kp_N_mm"]
         assert abs(kp.mean() - 5.5) < 5 * kp.std() and part.loops[0].file in [x.file for x in groups[name]]
     with pytest.raises(ConfigError, match="folder"):
         identify_campaign(folder, None, config=SMALL, per_test=True)
+    with pytest.raises(FrequencyError, match="f10Hz alone: CheckpointError"):  # what is there is of these runs
+        identify_frequencies(joint, tmp_path, progress=False)
 
 
 def test_predictions_of_a_posterior(run):
