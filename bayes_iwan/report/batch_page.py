@@ -43,7 +43,8 @@ def write_batch_page(result: Batch, out: Path, made: Provenance) -> Path:
         section = page.section("Parameters against specimen")
         section.figure(
             parameters_figure(result),
-            "Median and 90 % interval of each quantity that a specimen's loops determine. Band: 90 % of the specimens "
+            "Each quantity that a specimen's loops determine: the posterior's median and 90 % interval (q05 to q95 of "
+            "batch.csv). Band: 90 % of the specimens "
             "that are still to come, by the population's mean and spread; open circles stand out from the others.",
             "One panel a quantity: an interval for every specimen over the population's band; the same numbers are in "
             "batch.csv.",

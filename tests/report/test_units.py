@@ -6,13 +6,21 @@ import html
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from bayes_iwan import cli
 from bayes_iwan.campaign import read_campaign, write_campaign
 from bayes_iwan.campaign.units import Units
+from bayes_iwan.comparison.families import FAMILIES, Comparison, Entry
+from bayes_iwan.comparison.loo import Loo
+from bayes_iwan.inference.config import settings_of
+from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.report import batch, comparison_report
+from bayes_iwan.report.batch_page import write_batch_page
 from bayes_iwan.report.page import Page
+from bayes_iwan.report.provenance import of_folder
 from bayes_iwan.report.style import relabel
 
 SHORT = """
@@ -96,6 +104,36 @@ def test_texts_of_pages_and_figures(tmp_path):
     before = axes.get_ylabel()
     relabel(figure, Units())
     assert axes.get_ylabel() == before == "force (kPa)"
+
+
+def test_batch_and_compare_of_torque_over_angle(tmp_path, posterior, monkeypatch):
+    units = Units("mrad", "N·m")
+    loops = tuple(replace(x, record=replace(x.record, units=units)) for x in posterior.loops)
+    problem = make_problem(tuple(x for x in loops if x.role == "fit"), posterior.settings)
+    campaign = replace(posterior.campaign, tests=tuple(x.record for x in loops))
+    torsion = replace(posterior, problem=problem, loops=loops, campaign=campaign)
+    monkeypatch.setattr("bayes_iwan.identify", lambda *a, **k: torsion)
+    job = batch.Job(tmp_path, tmp_path, True, False, False, 0, settings_of(None), False)
+    (tmp_path / "a").mkdir()
+    record = batch._identified(job, tmp_path / "a", tmp_path / "a")["quantities"]
+    assert "kp_Nm_mrad" in record and record["kp_Nm_mrad"]["unit"] == "N·m/mrad"
+    quantities = {
+        n: batch.Quantity(**(q | {"draws": np.array(q["draws"]), "prior": np.array(q["prior"])}))
+        for n, q in record.items()
+    }
+    finished = tuple(
+        batch.Finished(x, 1.0, True, "", quantities, None, None, None, None, None) for x in ("one", "two", "three")
+    )
+    result = batch.Batch(finished, {}, batch.populations(finished))
+    page = write_batch_page(result, tmp_path, of_folder(tmp_path, 0)).read_text()
+    loo = Loo(10.0, 1.0, 13.0, np.ones(10), np.zeros(10))
+    entry = Entry(FAMILIES["gamma1"], torsion, 13, 0.01, loo, None, 1.0)
+    comparison_report(Comparison("torsion", "loo", (entry,)), tmp_path)
+    texts = [visible(page), visible((tmp_path / "compare.html").read_text()), result.table().csv()]
+    for text in (*texts, (tmp_path / "compare.csv").read_text()):
+        found = FOREIGN.search(text.replace(str(tmp_path), ""))
+        assert found is None, text[max(found.start() - 60, 0) : found.end() + 40]
+    assert "kp (N·m/mrad)" in texts[0] and "stiffness of the parallel spring (N·m/mrad)" in texts[0]
 
 
 def test_an_answer_in_other_units():
