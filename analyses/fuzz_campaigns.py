@@ -1,11 +1,10 @@
-"""Mutated campaigns against `check`: refused, warned of, silent, traceback or hang, and the memory it took.
+"""Faulty records against `check`: refused, warned of, silent, traceback or hang, and the memory it took.
 
-    python analyses/fuzz_campaigns.py [CAMPAIGN] [--files N] [--faults N] [--seed N]
+    python analyses/fuzz_campaigns.py [CAMPAIGN] [--faults N] [--seed N]
 
-`--files`: bytes of campaign.toml or of a record are damaged, and the folder is read as `check` reads it.
-`--faults`: one record of the campaign is changed as recorders, cables, drives and people do. A change counts where it
-moves the frequency, the amplitude, the mean or a harmonic of the loop by more than 2 % of the largest; of those the
-table says how many had no word. Peak memory is that of this one process over all of them.
+One record of the campaign is changed as recorders, cables, drives and people do. A change counts where it moves the
+frequency, the amplitude, the mean or a harmonic of the loop by more than 2 % of the largest; of those the table says
+how many had no word. Peak memory is that of this one process over all of them. Damaged bytes are in fuzz.py.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import argparse
 import contextlib
 import resource
 import signal
-import tempfile
 import time
 import traceback
 from collections import Counter
@@ -24,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_iwan.campaign import CampaignError, Loop, Record, average, read_campaign, write_campaign
+from bayes_iwan.campaign import CampaignError, Loop, Record, average, read_campaign
 from bayes_iwan.campaign.between_tests import compared
 from bayes_iwan.campaign.checks import check_record, check_time, step_warnings
 
@@ -107,47 +105,6 @@ def fuzz_faults(path: Path, n: int, seed: int, show: bool = False) -> dict[str, 
     return out
 
 
-def fuzz_files(path: Path, n: int, seed: int) -> Counter[str]:
-    """Counts over damaged files: refused, warned, accepted, traceback, hang.
-
-    Four of the campaign's tests, twelve cycles of each, as plain text: a packed file's checksum refuses nearly all.
-    """
-    out: Counter[str] = Counter()
-    campaign = read_campaign(path)
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "campaign"
-        short = [_first(r, 12) for r in campaign.tests[:4]]
-        write_campaign(folder, name="fuzz", description=campaign.description, tests=short, compress=False)
-        names = sorted(p.name for p in folder.iterdir())
-        for i in range(n):
-            rng = np.random.default_rng([seed, 1, i])
-            name = "campaign.toml" if rng.random() < 0.5 else names[rng.integers(len(names))]
-            before = (folder / name).read_bytes()
-            (folder / name).write_bytes(mutations.damaged(before, rng))
-            try:
-                with limited():
-                    campaign = read_campaign(folder)
-                result = "warned" if any(t.warnings for t in campaign.tests) else "accepted"
-            except CampaignError as error:
-                result = "refused" if str(error).isprintable() else "message of several lines"
-            except Hang:
-                result = "hang"
-            except Exception:
-                result = "traceback"
-                print(f"seed {seed} {i}: {name}")
-                traceback.print_exc()
-            out[result] += 1
-            (folder / name).write_bytes(before)
-    return out
-
-
-def _first(record: Record, cycles: int) -> Record:
-    n = int(np.searchsorted(record.time_s, record.time_s[0] + (cycles + 0.5) / record.frequency_hz))
-    return replace(
-        record, time_s=record.time_s[:n], displacement_mm=record.displacement_mm[:n], force_N=record.force_N[:n]
-    )
-
-
 def peak_MB() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
@@ -155,7 +112,6 @@ def peak_MB() -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaign", nargs="?", type=Path, default=HERE.parent / "data" / "rope_spring")
-    parser.add_argument("--files", type=int, default=500)
     parser.add_argument("--faults", type=int, default=500)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--show", action="store_true", help="name each silent change by its seed")
@@ -168,8 +124,6 @@ def main() -> None:
         print(f"{name:20s} " + " ".join(f"{counts[h]:9d}" for h in heads))
     total = sum(table.values(), Counter())
     print(f"{'all':20s} " + " ".join(f"{total[h]:9d}" for h in heads))
-    files = fuzz_files(args.campaign, args.files, args.seed)
-    print("damaged files: " + ", ".join(f"{k} {v}" for k, v in sorted(files.items())))
     print(f"peak memory {peak_MB():.0f} MB, {time.monotonic() - start:.0f} s")
 
 
