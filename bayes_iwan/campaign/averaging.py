@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.corners import CORNERS_GAP, CORNERS_SAMPLES, LEAST_GAP, cornered_motion, has_corners
@@ -20,6 +21,7 @@ from bayes_iwan.campaign.harmonics import evaluate, grams, inverse, on_grid, pro
 from bayes_iwan.campaign.records import CampaignError, Record
 
 SAMPLES_PER_HARMONIC = 0.45  # harmonics resolved per sample of a cycle; 0.5 is Nyquist
+LONG_RECORD = 500_000  # samples
 MANY_CYCLES = 12  # from here on slow changes of the loop can be told from noise
 LOG_VARIANCE = np.pi**2 / 6  # of the logarithm of an exponential variable
 STEEPEST = 2.0  # typical slope of a noise power spectrum
@@ -99,9 +101,11 @@ def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int) -> Array:
     Slow changes of the loop live in the bins nearest a harmonic: these are left out too when there are enough
     others. The mean's error comes from the five slowest bins, whatever is in them.
     """
-    power = np.abs(np.fft.rfft(residual) * (2.0 / residual.size)) ** 2 / 2  # estimates var(Re c) = var(Im c)
+    used = _transformed(residual.size)
+    power = np.abs(np.fft.rfft(residual[:used]) * (2.0 / used)) ** 2 / 2  # estimates var(Re c) = var(Im c)
+    power *= used / residual.size
     log_power = np.log(np.maximum(power, 1e-300)) + np.euler_gamma  # E of the log of a unit exponential is -gamma
-    at = np.arange(power.size) / n_cycles  # in harmonics
+    at = np.arange(power.size) / (n_cycles * used / residual.size)  # in harmonics
     many = n_cycles >= MANY_CYCLES
     usable = np.flatnonzero(np.abs(at - np.rint(at)) * n_cycles > (2.5 if many else 0.5))
     at_used, log_used = at[usable], log_power[usable]
@@ -115,6 +119,14 @@ def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int) -> Array:
     level = sy / n + slope * (np.log(h) - sx / n)
     slowest = log_power[1:6][: max(n_cycles - 1, 1)]  # below the first harmonic
     return np.exp(np.concatenate([[np.mean(slowest) - np.log(2)], level]) / 2)
+
+
+def _transformed(n: int) -> int:
+    """How many of n samples are Fourier transformed: of a long record's a few are left out at the end, since a length
+    with a large prime factor takes five times the memory."""
+    while n > LONG_RECORD and next_fast_len(n, real=True) != n:
+        n -= 1
+    return n
 
 
 def _over_windows(terms: Array, first: np.ndarray, last: np.ndarray) -> Array:

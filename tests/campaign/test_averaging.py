@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bayes_iwan.campaign import CampaignError, average
+from bayes_iwan.campaign import CampaignError, average, averaging
 from bayes_iwan.campaign.averaging import in_band
 
 
@@ -169,3 +169,14 @@ def test_harmonics_beyond_the_trusted_band_are_no_data(record):
         resolved = np.arange(51) <= 0.45 * 1280.0 / frequency
         trusted = np.arange(51) <= max(5, 0.13 * 1280.0 / frequency)
         np.testing.assert_array_equal(np.isfinite(loop.noise_N), resolved & trusted)
+
+
+def test_a_long_record_s_noise_is_found_from_a_length_that_transforms_well(record, monkeypatch):
+    r = record(n_cycles=211.3, noise_N=0.05)
+    whole = average(r).noise_N
+    n = averaging._transformed(211 * 64 + 1)
+    assert n == 211 * 64 + 1  # a short record keeps its length
+    monkeypatch.setattr(averaging, "LONG_RECORD", 1000)
+    assert 13_000 < averaging._transformed(211 * 64 + 1) < 211 * 64 + 1
+    resolved = np.isfinite(whole)
+    np.testing.assert_allclose(average(r).noise_N[resolved], whole[resolved], rtol=0.1)
