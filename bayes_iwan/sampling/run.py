@@ -29,7 +29,7 @@ from bayes_iwan.sampling.walkers import SamplingError, Walkers, WeighedMoves, by
 
 BatchFunction = Callable[[Array], Array]
 
-_STAGES = ("tempered", "plain", "production")
+STAGES = ("tempered", "plain", "production")
 POWERS = (1.0, 0.6)
 CROWD = 2
 _WARMUP_STEPS = 60
@@ -133,7 +133,7 @@ class Run:
         if checkpoint is not None and Path(checkpoint).exists():
             if not resume:
                 raise CheckpointError(f"{checkpoint} exists already: resume from it, or delete it to start anew")
-            self.file, snapshot = Checkpoint.resume(checkpoint, self.fingerprint, self.names, _STAGES)
+            self.file, snapshot = Checkpoint.resume(checkpoint, self.fingerprint, self.names, STAGES)
             if snapshot.damaged:
                 said = f"{checkpoint}: its last {snapshot.damaged} bytes are cut short or damaged; going on from before"
                 self.bar.write(said, file=sys.stderr)
@@ -149,7 +149,7 @@ class Run:
         self.population_log_prob = self.walkers.place(population, self.seed)
         if checkpoint is not None:
             producers = self.walkers.ensembles * self.producers
-            rows = {stage: producers if stage == "production" else CROWD * producers for stage in _STAGES}
+            rows = {stage: producers if stage == "production" else CROWD * producers for stage in STAGES}
             self.file = Checkpoint.create(checkpoint, self.fingerprint, self.names, rows, self._state())
 
     def adapt(self) -> None:

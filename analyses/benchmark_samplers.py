@@ -1,0 +1,273 @@
+"""What a user would pick instead: other samplers on the same posterior, from the same starts, for the same seconds.
+
+    python -m venv /tmp/bench && /tmp/bench/bin/pip install . -r analyses/requirements-benchmark.txt
+    /tmp/bench/bin/python analyses/benchmark_samplers.py [CAMPAIGN] [--seconds 120] [--only NAME ...] [--out FILE]
+
+All sample the default joint posterior over the package's own coordinates (priors standard normal), with the package's
+own batch density, each in a process of its own for so many *processor* seconds: other work on the machine then disturbs
+little. Ensembles and chains start at fits to shifted data, which is posterior-like (finding them is charged to nobody);
+nested samplers and pocoMC start from the prior, as they must. Burn-in and adaptation are charged: what counts is what
+the whole time bought. MCMC: bulk and tail ESS of the worst sampled number from four independent ensembles or chains,
+the first half of the draws left out (ours says itself when adaptation ended), and their R-hat; where that is above
+1.05 the ESS means nothing. Nested and sequential samplers: Kish's ESS of the weights if the run ended in time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import json
+import multiprocessing
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from bayes_iwan.campaign import read_campaign
+from bayes_iwan.inference import config
+from bayes_iwan.inference.point import find_point, starting_population
+from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.sampling.convergence import diagnose
+from bayes_iwan.sampling.ensembles import sample
+
+ENSEMBLES, WALKERS = 4, 40
+LEAST_STORED = 20
+
+
+class OutOfTime(Exception):
+    """The processor seconds are used up."""
+
+
+class Density:
+    """The log posterior of a batch, counted; raises OutOfTime once the seconds are used up."""
+
+    def __init__(self, problem: Problem, seconds: float) -> None:
+        self.problem, self.until, self.evaluations = problem, time.process_time() + seconds, 0
+
+    @property
+    def late(self) -> bool:
+        return time.process_time() > self.until
+
+    def __call__(self, z: np.ndarray) -> np.ndarray:
+        if self.late:
+            raise OutOfTime
+        self.evaluations += len(z)
+        return self.problem.log_prob(z)
+
+    def from_cube(self, unit: np.ndarray) -> np.ndarray:
+        return special.ndtri(np.clip(unit, 1e-15, 1.0 - 1e-15))
+
+    def likelihood(self, z: np.ndarray) -> np.ndarray:
+        """Without the prior, for samplers that draw from it."""
+        prior = -0.5 * np.sum(z * z, axis=1) - 0.5 * z.shape[1] * np.log(2.0 * np.pi)
+        return np.maximum(self(z) - prior, -1e30)
+
+
+def worth(draws: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
+    """ESS and R-hat of draws (ensembles, steps, walkers, numbers), the first half left out."""
+    kept = draws[:, draws.shape[1] // 2 :]
+    if kept.shape[1] < LEAST_STORED:
+        return {"note": f"only {draws.shape[1]} stored steps"}
+    d = diagnose(kept, names)
+    return {"ess": float(d.least_ess), "r_hat": float(d.worst_r_hat)}
+
+
+def package(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
+    """Ours, which would stop at R-hat 1.01 and ESS 400: told to go on until the time is over."""
+    kept: dict[str, Any] = {}
+
+    def log_prob(z: np.ndarray) -> np.ndarray:
+        if density.late:
+            raise KeyboardInterrupt  # ends a run with the draws that there are
+        return density(z)
+
+    chains = sample(log_prob, starts, names=names, seed=seed, target_ess=1e9, progress=False)
+    if chains.convergence is None:
+        return {"note": chains.message}
+    kept |= {"ess": float(chains.convergence.least_ess), "r_hat": float(chains.convergence.worst_r_hat)}
+    return kept | {"log_prob": float(np.median(chains.log_prob))}
+
+
+def emcee_default(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
+    """emcee's stretch move, four ensembles."""
+    import emcee
+
+    rng, ndim = np.random.default_rng(seed), starts.shape[1]
+    np.random.seed(seed)  # noqa: NPY002 - it draws from the old global generator
+    runs = [
+        emcee.EnsembleSampler(WALKERS, ndim, density, vectorize=True).sample(
+            starts[rng.permutation(len(starts))[:WALKERS]], iterations=10**7, thin_by=10, store=False
+        )
+        for _ in range(ENSEMBLES)
+    ]
+    return by_turns(runs, lambda state: state.coords, lambda state: state.log_prob, names)
+
+
+def zeus_default(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
+    """zeus's differential slice move, four ensembles."""
+    import zeus
+
+    rng, ndim = np.random.default_rng(seed), starts.shape[1]
+    np.random.seed(seed)  # noqa: NPY002 - it draws from the old global generator
+    runs = [
+        zeus.EnsembleSampler(WALKERS, ndim, density, vectorize=True, verbose=False).sample(
+            starts[rng.permutation(len(starts))[:WALKERS]], iterations=10**5, progress=False
+        )
+        for _ in range(ENSEMBLES)
+    ]
+    return by_turns(runs, lambda state: state[0], lambda state: state[1], names)
+
+
+def by_turns(runs: list, coords: Callable, log_prob: Callable, names: tuple[str, ...]) -> dict[str, Any]:
+    """Step several samplers in turn until time is up."""
+    draws: list[list[np.ndarray]] = []
+    last = np.array([np.nan])
+    try:
+        while True:
+            states = [next(run) for run in runs]
+            draws.append([np.array(coords(state)) for state in states])
+            last = np.concatenate([np.asarray(log_prob(state)) for state in states])
+    except OutOfTime:
+        pass
+    if not draws:
+        return {"note": "no step in time"}
+    return worth(np.moveaxis(np.array(draws), 1, 0), names) | {"log_prob": float(np.median(last))}
+
+
+def pints_haario_bardenet(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
+    """PINTS's adaptive covariance (Haario–Bardenet), four chains, by ask and tell, so that four go in one batch."""
+    import pints
+
+    rng = np.random.default_rng(seed)
+    np.random.seed(seed)  # noqa: NPY002 - it draws from the old global generator
+    chains = [
+        pints.HaarioBardenetACMC(x, np.cov(starts, rowvar=False)) for x in starts[rng.permutation(len(starts))[:4]]
+    ]
+    draws: list[list[np.ndarray]] = []
+    step, last = 0, np.array([np.nan])
+    try:
+        while True:
+            if step == 1000:
+                for chain in chains:
+                    chain.set_initial_phase(False)
+            values = density(np.array([chain.ask() for chain in chains]))
+            told = [chain.tell(float(v)) for chain, v in zip(chains, values)]
+            step += 1
+            if step % 20 == 0:
+                draws.append([np.array(t[0]) for t in told])
+                last = np.array([t[1] for t in told], dtype=float)
+    except OutOfTime:
+        pass
+    if not draws:
+        return {"note": "no step in time"}
+    return worth(np.moveaxis(np.array(draws), 1, 0)[:, :, None], names) | {"log_prob": float(np.median(last))}
+
+
+def nautilus_nested(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
+    """nautilus, 2,000 live points as by default."""
+    import nautilus
+
+    ndim = starts.shape[1]
+    sampler = nautilus.Sampler(
+        density.from_cube, density.likelihood, n_dim=ndim, n_live=2000, vectorized=True, pass_dict=False, seed=seed
+    )
+    try:
+        sampler.run(n_eff=400, verbose=False)
+        note = ""
+    except OutOfTime:
+        note = "did not end in time"
+    z, log_weight, log_l = sampler.posterior()
+    weight = np.exp(log_weight - log_weight.max())
+    best = log_l - 0.5 * np.sum(z**2, axis=1) - 0.5 * ndim * np.log(2.0 * np.pi)
+    found = {"log_prob": float(best[np.argmax(log_l)]), "note": note}
+    return found if note else found | {"ess": float(weight.sum() ** 2 / np.sum(weight**2))}
+
+
+def pocomc_flow(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
+    """pocoMC, preconditioned sequential Monte Carlo."""
+    import pocomc
+    from scipy import stats
+
+    prior = pocomc.Prior([stats.norm(0.0, 1.0)] * starts.shape[1])
+    sampler = pocomc.Sampler(prior, density.likelihood, vectorize=True, random_state=seed)
+    try:
+        sampler.run(progress=False)
+    except OutOfTime:
+        return {"note": "did not end in time"}
+    _, weight, log_l, log_prior = sampler.posterior()
+    weight = weight / weight.sum()
+    return {"ess": float(1.0 / np.sum(weight**2)), "log_prob": float(np.median(log_l + log_prior))}
+
+
+SAMPLERS: dict[str, tuple[Callable[..., dict[str, Any]], str]] = {
+    "this package": (package, "bayes-iwan"),
+    "emcee, default": (emcee_default, "emcee"),
+    "zeus": (zeus_default, "zeus-mcmc"),
+    "PINTS, Haario–Bardenet": (pints_haario_bardenet, "pints"),
+    "nautilus": (nautilus_nested, "nautilus-sampler"),
+    "pocoMC": (pocomc_flow, "pocomc"),
+}
+
+
+def one(name: str, problem: Problem, starts: np.ndarray, seconds: float, seed: int, pipe) -> None:
+    density = Density(problem, seconds)
+    began = time.process_time()
+    try:
+        result = SAMPLERS[name][0](density, starts, problem.names, seed)
+    except ImportError as error:
+        result = {"note": f"not installed ({error})"}
+    except Exception as error:  # another package's failure is a result of this comparison
+        result = {"note": f"failed: {type(error).__name__}: {error}"}
+    pipe.send(result | {"seconds": time.process_time() - began, "evaluations": density.evaluations})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("campaign", nargs="?", default="../shared/data/rope_spring")
+    parser.add_argument("--seconds", type=float, default=120.0, help="processor seconds each")
+    parser.add_argument("--only", nargs="+", choices=SAMPLERS, default=list(SAMPLERS))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("runs/benchmark_samplers.json"))
+    args = parser.parse_args()
+    settings = config.complete()
+    problem = make_problem(read_campaign(args.campaign).loops(**settings["loops"]), settings)
+    point = find_point(problem, args.seed, settings["search"])
+    starts = starting_population(problem, point, args.seed, 1024)
+    print(f"most probable point: ln posterior {point.log_prob:.1f}; {len(starts)} starts; {os.cpu_count()} cores")
+    print(
+        "| sampler | evaluations | R-hat | least ESS | ESS per processor second | remarks |\n|---|---|---|---|---|---|"
+    )
+    results: dict[str, dict[str, Any]] = {}
+    context = multiprocessing.get_context("spawn")
+    for name in args.only:
+        here, there = context.Pipe()
+        process = context.Process(target=one, args=(name, problem, starts, args.seconds, args.seed, there))
+        process.start()
+        waited = time.monotonic()
+        while not here.poll(1.0) and process.is_alive() and time.monotonic() - waited < 20.0 * args.seconds + 60.0:
+            pass
+        r = here.recv() if here.poll() else {"note": f"gave nothing back in {time.monotonic() - waited:.0f} s"}
+        process.kill()
+        results[name] = r
+        sound = "ess" in r and r.get("r_hat", 1.0) < 1.05
+        rate = f"{r['ess'] / r['seconds']:.3g}" if sound else "–"
+        version = "" if "not installed" in r.get("note", "") else importlib.metadata.version(SAMPLERS[name][1])
+        level = f"ln posterior {r['log_prob'] - point.log_prob:+.0f} from the optimum's" if "log_prob" in r else ""
+        remarks = "; ".join(x for x in (r.get("note", ""), level) if x)
+        print(
+            f"| {name} {version} | {r.get('evaluations', 0):,} | {r['r_hat']:.3f} |"
+            if "r_hat" in r
+            else f"| {name} {version} | {r.get('evaluations', 0):,} | – |",
+            f"{r['ess']:.0f} | {rate} | {remarks} |" if "ess" in r else f"– | – | {remarks} |",
+            flush=True,
+        )
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    args.out.write_text(json.dumps({"seconds": args.seconds, "point": point.log_prob, "samplers": results}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
