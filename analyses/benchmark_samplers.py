@@ -177,14 +177,13 @@ def nautilus_nested(density: Density, starts: np.ndarray, names: tuple[str, ...]
     )
     try:
         sampler.run(n_eff=400, verbose=False)
-        note = ""
     except OutOfTime:
-        note = "did not end in time"
+        return {"note": "did not end in time"}
     z, log_weight, log_l = sampler.posterior()
     weight = np.exp(log_weight - log_weight.max())
-    best = log_l - 0.5 * np.sum(z**2, axis=1) - 0.5 * ndim * np.log(2.0 * np.pi)
-    found = {"log_prob": float(best[np.argmax(log_l)]), "note": note}
-    return found if note else found | {"ess": float(weight.sum() ** 2 / np.sum(weight**2))}
+    prior = -0.5 * np.sum(z * z, axis=1) - 0.5 * ndim * np.log(2.0 * np.pi)
+    level = float(np.sum(weight * (log_l + prior)) / weight.sum())
+    return {"ess": float(weight.sum() ** 2 / np.sum(weight**2)), "log_prob": level}
 
 
 def pocomc_flow(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
