@@ -27,7 +27,7 @@ R_HAT, ESS, GROWTH, LEAST = 1.01, 400.0, 1.15, 10
 
 def production(run: Path, ensembles: int) -> tuple[np.ndarray, int, tuple[str, ...]]:
     """Draws (ensembles, stored, walkers, numbers) after the last restart, their thinning, and the numbers' names."""
-    _, names, snapshot = read_checkpoint(run / "chains.h5", STAGES)
+    _, names, snapshot = read_checkpoint(run / "chains.ckpt", STAGES)
     restarts = snapshot.state["restarts"]
     draws = snapshot.draws["production"][int(restarts[-1]) if len(restarts) else 0 :]
     blocks = draws.reshape(len(draws), ensembles, -1, draws.shape[2])
