@@ -21,6 +21,7 @@ import multiprocessing
 import os
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ import numpy as np
 from scipy import special
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.inference import config
+from bayes_iwan.inference.config import settings_of
 from bayes_iwan.inference.point import find_point, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.sampling.convergence import diagnose
@@ -232,9 +233,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("runs/benchmark_samplers.json"))
     args = parser.parse_args()
-    settings = config.complete()
-    problem = make_problem(read_campaign(args.campaign).loops(**settings["loops"]), settings)
-    point = find_point(problem, args.seed, settings["search"])
+    settings = settings_of()
+    problem = make_problem(read_campaign(args.campaign).loops(**asdict(settings.loops)), settings)
+    point = find_point(problem, args.seed, settings.search)
     starts = starting_population(problem, point, args.seed, 1024)
     print(f"most probable point: ln posterior {point.log_prob:.1f}; {len(starts)} starts; {os.cpu_count()} cores")
     print(

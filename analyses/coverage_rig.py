@@ -1,6 +1,6 @@
 """Coverage of the intervals where the model is slightly wrong: sound specimens on the virtual rig.
 
-    python analyses/coverage_rig.py --cases 24 --out coverage [--laplace] [--plain] [--workers 2]
+    python analyses/coverage_rig.py --cases 24 --out coverage [--laplace] [--forms embedded plain first] [--workers 2]
 
 The rig shares no code with the model: its sliders differ from each other, its slip forces follow other laws, its
 normal force and contact stiffness have slightly other shapes, and its sensors are filtered and noisy. The truth of
@@ -8,7 +8,9 @@ kp and k(1) is that of the specimen in series with its sound fixture, which no l
 forces' mean and quartiles is the specimen's own; that of each test's dissipated energy comes from a run without noise
 and sensors. An interval that is right covers it as often as it says. Both are counted: the posterior's own intervals,
 and those that are reported, with between-test variance and what no loop reaches. --laplace takes the normal
-approximation at the most probable point instead of the sampler; --plain does not let the model's form bend.
+approximation at the most probable point instead of the sampler. --forms: `embedded` lets the model's form bend, `plain`
+does not, `first` is the likelihood of the first version (commit b18e0bc), whose widths the others are compared with.
+How the misfits of two tests correlate is told too: that of tests of one amplitude, and that of tests of one frequency.
 """
 
 from __future__ import annotations
@@ -27,7 +29,6 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.averaging import average, in_band
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.intervals import Widening, widenings
-from bayes_iwan.inference.likelihood import KINDS
 from bayes_iwan.inference.point import laplace_scale, most_probable
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.quantities import quantities
@@ -42,6 +43,18 @@ LEVELS = (0.5, 0.9, 0.95)
 GRID = {"n_phase": 64, "n_harmonics": 24}
 QUARTILES = (25, 50, 75)
 NAMES = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N", *(f"slip_force_q{q}_N" for q in QUARTILES), "energy")
+
+
+#: configuration of each form
+FORMS: dict[str, dict[str, Any]] = {
+    "embedded": {"model": {"embedded": True}},
+    "plain": {"model": {"embedded": False}},
+    "first": {
+        "model": {"embedded": False},
+        "likelihood": {"kind": "matern"},
+        "parameters": {"noise_scale": {"prior": {"dist": "lognorm", "s": 0.3, "scale": 1.0}}},
+    },
+}
 
 
 def simulated(seed: int, index: int) -> dict[str, Any]:
@@ -93,30 +106,62 @@ def needed(widening: Widening, draws: Array, truth: float) -> float:
     return high
 
 
-def one_case(seed: int, index: int, kind: str, embedded: bool, budget_s: float | None) -> dict[str, Any]:
-    """The levels that intervals need to hold the truths, and how far the medians are off; budget_s None: Laplace."""
+def one_case(seed: int, index: int, forms: list[str], budget_s: float | None) -> dict[str, Any]:
+    """Each form's levels that intervals need to hold the truths, and how far the medians are off; budget_s None:
+    Laplace."""
     made = simulated(seed, index)
-    problem = make_problem(made["loops"], {"likelihood": {"kind": kind}, "model": {"embedded": embedded}})
-    if budget_s is None:
-        at, found = laplace(problem, index)
+    out: dict[str, Any] = {"index": index, "tests": len(made["loops"])}
+    for form in forms:
+        problem = make_problem(made["loops"], FORMS[form])
         told: dict[str, Any] = {"converged": True}
-    else:
-        draws, told = short_posterior(problem, index, budget_s)
-        z = draws[np.linspace(0, len(draws) - 1, 1000).round().astype(int)]
-        found = {n: q.values for n, q in quantities(problem, z).items()}
-        at = z[int(np.argmax(problem.log_prob(z)))]
+        if budget_s is None:
+            at, found = laplace(problem, index)
+        else:
+            draws, told = short_posterior(problem, index, budget_s)
+            z = draws[np.linspace(0, len(draws) - 1, 1000).round().astype(int)]
+            found = {n: q.values for n, q in quantities(problem, z).items()}
+            at = z[int(np.argmax(problem.log_prob(z)))]
+        out[form] = told | {"numbers": judged(problem, at, found, made["truth"]), "pairs": pairs(problem, at)}
+    return out
+
+
+def judged(problem: Problem, at: Array, found: dict[str, Array], truth: dict[str, float]) -> dict[str, Any]:
+    """By quantity: the least levels that hold the truth, alone and as reported, relative error and 90 % widths."""
     widened = widenings(problem, at)
-    out: dict[str, Any] = {"index": index, "tests": len(problem.loops), **told}
-    for name, true in made["truth"].items():
+    out = {}
+    for name, true in truth.items():
         x, w = found[name], widened[name]
         w = w if np.all(x > 0.0) else replace(w, relative=False, between_sd=w.between_sd * true)
         alone = replace(w, between_sd=float("nan"), unreached_sd=0.0)
         row = {"alone": needed(alone, x, true), "reported": needed(w, x, true)}
-        low, high = alone.interval(x)
-        row |= {"error": float(np.median(x) / true - 1.0), "width_alone": (high - low) / true}
-        low, high = w.interval(x)
-        out.setdefault("numbers", {})[name] = row | {"width_reported": (high - low) / true}
+        row["error"] = float(np.median(x) / true - 1.0)
+        for which, widening in (("alone", alone), ("reported", w)):
+            low, high = widening.interval(x)
+            row[f"width_{which}"] = (high - low) / true
+        out[name] = row
     return out
+
+
+def pairs(problem: Problem, z: Array) -> list[tuple[float, float, float]]:
+    """Of every two tests: distance in ln f, in ln A, and the correlation of their residuals, each over its amplitude's
+    root as the default likelihood has it, harmonics from the first on."""
+    residual = problem.residual(z[None])[0]
+    residual = residual - residual.mean(axis=1, keepdims=True)
+    unit = residual / np.linalg.norm(residual, axis=1, keepdims=True)
+    f, a = (np.log([getattr(x, n) for x in problem.loops]) for n in ("frequency_hz", "amplitude_mm"))
+    return [
+        (float(abs(f[i] - f[j])), float(abs(a[i] - a[j])), float(unit[i] @ unit[j]))
+        for i in range(len(f))
+        for j in range(i)
+    ]
+
+
+def correlations(cases: list[dict[str, Any]], same: float = 0.05) -> dict[str, float]:
+    """Mean correlation of two tests' misfits: of one amplitude, of one frequency, and of neither; NaN without any."""
+    every = np.array([p for c in cases for p in c["pairs"]]).reshape(-1, 3)
+    near_f, near_a = every[:, 0] < same, every[:, 1] < same
+    groups = {"one amplitude": near_a & ~near_f, "one frequency": near_f & ~near_a, "neither": ~near_f & ~near_a}
+    return {name: float(every[rows, 2].mean()) if rows.any() else float("nan") for name, rows in groups.items()}
 
 
 def rows_of(cases: list[dict[str, Any]], name: str) -> list[dict[str, float]]:
@@ -150,29 +195,11 @@ def figure(cases: list[dict[str, Any]], names: list[str]) -> Figure:
     return fig
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, default=24)
-    parser.add_argument("--likelihood", choices=KINDS, default="correlated")
-    parser.add_argument("--budget", type=float, default=20.0, help="seconds of sampling for each posterior, at most")
-    parser.add_argument("--laplace", action="store_true", help="normal approximation at the most probable point")
-    parser.add_argument("--plain", action="store_true", help="the model's form may not bend")
-    parser.add_argument("--seed", type=int, default=11)
-    parser.add_argument("--out", type=Path, default=Path("coverage"))
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    args = parser.parse_args()
-    os.environ.setdefault("NUMBA_NUM_THREADS", "1")
-    kind = args.likelihood
-    name = f"{kind}{'_plain' if args.plain else ''}{'_laplace' if args.laplace else ''}_{args.seed}"
-    budget = None if args.laplace else args.budget
-    jobs = [
-        (args.out / "cases" / f"{name}_{i:03d}.json", one_case, args.seed, i, kind, not args.plain, budget)
-        for i in range(args.cases)
-    ]
-    cases = list(each(jobs, args.workers, "cases"))
+def table_of(cases: list[dict[str, Any]], form: str) -> dict[str, Any]:
+    """Coverage and widths of one form, printed line by line."""
     late = sum(not c["converged"] for c in cases)
-    print(f"{len(cases)} cases, {args.likelihood} likelihood, {late} posteriors short of convergence")
-    table: dict[str, Any] = {}
+    print(f"{form}: {len(cases)} cases, {late} posteriors short of convergence")
+    table: dict[str, Any] = {"short_of_convergence": late}
     for name in NAMES:
         rows = rows_of(cases, name)
         table[name] = {"median_error": float(np.median([abs(r["error"]) for r in rows]))}
@@ -185,17 +212,39 @@ def main() -> None:
                 + f"   median 90 % width {100 * width:.2f} %"
             )
             table[name][which] = {"coverage": {str(k): vars(e) for k, e in found.items()}, "median_width": width}
-    write_json(
-        args.out / "coverage.json",
-        {
-            "likelihood": args.likelihood,
-            "seed": args.seed,
-            "table": table,
-            "short_of_convergence": late,
-            "cases": cases,
-        },
-    )
-    figure(cases, list(NAMES)).savefig(args.out / "coverage.png", dpi=130)
+    table["correlation"] = correlations(cases)
+    print("misfits' correlation between tests: " + ", ".join(f"{k} {v:.2f}" for k, v in table["correlation"].items()))
+    return table
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=24)
+    parser.add_argument("--forms", nargs="+", choices=FORMS, default=["plain"])
+    parser.add_argument("--budget", type=float, default=20.0, help="seconds of sampling for each posterior, at most")
+    parser.add_argument("--laplace", action="store_true", help="normal approximation at the most probable point")
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--out", type=Path, default=Path("coverage"))
+    parser.add_argument("--workers", type=int, default=1, help="processes")
+    args = parser.parse_args()
+    os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+    name = f"{'_'.join(args.forms)}{'_laplace' if args.laplace else ''}_{args.seed}"
+    budget = None if args.laplace else args.budget
+    jobs = [
+        (args.out / "cases" / f"{name}_{i:03d}.json", one_case, args.seed, i, args.forms, budget)
+        for i in range(args.cases)
+    ]
+    cases = list(each(jobs, args.workers, "cases"))
+    tables = {form: table_of([c[form] for c in cases], form) for form in args.forms}
+    if "first" in args.forms:
+        for form in args.forms:
+            ratio = (
+                tables[form]["kp_N_mm"]["reported"]["median_width"]
+                / tables["first"]["kp_N_mm"]["alone"]["median_width"]
+            )
+            print(f"width of kp's 90 % interval as reported over the first version's: {form} {ratio:.2f}")
+    write_json(args.out / "coverage.json", {"seed": args.seed, "forms": tables, "cases": cases})
+    figure([c[args.forms[0]] for c in cases], list(NAMES)).savefig(args.out / "coverage.png", dpi=130)
     print(f"written: {args.out}")
 
 

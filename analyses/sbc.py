@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument("--tests", type=int, nargs="+", default=[0, 4, 8], help="numbers of its tests, from 0")
     parser.add_argument("--likelihoods", nargs="+", choices=KINDS, default=["correlated"])
     parser.add_argument("--slip", default="gamma3", help="family of slip forces")
-    parser.add_argument("--plain", action="store_true", help="the model's form may not bend")
+    parser.add_argument("--embedded", action="store_true", help="the model's form may bend a little")
     parser.add_argument("--budget", type=float, default=20.0, help="seconds of sampling for each posterior, at most")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("sbc"))
@@ -161,7 +161,9 @@ def main() -> None:
     for kind in args.likelihoods:
         jobs = [
             (
-                args.out / "draws" / f"{kind}_{args.slip}{'_plain' if args.plain else ''}_{args.seed}_{i:03d}.json",
+                args.out
+                / "draws"
+                / f"{kind}_{args.slip}{'_embedded' if args.embedded else ''}_{args.seed}_{i:03d}.json",
                 one_draw,
                 args.campaign,
                 args.tests,
@@ -170,7 +172,7 @@ def main() -> None:
                 i,
                 args.budget,
                 args.slip,
-                not args.plain,
+                args.embedded,
             )
             for i in range(args.draws)
         ]

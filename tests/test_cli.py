@@ -23,6 +23,7 @@ members = 40
 evaluations = 1200
 starts = 4
 [sampling]
+method = "ensembles"
 ensembles = 2
 walkers = 24
 r_hat = 1.05

@@ -21,6 +21,7 @@ evaluations = 400
 starts = 4
 second_opinion = false
 [sampling]
+method = "ensembles"
 ensembles = 2
 walkers = 24
 r_hat = 1.2

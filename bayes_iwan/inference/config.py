@@ -5,7 +5,7 @@
 [likelihood]       kind: correlated, unweighted, matern, gaussian or laplace
 [parameters.NAME]  prior = {dist = "...", ...}, lower, upper, fixed, tied
 [search]           the point estimate
-[sampling]         the ensembles and when they have converged
+[sampling]         how the posterior is sampled, and when it has converged
 
 A table or a parameter that a command would not use is refused, not dropped.
 """
@@ -17,7 +17,7 @@ import math
 import os
 import tomllib
 from collections.abc import Collection, Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -41,7 +41,7 @@ _TABLES: dict[str, type] = {
     "search": SearchSettings,
     "sampling": SamplingSettings,
 }
-CHOICES = {("search", "objective"): ("eq8", "squared", "likelihood")}
+CHOICES = {("search", "objective"): ("eq8", "squared", "likelihood"), ("sampling", "method"): ("auto", "ensembles")}
 #: the noise's own numbers, which a diagnosis takes from the records
 NOISE = ("noise_scale", "noise_N", "discrepancy_share", "discrepancy_length")
 #: a whole number beyond this is a slip of the pen, and more than arrays can hold
@@ -54,7 +54,7 @@ class ConfigError(ValueError):
     """A configuration that cannot be used; the message names the table, the key and the mend."""
 
 
-def settings_of(config: Config = None, unused: Mapping[str, str] | None = None, bends: bool = True) -> IdentifySettings:
+def settings_of(config: Config = None, unused: Mapping[str, str] | None = None) -> IdentifySettings:
     """The settings of an identification, defaults filled in.
 
     Parameters
@@ -63,8 +63,6 @@ def settings_of(config: Config = None, unused: Mapping[str, str] | None = None, 
         a TOML file, its tables as a mapping, settings already checked, or None.
     unused
         tables that this run would not use, each with the reason: they are refused.
-    bends
-        is the model embedded (may its form bend a little) where the tables do not say?
 
     Returns
     -------
@@ -100,8 +98,6 @@ def settings_of(config: Config = None, unused: Mapping[str, str] | None = None, 
             f"{2 * loops.n_harmonics + 2} or n_harmonics at most {loops.n_phase // 2 - 1}"
         )
     model = _filled(ModelSettings, "model", given, where)
-    if "embedded" not in given.get("model", {}):
-        model = replace(model, embedded=bends)
     return IdentifySettings(
         loops,
         model,

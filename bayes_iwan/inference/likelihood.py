@@ -17,7 +17,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference.discrepancy import ODD_EVEN, Correlated
+from bayes_iwan.inference.discrepancy import MEASURED_BETWEEN, ODD_EVEN, Correlated
 from bayes_iwan.inference.loop_error import paper_weights
 from bayes_iwan.inference.parameters import Parameter
 from bayes_iwan.inference.scales import Scales
@@ -140,9 +140,9 @@ def make_likelihood(kind: str, loops: Sequence[Loop], scales: Scales) -> Likelih
     """The likelihood by name: correlated (default), the same unweighted, matern (unweighted, odd and even harmonics
     alike), gaussian or laplace."""
     if kind == "correlated":
-        return Correlated(tuple(loops), scales, spectrum=ODD_EVEN)
+        return Correlated(tuple(loops), scales, between=MEASURED_BETWEEN, spectrum=ODD_EVEN)
     if kind == "unweighted":
-        return Correlated(tuple(loops), spectrum=ODD_EVEN)
+        return Correlated(tuple(loops), between=MEASURED_BETWEEN, spectrum=ODD_EVEN)
     if kind == "matern":
         return Correlated(tuple(loops))
     if kind in KINDS:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, Numbers
 from bayes_iwan.campaign import Loop
@@ -21,6 +22,9 @@ from bayes_iwan.inference.settings import ModelSettings
 from bayes_iwan.physics import Model, ModelError, Motion, Scales, Simulator
 from bayes_iwan.physics.motion import motion_of
 from bayes_iwan.physics.simulator import FORCE_ZERO, OUTER, Station, force_zero, inner_effects, offered, recorded_force
+
+#: samples of a loop that a proposal needs; with 64 it is worth as much as with 128
+COARSE_SAMPLES = 64
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,26 @@ class Problem:
             out[inside] = prior[inside] + self.log_likelihood(np.atleast_2d(z)[inside])
         return out
 
+    @cached_property
+    def noise_columns(self) -> NDArray[np.int64]:
+        """Places of the noise's numbers in z."""
+        noise = {p.name for p in self.likelihood.parameters}
+        return np.array([i for i, name in enumerate(self.names) if name in noise], dtype=np.int64)
+
+    def log_prob_of_noise(self, z: Array, noise: Array) -> Array:
+        """Log posterior density (draws, count) with the noise's numbers (draws, count, noise) in the place of z's own;
+        the prediction of each z serves all of them."""
+        draws, count, _ = noise.shape
+        every = np.repeat(z, count, axis=0)
+        every[:, self.noise_columns] = noise.reshape(draws * count, -1)
+        values = {p.name: p.value(every[:, i]) for i, p in enumerate(self.prior.free) if i in self.noise_columns}
+        fixed = {p.name: p for p in self.likelihood.parameters if p.name not in values}
+        values |= {name: np.repeat(x, count) for name, x in self.prior.values(z).items() if name in fixed}
+        with np.errstate(all="ignore"):
+            residual = np.repeat(self.residual(z), count, axis=0)
+            value = self.likelihood.log_likelihood(residual, values) + self.prior.log_density(every)
+        return np.where(np.isfinite(value), value, -np.inf).reshape(draws, count)
+
     def pointwise(self, z: Array) -> Array:
         """Log-likelihood by datum, (draws, points)."""
         numbers = self.numbers(z)
@@ -114,6 +138,21 @@ class Problem:
         numbers = self.numbers(z)
         whitened = self.likelihood.rows(self.measured_N - self.force(numbers), numbers)
         return np.concatenate([whitened, np.atleast_2d(z)], axis=1)
+
+    def whitening(self, z: Array) -> Array:
+        """W (tests·samples, m): residuals times it are the whitened ones with the noise of z (1, ndim)."""
+        tests, samples = self.measured_N.shape
+        unit = np.eye(tests * samples).reshape(-1, tests, samples)
+        numbers = {name: np.repeat(x, len(unit)) for name, x in self.numbers(z).items()}
+        return self.likelihood.rows(unit, numbers)
+
+    def coarser(self) -> Problem:
+        """The same problem on every other sample of its loops, itself where they have fewer than 128."""
+        if self.motion.samples < 2 * COARSE_SAMPLES:
+            return self
+        along = ("phase", "displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_N", "force_scatter_N")
+        loops = tuple(replace(x, **{name: getattr(x, name)[::2] for name in along}) for x in self.loops)
+        return replace(self, loops=loops, likelihood=self.likelihood.of_loops(loops))
 
     def goal(self, z: Array, squared: bool = False) -> Array:
         """The paper's objective, Eq. (8), (draws,); +∞ where the prediction is not finite."""
@@ -203,7 +242,7 @@ def make_problem(
     >>> problem.predict(problem.prior.draw(np.random.default_rng(0), 3)).shape  # (draws, tests, samples), N
     (3, 2, 128)
     """
-    settings = settings_of(config, bends=False)
+    settings = settings_of(config)
     fitted = tuple(x for x in loops if x.role != "held-out")
     if not fitted:
         raise ValueError('no test is left to fit: every test has role = "held-out"')

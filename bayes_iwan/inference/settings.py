@@ -23,7 +23,7 @@ class ModelSettings:
     slip: str = "gamma3"
     grip: str = "hunt_crossley"
     stiffness: str = "saturating"
-    embedded: bool = True
+    embedded: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,14 @@ class SearchSettings:
 
 @dataclass(frozen=True)
 class SamplingSettings:
-    """The ensembles and when they have converged.
+    """How the posterior is sampled, and when it has converged.
 
-    walkers : at least; twice the numbers and two where that is more. draws : kept in the posterior.
+    method : auto, independent proposals where they fit and ensembles of walkers elsewhere, or ensembles.
+    ensembles : their number, or that of the independent chains. walkers : at least; twice the numbers and two where
+    that is more. draws : kept in the posterior.
     """
 
+    method: str = "auto"
     ensembles: int = 4
     walkers: int = 40
     budget_s: float = 240.0

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_iwan.arrays import Array, Numbers
-from bayes_iwan.physics import warp
+from bayes_iwan.physics import pointwise, warp
 from bayes_iwan.physics.motion import Motion
 from bayes_iwan.physics.sliders import OCTAVES
 from bayes_iwan.physics.slip_force import SlipForce
@@ -91,12 +91,11 @@ def corner(motion: Motion) -> Array:
     return 1.0 / (1.0 + ((a - motion.displacement_mm) / (CORNER_WIDTH * a)) ** 2)
 
 
-def with_bent_corner(alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-    """α with its corner at u = A bent: times exp(grip_corner) there."""
-    return warp.bent_normal_force(alpha, corner(motion)[None], numbers[CORNER_NAME][:, None])
+def bend_normal_force(alpha: Array, motion: Motion, numbers: Numbers) -> None:
+    """Bend α's corner at u = A, in place: times exp(grip_corner) there."""
+    pointwise.times_exponential(alpha, corner(motion), numbers[CORNER_NAME])
 
 
-def with_bent_stiffness(k: Array, alpha: Array, numbers: Numbers) -> Array:
-    """k·α^stiffness_exponent: k(1) is what it was."""
-    exponent = numbers[STIFFNESS_NAME][:, None, None]
-    return warp.bent_stiffness(k, alpha, exponent, np.zeros_like(exponent))
+def bend_stiffness(k: Array, alpha: Array, numbers: Numbers) -> None:
+    """k·α^stiffness_exponent, in place: k(1) is what it was."""
+    pointwise.times_power(k, alpha, numbers[STIFFNESS_NAME])

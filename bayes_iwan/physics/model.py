@@ -130,7 +130,7 @@ class Model(Simulator):
         """Relative normal force with the grip effects, (draws, loops, samples)."""
         alpha = self.grip_law.alpha(numbers, motion, self.reference, len(numbers["kp_N_mm"]))
         if self.embedded:
-            alpha = embedded.with_bent_corner(alpha, motion, numbers)
+            embedded.bend_normal_force(alpha, motion, numbers)
         for effect in effects:
             alpha = effect.grip(alpha, motion, numbers)
         return np.maximum(alpha, ALPHA_FLOOR) if effects else alpha
@@ -156,7 +156,7 @@ class Model(Simulator):
             alpha = np.ascontiguousarray(self.alpha(some, moved, effects))
             k = self.stiffness_law.k(some, alpha)
             if self.embedded:
-                k = embedded.with_bent_stiffness(k, alpha, some)
+                embedded.bend_stiffness(k, alpha, some)
             for effect in effects:
                 k = effect.stiffness(k, alpha, moved, some)
             k = np.ascontiguousarray(k)

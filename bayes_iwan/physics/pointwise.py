@@ -66,6 +66,48 @@ def saturating(alpha, final, bend, out):
 
 
 @_jit
+def _log(x):
+    """ln x to 1e-15 absolute or relative for x > 0: exponent and 2·artanh((m − 1)/(m + 1)), √½ ≤ m < √2, by series."""
+    bits = np.float64(x).view(np.int64)
+    n = (bits - np.int64(0x3FE6A09E667F3BCD)) >> np.int64(52)
+    m = np.int64(bits - (n << np.int64(52))).view(np.float64)
+    s = (m - 1.0) / (m + 1.0)
+    y = s * s
+    q = 1.0 / 21.0
+    q = q * y + 1.0 / 19.0
+    q = q * y + 1.0 / 17.0
+    q = q * y + 1.0 / 15.0
+    q = q * y + 1.0 / 13.0
+    q = q * y + 1.0 / 11.0
+    q = q * y + 1.0 / 9.0
+    q = q * y + 1.0 / 7.0
+    q = q * y + 0.2
+    q = q * y + 1.0 / 3.0
+    return n * 0.6931471805599453 + 2.0 * s * (1.0 + y * q)
+
+
+@_jit
+def times_power(k, alpha, exponent):
+    """k·α^exponent into k, shaped as alpha > 0 (draws, loops, samples); exponent : (draws,), 0 leaves k bit for bit."""
+    for d in range(k.shape[0]):
+        if exponent[d] == 0.0:
+            continue
+        for j in range(k.shape[1]):
+            for i in range(k.shape[2]):
+                k[d, j, i] += k[d, j, i] * _expm1(exponent[d] * _log(alpha[d, j, i]))
+
+
+@_jit
+def times_exponential(alpha, shape, size):
+    """α·exp(size·shape) into alpha (draws, loops, samples); shape : (1 or draws, loops, samples), size : (draws,)."""
+    for d in range(alpha.shape[0]):
+        m = d % shape.shape[0]
+        for j in range(alpha.shape[1]):
+            for i in range(alpha.shape[2]):
+                alpha[d, j, i] += alpha[d, j, i] * _expm1(size[d] * shape[m, j, i])
+
+
+@_jit
 def solve_elasticity(value, out):
     """The z > 0 at which z/(e^z − 1) is value, in (0, 1), by Newton's method on the logarithm; (draws,)."""
     for d in range(out.size):

@@ -63,35 +63,48 @@ def _distribution(coefficients: Array) -> tuple[Array, Array]:
 
 
 @_jit
-def _above(p, value, slope):
-    """Share of elements beyond the quantile p: Hermite cubics over equal cells of p."""
-    cells = value.size - 1
-    if not p == p:
-        return p
-    at = min(max(p, 0.0), 1.0) * cells
-    i = min(int(at), cells - 1)
-    w, rise = at - i, value[i + 1] - value[i]
-    c2, c3 = 3.0 * rise - 2.0 * slope[i] - slope[i + 1], slope[i] + slope[i + 1] - 2.0 * rise
-    return value[i] + w * (slope[i] + w * (c2 + w * c3))
-
-
-@_jit
 def _tilt_tables(tables, top, width, value, slope, tilted, out):
+    """Tilted tables into out: the tilted survival at the cells' ends and middles, integrated by Simpson's rule.
+
+    The share of elements beyond the quantile p is read from Hermite cubics over equal cells of p. Where each place lies
+    among them is worked out in vectors; reading cannot be.
+    """
     draws, cells = tables.shape[:2]
+    parts = value.shape[1] - 1
+    cubic = np.empty((parts, 4))
+    cell, place, above = np.empty(2 * cells, np.uint64), np.empty(2 * cells), np.empty(2 * cells)
     for d in range(draws):
         if not tilted[d]:
             out[d] = tables[d]
             continue
-        limited = start = 0.0
+        for i in range(parts):
+            rise = value[d, i + 1] - value[d, i]
+            cubic[i, 0], cubic[i, 1] = value[d, i], slope[d, i]
+            cubic[i, 2] = 3.0 * rise - 2.0 * slope[d, i] - slope[d, i + 1]
+            cubic[i, 3] = slope[d, i] + slope[d, i + 1] - 2.0 * rise
+        most = parts * (1.0 - 1e-15)
+        for j in range(cells):
+            per_h = 1.0 / (width[j] * top[d])
+            c1, c2, c3 = tables[d, j, 1] * per_h, 2.0 * tables[d, j, 2] * per_h, 3.0 * tables[d, j, 3] * per_h
+            for k in range(2):  # the middle, then the end
+                p = 1.0 - (c1 + c2 + c3 if k == 1 else c1 + 0.5 * c2 + 0.25 * c3)
+                at = p * parts
+                at = at if at > 0.0 else 0.0
+                at = at if at < most else most
+                cell[2 * j + k] = np.uint64(at)
+                place[2 * j + k] = at - math.floor(at) + 0.0 * p  # NaN stays NaN
+        for j in range(2 * cells):
+            i, w = cell[j], place[j]
+            above[j] = cubic[i, 0] + w * (cubic[i, 1] + w * (cubic[i, 2] + w * cubic[i, 3]))
+        # below the table's lowest node nearly all elements hold, whatever the tilt
+        held = tables[d, 0, 1] / (width[0] * top[d])
+        at = min(max((1.0 - held) * parts, 0.0), most)
+        i, w = int(at), at - math.floor(at)
+        start = cubic[i, 0] + w * (cubic[i, 1] + w * (cubic[i, 2] + w * cubic[i, 3]))
+        limited = tables[d, 0, 0] * (1.0 + start) / (1.0 + held)
         for j in range(cells):
             h = width[j] * top[d]
-            per_h = 1.0 / h
-            c1, c2, c3 = tables[d, j, 1] * per_h, 2.0 * tables[d, j, 2] * per_h, 3.0 * tables[d, j, 3] * per_h
-            if j == 0:  # below the table's lowest node nearly all elements hold, whatever the tilt
-                start = _above(1.0 - c1, value[d], slope[d])
-                limited = tables[d, 0, 0] * (1.0 + start) / (1.0 + c1)
-            middle = _above(1.0 - (c1 + 0.5 * c2 + 0.25 * c3), value[d], slope[d])
-            end = _above(1.0 - (c1 + c2 + c3), value[d], slope[d])
+            middle, end = above[2 * j], above[2 * j + 1]
             rise = h * (start + 4.0 * middle + end) / 6.0
             out[d, j, 0], out[d, j, 1] = limited, h * start
             out[d, j, 2] = 3.0 * rise - h * (2.0 * start + end)

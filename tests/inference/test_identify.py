@@ -31,7 +31,15 @@ SMALL = {
     "parameters": {"force_zero_N": {"fixed": 0.0}},
     "likelihood": {"kind": "gaussian"},
     "search": {"members": 40, "evaluations": 1200, "starts": 4},
-    "sampling": {"ensembles": 2, "walkers": 24, "r_hat": 1.05, "ess": 150, "taus": 20, "draws": 1000},
+    "sampling": {
+        "method": "ensembles",
+        "ensembles": 2,
+        "walkers": 24,
+        "r_hat": 1.05,
+        "ess": 150,
+        "taus": 20,
+        "draws": 1000,
+    },
 }
 TRUE = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
 

@@ -58,13 +58,15 @@ def test_tilted_density_against_its_definition():
 
 def test_the_exponent_leaves_k1_and_bends_the_rest():
     alpha = np.array([[[0.5, 1.0, 2.0]]])
-    k = embedded.with_bent_stiffness(np.full(alpha.shape, 7.0), alpha, numbers(exponent=0.2))
+    k = np.full(alpha.shape, 7.0)
+    embedded.bend_stiffness(k, alpha, numbers(exponent=0.2))
     np.testing.assert_allclose(k[0, 0], 7.0 * alpha[0, 0] ** 0.2)
 
 
 def test_the_corner_is_at_the_end_of_the_stroke():
-    motion = sine_motion(frequency_hz=12.0, amplitude_mm=[0.4, 1.0])
-    bent = embedded.with_bent_corner(np.ones((1, 2, 128)), motion, numbers(corner=0.1))
+    motion = sine_motion([0.4, 1.0], 12.0)
+    bent = np.ones((1, 2, 128))
+    embedded.bend_normal_force(bent, motion, numbers(corner=0.1))
     top = np.argmax(motion.displacement_mm[0], axis=1)
     np.testing.assert_allclose(bent[0, [0, 1], top], np.exp(0.1), rtol=1e-6)
     assert np.all(np.abs(bent[0][motion.displacement_mm[0] < 0.5 * motion.amplitude_mm[:, None]] - 1.0) < 2e-3)

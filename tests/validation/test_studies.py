@@ -198,6 +198,7 @@ def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["coverage_rig.py", "--cases", "1", "--budget", "2", "--out", str(tmp_path)])
     study("coverage_rig").main()
     result = json.loads((tmp_path / "coverage.json").read_text())
-    assert result["table"]["energy"]["reported"]["coverage"]["0.9"]["n"] == 2
-    assert abs(result["cases"][0]["error"]["energy 0"]) < 0.1
+    assert result["forms"]["plain"]["energy"]["reported"]["coverage"]["0.9"]["n"] == 2
+    numbers = result["cases"][0]["plain"]["numbers"]
+    assert abs(numbers["kp_N_mm"]["error"]) < 0.1 and numbers["kp_N_mm"]["width_reported"] > 0.0
     assert (tmp_path / "coverage.png").stat().st_size > 5000
