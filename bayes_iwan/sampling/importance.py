@@ -12,10 +12,10 @@ Several chains, each with proposals of its own, take the place of the ensembles.
 in which they came, each as often as its weight says (systematic resampling), so a heavy one is a chain that stands
 still, and R-hat, effective sizes and autocorrelation times mean what they always do.
 
-It is tried first and given up (None) where it does not fit: where draws of a pilot are not met, or too few of them, or of
-those after it, carry the weight. Whether branches overlap is found by solving for one's draws with the other's map. One that is
-all within another is left out; where two overlap in part, each draw is solved for by both, and weighed by what both
-propose there.
+It is tried first and given up (None) where it does not fit: where draws of a pilot are not met, or too few of them, or
+of those after it, carry the weight. Whether branches overlap is found by solving for one's draws with the other's map.
+One that is all within another is left out; where two overlap in part, each draw is solved for by both, and weighed by
+what both propose there.
 """
 
 from __future__ import annotations

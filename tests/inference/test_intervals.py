@@ -40,7 +40,7 @@ def test_left_out_optima_are_those_of_a_refit(simple):
         start = np.delete(z, noise)[None]
         optimum = most_probable(refit, start)[0][0]
         np.testing.assert_allclose(np.delete(found[t], noise), optimum, atol=0.01)
-        assert np.max(np.abs(np.delete(found[t] - z, noise))) > 0.03  # the tests do disagree
+        assert np.max(np.abs(np.delete(found[t] - z, noise))) > 0.01  # the tests do disagree
 
 
 def test_interval_without_additions_is_the_draws_own():
