@@ -32,7 +32,7 @@ from bayes_iwan.campaign import read_campaign
 from bayes_iwan.inference.config import settings_of
 from bayes_iwan.inference.point import find_point, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.sampling.convergence import diagnose
+from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import sample
 
 ENSEMBLES, WALKERS = 4, 40
@@ -73,7 +73,7 @@ def worth(draws: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
     kept = draws[:, draws.shape[1] // 2 :]
     if kept.shape[1] < LEAST_STORED:
         return {"note": f"only {draws.shape[1]} stored steps"}
-    d = diagnose(kept, names)
+    d = convergence_of(kept, names)
     return {"ess": float(d.least_ess), "r_hat": float(d.worst_r_hat)}
 
 

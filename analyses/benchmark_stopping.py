@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.sampling.checkpoint import read_checkpoint
-from bayes_iwan.sampling.convergence import diagnose, ess_mean
+from bayes_iwan.sampling.convergence import convergence_of, ess_mean
 from bayes_iwan.sampling.run import STAGES
 
 RULES = (5.0, 10.0, 15.0, 20.0, 30.0, 50.0)
@@ -39,7 +39,7 @@ def stops(piece: np.ndarray, names: tuple[str, ...], thin: int) -> dict[float, i
     found: dict[float, int] = {}
     length = LEAST
     while length <= piece.shape[1]:
-        result = diagnose(piece[:, :length], names, thin)
+        result = convergence_of(piece[:, :length], names, thin)
         for taus in RULES:
             if taus not in found and not result.shortfall(R_HAT, ESS, taus):
                 found[taus] = length
@@ -60,7 +60,7 @@ def main() -> None:
         draws, thin, names = production(run, args.ensembles)
         truth, sd = draws.mean(axis=(0, 1, 2)), draws.std(axis=(0, 1, 2))
         whole = np.array([ess_mean(draws[..., j]) for j in range(len(names))])
-        result = diagnose(draws, names, thin)
+        result = convergence_of(draws, names, thin)
         print(
             f"{run}: {thin * draws.shape[1]} steps, {result.n_steps / result.worst_tau:.0f} autocorrelation times "
             f"of the slowest number, least ESS {result.least_ess:.0f}, R-hat {result.worst_r_hat:.4f}"

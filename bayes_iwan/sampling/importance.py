@@ -30,7 +30,7 @@ from scipy.special import gammaln
 from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.sampling.convergence import diagnose
+from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import BatchFunction, Chains, Stop
 from bayes_iwan.sampling.residual_map import ResidualMap, Residuals, Solved
 
@@ -265,7 +265,7 @@ def sample_independently(
                 late = budget_s is not None and time.monotonic() - began > budget_s
                 if steps >= next_check or late or steps >= max_steps:
                     together = np.stack([chain.resampled()[1] for chain in chains])
-                    result = diagnose(together[:, :, None], names + quantity_names)
+                    result = convergence_of(together[:, :, None], names + quantity_names)
                     short = result.shortfall(target_r_hat, target_ess, chain_taus)
                     next_check = int(1.15 * steps)
                     bar.set_postfix_str(f"R-hat {result.worst_r_hat:.3f}, ESS {result.least_ess:.0f}")
@@ -282,7 +282,7 @@ def sample_independently(
     kept = [chain.resampled() for chain in chains]
     draws, levels = np.stack([x for _, x in kept]), np.stack([chain.log_prob[i] for chain, (i, _) in zip(chains, kept)])
     if stop is Stop.INTERRUPTED and draws.shape[1] >= 8:
-        result = diagnose(draws[:, :, None], names + quantity_names)
+        result = convergence_of(draws[:, :, None], names + quantity_names)
         short = result.shortfall(target_r_hat, target_ess, chain_taus)
     different = [len(np.unique(i)) / max(1, len(i)) for i, _ in kept]
     return Chains(
