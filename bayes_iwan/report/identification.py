@@ -287,9 +287,11 @@ def _sampling(section: Section, posterior: Posterior, convergence: tables.Table,
     section.note(said, "good" if agree else "warning")
     t = posterior.timings
     if "sampling_s" in t:
+        way = f"{posterior.z.shape[0]} ensembles with {posterior.walkers} walkers each"
+        if posterior.walkers == 1:
+            way = f"{posterior.z.shape[0]} chains of independent proposals, each as often as its weight says"
         section.text(
-            f"{t.get('steps', 0):.0f} steps of {posterior.z.shape[0]} ensembles with {posterior.walkers} "
-            f"walkers each, {t.get('evaluations', 0):.3g} evaluations; point estimate "
+            f"{t.get('steps', 0):.0f} steps of {way}, {t.get('evaluations', 0):.3g} evaluations; point estimate "
             f"{t.get('point_s', 0):.3g} s, sampling {t['sampling_s']:.3g} s."
         )
 
