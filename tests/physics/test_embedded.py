@@ -64,7 +64,7 @@ def test_the_exponent_leaves_k1_and_bends_the_rest():
 
 
 def test_the_corner_is_at_the_end_of_the_stroke():
-    motion = sine_motion([0.4, 1.0], 12.0)
+    motion = sine_motion(frequency_hz=12.0, amplitude_mm=[0.4, 1.0])
     bent = np.ones((1, 2, 128))
     embedded.bend_normal_force(bent, motion, numbers(corner=0.1))
     top = np.argmax(motion.displacement_mm[0], axis=1)
