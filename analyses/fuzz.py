@@ -66,7 +66,9 @@ class Tally:
 def damaged(reader: Reader, raws: list[bytes], rng: np.random.Generator) -> tuple[int, bytes]:
     """Which of a reader's files is damaged, and its bytes then; of several the first in half of the inputs."""
     k = 0 if len(raws) == 1 or rng.random() < 0.5 else int(rng.integers(1, len(raws)))
-    return k, reader.damage(raws[k], rng)
+    while (changed := reader.damage(raws[k], rng)) == raws[k]:
+        pass
+    return k, changed
 
 
 def outcome(reader: Reader, where: str) -> int:
