@@ -39,7 +39,8 @@ class Figures:
         share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
         fitted one where no test can judge it)
     differs : by how many standard deviations its strength differs between halves of the tests (larger split)
-    moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force
+    moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
+        the base's own
     """
 
     name: str
@@ -51,6 +52,7 @@ class Figures:
     differs: float
     moved: float
     gap: float
+    before: float
 
 
 def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, ...]:
@@ -85,6 +87,7 @@ def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, 
                 differs.get(name, 0.0),
                 moved[name],
                 gap[less.names] / level,
+                before / level,
             )
         )
     return tuple(out)

@@ -121,11 +121,19 @@ def made_case(rng, kind, name, law, strong):
         "differs": 0.5 if true else 3.0,
         "moved": 0.05 if true else 0.004,
         "gap": 0.05,
+        "before": 0.05,
     }
-    effects = [{"name": name, "law": law, "size": 0.05, "visible_share": 0.9}] if true else []
+    effects = [{"name": name, "law": law, "size": 0.05, "visible_share": 0.9, "share": 1.0}]
+    effects = effects if true else []
     if kind == "outside":
         effects = [
-            {"name": ("whirl", "chatter")[law in ("law0", "law1")], "law": "", "size": 0.05, "visible_share": 0.9}
+            {
+                "name": ("whirl", "chatter")[law in ("law0", "law1")],
+                "law": "",
+                "size": 0.05,
+                "visible_share": 0.9,
+                "share": 1.0,
+            }
         ]
     return {
         "truth": {"kind": kind, "effects": effects, "friction_rms_N": 1.0},
@@ -135,6 +143,7 @@ def made_case(rng, kind, name, law, strong):
         "gap_N": {"": 0.05 if kind != "none" else 0.001, name: 0.01 if true else 0.045},
         "rest_share": {"": 0.05 if kind != "none" else 0.0006, name: 0.001 if true else 0.04},
         "subharmonic": 1.0,
+        "share": {name: {name: 0.95 if true else 0.1}},
     }
 
 
