@@ -36,8 +36,8 @@ PROMISE, FURTHER_MOST = 3.0, 4
 LAWS_MOST = 2
 #: an effect is taken in if it gains so many nats, and dropped again below half of that
 WORTH_NATS = 3.0
-#: and so many where one that looks alike is in the set already: nature seldom has both
-BESIDE_ALIKE = 25.0
+#: and so many, or this share of the base's gap, where one that looks alike is in the set: nature seldom has both
+BESIDE_ALIKE, ALIKE_SHARE = 25.0, 0.1
 #: rivals refitted in the place of each effect of the chosen set
 RIVALS_MOST = 3
 #: and only those whose first step promises this share of what the effect itself gains there
@@ -270,17 +270,22 @@ class _Explorer:
         (what bends the base first, which names no cause), and what leaves the gap as it is or larger."""
         weakest_first = sorted(current.names, key=lambda n: -self.without(current, n).log_evidence)
         base, whole = self.gap_N(self.fits[frozenset()]), self.gap_N(current)
+        removes = {
+            n: (self.gap_N(self.without(current, n)) - whole) / base if base > 0.0 else 0.0 for n in weakest_first
+        }
         for name in sorted(weakest_first, key=lambda n: n not in LAST):
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
             alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
-            worth = less.log_evidence < current.log_evidence - BESIDE_ALIKE
-            if alike and not (worth and (alone is None or self.gap_N(alone) < base)):
+            opposed = (
+                alone is not None and self.gap_N(alone) > base
+            )  # one is held by the other, that moves as much back
+            cheap = less.log_evidence > current.log_evidence - BESIDE_ALIKE
+            if alike and ((cheap and removes[name] < ALIKE_SHARE) or (opposed and removes[name] < 2.0 * ALIKE_SHARE)):
                 return self.pruned(less)
         for name in weakest_first:
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
-            removes = (self.gap_N(less) - whole) / base if base > 0.0 else 0.0
-            stood_in = alone is not None and removes < STOOD_IN and base - self.gap_N(alone) > ALONE * base
-            if name not in LAST and (removes < 0.0 or stood_in):
+            stood_in = alone is not None and removes[name] < STOOD_IN and base - self.gap_N(alone) > ALONE * base
+            if name not in LAST and (removes[name] < 0.0 or stood_in):
                 return self.pruned(less)
         return current
 
@@ -298,13 +303,13 @@ class _Explorer:
                 less = self.without(current, name)
                 least, done = RIVAL_SHARE * (current.log_evidence - less.log_evidence), 0
                 for one in [*self.offered(less), *self.offered(less, last=True)]:
-                    if one.name == name or one.gain < least:
+                    if one.name == name or less.names | {one.name} in self.fits:
                         continue
-                    if less.names | {one.name} not in self.fits:
+                    if look_alike(self.effects, name, one.name) and one.gain > 0.0:
+                        self.add(one, less)  # whatever its first step promises: ties are what is asked here
+                    elif one.gain > least and done < RIVALS_MOST:
                         self.add(one, less)
                         done += 1
-                    if done >= RIVALS_MOST:
-                        break
                 current = self.best_beside(less, current)
             if current is before:
                 break
