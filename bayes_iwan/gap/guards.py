@@ -17,7 +17,7 @@ from bayes_iwan.gap.evidence import Fit
 from bayes_iwan.gap.gap_size import gap_size, moved_shares
 from bayes_iwan.gap.leave_out import HELD_OUT, Unseen, halves, left_out, refitted
 from bayes_iwan.gap.residuals import residual_of
-from bayes_iwan.gap.search import Search, look_alike
+from bayes_iwan.gap.search import TIED_NATS, Search, look_alike
 
 #: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:
 #: nature's law is not quite the catalogue's
@@ -71,8 +71,15 @@ def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, 
     out = []
     for name in search.chosen:
         less = without[name]
-        rivals = {n: borne_out(f.log_evidence - whole.log_evidence, _gap_N(data, f) - gap[whole.names], before)
-                  for n, f in search.rivals(name).items()}  # fmt: skip
+        rivals = {
+            n: borne_out(
+                f.log_evidence - whole.log_evidence,
+                _gap_N(data, f) - gap[whole.names],
+                before,
+                look_alike(search.effects, name, n),
+            )
+            for n, f in search.rivals(name).items()
+        }
         others = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
         fitted = float(np.clip(share[name], -1.0, 1.0))
         gain = whole.log_evidence - less.log_evidence
@@ -93,10 +100,13 @@ def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, 
     return tuple(out)
 
 
-def borne_out(nats: float, more_N: float, before_N: float) -> float:
-    """Nats by which a rival is behind (negative), no more than NATS_OF_GAP for what it leaves more of the gap."""
+def borne_out(nats: float, more_N: float, before_N: float, alike: bool) -> float:
+    """Nats by which a rival is ahead or behind (negative): no more behind than NATS_OF_GAP for what it leaves more of
+    the gap; a look-alike that is ahead by less than TIED_NATS is tied, since the search took the simpler story."""
+    if nats >= 0.0:
+        return 0.0 if alike and nats < TIED_NATS else nats
     more = max(more_N, 0.0) / before_N if before_N > 0.0 else np.inf
-    return max(nats, -NATS_OF_GAP * more) if nats < 0.0 else nats
+    return max(nats, -NATS_OF_GAP * more)
 
 
 def _gap_N(data: GapData, fit: Fit) -> float:
