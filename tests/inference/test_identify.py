@@ -212,7 +212,7 @@ def test_each_frequency_alone(folder, tmp_path, small_loops):
     assert by_frequency([replace(x, role="held-out") for x in small_loops]) == {}
     joint = identify_campaign(folder, tmp_path, config=SMALL, seed=2, per_test=True, progress=False)
     with executors.opened(2) as executor:  # the same wherever it runs
-        some = replace(joint, loops=groups["f20Hz"])
+        some = replace(joint, loops=by_frequency(joint.loops)["f20Hz"])
         identify_frequencies(some, tmp_path / "elsewhere", progress=False, executor=executor)
     one, other = (f / "per_test" / "f20Hz" / "summary.csv" for f in (tmp_path, tmp_path / "elsewhere"))
     assert one.read_bytes() == other.read_bytes()
