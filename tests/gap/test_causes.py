@@ -1,6 +1,6 @@
 """From a planted fault to its name: campaigns drawn on the virtual rig, which shares no code with the model, diagnosed.
 
-Viscous damping and a delay between the channels are named in `test_search.py`; with those here they are ten.
+Viscous damping and a delay between the channels are named in `test_search.py`; with those here they are twelve.
 """
 
 import pytest
@@ -13,7 +13,9 @@ PLANTED = (
     "quadratic_stiffness",
     "end_stop",
     "friction_fade",
-    "direction_dependent_friction",
+    "rate_strengthening",
+    "maxwell_branch",
+    "force_highpass",
     "force_clipping",
     "force_drift",
     "mains_hum",
