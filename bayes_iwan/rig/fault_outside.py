@@ -26,7 +26,7 @@ def _one(name: str, main: str, ceiling, acts, draw: Draw = lambda g, s: {}, evol
 
 
 def _hertz_stops(p: Parameters) -> Acting:
-    k, gap = p["k_N_mm15"], p["gap_mm"]
+    k, gap = p["k_N_mm15"], p["clearance_mm"]
     return {"displacement_force": lambda d: np.sign(d) * k * np.maximum(np.abs(d) - gap, 0.0) ** 1.5}
 
 
@@ -78,7 +78,7 @@ KINDS = (
          lambda g, s: {"pitch_mm": float(g.uniform(0.25, 0.7)) * s.largest_mm,
                        "phase_rad": float(g.uniform(0, 2 * np.pi))}),
     _one("hertz_stops", "k_N_mm15", lambda s: 80.0, _hertz_stops,
-         lambda g, s: {"gap_mm": float(g.uniform(0.6, 0.85)) * s.largest_mm}),
+         lambda g, s: {"clearance_mm": float(g.uniform(0.6, 0.85)) * s.largest_mm}),
     _one("base_resonance", "mobility_mm_N", lambda s: 0.06, _base,
          lambda g, s: {"resonance_hz": float(g.uniform(1.3, 2.2)) * max(s.frequencies_hz),
                        "damping_ratio": float(g.uniform(0.02, 0.06))}),

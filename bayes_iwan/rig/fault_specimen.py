@@ -184,18 +184,18 @@ def _stop(power: float, loss: bool = False):
     def acts(p: Parameters) -> Acting:
         k = p["k_N_mm"] * p.get("indent_mm", 1.0) ** (1.0 - power)
         more = {"stop_loss_s_m": p["loss_s_m"]} if loss else {}
-        return {"stop_gap": p["gap_mm"], "stop_k": k, "stop_power": power, **more}
+        return {"stop_gap": p["clearance_mm"], "stop_k": k, "stop_power": power, **more}
 
     return acts
 
 
 def _rounded_stop(p: Parameters) -> Acting:
-    k, gap, width = p["k_N_mm"], p["gap_mm"], p["width_mm"]
+    k, gap, width = p["k_N_mm"], p["clearance_mm"], p["width_mm"]
     return {"displacement_force": lambda d: k * width * np.logaddexp(0.0, (d - gap) / width)}
 
 
 def _two_stage_stop(p: Parameters) -> Acting:
-    k, gap, second = p["k_N_mm"], p["gap_mm"], p["second_gap_mm"]
+    k, gap, second = p["k_N_mm"], p["clearance_mm"], p["second_clearance_mm"]
 
     def force(d: Array) -> Array:
         return 0.3 * k * np.maximum(d - gap, 0.0) + k * np.maximum(d - second, 0.0)
@@ -213,9 +213,9 @@ END_STOP = FaultKind(
         Law("lossy", _stop(1.0, loss=True), lambda g, s: {"loss_s_m": float(g.uniform(5.0, 25.0))}),
         Law("rounded", _rounded_stop, lambda g, s: {"width_mm": float(g.uniform(0.03, 0.08)) * s.largest_mm}),
         Law("two_stage", _two_stage_stop,
-            lambda g, s: {"second_gap_mm": float(g.uniform(0.8, 0.92)) * s.largest_mm}),
+            lambda g, s: {"second_clearance_mm": float(g.uniform(0.8, 0.92)) * s.largest_mm}),
     ),
-    lambda g, s: {"gap_mm": float(g.uniform(0.5, 0.78)) * s.largest_mm},
+    lambda g, s: {"clearance_mm": float(g.uniform(0.5, 0.78)) * s.largest_mm},
 )  # fmt: skip
 
 KINDS = (VISCOUS, MAXWELL, QUADRATIC, CUBIC, END_STOP)

@@ -188,7 +188,7 @@ def test_free_play_carries_no_force_across_its_width():
 
 def test_end_stop_acts_beyond_its_gap_only():
     s = uniform_specimen()
-    sound, stopped = run(s), run(s, Fault("end_stop", {"gap_mm": 0.45, "k_N_mm": 6.0}))
+    sound, stopped = run(s), run(s, Fault("end_stop", {"clearance_mm": 0.45, "k_N_mm": 6.0}))
     change = stopped.force_N - sound.force_N
     assert np.abs(change[sound.displacement_mm < 0.40]).max() < 0.02
     assert change.max() == pytest.approx(6.0 * (A - 0.45), rel=0.05)
