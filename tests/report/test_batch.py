@@ -21,7 +21,15 @@ CONFIG = {
     "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},
     "likelihood": {"kind": "gaussian"},
     "search": {"members": 40, "evaluations": 1200, "starts": 4, "second_opinion": False},
-    "sampling": {"ensembles": 2, "walkers": 24, "r_hat": 1.1, "ess": 60.0, "taus": 8.0, "draws": 500},
+    "sampling": {
+        "method": "ensembles",
+        "ensembles": 2,
+        "walkers": 24,
+        "r_hat": 1.1,
+        "ess": 60.0,
+        "taus": 8.0,
+        "draws": 500,
+    },
 }
 
 
