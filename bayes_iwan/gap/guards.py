@@ -14,16 +14,13 @@ import numpy as np
 
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.gap.evidence import Fit
-from bayes_iwan.gap.gap_size import gap_size, moved_shares
+from bayes_iwan.gap.gap_size import moved_shares
 from bayes_iwan.gap.leave_out import HELD_OUT, Unseen, halves, left_out, refitted
-from bayes_iwan.gap.residuals import residual_of
-from bayes_iwan.gap.search import TIED_NATS, Search, look_alike
+from bayes_iwan.gap.search import TIED_NATS, Search, gap_rms_N, look_alike
 
 #: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:
 #: nature's law is not quite the catalogue's
 LOOSE = 0.2
-#: draws of the noise behind each gap
-DRAWS = 100
 #: nats that a rival may be behind for each share of the base's gap that it leaves more: evidence counts every harmonic
 #: by its noise, and between two laws that are both a little off it counts differences that no newton bears out
 NATS_OF_GAP = 600.0
@@ -66,15 +63,15 @@ def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, 
     differs = _differences(whole, data)
     moved = moved_shares(whole, data)
     level = float(np.sqrt(np.mean(data.level_N**2)))
-    gap = {k: _gap_N(data, f) for k, f in models.items()}
-    before = _gap_N(data, search.base)
+    gap = {k: gap_rms_N(data, f) for k, f in models.items()}
+    before = gap_rms_N(data, search.base)
     out = []
     for name in search.chosen:
         less = without[name]
         rivals = {
             n: borne_out(
                 f.log_evidence - whole.log_evidence,
-                _gap_N(data, f) - gap[whole.names],
+                gap_rms_N(data, f) - gap[whole.names],
                 before,
                 look_alike(search.effects, name, n),
             )
@@ -107,10 +104,6 @@ def borne_out(nats: float, more_N: float, before_N: float, alike: bool) -> float
         return 0.0 if alike and nats < TIED_NATS else nats
     more = max(more_N, 0.0) / before_N if before_N > 0.0 else np.inf
     return max(nats, -NATS_OF_GAP * more)
-
-
-def _gap_N(data: GapData, fit: Fit) -> float:
-    return gap_size(residual_of(data, fit), draws=DRAWS).all.rms_N
 
 
 def _judged(whole: Fit, name: str, unseen: list[Unseen], fitted: float) -> float:

@@ -269,29 +269,28 @@ class _Explorer:
         """Less what the others of the set stand in for: one of two effects that look alike, unless both are needed
         (what bends the base first, which names no cause), and what leaves the gap as it is or larger."""
         weakest_first = sorted(current.names, key=lambda n: -self.without(current, n).log_evidence)
-        base, whole = self.gap_N(self.fits[frozenset()]), self.gap_N(current)
+        base, whole = gap_rms_N(self.data, self.fits[frozenset()]), gap_rms_N(self.data, current)
         removes = {
-            n: (self.gap_N(self.without(current, n)) - whole) / base if base > 0.0 else 0.0 for n in weakest_first
+            n: (gap_rms_N(self.data, self.without(current, n)) - whole) / base if base > 0.0 else 0.0
+            for n in weakest_first
         }
         for name in sorted(weakest_first, key=lambda n: n not in LAST):
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
             alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
             opposed = (
-                alone is not None and self.gap_N(alone) > base
+                alone is not None and gap_rms_N(self.data, alone) > base
             )  # one is held by the other, that moves as much back
             cheap = less.log_evidence > current.log_evidence - BESIDE_ALIKE
             if alike and ((cheap and removes[name] < ALIKE_SHARE) or (opposed and removes[name] < 2.0 * ALIKE_SHARE)):
                 return self.pruned(less)
         for name in weakest_first:
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
-            stood_in = alone is not None and removes[name] < STOOD_IN and base - self.gap_N(alone) > ALONE * base
+            stood_in = (
+                alone is not None and removes[name] < STOOD_IN and base - gap_rms_N(self.data, alone) > ALONE * base
+            )
             if name not in LAST and (removes[name] < 0.0 or stood_in):
                 return self.pruned(less)
         return current
-
-    def gap_N(self, fit: Fit) -> float:
-        """RMS gap that a fit leaves."""
-        return gap_size(residual_of(self.data, fit), draws=DRAWS).all.rms_N
 
     def rivals(self, current: Fit) -> Fit:
         """What else could stand in the place of each effect of the chosen set, and the best of those sets."""
@@ -353,6 +352,11 @@ def search(
     gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
     return Search(data, scales, settings, found.fits, order, found.effects, found.failed)
+
+
+def gap_rms_N(data: GapData, fit: Fit) -> float:
+    """RMS gap that a fit leaves, N."""
+    return gap_size(residual_of(data, fit), draws=DRAWS).all.rms_N
 
 
 def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:

@@ -10,32 +10,29 @@ import importlib.metadata
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from bayes_iwan import executors
-from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.inference import results
+from bayes_iwan.inference.chains import ensemble_chains, independent_chains
 from bayes_iwan.inference.config import Config, ConfigError, settings_of
-from bayes_iwan.inference.point import Point, find_point, laplace_scale, starting_population
+from bayes_iwan.inference.point import Point, find_point, laplace_scale
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.quantities import sampled_and_derived
 from bayes_iwan.inference.rows import ConvergenceRow
-from bayes_iwan.inference.settings import IdentifySettings, SamplingSettings, SearchSettings
+from bayes_iwan.inference.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.physics import Scales, Simulator
 from bayes_iwan.physics.parameter import Z_LIMIT
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
-from bayes_iwan.sampling.ensembles import Chains, Stop, sample
-from bayes_iwan.sampling.importance import Optimum, sample_independently
-from bayes_iwan.sampling.run import CROWD, POWERS
-from bayes_iwan.sampling.walkers import enough_walkers
+from bayes_iwan.sampling.ensembles import Chains, Stop
 
 #: tests whose frequencies differ by less than this are of one frequency
 SAME_FREQUENCY = 0.02
@@ -237,104 +234,19 @@ def identify_problem(
         return replace(found, simulator_file=simulator_file)
     checkpoint = None if out is None else Path(out) / CHECKPOINT
     located = time.monotonic()
-    with _one_blas_thread():
+    # threads do nothing for the small matrices of a sampler's step but wait for each other
+    with threadpool_limits(limits=1, user_api="blas"):
         chains = None
         if settings.sampling.method == "auto" and not (checkpoint is not None and checkpoint.exists()):
-            chains = _independent(problem, point, settings.sampling, seed, progress)
+            chains = independent_chains(problem, point, settings.sampling, seed, progress)
         if chains is None:
             origin = _origin(settings.search, simulator_file)
-            chains = _ensembles(problem, point, settings.sampling, seed, checkpoint, origin, resume, progress)
+            chains = ensemble_chains(problem, point, settings.sampling, seed, checkpoint, origin, resume, progress)
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
     timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}
     found = _posterior(problem, chains, point, settings, seed, campaign, loops, timings)
     return replace(found, simulator_file=simulator_file)
-
-
-def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Array] | None]:
-    """Names of the numbers that follow from the sampled ones without a prediction and must converge too, and how.
-
-    What is fixed, or follows from the model alone as g₁ = 1 of a single gamma does, has no convergence.
-    """
-    some = problem.prior.draw(np.random.default_rng(0), 64)
-    named = sampled_and_derived(problem, some)
-    with np.errstate(invalid="ignore"):
-        names = tuple(
-            n for n, q in named.items() if n not in problem.names and np.nanmax(q.values) > np.nanmin(q.values)
-        )
-
-    def numbers(z: Array) -> Array:
-        named = sampled_and_derived(problem, z)
-        return np.stack([named[name].values for name in names], axis=1)
-
-    return names, numbers if names else None
-
-
-def _independent(problem: Problem, point: Point, s: SamplingSettings, seed: int, progress: bool) -> Chains | None:
-    """Independent proposals about the maxima that were found; None where they do not fit this posterior."""
-    held, coarse = problem.noise_columns, problem.coarser()
-    optima = []
-    for z, log_prob in zip(point.optima[:6], point.optima_log_prob[:6]):
-        root = laplace_scale(problem, z)
-        noise = np.asarray(np.linalg.cholesky((root @ root.T)[np.ix_(held, held)]))
-        optima.append(Optimum(z, float(log_prob), coarse.whitening(z[None]), noise))
-
-    def residuals(z: Array) -> Array:
-        return coarse.residual(z).reshape(len(z), -1)
-
-    names, numbers = _unsampled(problem)
-    return sample_independently(
-        residuals,
-        problem.log_prob_of_noise,
-        optima,
-        held,
-        limit=0.95 * Z_LIMIT,
-        names=problem.names,
-        seed=seed,
-        quantities=numbers,
-        quantity_names=names,
-        n_chains=s.ensembles,
-        budget_s=s.budget_s,
-        max_steps=s.max_steps,
-        target_r_hat=s.r_hat,
-        target_ess=s.ess,
-        chain_taus=s.taus,
-        progress=progress,
-    )
-
-
-def _ensembles(
-    problem: Problem,
-    point: Point,
-    s: SamplingSettings,
-    seed: int,
-    checkpoint: Path | None,
-    origin: Mapping[str, str],
-    resume: bool,
-    progress: bool,
-) -> Chains:
-    """Ensembles of walkers, started from fits to shifted data."""
-    walkers = max(s.walkers, enough_walkers(problem.ndim))
-    names, numbers = _unsampled(problem)
-    return sample(
-        problem.log_prob,
-        starting_population(problem, point, seed, CROWD * len(POWERS) * s.ensembles * walkers),
-        names=problem.names,
-        seed=seed,
-        quantities=numbers,
-        quantity_names=names,
-        checkpoint=checkpoint,
-        fingerprint=problem.fingerprint() | dict(origin) | {"seed": str(seed)},
-        n_ensembles=s.ensembles,
-        n_walkers=walkers,
-        budget_s=s.budget_s,
-        max_steps=s.max_steps,
-        target_r_hat=s.r_hat,
-        target_ess=s.ess,
-        chain_taus=s.taus,
-        progress=progress,
-        resume=resume,
-    )
 
 
 class NotConverged(UserWarning):
@@ -434,7 +346,7 @@ def _code() -> str:
     files = sorted([*package.glob("*.py"), *(p for room in rooms for p in (package / room).rglob("*.py"))])
     digest = hashlib.sha256()
     for path in files:
-        if path.name not in ("cli.py", "__init__.py"):
+        if path.name != "__init__.py":
             digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
@@ -446,15 +358,3 @@ def versions() -> dict[str, str]:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             out[name] = importlib.metadata.version(name)
     return out
-
-
-@contextlib.contextmanager
-def _one_blas_thread():
-    """Threads do nothing for the small matrices of a sampler's step but wait for each other."""
-    try:
-        limits = importlib.import_module("threadpoolctl").threadpool_limits
-    except ImportError:
-        yield
-        return
-    with limits(limits=1, user_api="blas"):
-        yield

@@ -8,8 +8,6 @@ fit starts at the whole's optimum, a few Gauss–Newton steps away from its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from bayes_iwan.arrays import Array
@@ -70,8 +68,3 @@ def jackknife_variance(values: Array) -> Array:
     """(…,): (T − 1)/T · Σ (q₍ₜ₎ − q̄)² of values (tests, …) that were found without each test."""
     tests = len(values)
     return (tests - 1) / tests * np.sum((values - values.mean(axis=0)) ** 2, axis=0)
-
-
-def between_test_sd(problem: Problem, z: Array, numbers: Callable[[Array], Array], iterations: int = 4) -> Array:
-    """(k,) standard deviation between tests of `numbers`: (draws, ndim) → (draws, k)."""
-    return np.sqrt(jackknife_variance(numbers(left_out_optima(problem, z, iterations))))

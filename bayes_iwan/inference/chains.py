@@ -1,0 +1,105 @@
+"""The two ways in which a problem's posterior is sampled: independent proposals where they fit, else ensembles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.inference.point import Point, laplace_scale, starting_population
+from bayes_iwan.inference.problem import Problem
+from bayes_iwan.inference.quantities import sampled_and_derived
+from bayes_iwan.inference.settings import SamplingSettings
+from bayes_iwan.physics.parameter import Z_LIMIT
+from bayes_iwan.sampling.ensembles import Chains, sample
+from bayes_iwan.sampling.importance import Optimum, sample_independently
+from bayes_iwan.sampling.run import CROWD, POWERS
+from bayes_iwan.sampling.walkers import enough_walkers
+
+
+def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Array] | None]:
+    """Names of the numbers that follow from the sampled ones without a prediction and must converge too, and how.
+
+    What is fixed, or follows from the model alone as g₁ = 1 of a single gamma does, has no convergence.
+    """
+    some = problem.prior.draw(np.random.default_rng(0), 64)
+    named = sampled_and_derived(problem, some)
+    with np.errstate(invalid="ignore"):
+        names = tuple(
+            n for n, q in named.items() if n not in problem.names and np.nanmax(q.values) > np.nanmin(q.values)
+        )
+
+    def numbers(z: Array) -> Array:
+        named = sampled_and_derived(problem, z)
+        return np.stack([named[name].values for name in names], axis=1)
+
+    return names, numbers if names else None
+
+
+def independent_chains(problem: Problem, point: Point, s: SamplingSettings, seed: int, progress: bool) -> Chains | None:
+    """Independent proposals about the maxima that were found; None where they do not fit this posterior."""
+    held, coarse = problem.noise_columns, problem.coarser()
+    optima = []
+    for z, log_prob in zip(point.optima[:6], point.optima_log_prob[:6]):
+        root = laplace_scale(problem, z)
+        noise = np.asarray(np.linalg.cholesky((root @ root.T)[np.ix_(held, held)]))
+        optima.append(Optimum(z, float(log_prob), coarse.whitening(z[None]), noise))
+
+    def residuals(z: Array) -> Array:
+        return coarse.residual(z).reshape(len(z), -1)
+
+    names, numbers = _unsampled(problem)
+    return sample_independently(
+        residuals,
+        problem.log_prob_of_noise,
+        optima,
+        held,
+        limit=0.95 * Z_LIMIT,
+        names=problem.names,
+        seed=seed,
+        quantities=numbers,
+        quantity_names=names,
+        n_chains=s.ensembles,
+        budget_s=s.budget_s,
+        max_steps=s.max_steps,
+        target_r_hat=s.r_hat,
+        target_ess=s.ess,
+        chain_taus=s.taus,
+        progress=progress,
+    )
+
+
+def ensemble_chains(
+    problem: Problem,
+    point: Point,
+    s: SamplingSettings,
+    seed: int,
+    checkpoint: Path | None,
+    origin: Mapping[str, str],
+    resume: bool,
+    progress: bool,
+) -> Chains:
+    """Ensembles of walkers, started from fits to shifted data."""
+    walkers = max(s.walkers, enough_walkers(problem.ndim))
+    names, numbers = _unsampled(problem)
+    return sample(
+        problem.log_prob,
+        starting_population(problem, point, seed, CROWD * len(POWERS) * s.ensembles * walkers),
+        names=problem.names,
+        seed=seed,
+        quantities=numbers,
+        quantity_names=names,
+        checkpoint=checkpoint,
+        fingerprint=problem.fingerprint() | dict(origin) | {"seed": str(seed)},
+        n_ensembles=s.ensembles,
+        n_walkers=walkers,
+        budget_s=s.budget_s,
+        max_steps=s.max_steps,
+        target_r_hat=s.r_hat,
+        target_ess=s.ess,
+        chain_taus=s.taus,
+        progress=progress,
+        resume=resume,
+    )
