@@ -81,26 +81,26 @@ def machine(repeats: int) -> dict[str, float]:
     return {"flop_s": flops, "bytes_s": 24.0 * a.size / best(lambda: _copy(a, b), max(3, repeats // 4))}
 
 
-def numpy_elements(model: Model, numbers: dict[str, np.ndarray], motion: Motion, count: int) -> np.ndarray:
+def numpy_elements(model: Model, parameter_values: dict[str, np.ndarray], motion: Motion, count: int) -> np.ndarray:
     """(a) the plain numpy way: α and k at once, then all draws, loops and elements at each step.
 
     Returns the force, (draws, loops, samples).
     """
     u, a = motion.displacement_mm[0], motion.amplitude_mm[:, None]
     y = np.maximum(a - u, 0.01 * a)
-    slope, rate, beta = (numbers[n][:, None, None] for n in ("grip_slope", "grip_rate", "beta"))
+    slope, rate, beta = (parameter_values[n][:, None, None] for n in ("grip_slope", "grip_rate", "beta"))
     alpha = np.maximum(
         1.0
         + slope / beta * (y**beta - a**beta)
         + rate * y**beta * np.abs(motion.velocity_m_s[0]) / model.reference.speed_m_s,
         0.05,
     )
-    z = numbers["stiffness_bend"][:, None, None]
-    k = numbers["k1_N_mm"][:, None, None] * np.expm1(-z * alpha) / np.expm1(-z)
+    z = parameter_values["stiffness_bend"][:, None, None]
+    k = parameter_values["k1_N_mm"][:, None, None] * np.expm1(-z * alpha) / np.expm1(-z)
     phi = np.stack(
         [
             equal_probability_sliders(
-                lambda f, d=d: model.slip_family.survival(f, {n: v[d : d + 1] for n, v in numbers.items()})[0],
+                lambda f, d=d: model.slip_family.survival(f, {n: v[d : d + 1] for n, v in parameter_values.items()})[0],
                 count,
                 30.0,
             )
@@ -116,7 +116,7 @@ def numpy_elements(model: Model, numbers: dict[str, np.ndarray], motion: Motion,
         x = u[:, i, None] - e
         if step >= 0:
             out[..., i] = k[..., i] * e.mean(axis=-1)
-    return out + numbers["kp_N_mm"][:, None, None] * u + numbers["force_zero_N"][:, None, None]
+    return out + parameter_values["kp_N_mm"][:, None, None] * u + parameter_values["force_zero_N"][:, None, None]
 
 
 def python_loop(u, alpha, k, phi, steps: int) -> float:
@@ -132,10 +132,12 @@ def python_loop(u, alpha, k, phi, steps: int) -> float:
     return (time.process_time() - start) / steps
 
 
-def errors(model: Model, numbers: dict[str, np.ndarray], motion: Motion, draws: int, counts) -> dict[str, float]:
+def errors(
+    model: Model, parameter_values: dict[str, np.ndarray], motion: Motion, draws: int, counts
+) -> dict[str, float]:
     """RMS error over RMS friction force, worst of some draws and all loops: sliders against 20,000 elements, and
     fewer elements against the sliders."""
-    some = {name: value[:draws] for name, value in numbers.items()}
+    some = {name: value[:draws] for name, value in parameter_values.items()}
     ours = model.friction_force(some, motion)
     alpha = model.alpha(some, motion)
     k = model.stiffness_law.k(some, alpha)
@@ -169,23 +171,23 @@ def cold_start() -> float:
 
 def run(draws: int, repeats: int) -> dict[str, object]:
     reference = Reference(1.0, 2e-3 * np.pi * 20.0)
-    model, numbers = Model(reference), scattered(draws, reference)
+    model, parameter_values = Model(reference), scattered(draws, reference)
     motion = sine_motion(
         frequency_hz=np.tile([10.0, 15.0, 20.0], 3), amplitude_mm=np.repeat([0.3, 0.6, 1.0], 3), samples=SAMPLES
     )
     per = 1e9 / (draws * LOOPS * SAMPLES)
-    model.force(numbers, motion)
+    model.force(parameter_values, motion)
     result: dict[str, object] = {"machine": f"{platform.machine()}, {nb.config.NUMBA_NUM_THREADS} cores"}
 
     nb.set_num_threads(1)
-    alpha = model.alpha(numbers, motion)
-    k = model.stiffness_law.k(numbers, alpha)
-    tables, top = model.slip_family.table(numbers)
+    alpha = model.alpha(parameter_values, motion)
+    k = model.stiffness_law.k(parameter_values, alpha)
+    tables, top = model.slip_family.table(parameter_values)
     out, zero = np.empty_like(alpha), np.zeros(draws)
     result["stage_ns"] = {
-        "alpha": per * best(lambda: model.alpha(numbers, motion), repeats),
-        "k": per * best(lambda: model.stiffness_law.k(numbers, alpha), repeats),
-        "table": per * best(lambda: model.slip_family.table(numbers), repeats),
+        "alpha": per * best(lambda: model.alpha(parameter_values, motion), repeats),
+        "k": per * best(lambda: model.stiffness_law.k(parameter_values, alpha), repeats),
+        "table": per * best(lambda: model.slip_family.table(parameter_values), repeats),
         "sliders": per
         * best(
             lambda: sliders.friction(motion.displacement_mm, alpha, k, zero, True, tables, top, zero, out),
@@ -196,12 +198,14 @@ def run(draws: int, repeats: int) -> dict[str, object]:
     for threads in range(1, nb.config.NUMBA_NUM_THREADS + 1):
         nb.set_num_threads(threads)
         force_ns[str(threads)] = per * best(
-            lambda: model.force(numbers, motion), repeats, time.process_time if threads == 1 else time.perf_counter
+            lambda: model.force(parameter_values, motion),
+            repeats,
+            time.process_time if threads == 1 else time.perf_counter,
         )
     nb.set_num_threads(1)
     ours = force_ns["1"]
     result["force_ns"] = force_ns
-    result["error"] = errors(model, numbers, motion, 4, (128, 2000, EQUAL))
+    result["error"] = errors(model, parameter_values, motion, 4, (128, 2000, EQUAL))
 
     limits = machine(repeats)
     result["limits"] = {
@@ -214,9 +218,9 @@ def run(draws: int, repeats: int) -> dict[str, object]:
     usual: dict[str, float] = {}
     for count in (128, EQUAL):
         few = max(1, 2000 // count)
-        some = {name: value[:few] for name, value in numbers.items()}
+        some = {name: value[:few] for name, value in parameter_values.items()}
         whole = best(lambda some=some, count=count: numpy_elements(model, some, motion, count), 2)
-        one = {name: value[:1] for name, value in numbers.items()}
+        one = {name: value[:1] for name, value in parameter_values.items()}
         nodes = best(
             lambda one=one, count=count: equal_probability_sliders(
                 lambda f: model.slip_family.survival(f, one)[0], count, 30.0

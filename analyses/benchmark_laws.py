@@ -27,17 +27,17 @@ FILES = tuple(f"{i}.csv" for i in range(9))
 def best_ms(effects: tuple[Effect, ...], draws: int, repeats: int) -> float:
     """Best time of a prediction, ms, at half a standard deviation above the medians of the effects' priors."""
     model = Model(SCALES.reference)
-    numbers = {n: np.repeat(np.atleast_1d(v), draws) for n, v in table_1(SCALES.reference).items()}
+    parameter_values = {n: np.repeat(np.atleast_1d(v), draws) for n, v in table_1(SCALES.reference).items()}
     for p in (p for e in effects for p in e.parameters):
-        numbers[p.name] = np.full(draws, float(p.value(np.full(1, 0.5))[0]))
+        parameter_values[p.name] = np.full(draws, float(p.value(np.full(1, 0.5))[0]))
     motion = sine_motion(
         frequency_hz=np.repeat([10.0, 15.0, 20.0], 3), amplitude_mm=np.tile([0.3, 0.6, 1.0], 3), samples=80
     )
-    recorded_force(model, effects, numbers, motion)
+    recorded_force(model, effects, parameter_values, motion)
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
-        recorded_force(model, effects, numbers, motion)
+        recorded_force(model, effects, parameter_values, motion)
         times.append(time.perf_counter() - start)
     return 1e3 * min(times)
 

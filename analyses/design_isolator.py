@@ -100,22 +100,22 @@ def shock(base_mm_s2, dt, mass_kg, phi, p):
     return stretch, acceleration
 
 
-def element_numbers(posterior, n):
+def element_values(posterior, n):
     """Slip forces (draws, SLIDERS) and the law's numbers (draws, 8) of n posterior draws."""
     problem = posterior.problem
     model, scales = problem.model, problem.scales
     if model.grip not in ("hunt_crossley", "hunt_crossley_no_speed", "constant"):
         raise ValueError(f"this analysis integrates Eq. (11); the run's normal force is {model.grip!r}")
-    numbers = problem.numbers(posterior.flat_z(n))
-    zero = np.zeros(len(numbers["kp_N_mm"]))
+    parameter_values = problem.parameter_values(posterior.flat_z(n))
+    zero = np.zeros(len(parameter_values["kp_N_mm"]))
     p = np.stack(
         [
-            numbers["kp_N_mm"],
-            numbers["k1_N_mm"],
-            numbers.get("stiffness_bend", zero),
-            numbers.get("grip_slope", zero),
-            numbers.get("grip_rate", zero),
-            numbers.get("beta", zero + 1.0),
+            parameter_values["kp_N_mm"],
+            parameter_values["k1_N_mm"],
+            parameter_values.get("stiffness_bend", zero),
+            parameter_values.get("grip_slope", zero),
+            parameter_values.get("grip_rate", zero),
+            parameter_values.get("beta", zero + 1.0),
             zero + scales.length_mm,
             zero + 1e3 * scales.speed_m_s,
         ],
@@ -124,7 +124,7 @@ def element_numbers(posterior, n):
     family = model.slip_family
     phi = np.empty((len(p), SLIDERS))
     for d in range(len(p)):
-        one = {k: v[d : d + 1] for k, v in numbers.items()}
+        one = {k: v[d : d + 1] for k, v in parameter_values.items()}
         phi[d] = equal_probability_sliders(
             lambda at, one=one: family.survival(at, one)[0], SLIDERS, 20.0 * scales.slip_N
         )
@@ -134,7 +134,7 @@ def element_numbers(posterior, n):
 @styled
 def figure(posterior, mass_kg=1.0, base_mm=0.2, shock_g=2.0, shock_ms=6.0, draws=40, hz=None, cycles=40):
     """Four panels: transmissibility and peak stretch against frequency; stretch and acceleration after the shock."""
-    phi, p = element_numbers(posterior, draws)
+    phi, p = element_values(posterior, draws)
     hz = np.geomspace(5.0, 40.0, 100) if hz is None else hz
     ratio, peak = sweep(hz, cycles, base_mm, mass_kg, phi, p)
     dt = 0.25 * STEP_S

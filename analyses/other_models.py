@@ -43,19 +43,19 @@ PLANTED = {
 def made(name: str, noise_N: float = 0.01, cycles: int = 16, rate_hz: float = 1280.0, seed: int = 0) -> Campaign:
     """Sines on a simulator with its planted effect, white noise on the force."""
     simulator = load_simulator(SIMULATORS / f"{name}.py")
-    numbers, cause, strength = PLANTED[name]
+    parameter_values, cause, strength = PLANTED[name]
     kind = next(e for e in BUILT_IN if e.name == cause)
-    own = {k: np.array([v]) for k, v in numbers.items()}
+    own = {k: np.array([v]) for k, v in parameter_values.items()}
     effect = kind(scales_of(_campaign(simulator, own, (), 0.0, cycles, rate_hz, seed).loops()))
     return _campaign(simulator, own | effect.values_at(**strength), (effect,), noise_N, cycles, rate_hz, seed)
 
 
-def _campaign(simulator: Simulator, numbers, effects, noise_N, cycles, rate_hz, seed) -> Campaign:
+def _campaign(simulator: Simulator, parameter_values, effects, noise_N, cycles, rate_hz, seed) -> Campaign:
     records = []
     for i, (f, a) in enumerate(TESTS):
         samples = round(rate_hz / f)
         loop = recorded_force(
-            simulator, effects, numbers, sine_motion(frequency_hz=[f], amplitude_mm=[a], samples=samples)
+            simulator, effects, parameter_values, sine_motion(frequency_hz=[f], amplitude_mm=[a], samples=samples)
         )[0, 0]
         time = np.arange(cycles * samples) / rate_hz
         noise = noise_N * np.random.default_rng([seed, i]).standard_normal(time.size)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.physics import Model
 from bayes_iwan.physics.normal_force import from_paper_hunt_crossley, paper_hunt_crossley
@@ -72,21 +72,27 @@ class PaperCoordinates:
 
     def y_of(self, z: Array) -> Array:
         """y (draws, ndim) of z; NaN where k̃ₙ or λ is negative, of which there is no log."""
-        numbers = self.problem.numbers(z)
-        paper = dict(numbers) | paper_stiffness(numbers) | paper_hunt_crossley(numbers, self.model.reference)
+        parameter_values = self.problem.parameter_values(z)
+        paper = (
+            dict(parameter_values)
+            | paper_stiffness(parameter_values)
+            | paper_hunt_crossley(parameter_values, self.model.reference)
+        )
         with np.errstate(invalid="ignore"):
             return np.stack([paper[n] if n == "force_zero_N" else np.log(paper[n]) for n in self.names], axis=1)
 
-    def _sampled(self, y: Array) -> tuple[Numbers, NDArray[np.bool_]]:
+    def _sampled(self, y: Array) -> tuple[ParameterValues, NDArray[np.bool_]]:
         """Sampled values by name, and which rows are possible: Σg < 1 and components in order."""
         v = {n: x if n == "force_zero_N" else np.exp(x) for n, x in zip(self.names, np.atleast_2d(y).T)}
         last = self.components
         rest = 1.0 - np.sum([v[f"g{i}"] for i in range(1, last)], axis=0) if last > 1 else np.ones(len(y))
         means = np.stack([v[f"t{i}_N"] * v[f"eta{i}"] for i in range(1, last + 1)])
         possible = (rest > 0.0) & np.all(np.diff(means, axis=0) > 0.0, axis=0)
-        numbers = v | {f"g{last}": np.where(possible, rest, 1.0)} | from_paper_stiffness(v["ki_N_mm"], v["ku_N_mm"])
-        numbers |= from_paper_hunt_crossley(v["kn_1_mm"], v["lambda_s_m"], v["beta"], self.model.reference)
-        return self.model.values(numbers), possible
+        parameter_values = (
+            v | {f"g{last}": np.where(possible, rest, 1.0)} | from_paper_stiffness(v["ki_N_mm"], v["ku_N_mm"])
+        )
+        parameter_values |= from_paper_hunt_crossley(v["kn_1_mm"], v["lambda_s_m"], v["beta"], self.model.reference)
+        return self.model.values(parameter_values), possible
 
     def z_of(self, y: Array) -> Array:
         """z (draws, ndim) of y; NaN where y is impossible."""

@@ -27,7 +27,7 @@ TESTS = [(f, a) for f in (10.0, 15.0, 20.0) for a in (0.3, 0.6, 1.0)]
 REFERENCE = Reference(1.0, 0.12566)
 
 
-def true_numbers() -> dict[str, np.ndarray]:
+def true_values() -> dict[str, np.ndarray]:
     """Table 1's spring, stiffness and slip forces, with k̃ₙ = 0.6, λ = 1.1 s/m, β = 0.6."""
     plain = {
         "kp_N_mm": 5.49,
@@ -52,7 +52,7 @@ def true_numbers() -> dict[str, np.ndarray]:
 def known_loops(noise_N: float = 0.0, seed: int = 0, cycles: int = 8) -> tuple[Loop, ...]:
     """Averaged loops of TESTS, 128 samples a cycle, with white noise of noise_N on every sample."""
     motion = sine_motion(frequency_hz=[f for f, _ in TESTS], amplitude_mm=[a for _, a in TESTS])
-    force = Model(REFERENCE).force(true_numbers(), motion)[0]
+    force = Model(REFERENCE).force(true_values(), motion)[0]
     loops = []
     for k, (f, a) in enumerate(TESTS):
         time_s = np.arange(128 * cycles) / (128 * f)

@@ -17,7 +17,7 @@ import numpy as np
 import bayes_iwan as bi
 from bayes_iwan.comparison.families import SHORT
 from bayes_iwan.report.loops import test_name
-from bayes_iwan.report.predictive import loop_numbers, predict
+from bayes_iwan.report.predictive import loop_quantities, predict
 from bayes_iwan.report.style import BLACK, band, save, styled, subplots
 
 #: a short run of the default model
@@ -48,12 +48,12 @@ def coverage(p, level):
     """Share of held-out loops' points within the central `level` interval, and of their energies and stiffnesses."""
     low, high = np.quantile(p.loop_N, [0.5 - level / 2, 0.5 + level / 2], axis=0)
     points = np.mean((p.measured_N >= low) & (p.measured_N <= high))
-    measured, again = loop_numbers(p.displacement_mm, p.measured_N), loop_numbers(p.displacement_mm, p.loop_N)
+    measured, again = loop_quantities(p.displacement_mm, p.measured_N), loop_quantities(p.displacement_mm, p.loop_N)
     inside = []
     for name in ("energy_mJ", "stiffness_N_mm"):
         low, high = np.quantile(getattr(again, name), [0.5 - level / 2, 0.5 + level / 2], axis=0)
         inside.append(np.mean((getattr(measured, name) >= low) & (getattr(measured, name) <= high)))
-    return SimpleNamespace(points=float(points), numbers=float(np.mean(inside)))
+    return SimpleNamespace(points=float(points), parameter_values=float(np.mean(inside)))
 
 
 @styled
@@ -97,6 +97,8 @@ if __name__ == "__main__":
     print(f"{'held out':>10s}  {'points in 50 %':>14s}  {'in 90 %':>8s}  {'energies, stiffnesses in 90 %':>30s}")
     for name, p in predicted.items():
         half, most = coverage(p, 0.5), coverage(p, 0.9)
-        print(f"{name:>10s}  {100 * half.points:13.0f}%  {100 * most.points:7.0f}%  {100 * most.numbers:29.0f}%")
+        print(
+            f"{name:>10s}  {100 * half.points:13.0f}%  {100 * most.points:7.0f}%  {100 * most.parameter_values:29.0f}%"
+        )
     save(figure(predicted), args.out)
     print(args.out)

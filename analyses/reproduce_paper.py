@@ -57,17 +57,17 @@ def save(figure, folder: Path, name: str) -> None:
     plt.close(figure)
 
 
-def figure_8(model: Model, numbers, folder: Path) -> None:
+def figure_8(model: Model, parameter_values, folder: Path) -> None:
     phi = np.linspace(1e-3, 5.0, 1000)
     figure, axes = plt.subplots(figsize=(5.0, 3.4), layout="constrained")
-    axes.plot(phi, model.slip_family.density(phi, numbers)[0], color="black", label="sum")
+    axes.plot(phi, model.slip_family.density(phi, parameter_values)[0], color="black", label="sum")
     for i, style in enumerate((":", "--", "-."), start=1):
         alone = {
             name: np.zeros(1) if name in ("g1", "g2", "g3") and name != f"g{i}" else value
-            for name, value in numbers.items()
+            for name, value in parameter_values.items()
         }
         axes.plot(phi, model.slip_family.density(phi, alone)[0], style, color="grey", label=f"component {i}")
-    mean = float(model.slip_family.mean(numbers)[0])
+    mean = float(model.slip_family.mean(parameter_values)[0])
     axes.axvline(mean, color="tab:red", linewidth=0.8, label=f"mean, {mean:.3f} N")
     axes.set(
         xlabel="slip force φ at rest / N",
@@ -98,9 +98,9 @@ def figure_9(folder: Path) -> None:
     save(figure, folder, "fig09_stiffness")
 
 
-def figure_10(model: Model, numbers, folder: Path) -> None:
+def figure_10(model: Model, parameter_values, folder: Path) -> None:
     loops = sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM, samples=1024)
-    alpha = model.alpha(numbers, loops)[0]
+    alpha = model.alpha(parameter_values, loops)[0]
     figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.4), layout="constrained")
     for j, (f, colour) in enumerate(zip(FREQUENCIES_HZ, COLOURS)):
         u, speed = loops.displacement_mm[0, j], loops.speed_m_s[0, j]
@@ -118,21 +118,21 @@ def figure_10(model: Model, numbers, folder: Path) -> None:
     save(figure, folder, "fig10_normal_force")
 
 
-def as_printed(numbers, model: Model, frequency_hz: float):
+def as_printed(parameter_values, model: Model, frequency_hz: float):
     """Friction loop of 4,000 elements with Eq. (11) as it stands, and the sine it belongs to."""
     loop = sine_motion(frequency_hz=frequency_hz, amplitude_mm=AMPLITUDE_MM)
     u, speed = loop.displacement_mm[0, 0], loop.speed_m_s[0, 0]
     alpha = printed_alpha(u, speed, AMPLITUDE_MM)
-    phi = equal_probability_sliders(lambda f: model.slip_family.survival(f, numbers)[0], 4000, 12.0)
+    phi = equal_probability_sliders(lambda f: model.slip_family.survival(f, parameter_values)[0], 4000, 12.0)
     # a limit cannot be negative; the printed law takes α and k below zero at u = A together, so α/k is not
     force = element_force(u, np.abs(alpha), np.abs(printed_stiffness(alpha)), phi, np.full(4000, 1 / 4000), passes=2)
     return u, np.sign(printed_stiffness(alpha)) * force
 
 
-def figure_12(model: Model, numbers, folder: Path) -> None:
+def figure_12(model: Model, parameter_values, folder: Path) -> None:
     loops = sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM)
-    friction = model.friction_force(numbers, loops)
-    total = model.force(numbers, loops)
+    friction = model.friction_force(parameter_values, loops)
+    total = model.force(parameter_values, loops)
     area = loop_areas(friction, loops)[0]
     order = np.append(np.arange(loops.samples), 0)
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.0), layout="constrained")
@@ -140,7 +140,7 @@ def figure_12(model: Model, numbers, folder: Path) -> None:
         u = loops.displacement_mm[0, j][order]
         left.plot(u, friction[0, j][order], color=colour, label=f"{f:g} Hz, {area[j]:.2f} N·mm")
         right.plot(u, total[0, j][order], color=colour, label=f"{f:g} Hz")
-    u, force = as_printed(numbers, model, 15.0)
+    u, force = as_printed(parameter_values, model, 15.0)
     left.plot(u[order], force[order], ":", color="tab:red", linewidth=1.0, label="15 Hz as printed")
     left.set(xlabel="displacement u / mm", ylabel="friction force / N", title="Friction loops (the paper's Fig. 12)")
     right.set(xlabel="displacement u / mm", ylabel="force / N", title="With the parallel spring (Fig. 11)")
@@ -149,16 +149,17 @@ def figure_12(model: Model, numbers, folder: Path) -> None:
     save(figure, folder, "fig12_loops")
 
 
-def text(model: Model, numbers) -> str:
+def text(model: Model, parameter_values) -> str:
     """What Table 1 gives in figures, what breaks, and what the mend costs."""
     loops = sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM, samples=512)
-    area = loop_areas(model.friction_force(numbers, loops), loops)[0]
-    alpha = model.alpha(numbers, loops)[0]
+    area = loop_areas(model.friction_force(parameter_values, loops), loops)[0]
+    alpha = model.alpha(parameter_values, loops)[0]
     at_end = float(printed_alpha(AMPLITUDE_MM, 0.0, AMPLITUDE_MM))
     fastest = 2e-3 * np.pi * AMPLITUDE_MM * FREQUENCIES_HZ[-1]
     lines = [
         "Table 1 gives",
-        f"  k(1) = {numbers['k1_N_mm'][0]:.2f} N/mm; mean slip force {model.slip_family.mean(numbers)[0]:.3f} N; "
+        f"  k(1) = {parameter_values['k1_N_mm'][0]:.2f} N/mm; "
+        f"mean slip force {model.slip_family.mean(parameter_values)[0]:.3f} N; "
         f"sum of weights {sum(TABLE_1['g']):.2f}",
         "  friction loop at A = 1 mm: " + ", ".join(f"{a:.2f} N·mm at {f:g} Hz" for a, f in zip(area, FREQUENCIES_HZ)),
         "  α on that loop: "
@@ -172,23 +173,29 @@ def text(model: Model, numbers) -> str:
         f"λk̃ₙ = {TABLE_1['lambda_s_m'] * TABLE_1['kn_1_mm']:.3f} s/m matter; β ten times smaller and k̃ₙ ten times "
         "larger, λ ten times smaller",
     ]
-    ten = dict(numbers) | {"beta": numbers["beta"] / 10.0}
-    change = np.max(np.abs(model.force(ten, loops) - model.force(numbers, loops)))
+    ten = dict(parameter_values) | {"beta": parameter_values["beta"] / 10.0}
+    change = np.max(np.abs(model.force(ten, loops) - model.force(parameter_values, loops)))
     lines.append(f"  change the force by {change:.4f} N at most")
     lines.append("The mend, y ≥ floor·A, hardly depends on the floor: area at 15 Hz")
     kept = motion.Y_FLOOR
     for floor in (1e-4, 1e-3, 1e-2, 3e-2, 1e-1):
         motion.Y_FLOOR = floor
         fresh = sine_motion(frequency_hz=15.0, amplitude_mm=AMPLITUDE_MM, samples=512)
-        lines.append(f"  floor {floor:7.4f}: {loop_areas(model.friction_force(numbers, fresh), fresh)[0, 0]:.3f} N·mm")
+        lines.append(
+            f"  floor {floor:7.4f}: {loop_areas(model.friction_force(parameter_values, fresh), fresh)[0, 0]:.3f} N·mm"
+        )
     motion.Y_FLOOR = kept
     return "\n".join(lines)
 
 
-def identified(model: Model, numbers, budget_s: float, noise_N: float = 0.015, cycles: int = 30, seed: int = 1):
+def identified(
+    model: Model, parameter_values, budget_s: float, noise_N: float = 0.015, cycles: int = 30, seed: int = 1
+):
     """The posterior of Table 1's three loops, recorded at 1,280 samples/s with white noise of 1 % of the friction."""
     rng = np.random.default_rng(seed)
-    force = model.force(numbers, sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM, samples=1024))[0]
+    force = model.force(
+        parameter_values, sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM, samples=1024)
+    )[0]
     loops = []
     for f, one in zip(FREQUENCIES_HZ, force):
         t = np.arange(int(cycles * 1280 / f)) / 1280
@@ -238,14 +245,14 @@ def main() -> None:
     parser.add_argument("--budget-s", type=float, default=40.0, help="seconds of sampling; 0: none")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    model, numbers = Model(REFERENCE), table_1(REFERENCE)
-    figure_8(model, numbers, args.out)
+    model, parameter_values = Model(REFERENCE), table_1(REFERENCE)
+    figure_8(model, parameter_values, args.out)
     figure_9(args.out)
-    figure_10(model, numbers, args.out)
-    figure_12(model, numbers, args.out)
-    words = text(model, numbers)
+    figure_10(model, parameter_values, args.out)
+    figure_12(model, parameter_values, args.out)
+    words = text(model, parameter_values)
     if args.budget_s > 0:
-        words += "\n" + figure_posterior(identified(model, numbers, args.budget_s), args.out)
+        words += "\n" + figure_posterior(identified(model, parameter_values, args.budget_s), args.out)
     (args.out / "table_1.txt").write_text(words + "\n")
     print(words)
 

@@ -103,7 +103,7 @@ def one_draw(
     force = problem.predict(truth)
     # the mean's noise floor goes by a loop's swing, so the generator must be of loops like these
     maker = problem.with_force(force[0])
-    drawn = problem.with_force(maker.likelihood.replicate(force, maker.numbers(truth), rng)[0])
+    drawn = problem.with_force(maker.likelihood.replicate(force, maker.parameter_values(truth), rng)[0])
     draws, told = short_posterior(drawn, int(rng.integers(2**31)), budget_s)
     at, there = watched(problem, truth), watched(problem, even(draws, RANKED))
     rank = {n: int(np.sum(there[n] < at[n][0])) for n in at}

@@ -10,4 +10,4 @@ from numpy.typing import NDArray
 #: real numbers in double precision, of any shape
 Array = NDArray[np.float64]
 #: values by name, (draws,) each
-Numbers = Mapping[str, Array]
+ParameterValues = Mapping[str, Array]

@@ -74,7 +74,7 @@ SMALL = {"n_phase": 48, "n_harmonics": 16}
 TWO_GAMMAS = DiagnoseSettings(ModelSettings(slip="gamma2"))
 
 
-def numbers_of(model: Model, draws: int = 1, **others) -> dict:
+def parameter_values_of(model: Model, draws: int = 1, **others) -> dict:
     """Table 1 (with what the model reads of it), (draws,) each, and other numbers of (draws,) or one for all."""
     out = {n: np.repeat(v, draws) for n, v in paper.table_1(model.reference).items() if n in model.names}
     return out | {n: np.broadcast_to(np.asarray(v, float), (draws,)).copy() for n, v in others.items()}
@@ -113,9 +113,9 @@ def made_up(force, tests, cycles=12, rate=1280.0, noise_N=0.0, extra=None, seed=
 def specimen_force(frequency, amplitude, samples):
     """One cycle of Table 1's force."""
     model = Model(SCALES.reference)
-    return model.force(numbers_of(model), sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples))[
-        0, 0
-    ]
+    return model.force(
+        parameter_values_of(model), sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples)
+    )[0, 0]
 
 
 #: tests by plan: frequency, amplitude, role
@@ -155,7 +155,7 @@ def kit():
         scales=SCALES,
         small=SMALL,
         settings=TWO_GAMMAS,
-        numbers=numbers_of,
+        parameter_values=parameter_values_of,
         elastic=elastic,
         made_up=made_up,
         specimen_force=specimen_force,
@@ -187,7 +187,7 @@ TABLE_1 = {
 }
 
 
-def numbers() -> dict[str, np.ndarray]:
+def parameter_values() -> dict[str, np.ndarray]:
     out = {k: np.array([v]) for k, v in TABLE_1.items()}
     return out | from_paper_stiffness(19.62, 30.37) | from_paper_hunt_crossley(0.6, 1.1, 0.6, REFERENCE)
 
@@ -212,13 +212,13 @@ def record(frequency_hz, amplitude_mm, force_N, noise_N=0.0, seed=0, cycles=8, n
 def loops(noise_N=0.02, seed=0, n_phase=128, tests=TESTS, model=None, values=None):
     model = Model(REFERENCE) if model is None else model
     motion = sine_motion(frequency_hz=[f for f, _ in tests], amplitude_mm=[a for _, a in tests])
-    force = model.force(numbers() if values is None else values, motion)[0]
+    force = model.force(parameter_values() if values is None else values, motion)[0]
     return tuple(average(record(f, a, row, noise_N, seed), n_phase=n_phase) for (f, a), row in zip(tests, force))
 
 
 def true_z(problem, values=None, **noise):
     """Coordinates of the known numbers in a problem made from their loops (whose reference scales differ a little)."""
-    n = dict(numbers() if values is None else values)
+    n = dict(parameter_values() if values is None else values)
     if "beta" in n:
         s = problem.model.reference
         length = s.length_mm / REFERENCE.length_mm
@@ -237,7 +237,7 @@ def known():
         pass
 
     out = Known()
-    out.loops, out.record, out.numbers, out.true_z = loops, record, numbers, true_z
+    out.loops, out.record, out.parameter_values, out.true_z = loops, record, parameter_values, true_z
     out.reference, out.tests = REFERENCE, TESTS
     return out
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.physics import Motion
 
@@ -31,6 +31,6 @@ class QuadraticDrag(Effect):
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N / self.scales.speed_m_s**2
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         v = motion.velocity_m_s
-        return force_N + self.get(numbers, "c2_N_s2_m2") * v * np.abs(v)
+        return force_N + self.get(parameter_values, "c2_N_s2_m2") * v * np.abs(v)

@@ -27,16 +27,16 @@ class Dahl(Simulator):
             Parameter("dahl_k_N_mm", "σ", "N/mm", "contact stiffness", stats.lognorm(s=1.0, scale=scales.stiff_N_mm)),
         )
 
-    def friction_force(self, numbers, motion, effects=()):
-        limit = numbers["dahl_force_N"][:, None, None]
+    def friction_force(self, parameter_values, motion, effects=()):
+        limit = parameter_values["dahl_force_N"][:, None, None]
         share = np.ones((len(limit), motion.loops, motion.samples))
         for effect in effects:
-            share = effect.slip(share, motion, numbers)
+            share = effect.slip(share, motion, parameter_values)
         limit = np.maximum(limit * share, 1e-12)
         step = np.diff(motion.displacement_mm, axis=-1, prepend=motion.displacement_mm[..., -1:])
         if not motion.periodic:
             step[..., 0] = motion.displacement_mm[..., 0]
-        kept = np.exp(-numbers["dahl_k_N_mm"][:, None, None] * np.abs(step) / limit)
+        kept = np.exp(-parameter_values["dahl_k_N_mm"][:, None, None] * np.abs(step) / limit)
         added = np.sign(step) * limit * (1.0 - kept)
         z = np.zeros(kept.shape[:2])
         if motion.periodic:  # where the line z → z kept + added of a whole cycle meets z
@@ -49,6 +49,6 @@ class Dahl(Simulator):
             out[..., i] = z
         return out
 
-    def force(self, numbers, motion, effects=()):
-        spring = numbers["kp_N_mm"][:, None, None] * motion.displacement_mm
-        return self.friction_force(numbers, motion, effects) + spring
+    def force(self, parameter_values, motion, effects=()):
+        spring = parameter_values["kp_N_mm"][:, None, None] * motion.displacement_mm
+        return self.friction_force(parameter_values, motion, effects) + spring

@@ -27,10 +27,10 @@ class DampedSpring(Simulator):
             Parameter("c_N_s_mm", "c", "N·s/mm", "viscous damping", stats.lognorm(s=1.5, scale=c)),
         )
 
-    def force(self, numbers, motion, effects=()):
+    def force(self, parameter_values, motion, effects=()):
         if not motion.periodic:
             raise ModelError("damped_spring: structural damping is defined for steady loops only, not for a record")
-        k, eta, c = (numbers[n][:, None, None] for n in ("k_N_mm", "eta", "c_N_s_mm"))
+        k, eta, c = (parameter_values[n][:, None, None] for n in ("k_N_mm", "eta", "c_N_s_mm"))
         harmonics = np.fft.rfft(motion.displacement_mm, axis=-1)
         harmonics[..., 0] = 0.0  # a mean displacement is not turned
         turned = np.fft.irfft(1j * harmonics, n=motion.samples, axis=-1)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.identify import by_frequency, identify_problem
 from bayes_iwan.inference.likelihood import make_likelihood
@@ -159,7 +159,7 @@ def agreement(
     at_best = problem.predict(best[None])[0]
     force = problem.predict(z)
     likelihood = make_likelihood(problem.likelihood.name, problem.loops, problem.scales)
-    drawn = likelihood.replicate(force, problem.numbers(z), rng) - at_best
+    drawn = likelihood.replicate(force, problem.parameter_values(z), rng) - at_best
     measured = (problem.measured_N - at_best)[None]
 
     names, units, gradient = _gradients(joint, best, physical)
@@ -168,10 +168,10 @@ def agreement(
     for loops in groups.values():
         part = _problem(joint, loops)
         tests = [files.index(x.file) for x in loops]
-        numbers = part.numbers(best[None])
+        parameter_values = part.parameter_values(best[None])
 
-        def rows(residual: Array, part: Problem = part, numbers: Numbers = numbers) -> Array:
-            repeated = {k: np.repeat(v, len(residual)) for k, v in numbers.items()}
+        def rows(residual: Array, part: Problem = part, parameter_values: ParameterValues = parameter_values) -> Array:
+            repeated = {k: np.repeat(v, len(residual)) for k, v in parameter_values.items()}
             return part.likelihood.rows(residual, repeated)
 
         eye = np.zeros((len(physical), problem.ndim))

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Records
 from bayes_iwan.effects.by_test import ByTest
 from bayes_iwan.effects.spanning import about
@@ -49,12 +49,12 @@ class ForceDrift(Effect):
             )
         }
 
-    def recorded(self, data: Records, numbers: Numbers) -> Array:
-        b = numbers[f"{self.name}.levelling"][:, None]
+    def recorded(self, data: Records, parameter_values: ParameterValues) -> Array:
+        b = parameter_values[f"{self.name}.levelling"][:, None]
         b = np.where(np.abs(b) < 1e-7, 1e-7, b)
         parts = (-np.expm1(-b * _NODES) / b) @ _POWERS_OF_NODES  # (draws, RAMPS)
         drift = np.tensordot(parts, data.ramps, axes=1)
-        return (numbers[self.strength_name] * data.longest_s)[:, None, None, None] * drift
+        return (parameter_values[self.strength_name] * data.longest_s)[:, None, None, None] * drift
 
 
 class ForceDriftByTest(ByTest):
@@ -77,8 +77,8 @@ class ForceDriftByTest(ByTest):
         """A newton within some ten cycles."""
         return 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm) / 10.0
 
-    def recorded(self, data: Records, numbers: Numbers) -> Array:
-        (rate,) = self.by_test(numbers)
+    def recorded(self, data: Records, parameter_values: ParameterValues) -> Array:
+        (rate,) = self.by_test(parameter_values)
         return (rate * data.longest_s)[:, :, None, None] * data.ramps[1]
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
@@ -118,18 +118,23 @@ class MainsHum(ByTest):
         """Where records can show the line and none does the force has none, however well its free phases would fit."""
         return data.mains_possible[self.which]
 
-    def recorded(self, data: Records, numbers: Numbers) -> Array:
-        c, s = self.by_test(numbers)
+    def recorded(self, data: Records, parameter_values: ParameterValues) -> Array:
+        c, s = self.by_test(parameter_values)
         # the line is Re(g e^{iωt}), g = c − is: its third harmonic, at the same place on the wave, goes with g³/|g|²
         g = c - 1j * s
         third = g**3 / np.maximum(np.abs(g) ** 2, 1e-300)
-        third = third * (numbers[f"{self.name}.third_cosine"] - 1j * numbers[f"{self.name}.third_sine"])[:, None]
+        third = (
+            third
+            * (parameter_values[f"{self.name}.third_cosine"] - 1j * parameter_values[f"{self.name}.third_sine"])[
+                :, None
+            ]
+        )
         first_wave, third_wave = data.mains_waves[self.which]
         parts = (c, s, third.real, -third.imag)
         return sum(p[:, :, None, None] * w for p, w in zip(parts, (*first_wave, *third_wave)))
 
-    def lines(self, data: Records, numbers: Numbers) -> Array:
-        c, s = self.by_test(numbers)
+    def lines(self, data: Records, parameter_values: ParameterValues) -> Array:
+        c, s = self.by_test(parameter_values)
         return (c + 1j * s)[:, :, None] * (np.arange(data.mains_hz.shape[1]) == self.which)
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:

@@ -23,7 +23,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from scipy import fft, stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.inference.parameters import Parameter
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import Scales
@@ -188,45 +188,45 @@ class Effect:
         gone = set(self.strength_names)
         return {p.name: 0.0 if p.name in gone else float(p.value(np.zeros(1))[0]) for p in self.parameters}
 
-    def get(self, numbers: Numbers, name: str) -> Array:
+    def get(self, parameter_values: ParameterValues, name: str) -> Array:
         """A parameter as (draws, 1, 1)."""
-        return numbers[f"{self.name}.{name}"][:, None, None]
+        return parameter_values[f"{self.name}.{name}"][:, None, None]
 
     # the stations: each returns what it was given unless overridden
-    def motion(self, motion: Motion, numbers: Numbers) -> Motion:
+    def motion(self, motion: Motion, parameter_values: ParameterValues) -> Motion:
         """What the specimen does, from what was measured."""
         return motion
 
-    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         """The relative normal force α (the stiffness k(α) follows it)."""
         return alpha
 
-    def stiffness(self, k: Array, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         """The elements' stiffness k(α), N/mm."""
         return k
 
-    def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+    def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         """What the elements can carry, relative to rest, at that normal force (the stiffness does not follow it)."""
         return alpha
 
-    def asymmetry(self, numbers: Numbers) -> Array | float:
+    def asymmetry(self, parameter_values: ParameterValues) -> Array | float:
         """What the elements carry more where u rises and less where it falls, as a share, (draws,)."""
         return 0.0
 
-    def slip_table(self, tables: Array, top: Array, numbers: Numbers) -> Array:
+    def slip_table(self, tables: Array, top: Array, parameter_values: ParameterValues) -> Array:
         """The slip forces at rest: coefficients (draws, cells, 4) of E[min(Φ, φ)] up to φ = top (draws,), N, as
         :mod:`bayes_iwan.physics.warp` bends them."""
         return tables
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         """The force that the cell records, from the specimen's."""
         return force_N
 
-    def around(self, inner: Callable[[Motion], Array], motion: Motion, numbers: Numbers) -> Array:
+    def around(self, inner: Callable[[Motion], Array], motion: Motion, parameter_values: ParameterValues) -> Array:
         """Anything in series, which needs the force back: inner(motion) is the specimen's force."""
         return inner(motion)
 
-    def recorded(self, data: Records, numbers: Numbers) -> Array | None:
+    def recorded(self, data: Records, parameter_values: ParameterValues) -> Array | None:
         """What the effect adds along whole records, as block harmonics (draws, tests, blocks, H + 1), or None.
 
         For what does not repeat with the cycle (`evolving`): a drift, a line of the mains.
@@ -234,7 +234,7 @@ class Effect:
         """
         return None
 
-    def lines(self, data: Records, numbers: Numbers) -> Array | None:
+    def lines(self, data: Records, parameter_values: ParameterValues) -> Array | None:
         """What it adds at 50 and 60 Hz, c + i s of c·cos + s·sin, (draws, tests, 2), or None."""
         return None
 

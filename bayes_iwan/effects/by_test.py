@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.inference.parameters import Parameter
 
@@ -36,8 +36,9 @@ class ByTest(Effect):
         )
         return (*own, *(replace(p, owner=self.name) for p in self._extra()))
 
-    def by_test(self, numbers: Numbers) -> tuple[Array, ...]:
+    def by_test(self, parameter_values: ParameterValues) -> tuple[Array, ...]:
         """Each part as (draws, tests)."""
         return tuple(
-            np.stack([numbers[f"{self.name}.{part}[{test}]"] for test in self.tests], axis=1) for part, *_ in self.parts
+            np.stack([parameter_values[f"{self.name}.{part}[{test}]"] for test in self.tests], axis=1)
+            for part, *_ in self.parts
         )

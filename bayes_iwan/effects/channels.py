@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
 from bayes_iwan.effects.spanning import about, power_of
 
@@ -38,8 +38,8 @@ class ChannelDelay(Effect):
             )
         }
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        delay, p = self.get(numbers, "delay_s"), self.get(numbers, "dispersion")
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        delay, p = self.get(parameter_values, "delay_s"), self.get(parameter_values, "dispersion")
         reference_hz = 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm)
 
         def response(f: Array) -> np.ndarray:
@@ -87,8 +87,8 @@ class IntegrationHighpass(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {"second": _second(0.25)}
 
-    def motion(self, motion: Motion, numbers: Numbers) -> Motion:
-        corner, second = self.get(numbers, "corner_hz"), self.get(numbers, "second")
+    def motion(self, motion: Motion, parameter_values: ParameterValues) -> Motion:
+        corner, second = self.get(parameter_values, "corner_hz"), self.get(parameter_values, "second")
 
         def response(f: Array) -> np.ndarray:  # the inverse of the high-pass; no mean came through it
             return 1.0 / _highpass(f, corner, second)
@@ -115,8 +115,8 @@ class ForceHighpass(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {"second": _second(0.25)}
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        corner, second = self.get(numbers, "corner_hz"), self.get(numbers, "second")
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        corner, second = self.get(parameter_values, "corner_hz"), self.get(parameter_values, "second")
         # below a millihertz no test would be long enough to lose the mean, so the effect has a neutral limit
         mean = 1.0 / (1.0 + (corner / 1e-3) ** 2)
         return filtered(force_N, motion.frequency_hz, lambda f: np.where(f > 0.0, _highpass(f, corner, second), mean))
@@ -142,8 +142,8 @@ class ForceLowpass(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {"second": _second(0.15)}  # near ⅓ (Bessel) the filter is a delay, and that has a name of its own
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        tau, second = self.get(numbers, "tau_s"), self.get(numbers, "second")
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        tau, second = self.get(parameter_values, "tau_s"), self.get(parameter_values, "second")
 
         def response(f: Array) -> np.ndarray:
             x = 2.0 * np.pi * f * tau
@@ -176,8 +176,8 @@ class SteepLowpass(ForceLowpass):
             )
         }
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        tau, droop = self.get(numbers, "tau_s"), self.get(numbers, "droop")
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        tau, droop = self.get(parameter_values, "tau_s"), self.get(parameter_values, "droop")
 
         def response(f: Array) -> np.ndarray:
             x = 2.0 * np.pi * f * tau
@@ -213,8 +213,8 @@ class ForceClipping(Effect):
             )
         }
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        inverse, soft = self.get(numbers, "inverse_limit_1_N"), self.get(numbers, "softness")
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        inverse, soft = self.get(parameter_values, "inverse_limit_1_N"), self.get(parameter_values, "softness")
         with np.errstate(divide="ignore"):
             log_ratio = np.log(np.abs(force_N) * inverse)
         over = np.logaddexp(0.0, log_ratio / soft)  # ln(1 + |F/F_max|^p)

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Records
 from bayes_iwan.effects.spanning import about
 from bayes_iwan.physics import Motion
@@ -50,7 +50,7 @@ class FollowsCondition(Effect):
             "form": ExtraParameter("q", "-", "0: a power law, 1: exponential", about(0.0, 0.4), -1.5, 1.5, scan=False)
         }
 
-    def condition_of(self, motion: Motion, numbers: Numbers) -> Array:
+    def condition_of(self, motion: Motion, parameter_values: ParameterValues) -> Array:
         """ξ of each loop, (draws, loops, 1)."""
         all_of = np.array(self.values)
         if self.condition not in motion.conditions:
@@ -59,12 +59,12 @@ class FollowsCondition(Effect):
         if not self.positive:
             centre = all_of.mean()
             return ((at - centre) / np.abs(all_of - centre).max())[None, :, None]
-        q = self.get(numbers, "form")
+        q = self.get(parameter_values, "form")
         q = np.where(np.abs(q) < 1e-7, 1e-7, q)
         return np.expm1(q * (np.log(at) - np.log(all_of).mean())[:, None]) / q
 
-    def factor(self, motion: Motion, numbers: Numbers) -> Array:
-        return np.exp(self.get(numbers, self.strength[0]) * self.condition_of(motion, numbers))
+    def factor(self, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return np.exp(self.get(parameter_values, self.strength[0]) * self.condition_of(motion, parameter_values))
 
 
 class SlipFollowsCondition(FollowsCondition):
@@ -92,11 +92,11 @@ class SlipFollowsCondition(FollowsCondition):
             ),
         }
 
-    def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        return alpha * self.factor(motion, numbers)
+    def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return alpha * self.factor(motion, parameter_values)
 
-    def stiffness(self, k: Array, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        return k * self.factor(motion, numbers) ** self.get(numbers, "of_stiffness")
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return k * self.factor(motion, parameter_values) ** self.get(parameter_values, "of_stiffness")
 
 
 class StiffnessFollowsCondition(FollowsCondition):
@@ -115,8 +115,8 @@ class StiffnessFollowsCondition(FollowsCondition):
     def first_guess(self) -> float:
         return 0.3
 
-    def stiffness(self, k: Array, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        return k * self.factor(motion, numbers)
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return k * self.factor(motion, parameter_values)
 
 
 class ZeroFollowsCondition(FollowsCondition):
@@ -134,8 +134,8 @@ class ZeroFollowsCondition(FollowsCondition):
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        return force_N + self.get(numbers, "force_N") * self.condition_of(motion, numbers)
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return force_N + self.get(parameter_values, "force_N") * self.condition_of(motion, parameter_values)
 
 
 EFFECTS: tuple[type[FollowsCondition], ...] = (SlipFollowsCondition, StiffnessFollowsCondition, ZeroFollowsCondition)

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.inference.parameters import Parameter
 from bayes_iwan.physics import Motion, warp
@@ -34,9 +34,9 @@ class _Series(Effect):
             for i, (n, symbol, text) in enumerate(self.terms)
         )
 
-    def coefficients(self, numbers: Numbers) -> Array:
+    def coefficients(self, parameter_values: ParameterValues) -> Array:
         """(draws, terms)"""
-        return np.stack([numbers[f"{self.name}.{n}"] for n, *_ in self.terms], axis=1)
+        return np.stack([parameter_values[f"{self.name}.{n}"] for n, *_ in self.terms], axis=1)
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
         size = np.sqrt(np.sum(self.coefficients(values) ** 2, axis=1))
@@ -64,8 +64,8 @@ class SlipForcesFree(_Series):
     bench = "many amplitudes from stick to full slip: the backbone's curvature is the density itself"
     remedy = "Use the fitted slip-force density of the report in place of the gamma mixture."
 
-    def slip_table(self, tables: Array, top: Array, numbers: Numbers) -> Array:
-        return warp.tilted(tables, top, self.coefficients(numbers))
+    def slip_table(self, tables: Array, top: Array, parameter_values: ParameterValues) -> Array:
+        return warp.tilted(tables, top, self.coefficients(parameter_values))
 
 
 class StiffnessLawFree(_Series):
@@ -93,8 +93,8 @@ class StiffnessLawFree(_Series):
     bench = "small amplitudes about several mid-positions"
     remedy = "Use the fitted stiffness law of the report in place of Eq. (12)."
 
-    def stiffness(self, k: Array, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        exponent, bend = (self.get(numbers, n) for n in ("exponent", "bend"))
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        exponent, bend = (self.get(parameter_values, n) for n in ("exponent", "bend"))
         return warp.bent_stiffness(k, alpha, exponent, bend)
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
@@ -131,11 +131,11 @@ class NormalForceFree(_Series):
     bench = "a cell that measures the normal force"
     remedy = "Use the fitted normal force of the report in place of Eq. (11)."
 
-    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         u, v = motion.displacement_mm / self.scales.length_mm, motion.velocity_m_s / self.scales.speed_m_s
         speed = motion.speed_m_s / self.scales.speed_m_s
         basis = np.stack([u, u * u, speed, u * speed, v, u * v])
-        return warp.bent_normal_force(alpha, basis, self.coefficients(numbers))
+        return warp.bent_normal_force(alpha, basis, self.coefficients(parameter_values))
 
 
 EFFECTS: tuple[type[Effect], ...] = (SlipForcesFree, StiffnessLawFree, NormalForceFree)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
 from bayes_iwan.effects.spanning import about, decay_over_block, falling, growing, over_block, power_of
 
@@ -30,8 +30,8 @@ class _OfSlipSpeed(Effect):
             )
         }
 
-    def speed_m_s(self, motion: Motion, numbers: Numbers) -> Array:
-        tau = self.get(numbers, "memory_s")
+    def speed_m_s(self, motion: Motion, parameter_values: ParameterValues) -> Array:
+        tau = self.get(parameter_values, "memory_s")
         speed = filtered(motion.speed_m_s, motion.frequency_hz, lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau))
         return np.maximum(speed, 0.0)
 
@@ -77,9 +77,14 @@ class StribeckWeakening(_OfSlipSpeed):
             ),
         }
 
-    def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        x = power_of(self.speed_m_s(motion, numbers) / self.get(numbers, "v_s_m_s"), self.get(numbers, "exponent"))
-        return alpha * (1.0 - self.get(numbers, "drop") * (1.0 - falling(x, self.get(numbers, "tail"))))
+    def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        x = power_of(
+            self.speed_m_s(motion, parameter_values) / self.get(parameter_values, "v_s_m_s"),
+            self.get(parameter_values, "exponent"),
+        )
+        return alpha * (
+            1.0 - self.get(parameter_values, "drop") * (1.0 - falling(x, self.get(parameter_values, "tail")))
+        )
 
 
 class RateStrengthening(_OfSlipSpeed):
@@ -115,9 +120,9 @@ class RateStrengthening(_OfSlipSpeed):
             "power": ExtraParameter("q", "-", "0: logarithm, 1: proportional", about(0.0, 0.3), -0.9, 0.9, scan=False),
         }
 
-    def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        ratio = self.speed_m_s(motion, numbers) / self.get(numbers, "v0_m_s")
-        return alpha * (1.0 + self.get(numbers, "c") * growing(ratio, self.get(numbers, "power")))
+    def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        ratio = self.speed_m_s(motion, parameter_values) / self.get(parameter_values, "v0_m_s")
+        return alpha * (1.0 + self.get(parameter_values, "c") * growing(ratio, self.get(parameter_values, "power")))
 
 
 class NormalForceLag(Effect):
@@ -134,8 +139,8 @@ class NormalForceLag(Effect):
     def first_guess(self) -> float:
         return 2e-4 * self.scales.length_mm / self.scales.speed_m_s
 
-    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        tau = self.get(numbers, "tau_s")
+    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        tau = self.get(parameter_values, "tau_s")
         return np.maximum(filtered(alpha, motion.frequency_hz, lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau)), 0.02)
 
 
@@ -156,10 +161,12 @@ class NormalForceLagFromStart(NormalForceLag):
             )
         }
 
-    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        tau = np.maximum(numbers[self.strength_name], 1e-9)[:, None]
+    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        tau = np.maximum(parameter_values[self.strength_name], 1e-9)[:, None]
         left = decay_over_block(motion, 1.0 / (motion.frequency_hz * tau))[:, :, None]
-        return np.maximum(super().grip(alpha, motion, numbers) + self.get(numbers, "start") * left, 0.02)
+        return np.maximum(
+            super().grip(alpha, motion, parameter_values) + self.get(parameter_values, "start") * left, 0.02
+        )
 
 
 class FrictionFade(Effect):
@@ -205,18 +212,18 @@ class FrictionFade(Effect):
             ),
         }
 
-    def left(self, motion: Motion, numbers: Numbers) -> Array:
+    def left(self, motion: Motion, parameter_values: ParameterValues) -> Array:
         """The share of the friction that is left in each loop, (draws, loops, 1)."""
-        cycles, tail, stroke = (numbers[f"{self.name}.{n}"][:, None] for n in ("cycles", "tail", "by_stroke"))
+        cycles, tail, stroke = (parameter_values[f"{self.name}.{n}"][:, None] for n in ("cycles", "tail", "by_stroke"))
         pace = (motion.amplitude_mm / self.scales.length_mm) ** stroke / cycles
         still = over_block(motion, lambda n: falling(n * pace, tail))
-        return 1.0 - self.get(numbers, "drop") * (1.0 - still[:, :, None])
+        return 1.0 - self.get(parameter_values, "drop") * (1.0 - still[:, :, None])
 
-    def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        return alpha * self.left(motion, numbers)
+    def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return alpha * self.left(motion, parameter_values)
 
-    def stiffness(self, k: Array, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        return k * self.left(motion, numbers) ** self.get(numbers, "of_stiffness")
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return k * self.left(motion, parameter_values) ** self.get(parameter_values, "of_stiffness")
 
 
 class DirectionDependentFriction(Effect):
@@ -235,9 +242,9 @@ class DirectionDependentFriction(Effect):
     def first_guess(self) -> float:
         return 0.1
 
-    def asymmetry(self, numbers: Numbers) -> Array:
+    def asymmetry(self, parameter_values: ParameterValues) -> Array:
         # not a matter of the motion's sign alone: at a reversal a sticking element keeps what it carries
-        return numbers[self.strength_name]
+        return parameter_values[self.strength_name]
 
 
 class DirectionDependentGrip(DirectionDependentFriction):
@@ -261,12 +268,12 @@ class DirectionDependentGrip(DirectionDependentFriction):
             )
         }
 
-    def asymmetry(self, numbers: Numbers) -> Array:
-        return np.zeros_like(numbers[self.strength_name])
+    def asymmetry(self, parameter_values: ParameterValues) -> Array:
+        return np.zeros_like(parameter_values[self.strength_name])
 
-    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        turned = np.tanh(motion.velocity_m_s / self.get(numbers, "v0_m_s"))
-        return alpha * (1.0 + self.get(numbers, "asymmetry") * turned)
+    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        turned = np.tanh(motion.velocity_m_s / self.get(parameter_values, "v0_m_s"))
+        return alpha * (1.0 + self.get(parameter_values, "asymmetry") * turned)
 
 
 EFFECTS: tuple[type[Effect], ...] = (

@@ -9,7 +9,7 @@ import numba as nb
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, moved_by
 
 #: passes over the loop that settle how far the rig gives, or where the force crosses zero
@@ -52,9 +52,9 @@ class RigCompliance(Effect):
             ),
         }
 
-    def around(self, inner: Callable[[Motion], Array], motion: Motion, numbers: Numbers) -> Array:
-        compliance, first_N = self.get(numbers, "compliance_mm_N"), self.get(numbers, "soft_N")
-        softer = self.get(numbers, "soft_ratio") - 1.0
+    def around(self, inner: Callable[[Motion], Array], motion: Motion, parameter_values: ParameterValues) -> Array:
+        compliance, first_N = self.get(parameter_values, "compliance_mm_N"), self.get(parameter_values, "soft_N")
+        softer = self.get(parameter_values, "soft_ratio") - 1.0
 
         def given(force: Array) -> tuple[Array, Array]:
             """How far the rig gives under a force, mm, and its slope, mm/N."""
@@ -161,8 +161,8 @@ class FreePlay(Effect):
             )
         }
 
-    def around(self, inner: Callable[[Motion], Array], motion: Motion, numbers: Numbers) -> Array:
-        half, soft = 0.5 * numbers[self.strength_name], numbers[f"{self.name}.softness"]
+    def around(self, inner: Callable[[Motion], Array], motion: Motion, parameter_values: ParameterValues) -> Array:
+        half, soft = 0.5 * parameter_values[self.strength_name], parameter_values[f"{self.name}.softness"]
         force = inner(motion)
         draws = len(half)
         u = np.ascontiguousarray(motion.displacement_mm)

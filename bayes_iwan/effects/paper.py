@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion
 from bayes_iwan.physics import Model, Simulator, normal_force
 from bayes_iwan.physics import stiffness as laws
@@ -45,11 +45,11 @@ class VaryingNormalForce(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {"beta": _beta()}
 
-    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
-        zero, beta = np.log(self.scales.length_mm), self.get(numbers, "beta")
+    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        zero, beta = np.log(self.scales.length_mm), self.get(parameter_values, "beta")
         top = np.log(motion.amplitude_mm)[:, None] - zero
         change = np.expm1(beta * (motion.log_penetration - zero)) - np.expm1(beta * top)
-        return alpha + self.get(numbers, "slope") * change / beta
+        return alpha + self.get(parameter_values, "slope") * change / beta
 
 
 class SpeedDependentNormalForce(Effect):
@@ -73,18 +73,18 @@ class SpeedDependentNormalForce(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {"beta": _beta()}
 
-    def exponent(self, numbers: Numbers) -> Array:
+    def exponent(self, parameter_values: ParameterValues) -> Array:
         """β of whatever else gives the normal force its shape (Eq. 11 has one), else of this effect, (draws,)."""
         for owner in ("beta", f"{VaryingNormalForce.name}.beta"):
-            if owner in numbers:
-                return numbers[owner]
-        return numbers[f"{self.name}.beta"]
+            if owner in parameter_values:
+                return parameter_values[owner]
+        return parameter_values[f"{self.name}.beta"]
 
-    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         squeezed = np.exp(
-            self.exponent(numbers)[:, None, None] * (motion.log_penetration - np.log(self.scales.length_mm))
+            self.exponent(parameter_values)[:, None, None] * (motion.log_penetration - np.log(self.scales.length_mm))
         )
-        return alpha + self.get(numbers, "rate") * squeezed * (motion.speed_m_s / self.scales.speed_m_s)
+        return alpha + self.get(parameter_values, "rate") * squeezed * (motion.speed_m_s / self.scales.speed_m_s)
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
         return {"rate": (values[self.strength_name], "-"), "beta": (self.exponent(values), "-")}
@@ -104,9 +104,9 @@ class StiffnessOfNormalForce(Effect):
     def first_guess(self) -> float:
         return 0.4
 
-    def stiffness(self, k: Array, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         # Eq. (12) over its value at α = 1, so that the base's k stays k(1)
-        value = np.atleast_1d(numbers[self.strength_name])
+        value = np.atleast_1d(parameter_values[self.strength_name])
         bend = laws.bend_of_elasticity(np.clip(value, LEAST_ELASTICITY, self.limit))[:, None, None]
         factor = np.expm1(-bend * alpha) / np.expm1(-bend)
         return k * np.where(value[:, None, None] < LEAST_ELASTICITY, 1.0, factor)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
 from bayes_iwan.effects.spanning import about, power_of
 
@@ -38,10 +38,10 @@ class ViscousDamping(Effect):
             )
         }
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         top = self.scales.speed_m_s
-        grown = power_of(motion.speed_m_s / top, self.get(numbers, "exponent"))
-        return force_N + (self.get(numbers, "c_N_s_mm") * 1e3 * top) * np.sign(motion.velocity_m_s) * grown
+        grown = power_of(motion.speed_m_s / top, self.get(parameter_values, "exponent"))
+        return force_N + (self.get(parameter_values, "c_N_s_mm") * 1e3 * top) * np.sign(motion.velocity_m_s) * grown
 
 
 class MaxwellBranch(Effect):
@@ -86,14 +86,16 @@ class MaxwellBranch(Effect):
             ),
         }
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        tau, order = self.get(numbers, "tau_s"), self.get(numbers, "spread")
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        tau, order = self.get(parameter_values, "tau_s"), self.get(parameter_values, "spread")
 
         def response(f: Array) -> Array:
             s = power_of(2.0 * np.pi * f * tau, order) * np.exp(0.5j * np.pi * order)
             return np.where(f > 0.0, s / (1.0 + s), 0.0)
 
-        return force_N + self.get(numbers, "k_N_mm") * filtered(motion.displacement_mm, motion.frequency_hz, response)
+        return force_N + self.get(parameter_values, "k_N_mm") * filtered(
+            motion.displacement_mm, motion.frequency_hz, response
+        )
 
 
 class MovingMass(Effect):
@@ -114,8 +116,8 @@ class MovingMass(Effect):
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N * self.scales.length_mm * 1e-3 / self.scales.speed_m_s**2
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        return force_N + self.get(numbers, "m_kg") * motion.acceleration_m_s2
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return force_N + self.get(parameter_values, "m_kg") * motion.acceleration_m_s2
 
 
 class QuadraticStiffness(Effect):
@@ -136,10 +138,10 @@ class QuadraticStiffness(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {"exponent": ExtraParameter("n", "-", "power of |u|", about(2.0, 0.4), 1.05, 2.95, scan=False)}
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         length = self.scales.length_mm
-        grown = power_of(motion.displacement_mm / length, self.get(numbers, "exponent"))
-        return force_N + (self.get(numbers, "k2_N_mm2") * length**2) * grown
+        grown = power_of(motion.displacement_mm / length, self.get(parameter_values, "exponent"))
+        return force_N + (self.get(parameter_values, "k2_N_mm2") * length**2) * grown
 
 
 class CubicStiffness(Effect):
@@ -162,10 +164,10 @@ class CubicStiffness(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {"exponent": ExtraParameter("n", "-", "power of |u|", about(3.0, 0.7), 1.3, 4.7, scan=False)}
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         length, u = self.scales.length_mm, motion.displacement_mm
-        grown = np.sign(u) * power_of(u / length, self.get(numbers, "exponent"))
-        return force_N + (self.get(numbers, "k3_N_mm3") * length**3) * grown
+        grown = np.sign(u) * power_of(u / length, self.get(parameter_values, "exponent"))
+        return force_N + (self.get(parameter_values, "k3_N_mm3") * length**3) * grown
 
 
 class _Contact(Effect):
@@ -207,10 +209,10 @@ class _Contact(Effect):
             ),
         }
 
-    def push_N(self, into_mm: Array, numbers: Numbers) -> Array:
+    def push_N(self, into_mm: Array, parameter_values: ParameterValues) -> Array:
         """Force of the contact without its sign, `into_mm` beyond the clearance (negative: none)."""
         scale = 0.1 * self.scales.length_mm
-        return scale * power_of(np.maximum(into_mm, 0.0) / scale, self.get(numbers, "exponent"))
+        return scale * power_of(np.maximum(into_mm, 0.0) / scale, self.get(parameter_values, "exponent"))
 
 
 class EndStop(_Contact):
@@ -219,10 +221,12 @@ class EndStop(_Contact):
     signed = True
     signature = "nothing below the clearance; beyond it a one-sided force, all harmonics in phase, at all frequencies"
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
-        k = self.get(numbers, "k_N_mm")
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        k = self.get(parameter_values, "k_N_mm")
         side = np.where(k < 0.0, -1.0, 1.0)
-        return force_N + k * self.push_N(side * motion.displacement_mm - self.get(numbers, "clearance_mm"), numbers)
+        return force_N + k * self.push_N(
+            side * motion.displacement_mm - self.get(parameter_values, "clearance_mm"), parameter_values
+        )
 
 
 class EndStops(_Contact):
@@ -230,10 +234,10 @@ class EndStops(_Contact):
     strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contacts")
     signature = "nothing in mid-stroke; beyond the clearance odd harmonics in phase, at every frequency alike"
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         u = motion.displacement_mm
-        push = self.push_N(np.abs(u) - self.get(numbers, "clearance_mm"), numbers)
-        return force_N + self.get(numbers, "k_N_mm") * np.sign(u) * push
+        push = self.push_N(np.abs(u) - self.get(parameter_values, "clearance_mm"), parameter_values)
+        return force_N + self.get(parameter_values, "k_N_mm") * np.sign(u) * push
 
 
 EFFECTS: tuple[type[Effect], ...] = (

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion
 
 
@@ -25,9 +25,9 @@ class SpeedSquared(Effect):
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N / self.scales.speed_m_s**2
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array:
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         v = motion.velocity_m_s
-        return force_N + self.get(numbers, "c_N_s2_m2") * v * np.abs(v)
+        return force_N + self.get(parameter_values, "c_N_s2_m2") * v * np.abs(v)
 
 
 class BreakAway(Effect):
@@ -49,12 +49,14 @@ class BreakAway(Effect):
             )
         }
 
-    def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array:
+    def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         u = motion.displacement_mm
         since = np.where(
             motion.velocity_m_s > 0.0, u - u.min(axis=-1, keepdims=True), u.max(axis=-1, keepdims=True) - u
         )
-        return alpha * (1.0 + self.get(numbers, "rise") * np.exp(-since / self.get(numbers, "slide_mm")))
+        return alpha * (
+            1.0 + self.get(parameter_values, "rise") * np.exp(-since / self.get(parameter_values, "slide_mm"))
+        )
 
 
 EFFECTS: tuple[type[Effect], ...] = (SpeedSquared, BreakAway)

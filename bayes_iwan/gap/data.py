@@ -272,32 +272,32 @@ def _subharmonic(loop: Loop) -> float:
 def predicted(data: GapData, problem: Problem, z: Array) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """Harmonics (draws, T, H + 1), trends (draws, T, K, TREND_HARMONICS + 1) and mains lines (draws, T, 2) of a model;
     trends and lines None where no effect of the model makes any."""
-    numbers = problem.numbers(z)
+    parameter_values = problem.parameter_values(z)
     evolving = [e for e in effects_of(problem) if e.evolving]
     count = data.harmonics_N.shape[1]
     if not evolving:
-        return harmonics_of(problem.force(numbers, data.steady_motion), count), None, None
+        return harmonics_of(problem.force(parameter_values, data.steady_motion), count), None, None
     draws, blocks = len(z), data.contrast.shape[2]
     cycling = any(e.stations for e in evolving)
     by_block = np.zeros((draws, data.tests, blocks, count), dtype=complex)
     mean = np.zeros((draws, data.tests, count), dtype=complex)
     if cycling:
-        flat = harmonics_of(problem.force(numbers, data.block_motion), count)
+        flat = harmonics_of(problem.force(parameter_values, data.block_motion), count)
         for t in range(data.tests):
             mine = data.block_motion.test == t
             by_block[:, t, : mine.sum()] = flat[:, mine]
             mean[:, t] = flat[:, mine].mean(axis=1)
     else:
-        mean = harmonics_of(problem.force(numbers, data.steady_motion), count)
+        mean = harmonics_of(problem.force(parameter_values, data.steady_motion), count)
         by_block += mean[:, :, None]
     lines = None
     for effect in evolving:
-        added = effect.recorded(data, numbers)
+        added = effect.recorded(data, parameter_values)
         if added is not None:
             by_block += added
             for t, loop in enumerate(data.loops):
                 mean[:, t] += added[:, t, : len(loop.block_cycle)].mean(axis=1)
-        line = effect.lines(data, numbers)
+        line = effect.lines(data, parameter_values)
         lines = line if lines is None else (lines if line is None else lines + line)
     trend = np.einsum("tkb,dtbh->dtkh", data.contrast, by_block[..., : TREND_HARMONICS + 1])
     return mean, trend, lines

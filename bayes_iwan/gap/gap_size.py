@@ -71,8 +71,8 @@ class GapSize:
 def friction_rms_by_test_N(residual: Residual) -> Array:
     """(T,) RMS friction force of the fitted model, N."""
     problem = residual.fit.problem
-    numbers = problem.numbers(residual.fit.z[None])
-    force = problem.friction_force(numbers, residual.data.steady_motion)[0]
+    parameter_values = problem.parameter_values(residual.fit.z[None])
+    force = problem.friction_force(parameter_values, residual.data.steady_motion)[0]
     return np.sqrt(np.mean(force**2, axis=1))
 
 

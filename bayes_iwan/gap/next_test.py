@@ -105,7 +105,7 @@ def plans_of(data: GapData, fit: Fit, limits: RigLimits) -> list[tuple[float, fl
     grid = list(product(np.geomspace(*most.frequency_hz, 8), np.geomspace(least, most.amplitude_mm, 5)))
     frequency, amplitude = np.array(grid).T
     motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=96)
-    force = fit.problem.force(fit.problem.numbers(fit.z[None]), motion)[0]
+    force = fit.problem.force(fit.problem.parameter_values(fit.z[None]), motion)[0]
     within = np.abs(force).max(axis=-1) <= FORCE_MARGIN * most.force_N
     return [p for p, ok in zip(grid, within) if ok] or [min(zip(f, u), key=lambda p: p[1])]
 
@@ -123,7 +123,7 @@ def next_test(
         """Predicted (plans, 2 H) and its Jacobian (plans, 2 H, ndim)."""
         step = 1e-3
         z = np.concatenate([fit.z[None], fit.z + step * np.eye(len(fit.z))])
-        c = harmonics_of(fit.problem.force(fit.problem.numbers(z), motion), PLANNED_HARMONICS)
+        c = harmonics_of(fit.problem.force(fit.problem.parameter_values(z), motion), PLANNED_HARMONICS)
         flat = np.concatenate([c.real, c.imag[..., 1:]], axis=-1)
         return flat[0], np.moveaxis((flat[1:] - flat[0]) / step, 0, -1)
 

@@ -34,14 +34,14 @@ def calibrated(kind: Maker, scales: Scales, data: GapData, base: Problem, z: Arr
     for i, name in enumerate(effect.strength_names):
         values[name] = trial * (-1.0) ** i  # a series: as if its coefficients took turns
     extended = base.with_effects(ordered((*effects_of(base), effect)))
-    numbers = base.numbers_of(values)
-    plain = harmonics_of(base.force(numbers, data.steady_motion), data.harmonics_N.shape[1])
-    added = effect.recorded(data, numbers)
+    parameter_values = base.parameter_values_of(values)
+    plain = harmonics_of(base.force(parameter_values, data.steady_motion), data.harmonics_N.shape[1])
+    added = effect.recorded(data, parameter_values)
     if added is not None:
         change = added.mean(axis=2)
     else:
         motion = data.block_motion if effect.evolving else data.steady_motion
-        moved = harmonics_of(extended.force(numbers, motion), data.harmonics_N.shape[1])
+        moved = harmonics_of(extended.force(parameter_values, motion), data.harmonics_N.shape[1])
         change = moved - plain[:, motion.test]
     power = np.abs(change[..., 0]) ** 2 + 0.5 * np.sum(np.abs(change[..., 1:]) ** 2, axis=-1)
     share = np.sqrt(power.mean(axis=1)) / friction_rms_N(base, z)
@@ -55,4 +55,4 @@ def calibrated(kind: Maker, scales: Scales, data: GapData, base: Problem, z: Arr
 
 def friction_rms_N(problem: Problem, z: Array) -> float:
     """RMS friction force over all fitted tests at z (ndim,), N."""
-    return float(np.sqrt(np.mean(problem.friction_force(problem.numbers(z[None])) ** 2)))
+    return float(np.sqrt(np.mean(problem.friction_force(problem.parameter_values(z[None])) ** 2)))

@@ -260,9 +260,11 @@ def sticking_share(residual: Residual) -> Array | None:
     model = problem.model
     if not isinstance(model, Model):
         return None
-    numbers = problem.numbers(residual.fit.z[None])
-    friction = problem.friction_force(numbers, motion)[0]
-    k = model.stiffness_law.k(numbers, model.alpha(numbers, motion, inner_effects(problem.effects)))[0]
+    parameter_values = problem.parameter_values(residual.fit.z[None])
+    friction = problem.friction_force(parameter_values, motion)[0]
+    k = model.stiffness_law.k(parameter_values, model.alpha(parameter_values, motion, inner_effects(problem.effects)))[
+        0
+    ]
     u = motion.displacement_mm[0]
     du = np.roll(u, -1, axis=-1) - np.roll(u, 1, axis=-1)
     df = np.roll(friction, -1, axis=-1) - np.roll(friction, 1, axis=-1)

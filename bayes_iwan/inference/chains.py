@@ -31,11 +31,11 @@ def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Arr
             n for n, q in named.items() if n not in problem.names and np.nanmax(q.values) > np.nanmin(q.values)
         )
 
-    def numbers(z: Array) -> Array:
+    def parameter_values(z: Array) -> Array:
         named = sampled_and_derived(problem, z)
         return np.stack([named[name].values for name in names], axis=1)
 
-    return names, numbers if names else None
+    return names, parameter_values if names else None
 
 
 def independent_chains(problem: Problem, point: Point, s: SamplingSettings, seed: int, progress: bool) -> Chains | None:
@@ -50,7 +50,7 @@ def independent_chains(problem: Problem, point: Point, s: SamplingSettings, seed
     def residuals(z: Array) -> Array:
         return coarse.residual(z).reshape(len(z), -1)
 
-    names, numbers = _unsampled(problem)
+    names, parameter_values = _unsampled(problem)
     return sample_independently(
         residuals,
         problem.log_prob_of_noise,
@@ -59,7 +59,7 @@ def independent_chains(problem: Problem, point: Point, s: SamplingSettings, seed
         limit=0.95 * Z_LIMIT,
         names=problem.names,
         seed=seed,
-        quantities=numbers,
+        quantities=parameter_values,
         quantity_names=names,
         n_chains=s.ensembles,
         budget_s=s.budget_s,
@@ -83,13 +83,13 @@ def ensemble_chains(
 ) -> Chains:
     """Ensembles of walkers, started from fits to shifted data."""
     walkers = max(s.walkers, enough_walkers(problem.ndim))
-    names, numbers = _unsampled(problem)
+    names, parameter_values = _unsampled(problem)
     return sample(
         problem.log_prob,
         starting_population(problem, point, seed, CROWD * len(POWERS) * s.ensembles * walkers),
         names=problem.names,
         seed=seed,
-        quantities=numbers,
+        quantities=parameter_values,
         quantity_names=names,
         checkpoint=checkpoint,
         fingerprint=problem.fingerprint() | dict(origin) | {"seed": str(seed)},

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.loop_error import friction_level_N, paper_weights
 from bayes_iwan.inference.parameters import Parameter
@@ -46,7 +46,7 @@ class Spectrum:
 
     parameters: tuple[Parameter, ...]
 
-    def variance(self, numbers: Numbers, count: int) -> Array:
+    def variance(self, parameter_values: ParameterValues, count: int) -> Array:
         """Of each harmonic's real part over level², (draws, count)."""
         raise NotImplementedError
 
@@ -74,8 +74,10 @@ class Matern(Spectrum):
         ),
     )
 
-    def variance(self, numbers: Numbers, count: int) -> Array:
-        return discrepancy_spectrum(numbers["discrepancy_share"], numbers["discrepancy_length"], count)
+    def variance(self, parameter_values: ParameterValues, count: int) -> Array:
+        return discrepancy_spectrum(
+            parameter_values["discrepancy_share"], parameter_values["discrepancy_length"], count
+        )
 
 
 @dataclass(frozen=True)
@@ -111,12 +113,12 @@ class OddEven(Spectrum):
         ),
     )
 
-    def variance(self, numbers: Numbers, count: int) -> Array:
+    def variance(self, parameter_values: ParameterValues, count: int) -> Array:
         order = np.maximum(np.arange(count), 1)
-        power = order ** -numbers["discrepancy_slope"][:, None]
+        power = order ** -parameter_values["discrepancy_slope"][:, None]
         odd = np.arange(count) % 2 == 1
         total = [np.maximum(np.sum(power[:, part], axis=1, keepdims=True), 1e-300) for part in (~odd, odd)]
-        share = [numbers[name][:, None] for name in ("discrepancy_even", "discrepancy_odd")]
+        share = [parameter_values[name][:, None] for name in ("discrepancy_even", "discrepancy_odd")]
         return power * np.where(odd, share[1] ** 2 / total[1], share[0] ** 2 / total[0])
 
 
@@ -262,20 +264,23 @@ class Correlated:
         """(tests, draws, 2·used): real, then imaginary parts of the harmonics of the (weighted) loop error."""
         return np.matmul(residual_N.transpose(1, 0, 2), self.projection)
 
-    def _spectrum(self, numbers: Numbers) -> Array:
-        return self.spectrum.variance(numbers, self.used)
+    def _spectrum(self, parameter_values: ParameterValues) -> Array:
+        return self.spectrum.variance(parameter_values, self.used)
 
-    def _whitened(self, residual_N: Array, numbers: Numbers) -> tuple[Array, Array]:
+    def _whitened(self, residual_N: Array, parameter_values: ParameterValues) -> tuple[Array, Array]:
         """Rotated residuals (2, H, draws, tests), real and imaginary, and their variances (H, draws, tests)."""
         turn, values, _, _ = self.rotation
         parts = self._parts(residual_N).reshape(len(self.loops), len(residual_N), 2, self.used)
         rotated = parts.transpose(2, 3, 1, 0) @ turn.transpose(0, 2, 1)
-        variance = numbers["noise_scale"][:, None] ** 2 + self._spectrum(numbers).T[:, :, None] * values[:, None, :]
+        variance = (
+            parameter_values["noise_scale"][:, None] ** 2
+            + self._spectrum(parameter_values).T[:, :, None] * values[:, None, :]
+        )
         return rotated, variance
 
-    def _log_p(self, residual_N: Array, numbers: Numbers) -> Array:
+    def _log_p(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         """ln p by harmonic, (H, draws, tests)."""
-        rotated, variance = self._whitened(residual_N, numbers)
+        rotated, variance = self._whitened(residual_N, parameter_values)
         _, _, there, log_noise = self.rotation
         degrees = np.full((len(there), 1, 1), 2.0)
         degrees[0] = 1.0  # the mean has no imaginary part
@@ -285,11 +290,11 @@ class Correlated:
         log_p -= 0.5 * degrees * (np.log(2.0 * np.pi * variance) + 2.0 * own[:, None, :])
         return log_p * there[:, None, :]
 
-    def log_likelihood(self, residual_N: Array, numbers: Numbers) -> Array:
+    def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         turn, values, there, log_noise = self.rotation
         degrees = np.where(np.arange(len(there)) == 0, 1.0, 2.0)[:, None]
         constant = -0.5 * float(np.sum(degrees * (there * np.log(2.0 * np.pi) + 2.0 * there * log_noise)))
-        spectrum, noise = self._spectrum(numbers), numbers["noise_scale"] ** 2
+        spectrum, noise = self._spectrum(parameter_values), parameter_values["noise_scale"] ** 2
         out = np.empty(len(residual_N))
 
         def some_draws(part: slice) -> None:
@@ -298,22 +303,22 @@ class Correlated:
         over_draws(some_draws, len(residual_N), residual_N[0].size)
         return constant - 0.5 * out
 
-    def pointwise(self, residual_N: Array, numbers: Numbers) -> Array:
+    def pointwise(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         there = self.rotation[2].astype(bool)
-        return self._log_p(residual_N, numbers).transpose(1, 0, 2)[:, there]
+        return self._log_p(residual_N, parameter_values).transpose(1, 0, 2)[:, there]
 
-    def rows(self, residual_N: Array, numbers: Numbers) -> Array:
-        rotated, variance = self._whitened(residual_N, numbers)
+    def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        rotated, variance = self._whitened(residual_N, parameter_values)
         rotated /= np.sqrt(variance)
         return rotated.transpose(2, 0, 1, 3).reshape(len(residual_N), -1)
 
-    def replicate(self, force_N: Array, numbers: Numbers, rng: np.random.Generator) -> Array:
+    def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
         draws, tests, samples = force_N.shape
         half = np.linalg.cholesky(between_tests(self.loops, self.between)) * self.level[:, None]
         unit = rng.standard_normal((2, 2, draws, tests, self.used))
-        smooth = np.einsum("ij,pdjh,dh->pdih", half, unit[0], np.sqrt(self._spectrum(numbers)))
+        smooth = np.einsum("ij,pdjh,dh->pdih", half, unit[0], np.sqrt(self._spectrum(parameter_values)))
         noise = unit[1] * np.where(np.isfinite(self.noise_N), self.noise_N, 0.0)
-        noise *= numbers["noise_scale"][:, None, None]
+        noise *= parameter_values["noise_scale"][:, None, None]
         noise[..., 0] += smooth[..., 0]
         smooth[..., 0] = 0.0
         whole = on_phases(smooth, samples) / self.root_weights

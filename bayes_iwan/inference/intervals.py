@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.jackknife import jackknife_variance, left_out_optima
 from bayes_iwan.inference.problem import Problem
@@ -100,10 +100,12 @@ def reach_of(problem: Problem, z: Array) -> Reach | None:
         return None
     steps = [_step_mm(x) for x in problem.loops]
     amplitudes = [x.amplitude_mm for x in problem.loops]
-    numbers = problem.numbers(z[None])
-    k1 = float(numbers["k1_N_mm"][0])
+    parameter_values = problem.parameter_values(z[None])
+    k1 = float(parameter_values["k1_N_mm"][0])
     lowest, highest = 0.5 * k1 * min(steps), k1 * max(amplitudes)
-    quartile = float(_quantiles(model, numbers, np.array([0.25]), 4.0 * max(highest, problem.scales.slip_N))[0])
+    quartile = float(
+        _quantiles(model, parameter_values, np.array([0.25]), 4.0 * max(highest, problem.scales.slip_N))[0]
+    )
     share = 0.25 * min(1.0, lowest / quartile)
     return Reach(min(steps), lowest, highest, share, (min(amplitudes), max(amplitudes)))
 
@@ -153,7 +155,7 @@ def _unreached(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[floa
     """Relative standard deviation of what is extrapolated, and why, by name."""
     model = problem.model
     assert isinstance(model, Model)
-    numbers = problem.numbers(z[None])
+    parameter_values = problem.parameter_values(z[None])
     said = (
         f"extrapolated below a slip force of {reach.lowest_N:.3g} N: no step under {reach.step_mm:.2g} mm is resolved; "
         f"determined by amplitudes {reach.amplitudes_mm[0]:.3g} to {reach.amplitudes_mm[1]:.3g} mm"
@@ -162,7 +164,7 @@ def _unreached(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[floa
     # one more or one less of the unresolved elements moves every quantile: F(φ) = p + share·(1 − p)
     shares = np.array(SLIP_SHARES)
     moved = np.concatenate([shares, np.clip(shares - reach.share * (1.0 - shares), 1e-3, None)])
-    at = _quantiles(model, numbers, moved, 4.0 * max(reach.highest_N, problem.scales.slip_N))
+    at = _quantiles(model, parameter_values, moved, 4.0 * max(reach.highest_N, problem.scales.slip_N))
     for share, middle, other in zip(SLIP_SHARES, at[: len(shares)], at[len(shares) :]):
         why = said if middle < reach.lowest_N else ""
         if middle > reach.highest_N:
@@ -171,8 +173,8 @@ def _unreached(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[floa
     return out
 
 
-def _quantiles(model: Model, numbers: Numbers, shares: Array, top_N: float) -> Array:
+def _quantiles(model: Model, parameter_values: ParameterValues, shares: Array, top_N: float) -> Array:
     """(shares,) N of one draw."""
     phi = top_N * np.linspace(0.0, 1.0, 4000) ** 3
-    below = np.maximum.accumulate(1.0 - model.slip_family.survival(phi, numbers)[0])
+    below = np.maximum.accumulate(1.0 - model.slip_family.survival(phi, parameter_values)[0])
     return np.maximum(np.interp(shares, below, phi), 1e-9 * top_N)

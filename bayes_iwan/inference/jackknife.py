@@ -38,9 +38,9 @@ def left_out_optima(problem: Problem, z: Array, iterations: int = 4) -> Array:
     step = _STEP * np.eye(ndim)[free]
 
     def cost(t: int, trial: Array) -> Array:
-        numbers = problem.numbers(trial)
+        parameter_values = problem.parameter_values(trial)
         residual = problem.residual(trial)[:, others[t]]
-        rows = likelihoods[t].rows(residual, numbers)
+        rows = likelihoods[t].rows(residual, parameter_values)
         return 0.5 * np.sum(rows**2, axis=1) + 0.5 * np.sum(trial**2, axis=1)
 
     for _ in range(iterations):
@@ -48,8 +48,8 @@ def left_out_optima(problem: Problem, z: Array, iterations: int = 4) -> Array:
         for t in range(tests):
             at = out[t]
             residual = problem.residual(np.concatenate([at[None], at + step, at - step]))[:, others[t]]
-            numbers = {k: np.repeat(v, len(residual)) for k, v in problem.numbers(at[None]).items()}
-            rows = likelihoods[t].rows(residual, numbers)
+            parameter_values = {k: np.repeat(v, len(residual)) for k, v in problem.parameter_values(at[None]).items()}
+            rows = likelihoods[t].rows(residual, parameter_values)
             n = len(free)
             jacobian = (rows[1 : n + 1] - rows[n + 1 :]).T / (2.0 * _STEP)
             precision = jacobian.T @ jacobian + np.eye(n)

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.discrepancy import MEASURED_BETWEEN, ODD_EVEN, Correlated
 from bayes_iwan.inference.loop_error import paper_weights
@@ -32,16 +32,16 @@ class Likelihood(Protocol):
     @property
     def parameters(self) -> tuple[Parameter, ...]: ...
 
-    def log_likelihood(self, residual_N: Array, numbers: Numbers) -> Array:
+    def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         """ln p(data | prediction), (draws,); residual (draws, tests, samples)."""
 
-    def pointwise(self, residual_N: Array, numbers: Numbers) -> Array:
+    def pointwise(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         """The same by independent data, (draws, points), summing to :meth:`log_likelihood`."""
 
-    def rows(self, residual_N: Array, numbers: Numbers) -> Array:
+    def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         """Whitened residuals, (draws, m), for least squares; their squares sum to −2 ln p but for a constant."""
 
-    def replicate(self, force_N: Array, numbers: Numbers, rng: np.random.Generator) -> Array:
+    def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
         """Predicted loops (draws, tests, samples) with noise drawn from this model added, where there are data."""
 
     def of_loops(self, loops: tuple[Loop, ...]) -> Likelihood:
@@ -91,11 +91,11 @@ class Independent:
     @cached_property
     def _count(self) -> float:
         """Independent numbers that a sample stands for."""
-        numbers = sum(2 * np.count_nonzero(np.isfinite(x.noise_N)) - 1 for x in self.loops)
-        return numbers / self.weights.size
+        parameter_values = sum(2 * np.count_nonzero(np.isfinite(x.noise_N)) - 1 for x in self.loops)
+        return parameter_values / self.weights.size
 
-    def pointwise(self, residual_N: Array, numbers: Numbers) -> Array:
-        scale = numbers["noise_N"][:, None, None]
+    def pointwise(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        scale = parameter_values["noise_N"][:, None, None]
         if self.kind == "laplace":
             log_p = np.log(self.weights / (2.0 * scale)) - self.weights * np.abs(residual_N) / scale
         else:
@@ -103,8 +103,8 @@ class Independent:
             log_p = 0.5 * np.log(self.weights / (2.0 * np.pi * scale**2)) - 0.5 * self.weights * z * z
         return (self._count * log_p).reshape(len(residual_N), -1)
 
-    def log_likelihood(self, residual_N: Array, numbers: Numbers) -> Array:
-        scale = numbers["noise_N"]
+    def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        scale = parameter_values["noise_N"]
         points = self.weights.size  # the logarithms of the weights sum to zero
         if self.kind == "laplace":
             misfit = np.einsum("dts,ts->d", np.abs(residual_N), self.weights)
@@ -112,12 +112,12 @@ class Independent:
         misfit = np.einsum("dts,ts->d", residual_N * residual_N, self.weights)
         return -0.5 * self._count * (points * np.log(2.0 * np.pi * scale**2) + misfit / scale**2)
 
-    def rows(self, residual_N: Array, numbers: Numbers) -> Array:
+    def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         w = np.sqrt(self._count * self.weights)
-        return (w * residual_N / numbers["noise_N"][:, None, None]).reshape(len(residual_N), -1)
+        return (w * residual_N / parameter_values["noise_N"][:, None, None]).reshape(len(residual_N), -1)
 
-    def replicate(self, force_N: Array, numbers: Numbers, rng: np.random.Generator) -> Array:
-        scale = numbers["noise_N"][:, None, None]
+    def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
+        scale = parameter_values["noise_N"][:, None, None]
         if self.kind == "laplace":
             return force_N + rng.laplace(size=force_N.shape) * scale / self.weights
         return force_N + rng.standard_normal(force_N.shape) * scale / np.sqrt(self.weights)

@@ -180,10 +180,12 @@ def joint_rows(problem: Problem, z: Array) -> Array:
 
     The log-determinant is no square; it enters as √(2(K + its half)), K large: exact as a value, and nearly linear.
     """
-    numbers = problem.numbers(z)
-    residual = problem.measured_N - problem.force(numbers)
-    whitened = problem.likelihood.rows(residual, numbers)
-    rest = -problem.likelihood.log_likelihood(residual, numbers) - 0.5 * np.einsum("dm,dm->d", whitened, whitened)
+    parameter_values = problem.parameter_values(z)
+    residual = problem.measured_N - problem.force(parameter_values)
+    whitened = problem.likelihood.rows(residual, parameter_values)
+    rest = -problem.likelihood.log_likelihood(residual, parameter_values) - 0.5 * np.einsum(
+        "dm,dm->d", whitened, whitened
+    )
     last = np.sqrt(2.0 * np.maximum(50.0 * whitened.shape[1] + rest, 0.0))
     return np.concatenate([whitened, z, last[:, None]], axis=1)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.drawing import draw
 from bayes_iwan.inference.discrepancy import Correlated
@@ -152,14 +152,16 @@ class Posterior:
         """Every parameter's value by name, (n,), fixed and tied ones included."""
         return self.problem.prior.values(self.flat_z())
 
-    def numbers(self) -> Numbers:
+    def parameter_values(self) -> ParameterValues:
         """The numbers that the physics reads, (n,)."""
-        return self.problem.numbers(self.flat_z())
+        return self.problem.parameter_values(self.flat_z())
 
     def derived(self) -> dict[str, Derived]:
         """What follows from the sampled parameters without a prediction: the paper's (Table 1) for the Iwan model."""
         text = self.problem.units.text
-        return {n: Derived(text(q.unit), q.values) for n, q in self.problem.model.derived(self.numbers()).items()}
+        return {
+            n: Derived(text(q.unit), q.values) for n, q in self.problem.model.derived(self.parameter_values()).items()
+        }
 
     def quantities(self) -> dict[str, Derived]:
         """Every reported quantity with its unit and values (n,), in the order of flat_z()."""
@@ -262,7 +264,7 @@ class Posterior:
         """
         problem = self.problem
         z = self.flat_z(n)
-        slope = problem.model.spring_N_mm(problem.numbers(z))
+        slope = problem.model.spring_N_mm(problem.parameter_values(z))
         predicted = np.median(problem.predict(z), axis=0)
         squares, shares = [], []
         for t, loop in enumerate(problem.loops):
@@ -369,21 +371,21 @@ class Posterior:
         """
         z = self.flat_z(n)
         motion = self.problem.motion if loops is None else motion_of(loops)
-        numbers = self.problem.numbers(z)
+        parameter_values = self.problem.parameter_values(z)
         force = self.problem.predict(z, motion)
         if replicate:
             if loops is not None and tuple(x.file for x in loops) != tuple(x.file for x in self.problem.loops):
                 raise ValueError("replicates are drawn for the fitted tests only: the noise model knows no others")
-            force = self.replicate(force, numbers, np.random.default_rng(self.seed) if rng is None else rng)
+            force = self.replicate(force, parameter_values, np.random.default_rng(self.seed) if rng is None else rng)
         if friction:
-            slope = self.problem.model.spring_N_mm(numbers)
+            slope = self.problem.model.spring_N_mm(parameter_values)
             if slope is None:
                 return force - straight_part(force, motion.displacement_mm)
             spring = slope[:, None, None] * motion.displacement_mm
-            force = force - spring - numbers[FORCE_ZERO][:, None, None]
+            force = force - spring - parameter_values[FORCE_ZERO][:, None, None]
         return force
 
-    def replicate(self, force_N: Array, numbers: Mapping[str, Array], rng: np.random.Generator) -> Array:
+    def replicate(self, force_N: Array, parameter_values: Mapping[str, Array], rng: np.random.Generator) -> Array:
         """Predicted forces of the fitted tests, (draws, tests, samples), with errors as a new measurement would have.
 
         The errors are the likelihood's, but for the mean force. There the correlated likelihood allows for a place of
@@ -392,7 +394,7 @@ class Posterior:
         say: a new one is drawn from the Student t that follows (three tests or more).
         """
         likelihood, tests = self.problem.likelihood, len(self.problem.loops)
-        loop = likelihood.replicate(force_N, numbers, rng)
+        loop = likelihood.replicate(force_N, parameter_values, rng)
         if not isinstance(likelihood, Correlated) or tests < 3:
             return loop
         middle, allowed = np.median(force_N.mean(axis=-1), axis=0), likelihood.mean_error_N

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.inference.config import Config, settings_of
@@ -65,27 +65,27 @@ class Problem:
         """(tests, samples)"""
         return np.stack([x.force_N for x in self.loops])
 
-    def numbers(self, z: Array) -> Numbers:
+    def parameter_values(self, z: Array) -> ParameterValues:
         """The numbers that simulator, effects and likelihood read, by name, (draws,) each."""
-        return self.numbers_of(self.prior.values(z))
+        return self.parameter_values_of(self.prior.values(z))
 
-    def numbers_of(self, values: Numbers) -> Numbers:
+    def parameter_values_of(self, values: ParameterValues) -> ParameterValues:
         """The same from sampled values by name."""
-        return {**values, **self.model.numbers(values)}
+        return {**values, **self.model.parameter_values(values)}
 
-    def force(self, numbers: Numbers, motion: Motion | None = None) -> Array:
+    def force(self, parameter_values: ParameterValues, motion: Motion | None = None) -> Array:
         """Predicted force (draws, loops, samples), N, effects and force zero included, for the campaign's motion or
         another."""
-        return recorded_force(self.model, self.effects, numbers, self.motion if motion is None else motion)
+        return recorded_force(self.model, self.effects, parameter_values, self.motion if motion is None else motion)
 
-    def friction_force(self, numbers: Numbers, motion: Motion | None = None) -> Array:
+    def friction_force(self, parameter_values: ParameterValues, motion: Motion | None = None) -> Array:
         """Its friction (draws, loops, samples), N, of a specimen moved exactly so."""
         at = self.motion if motion is None else motion
-        return self.model.friction_force(numbers, at, inner_effects(self.effects))
+        return self.model.friction_force(parameter_values, at, inner_effects(self.effects))
 
     def predict(self, z: Array, motion: Motion | None = None) -> Array:
         """Predicted force (draws, loops, samples), N, for the campaign's motion or another."""
-        return self.force(self.numbers(z), motion)
+        return self.force(self.parameter_values(z), motion)
 
     def residual(self, z: Array) -> Array:
         """Measured − predicted, (draws, tests, samples), N."""
@@ -93,9 +93,9 @@ class Problem:
 
     def log_likelihood(self, z: Array) -> Array:
         """(draws,); −∞ where the prediction is not finite."""
-        numbers = self.numbers(z)
+        parameter_values = self.parameter_values(z)
         with np.errstate(all="ignore"):
-            value = self.likelihood.log_likelihood(self.measured_N - self.force(numbers), numbers)
+            value = self.likelihood.log_likelihood(self.measured_N - self.force(parameter_values), parameter_values)
         return np.where(np.isfinite(value), value, -np.inf)
 
     def log_prob(self, z: Array) -> Array:
@@ -129,22 +129,22 @@ class Problem:
 
     def pointwise(self, z: Array) -> Array:
         """Log-likelihood by datum, (draws, points)."""
-        numbers = self.numbers(z)
-        return self.likelihood.pointwise(self.measured_N - self.force(numbers), numbers)
+        parameter_values = self.parameter_values(z)
+        return self.likelihood.pointwise(self.measured_N - self.force(parameter_values), parameter_values)
 
     def rows(self, z: Array) -> Array:
         """Whitened residuals and the prior's rows, (draws, m + ndim): half their squares is −log posterior + const
         while the noise parameters stay put."""
-        numbers = self.numbers(z)
-        whitened = self.likelihood.rows(self.measured_N - self.force(numbers), numbers)
+        parameter_values = self.parameter_values(z)
+        whitened = self.likelihood.rows(self.measured_N - self.force(parameter_values), parameter_values)
         return np.concatenate([whitened, np.atleast_2d(z)], axis=1)
 
     def whitening(self, z: Array) -> Array:
         """W (tests·samples, m): residuals times it are the whitened ones with the noise of z (1, ndim)."""
         tests, samples = self.measured_N.shape
         unit = np.eye(tests * samples).reshape(-1, tests, samples)
-        numbers = {name: np.repeat(x, len(unit)) for name, x in self.numbers(z).items()}
-        return self.likelihood.rows(unit, numbers)
+        parameter_values = {name: np.repeat(x, len(unit)) for name, x in self.parameter_values(z).items()}
+        return self.likelihood.rows(unit, parameter_values)
 
     def coarser(self) -> Problem:
         """The same problem on every other sample of its loops, itself where they have fewer than 128."""

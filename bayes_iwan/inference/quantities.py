@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.scales import loop_energy_mJ
@@ -42,24 +42,24 @@ def sampled_and_derived(problem: Problem, z: Array) -> dict[str, Derived]:
     """The sampled parameters and those that follow from them (the paper's) alone, which cost no prediction."""
     values = problem.prior.values(z)
     out = {p.name: Derived(p.unit, values[p.name]) for p in problem.prior.parameters}
-    for name, quantity in problem.model.derived(problem.numbers_of(values)).items():
+    for name, quantity in problem.model.derived(problem.parameter_values_of(values)).items():
         out.setdefault(name, Derived(problem.units.text(quantity.unit), quantity.values))
     return out
 
 
 def _some(problem: Problem, z: Array, loops: Sequence[Loop], motion: Motion) -> dict[str, Derived]:
     out = sampled_and_derived(problem, z)
-    numbers, model = problem.numbers(z), problem.model
+    parameter_values, model = problem.parameter_values(z), problem.model
     alpha = None
     if isinstance(model, Model):
         family = model.slip_family
-        out.setdefault("mean_slip_force_N", Derived("N", family.mean(numbers)))
-        quantiles = slip_quantiles(family, numbers, SLIP_SHARES, 12.0 * problem.scales.slip_N)
+        out.setdefault("mean_slip_force_N", Derived("N", family.mean(parameter_values)))
+        quantiles = slip_quantiles(family, parameter_values, SLIP_SHARES, 12.0 * problem.scales.slip_N)
         for share, x in zip(SLIP_SHARES, quantiles.T):
             out[f"slip_force_q{round(100 * share):02d}_N"] = Derived("N", x)
-        alpha = model.alpha(numbers, motion, inner_effects(problem.effects))
+        alpha = model.alpha(parameter_values, motion, inner_effects(problem.effects))
 
-    force = problem.force(numbers, motion)
+    force = problem.force(parameter_values, motion)
     energy, stiffness, loss = loop_quantities(motion, force)
     for j, loop in enumerate(loops):
         u = loop.displacement_mm
@@ -89,8 +89,10 @@ def loop_quantities(motion: Motion, force_N: Array) -> tuple[Array, Array, Array
     return energy, ratio.real, energy / (np.pi * ratio.real * np.abs(u1) ** 2)
 
 
-def slip_quantiles(family: SlipForce, numbers: Numbers, shares: Sequence[float], top_N: float) -> Array:
+def slip_quantiles(
+    family: SlipForce, parameter_values: ParameterValues, shares: Sequence[float], top_N: float
+) -> Array:
     """Slip force (N) below which each share of the elements slips at rest, (draws, shares); at most top_N."""
     phi = top_N * np.linspace(0.0, 1.0, _NODES) ** 2
-    below = 1.0 - family.survival(phi, numbers)
+    below = 1.0 - family.survival(phi, parameter_values)
     return np.stack([np.interp(shares, row, phi) for row in np.maximum.accumulate(below, axis=1)])

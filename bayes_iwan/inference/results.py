@@ -162,12 +162,12 @@ def _groups(posterior: Posterior, xr: Any) -> dict[str, Any]:
 
     z = posterior.z[:, some].reshape(-1, problem.ndim)
     force = problem.predict(z)
-    replicated = some_draws(posterior.replicate(force, problem.numbers(z), rng))
+    replicated = some_draws(posterior.replicate(force, problem.parameter_values(z), rng))
     force = some_draws(force)
     prior_z = problem.prior.draw(rng, 1000)
     few = prior_z[:PREDICTIVE_DRAWS]
     prior_force = problem.predict(few)
-    prior_replicated = problem.likelihood.replicate(prior_force, problem.numbers(few), rng)[None]
+    prior_replicated = problem.likelihood.replicate(prior_force, problem.parameter_values(few), rng)[None]
     prior_force = prior_force[None]
     each = np.linspace(0, draws - 1, min(draws, POINTWISE_DRAWS // chains)).round().astype(int)
     point_log = problem.pointwise(posterior.z[:, each].reshape(-1, problem.ndim))

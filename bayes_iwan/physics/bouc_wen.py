@@ -21,7 +21,7 @@ import numba as nb
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.physics import sliders
 from bayes_iwan.physics.motion import Motion
 from bayes_iwan.physics.parameter import Parameter
@@ -129,10 +129,12 @@ def _signs() -> tuple[Array, Array, Array]:
     return u, du, z
 
 
-def _hysteresis(shape: Array, numbers: Numbers, motion: Motion) -> Array:
+def _hysteresis(shape: Array, parameter_values: ParameterValues, motion: Motion) -> Array:
     """z, (draws, loops, samples)."""
     out = np.empty((len(shape), motion.loops, motion.samples))
-    k, size, n = (np.ascontiguousarray(numbers[name], dtype=float) for name in ("bw_k_N_mm", "bw_force_N", "bw_n"))
+    k, size, n = (
+        np.ascontiguousarray(parameter_values[name], dtype=float) for name in ("bw_k_N_mm", "bw_force_N", "bw_n")
+    )
     u = np.ascontiguousarray(motion.displacement_mm)
 
     def some_draws(part: slice) -> None:
@@ -151,7 +153,7 @@ def _hysteresis(shape: Array, numbers: Numbers, motion: Motion) -> Array:
 class _Hysteretic(Simulator):
     """Parallel spring and hysteretic force; subclasses say what makes the latter's ψ."""
 
-    def shape(self, numbers: Numbers) -> Array:
+    def shape(self, parameter_values: ParameterValues) -> Array:
         """ψ by phase, (draws, 8); the phase is 4 (u > 0) + 2 (u̇ > 0) + (z > 0)."""
         raise NotImplementedError
 
@@ -176,14 +178,16 @@ class _Hysteretic(Simulator):
             Parameter("bw_n", "n", "-", "sharpness of the knee", stats.lognorm(s=0.7, scale=1.0), 0.1, 10.0),
         )
 
-    def friction_force(self, numbers: Numbers, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+    def friction_force(
+        self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()
+    ) -> Array:
         """z in N, (draws, loops, samples)."""
-        return _hysteresis(self.shape(numbers), numbers, motion)
+        return _hysteresis(self.shape(parameter_values), parameter_values, motion)
 
-    def force(self, numbers: Numbers, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+    def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()) -> Array:
         """Force in N, (draws, loops, samples); NaN where the model has no steady loop."""
-        spring = numbers["kp_N_mm"][:, None, None] * motion.displacement_mm
-        return self.friction_force(numbers, motion) + spring
+        spring = parameter_values["kp_N_mm"][:, None, None] * motion.displacement_mm
+        return self.friction_force(parameter_values, motion) + spring
 
 
 @dataclass(frozen=True)
@@ -196,9 +200,9 @@ class BoucWen(_Hysteretic):
         share = Parameter("bw_share", "σ", "-", "share of Wen's dissipative term", stats.uniform(0.5, 1.0))
         return (*super().parameters(scales), share)
 
-    def shape(self, numbers: Numbers) -> Array:
+    def shape(self, parameter_values: ParameterValues) -> Array:
         _, du, z = _signs()
-        share = numbers["bw_share"][:, None]
+        share = parameter_values["bw_share"][:, None]
         return (1.0 - share) + share * du * z
 
 
@@ -221,15 +225,15 @@ class GeneralizedBoucWen(_Hysteretic):
         )
         return (*super().parameters(scales), *terms)
 
-    def shape(self, numbers: Numbers) -> Array:
+    def shape(self, parameter_values: ParameterValues) -> Array:
         u, du, z = _signs()
-        b = {i: numbers[f"bw_b{i}"][:, None] for i in range(2, 7)}
+        b = {i: parameter_values[f"bw_b{i}"][:, None] for i in range(2, 7)}
         return du * z + b[2] * u * du + b[3] * u * z + b[4] * du + b[5] * z + b[6] * u
 
-    def derived(self, numbers: Numbers) -> dict[str, Derived]:
+    def derived(self, parameter_values: ParameterValues) -> dict[str, Derived]:
         """β₁ … β₆ (N^(1−n)/mm) of ż = u̇ (A − |z|ⁿ ψ), as printed (A is k)."""
-        unit = numbers["bw_k_N_mm"] / numbers["bw_force_N"] ** numbers["bw_n"]
-        terms = {f"beta{i}": unit * numbers[f"bw_b{i}"] for i in range(2, 7)}
+        unit = parameter_values["bw_k_N_mm"] / parameter_values["bw_force_N"] ** parameter_values["bw_n"]
+        terms = {f"beta{i}": unit * parameter_values[f"bw_b{i}"] for i in range(2, 7)}
         return {n: Derived("N^(1−n)/mm", x) for n, x in {"beta1": unit, **terms}.items()}
 
 

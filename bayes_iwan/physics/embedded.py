@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.physics import pointwise, warp
 from bayes_iwan.physics.motion import Motion
 from bayes_iwan.physics.sliders import OCTAVES
@@ -52,23 +52,23 @@ class Tilted:
     def units(self) -> tuple[str, ...]:
         return self.base.units
 
-    def table(self, numbers: Numbers) -> tuple[Array, Array]:
-        tables, top = self.base.table(numbers)
-        bent = warp.tilted(tables, top, _tilts(numbers))
+    def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
+        tables, top = self.base.table(parameter_values)
+        bent = warp.tilted(tables, top, _tilts(parameter_values))
         stretch = tables[:, -1].sum(axis=1) / bent[:, -1].sum(axis=1)
         return bent * stretch[:, None, None], top * stretch
 
-    def survival(self, phi: Array, numbers: Numbers) -> Array:
-        w, cubic, width = self._cells(phi, numbers)
+    def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        w, cubic, width = self._cells(phi, parameter_values)
         return np.where(w > 1.0, 0.0, (cubic[1] + w * (2.0 * cubic[2] + w * 3.0 * cubic[3])) / width)
 
-    def density(self, phi: Array, numbers: Numbers) -> Array:
-        w, cubic, width = self._cells(phi, numbers)
+    def density(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        w, cubic, width = self._cells(phi, parameter_values)
         return np.where(w > 1.0, 0.0, np.maximum(-(2.0 * cubic[2] + w * 6.0 * cubic[3]) / width**2, 0.0))
 
-    def _cells(self, phi: Array, numbers: Numbers) -> tuple[Array, Array, Array]:
+    def _cells(self, phi: Array, parameter_values: ParameterValues) -> tuple[Array, Array, Array]:
         """Place within the table's cell, above 1 beyond the table, its cubic (4, …) and width in N, (draws, phi)."""
-        tables, top = self.table(numbers)
+        tables, top = self.table(parameter_values)
         share = warp.cell_width(tables.shape[1])
         start = 2.0**-OCTAVES + np.concatenate([[0.0], np.cumsum(share[:-1])])
         x = np.asarray(phi) / top[:, None]
@@ -77,12 +77,12 @@ class Tilted:
         w = np.maximum((x - start[cell]) / share[cell], 0.0)
         return w, np.moveaxis(cubic, -1, 0), share[cell] * top[:, None]
 
-    def mean(self, numbers: Numbers) -> Array:
-        return self.base.mean(numbers)
+    def mean(self, parameter_values: ParameterValues) -> Array:
+        return self.base.mean(parameter_values)
 
 
-def _tilts(numbers: Numbers) -> Array:
-    return np.stack([numbers[name] for name in TILT_NAMES], axis=1)
+def _tilts(parameter_values: ParameterValues) -> Array:
+    return np.stack([parameter_values[name] for name in TILT_NAMES], axis=1)
 
 
 def corner(motion: Motion) -> Array:
@@ -91,11 +91,11 @@ def corner(motion: Motion) -> Array:
     return 1.0 / (1.0 + ((a - motion.displacement_mm) / (CORNER_WIDTH * a)) ** 2)
 
 
-def bend_normal_force(alpha: Array, motion: Motion, numbers: Numbers) -> None:
+def bend_normal_force(alpha: Array, motion: Motion, parameter_values: ParameterValues) -> None:
     """Bend α's corner at u = A, in place: times exp(grip_corner) there."""
-    pointwise.times_exponential(alpha, corner(motion), numbers[CORNER_NAME])
+    pointwise.times_exponential(alpha, corner(motion), parameter_values[CORNER_NAME])
 
 
-def bend_stiffness(k: Array, alpha: Array, numbers: Numbers) -> None:
+def bend_stiffness(k: Array, alpha: Array, parameter_values: ParameterValues) -> None:
     """k·α^stiffness_exponent, in place: k(1) is what it was."""
-    pointwise.times_power(k, alpha, numbers[STIFFNESS_NAME])
+    pointwise.times_power(k, alpha, parameter_values[STIFFNESS_NAME])

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.physics import embedded, normal_force, sampled, sliders, slip_force, stiffness
 from bayes_iwan.physics.motion import Motion
 from bayes_iwan.physics.normal_force import ALPHA_FLOOR
@@ -59,8 +59,8 @@ class Model(Simulator):
     >>> from bayes_iwan.physics.paper import table_1
     >>> reference = bi.Scales(1.0, 0.063, 10.0, 1.2, 6.0, 14.0).reference
     >>> model, motion = bi.Model(reference), bi.sine_motion(frequency_hz=10.0, amplitude_mm=1.0)
-    >>> numbers = table_1(reference)
-    >>> model.force(numbers, motion).shape
+    >>> parameter_values = table_1(reference)
+    >>> model.force(parameter_values, motion).shape
     (1, 1, 128)
     """
 
@@ -111,39 +111,43 @@ class Model(Simulator):
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         return sampled.default_parameters(self, scales)
 
-    def numbers(self, values: Numbers) -> Numbers:
-        return sampled.model_numbers(self, values)
+    def parameter_values(self, values: ParameterValues) -> ParameterValues:
+        return sampled.model_values(self, values)
 
-    def values(self, numbers: Numbers) -> Numbers:
-        """The inverse of :meth:`numbers`; gamma components are put in order of their means."""
-        return sampled.sampled_values(self, numbers)
+    def values(self, parameter_values: ParameterValues) -> ParameterValues:
+        """The inverse of :meth:`parameter_values`; gamma components are put in order of their means."""
+        return sampled.sampled_values(self, parameter_values)
 
-    def paper_numbers(self, numbers: Numbers) -> dict[str, Derived]:
+    def paper_values(self, parameter_values: ParameterValues) -> dict[str, Derived]:
         """The paper's numbers (Table 1 for the full model): kp, ki, ku, t, η, g, k̃ₙ, λ, β."""
         units = dict(zip(self.slip_family.names, self.slip_family.units)) | sampled.PAPER_UNITS
-        return {n: Derived(units.get(n, "-"), x) for n, x in sampled.paper_numbers(self, numbers).items()}
+        return {n: Derived(units.get(n, "-"), x) for n, x in sampled.paper_values(self, parameter_values).items()}
 
-    def derived(self, numbers: Numbers) -> dict[str, Derived]:
-        return self.paper_numbers(numbers)
+    def derived(self, parameter_values: ParameterValues) -> dict[str, Derived]:
+        return self.paper_values(parameter_values)
 
-    def alpha(self, numbers: Numbers, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+    def alpha(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()) -> Array:
         """Relative normal force with the grip effects, (draws, loops, samples)."""
-        alpha = self.grip_law.alpha(numbers, motion, self.reference, len(numbers["kp_N_mm"]))
+        alpha = self.grip_law.alpha(parameter_values, motion, self.reference, len(parameter_values["kp_N_mm"]))
         if self.embedded:
-            embedded.bend_normal_force(alpha, motion, numbers)
+            embedded.bend_normal_force(alpha, motion, parameter_values)
         for effect in effects:
-            alpha = effect.grip(alpha, motion, numbers)
+            alpha = effect.grip(alpha, motion, parameter_values)
         return np.maximum(alpha, ALPHA_FLOOR) if effects else alpha
 
-    def friction_force(self, numbers: Numbers, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+    def friction_force(
+        self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()
+    ) -> Array:
         """Friction force of the elements in N, (draws, loops, samples), of a specimen moved exactly so."""
-        return self._sum(numbers, motion, np.zeros(len(numbers["kp_N_mm"])), effects)
+        return self._sum(parameter_values, motion, np.zeros(len(parameter_values["kp_N_mm"])), effects)
 
-    def force(self, numbers: Numbers, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+    def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()) -> Array:
         """Friction, Eq. (3), and parallel spring, N, (draws, loops, samples)."""
-        return self._sum(numbers, motion, numbers["kp_N_mm"], effects)
+        return self._sum(parameter_values, motion, parameter_values["kp_N_mm"], effects)
 
-    def _sum(self, numbers: Numbers, motion: Motion, parallel: Array, effects: Sequence[Station]) -> Array:
+    def _sum(
+        self, parameter_values: ParameterValues, motion: Motion, parallel: Array, effects: Sequence[Station]
+    ) -> Array:
         """Friction + parallel·u, parallel (draws,) in N/mm.
 
         A draw's result does not depend on how the draws are parted among threads.
@@ -151,7 +155,7 @@ class Model(Simulator):
         out = np.empty((len(parallel), motion.loops, motion.samples))
 
         def some_draws(part: slice) -> None:
-            some = {name: value[part] for name, value in numbers.items()}
+            some = {name: value[part] for name, value in parameter_values.items()}
             moved = motion.of_draws(part)
             alpha = np.ascontiguousarray(self.alpha(some, moved, effects))
             k = self.stiffness_law.k(some, alpha)

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.physics import pointwise
 from bayes_iwan.physics.motion import Motion
 from bayes_iwan.physics.scales import Reference
@@ -26,7 +26,7 @@ class NormalForce(Protocol):
     @property
     def names(self) -> tuple[str, ...]: ...
 
-    def alpha(self, numbers: Numbers, motion: Motion, reference: Reference, draws: int) -> Array:
+    def alpha(self, parameter_values: ParameterValues, motion: Motion, reference: Reference, draws: int) -> Array:
         """α ≥ ALPHA_FLOOR, shape (draws, loops, samples)."""
 
 
@@ -37,7 +37,7 @@ class Constant:
     name = "constant"
     names: tuple[str, ...] = ()
 
-    def alpha(self, numbers: Numbers, motion: Motion, reference: Reference, draws: int) -> Array:
+    def alpha(self, parameter_values: ParameterValues, motion: Motion, reference: Reference, draws: int) -> Array:
         return np.ones((draws, motion.loops, motion.samples))
 
 
@@ -55,11 +55,11 @@ class Polynomial:
     def names(self) -> tuple[str, ...]:
         return tuple(f"a{d}" for d in range(1, self.degree + 1))
 
-    def alpha(self, numbers: Numbers, motion: Motion, reference: Reference, draws: int) -> Array:
+    def alpha(self, parameter_values: ParameterValues, motion: Motion, reference: Reference, draws: int) -> Array:
         x = motion.displacement_mm / reference.length_mm
         alpha = np.ones((draws, motion.loops, motion.samples))
         for d, name in enumerate(self.names, start=1):
-            alpha += numbers[name][:, None, None] * x**d
+            alpha += parameter_values[name][:, None, None] * x**d
         return np.maximum(alpha, ALPHA_FLOOR)
 
 
@@ -83,31 +83,31 @@ class HuntCrossley:
     def names(self) -> tuple[str, ...]:
         return ("grip_slope", "grip_rate", "beta") if self.speed else ("grip_slope", "beta")
 
-    def alpha(self, numbers: Numbers, motion: Motion, reference: Reference, draws: int) -> Array:
+    def alpha(self, parameter_values: ParameterValues, motion: Motion, reference: Reference, draws: int) -> Array:
         out = np.empty((draws, motion.loops, motion.samples))
         zero = math.log(reference.length_mm)
-        rate = numbers["grip_rate"] / reference.speed_m_s if self.speed else np.zeros(draws)
+        rate = parameter_values["grip_rate"] / reference.speed_m_s if self.speed else np.zeros(draws)
         pointwise.hunt_crossley(
             motion.log_penetration,
             np.log(motion.amplitude_mm),
             zero,
             motion.speed_m_s,
-            numbers["grip_slope"],
+            parameter_values["grip_slope"],
             rate,
-            numbers["beta"],
+            parameter_values["beta"],
             ALPHA_FLOOR,
             out,
         )
         return out
 
 
-def paper_hunt_crossley(numbers: Numbers, reference: Reference) -> dict[str, Array]:
+def paper_hunt_crossley(parameter_values: ParameterValues, reference: Reference) -> dict[str, Array]:
     """The paper's k̃ₙ (mm^−β), λ (s/m) from grip_slope, grip_rate and β. λ is NaN where k̃ₙ = 0."""
-    slope, beta = numbers["grip_slope"], numbers["beta"]
+    slope, beta = parameter_values["grip_slope"], parameter_values["beta"]
     out = {"kn_1_mm": slope / (beta * reference.length_mm**beta), "beta": beta}
-    if "grip_rate" in numbers:
+    if "grip_rate" in parameter_values:
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = numbers["grip_rate"] * beta / (slope * reference.speed_m_s)
+            ratio = parameter_values["grip_rate"] * beta / (slope * reference.speed_m_s)
         out["lambda_s_m"] = np.where(slope != 0, ratio, np.nan)
     return out
 

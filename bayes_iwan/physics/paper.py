@@ -25,11 +25,11 @@ TABLE_1 = {
 def table_1(reference: Reference) -> dict[str, Array]:
     """Table 1 as numbers (1,) of ``Model(reference)``, i.e. gamma3, hunt_crossley and saturating."""
     one = {name: np.atleast_1d(np.asarray(value, float)) for name, value in TABLE_1.items()}
-    numbers = {"kp_N_mm": one["kp_N_mm"]}
-    numbers |= from_paper_stiffness(one["ki_N_mm"], one["ku_N_mm"])
+    parameter_values = {"kp_N_mm": one["kp_N_mm"]}
+    parameter_values |= from_paper_stiffness(one["ki_N_mm"], one["ku_N_mm"])
     for i in range(3):
-        numbers |= {
+        parameter_values |= {
             f"{symbol}{i + 1}{unit}": one[symbol + unit][i : i + 1]
             for symbol, unit in (("t", "_N"), ("eta", ""), ("g", ""))
         }
-    return numbers | from_paper_hunt_crossley(one["kn_1_mm"], one["lambda_s_m"], one["beta"], reference)
+    return parameter_values | from_paper_hunt_crossley(one["kn_1_mm"], one["lambda_s_m"], one["beta"], reference)

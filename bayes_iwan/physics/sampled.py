@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.physics import embedded, normal_force, slip_force, stiffness
 from bayes_iwan.physics.parameter import Parameter
 from bayes_iwan.physics.scales import Scales
@@ -161,7 +161,7 @@ def embedded_parameters() -> tuple[Parameter, ...]:
     )
 
 
-def model_numbers(model: Model, values: Mapping[str, Array]) -> Numbers:
+def model_values(model: Model, values: Mapping[str, Array]) -> ParameterValues:
     """The numbers that the physics reads, (draws,) each, from sampled values; effects' own pass through."""
     v = values
     out = {name: v[name] for name in v if name not in ("elasticity",)}
@@ -188,16 +188,16 @@ def model_numbers(model: Model, values: Mapping[str, Array]) -> Numbers:
     return out
 
 
-def sampled_values(model: Model, numbers: Mapping[str, Array]) -> Numbers:
-    """The inverse of :func:`model_numbers`; gamma components are put in order of their means."""
-    out = dict(numbers)
+def sampled_values(model: Model, parameter_values: Mapping[str, Array]) -> ParameterValues:
+    """The inverse of :func:`model_values`; gamma components are put in order of their means."""
+    out = dict(parameter_values)
     if model.stiffness == "saturating":
-        out["elasticity"] = stiffness.elasticity(numbers["stiffness_bend"])
+        out["elasticity"] = stiffness.elasticity(parameter_values["stiffness_bend"])
     family = slip_force.FAMILIES[model.slip]
     if isinstance(family, slip_force.Gammas):
         each = range(1, family.components + 1)
         t, eta, g = (
-            np.stack([np.atleast_1d(numbers[f"{p}{i}{u}"]) for i in each], axis=1)
+            np.stack([np.atleast_1d(parameter_values[f"{p}{i}{u}"]) for i in each], axis=1)
             for p, u in (("t", "_N"), ("eta", ""), ("g", ""))
         )
         order = np.argsort(t * eta, axis=1)
@@ -212,19 +212,19 @@ def sampled_values(model: Model, numbers: Mapping[str, Array]) -> Numbers:
                 out[f"share_{i}"] = g[:, i - 1] / rest
                 rest = rest - g[:, i - 1]
     elif family.name == "uniform":
-        out["mean_slip_force_N"] = numbers["slip_mean_N"]
+        out["mean_slip_force_N"] = parameter_values["slip_mean_N"]
     return out
 
 
-def paper_numbers(model: Model, numbers: Mapping[str, Array]) -> Numbers:
+def paper_values(model: Model, parameter_values: Mapping[str, Array]) -> ParameterValues:
     """The paper's numbers (Table 1 for the full model) from the model's: kp, ki, ku, t, η, g, k̃ₙ, λ, β."""
-    out = {"kp_N_mm": numbers["kp_N_mm"]}
-    out |= stiffness.paper_stiffness(numbers) if model.stiffness == "saturating" else {}
-    out |= {name: numbers[name] for name in model.slip_family.names}
+    out = {"kp_N_mm": parameter_values["kp_N_mm"]}
+    out |= stiffness.paper_stiffness(parameter_values) if model.stiffness == "saturating" else {}
+    out |= {name: parameter_values[name] for name in model.slip_family.names}
     if "beta" in model.grip_law.names:
-        out |= normal_force.paper_hunt_crossley(numbers, model.reference)
+        out |= normal_force.paper_hunt_crossley(parameter_values, model.reference)
     else:
-        out |= {name: numbers[name] for name in model.grip_law.names}
+        out |= {name: parameter_values[name] for name in model.grip_law.names}
     return out
 
 

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.physics.motion import Motion
 from bayes_iwan.physics.parameter import Parameter
 from bayes_iwan.physics.scales import Scales
@@ -46,21 +46,21 @@ class Station(Protocol):
     @property
     def parameters(self) -> tuple[Parameter, ...]: ...
 
-    def motion(self, motion: Motion, numbers: Numbers) -> Motion: ...
+    def motion(self, motion: Motion, parameter_values: ParameterValues) -> Motion: ...
 
-    def grip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array: ...
+    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array: ...
 
-    def stiffness(self, k: Array, alpha: Array, motion: Motion, numbers: Numbers) -> Array: ...
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array: ...
 
-    def slip(self, alpha: Array, motion: Motion, numbers: Numbers) -> Array: ...
+    def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array: ...
 
-    def asymmetry(self, numbers: Numbers) -> Array | float: ...
+    def asymmetry(self, parameter_values: ParameterValues) -> Array | float: ...
 
-    def slip_table(self, tables: Array, top: Array, numbers: Numbers) -> Array: ...
+    def slip_table(self, tables: Array, top: Array, parameter_values: ParameterValues) -> Array: ...
 
-    def force(self, force_N: Array, motion: Motion, numbers: Numbers) -> Array: ...
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array: ...
 
-    def around(self, inner: Callable[[Motion], Array], motion: Motion, numbers: Numbers) -> Array: ...
+    def around(self, inner: Callable[[Motion], Array], motion: Motion, parameter_values: ParameterValues) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,8 @@ class Simulator(ABC):
     ...     def parameters(self, scales):
     ...         prior = stats.lognorm(s=1.0, scale=scales.soft_N_mm)
     ...         return (bi.Parameter("k_N_mm", "k", "N/mm", "stiffness", prior),)
-    ...     def force(self, numbers, motion, effects=()):
-    ...         return numbers["k_N_mm"][:, None, None] * motion.displacement_mm
+    ...     def force(self, parameter_values, motion, effects=()):
+    ...         return parameter_values["k_N_mm"][:, None, None] * motion.displacement_mm
     >>> motion = bi.sine_motion(frequency_hz=10.0, amplitude_mm=0.5)
     >>> float(Spring().force({"k_N_mm": np.array([7.0])}, motion).max())
     3.5
@@ -103,33 +103,35 @@ class Simulator(ABC):
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         """The sampled parameters with their priors, on the campaign's own scales of force, length and speed."""
 
-    def numbers(self, values: Numbers) -> Numbers:
+    def parameter_values(self, values: ParameterValues) -> ParameterValues:
         """What `force` reads, (draws,) each, from sampled values by name; the same unless overridden."""
         return values
 
     @abstractmethod
-    def force(self, numbers: Numbers, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+    def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()) -> Array:
         """Force of the specimen, N, shaped (draws, loops, samples), without the zero of the force channel.
 
         A periodic motion asks for steady loops, a record for the force from rest. NaN where there is none.
         effects : those that act at the stations offered.
         """
 
-    def friction_force(self, numbers: Numbers, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+    def friction_force(
+        self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()
+    ) -> Array:
         """The part of the force that friction makes, N, (draws, loops, samples): shares of the gap refer to it.
 
         Unless overridden: the force less its mean and less the straight line in u that fits each loop best.
         """
-        force = self.force(numbers, motion, effects)
+        force = self.force(parameter_values, motion, effects)
         return force - straight_part(force, motion.displacement_mm)
 
-    def spring_N_mm(self, numbers: Numbers) -> Array | None:
+    def spring_N_mm(self, parameter_values: ParameterValues) -> Array | None:
         """(draws,) stiffness of the spring beside the friction, which friction loops are drawn without; None where
         there is no such number: the straight line that fits each loop best stands in for it.
         """
-        return numbers.get("kp_N_mm")
+        return parameter_values.get("kp_N_mm")
 
-    def derived(self, numbers: Numbers) -> dict[str, Derived]:
+    def derived(self, parameter_values: ParameterValues) -> dict[str, Derived]:
         """Further numbers to report, by name, which cost no prediction."""
         return {}
 
@@ -156,26 +158,30 @@ def offered(stations: frozenset[str], simulator: Simulator) -> bool:
     return stations <= simulator.stations.union(OUTER)
 
 
-def recorded_force(simulator: Simulator, effects: Sequence[Station], numbers: Numbers, motion: Motion) -> Array:
+def recorded_force(
+    simulator: Simulator, effects: Sequence[Station], parameter_values: ParameterValues, motion: Motion
+) -> Array:
     """The force that the cell records, N, (draws, loops, samples), with all effects and the force zero."""
     inside = inner_effects(effects)
     for effect in effects:
-        motion = effect.motion(motion, numbers)
+        motion = effect.motion(motion, parameter_values)
 
     def specimen(at: Motion) -> Array:
-        return simulator.force(numbers, at, inside)
+        return simulator.force(parameter_values, at, inside)
 
     inner: Callable[[Motion], Array] = specimen
     for effect in effects:  # effects in series with the specimen need the force back
         if "around" in effect.stations:
-            inner = _around(effect, inner, numbers)
+            inner = _around(effect, inner, parameter_values)
     out = inner(motion)
-    if FORCE_ZERO in numbers:
-        out = out + numbers[FORCE_ZERO][:, None, None]
+    if FORCE_ZERO in parameter_values:
+        out = out + parameter_values[FORCE_ZERO][:, None, None]
     for effect in effects:
-        out = effect.force(out, motion, numbers)
+        out = effect.force(out, motion, parameter_values)
     return out
 
 
-def _around(effect: Station, inner: Callable[[Motion], Array], numbers: Numbers) -> Callable[[Motion], Array]:
-    return lambda motion: effect.around(inner, motion, numbers)
+def _around(
+    effect: Station, inner: Callable[[Motion], Array], parameter_values: ParameterValues
+) -> Callable[[Motion], Array]:
+    return lambda motion: effect.around(inner, motion, parameter_values)

@@ -17,7 +17,7 @@ import numba as nb
 import numpy as np
 from scipy import special
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.physics.sliders import OCTAVES
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -51,16 +51,16 @@ class SlipForce(Protocol):
     @property
     def units(self) -> tuple[str, ...]: ...
 
-    def table(self, numbers: Numbers) -> tuple[Array, Array]:
+    def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
         """Coefficients (draws, cells, 4) of L's cubics in N, and the φ (draws,) in N where S has died out."""
 
-    def survival(self, phi: Array, numbers: Numbers) -> Array:
+    def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
         """S(φ) = P(Φ > φ), shape (draws, len(phi)); phi in N."""
 
-    def density(self, phi: Array, numbers: Numbers) -> Array:
+    def density(self, phi: Array, parameter_values: ParameterValues) -> Array:
         """Density φ̃(φ) in 1/N, shape (draws, len(phi))."""
 
-    def mean(self, numbers: Numbers) -> Array:
+    def mean(self, parameter_values: ParameterValues) -> Array:
         """Mean slip force in N, shape (draws,)."""
 
 
@@ -174,15 +174,16 @@ class Gammas:
     def units(self) -> tuple[str, ...]:
         return ("N",) * self.components + ("-",) * (2 * self.components)
 
-    def _arrays(self, numbers: Numbers) -> tuple[Array, Array, Array]:
+    def _arrays(self, parameter_values: ParameterValues) -> tuple[Array, Array, Array]:
         each = range(1, self.components + 1)
         t, eta, g = (
-            np.stack([numbers[f"{p}{i}{u}"] for i in each], axis=1) for p, u in (("t", "_N"), ("eta", ""), ("g", ""))
+            np.stack([parameter_values[f"{p}{i}{u}"] for i in each], axis=1)
+            for p, u in (("t", "_N"), ("eta", ""), ("g", ""))
         )
         return t, eta, g
 
-    def table(self, numbers: Numbers) -> tuple[Array, Array]:
-        t, eta, g = self._arrays(numbers)
+    def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
+        t, eta, g = self._arrays(parameter_values)
         nodes = _nodes(CELLS)
         limited, survival, top = np.empty((len(t), len(nodes))), np.empty((len(t), len(nodes))), np.empty(len(t))
         _gamma_nodes(
@@ -204,17 +205,17 @@ class Gammas:
         _cubics(limited, survival, np.diff(nodes), top, out)
         return out, top
 
-    def survival(self, phi: Array, numbers: Numbers) -> Array:
-        t, eta, g = (a[:, :, None] for a in self._arrays(numbers))
+    def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        t, eta, g = (a[:, :, None] for a in self._arrays(parameter_values))
         return np.sum(g * special.gammaincc(eta, np.asarray(phi) / t), axis=1)
 
-    def density(self, phi: Array, numbers: Numbers) -> Array:
-        t, eta, g = (a[:, :, None] for a in self._arrays(numbers))
+    def density(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        t, eta, g = (a[:, :, None] for a in self._arrays(parameter_values))
         x = np.asarray(phi) / t
         return np.sum(g * np.exp(special.xlogy(eta - 1.0, x) - x - special.gammaln(eta)) / t, axis=1)
 
-    def mean(self, numbers: Numbers) -> Array:
-        t, eta, g = self._arrays(numbers)
+    def mean(self, parameter_values: ParameterValues) -> Array:
+        t, eta, g = self._arrays(parameter_values)
         return np.sum(g * t * eta, axis=1)
 
 
@@ -227,29 +228,29 @@ class Uniform:
     units = ("N", "-")
 
     @staticmethod
-    def _ends(numbers: Numbers) -> tuple[Array, Array]:
-        mean, width = numbers["slip_mean_N"][:, None], numbers["slip_width"][:, None]
+    def _ends(parameter_values: ParameterValues) -> tuple[Array, Array]:
+        mean, width = parameter_values["slip_mean_N"][:, None], parameter_values["slip_width"][:, None]
         return mean * (1.0 - width), mean * (1.0 + width)
 
-    def survival(self, phi: Array, numbers: Numbers) -> Array:
-        low, high = self._ends(numbers)
+    def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        low, high = self._ends(parameter_values)
         return np.clip((high - phi) / (high - low), 0.0, 1.0)
 
-    def density(self, phi: Array, numbers: Numbers) -> Array:
-        low, high = self._ends(numbers)
+    def density(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        low, high = self._ends(parameter_values)
         return np.where((phi >= low) & (phi <= high), 1.0 / (high - low), 0.0)
 
-    def mean(self, numbers: Numbers) -> Array:
-        return numbers["slip_mean_N"]
+    def mean(self, parameter_values: ParameterValues) -> Array:
+        return parameter_values["slip_mean_N"]
 
-    def table(self, numbers: Numbers) -> tuple[Array, Array]:
-        low, high = self._ends(numbers)
+    def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
+        low, high = self._ends(parameter_values)
 
         def limited(phi: Array) -> Array:
             inside = np.clip(phi, low, high)
             return np.minimum(phi, low) + ((high - low) ** 2 - (high - inside) ** 2) / (2.0 * (high - low))
 
-        return _closed_form(limited, lambda phi: self.survival(phi, numbers), high[:, 0].copy())
+        return _closed_form(limited, lambda phi: self.survival(phi, parameter_values), high[:, 0].copy())
 
 
 @dataclass(frozen=True)
@@ -261,33 +262,35 @@ class Gaussian:
     units = ("N", "N")
 
     @staticmethod
-    def _scaled(phi: Array, numbers: Numbers) -> tuple[Array, Array, Array]:
-        centre, sd = numbers["slip_centre_N"][:, None], numbers["slip_sd_N"][:, None]
+    def _scaled(phi: Array, parameter_values: ParameterValues) -> tuple[Array, Array, Array]:
+        centre, sd = parameter_values["slip_centre_N"][:, None], parameter_values["slip_sd_N"][:, None]
         return (phi - centre) / sd, sd, special.ndtr(centre / sd)
 
-    def survival(self, phi: Array, numbers: Numbers) -> Array:
-        z, _, kept = self._scaled(phi, numbers)
+    def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        z, _, kept = self._scaled(phi, parameter_values)
         return special.ndtr(-z) / kept
 
-    def density(self, phi: Array, numbers: Numbers) -> Array:
-        z, sd, kept = self._scaled(phi, numbers)
+    def density(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        z, sd, kept = self._scaled(phi, parameter_values)
         return np.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * sd * kept)
 
-    def mean(self, numbers: Numbers) -> Array:
-        far = (numbers["slip_centre_N"] + 40.0 * numbers["slip_sd_N"])[:, None]
-        return self._limited(far, numbers)[:, 0]
+    def mean(self, parameter_values: ParameterValues) -> Array:
+        far = (parameter_values["slip_centre_N"] + 40.0 * parameter_values["slip_sd_N"])[:, None]
+        return self._limited(far, parameter_values)[:, 0]
 
-    def _limited(self, phi: Array, numbers: Numbers) -> Array:
+    def _limited(self, phi: Array, parameter_values: ParameterValues) -> Array:
         def partial(z: Array) -> Array:  # ∫ survival of the unit normal up to z, less a constant
             return z * special.ndtr(-z) - np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
 
-        z, sd, kept = self._scaled(phi, numbers)
-        zero = self._scaled(np.zeros((1, 1)), numbers)[0]
+        z, sd, kept = self._scaled(phi, parameter_values)
+        zero = self._scaled(np.zeros((1, 1)), parameter_values)[0]
         return sd * (partial(z) - partial(zero)) / kept
 
-    def table(self, numbers: Numbers) -> tuple[Array, Array]:
-        top = np.maximum(numbers["slip_centre_N"], 0.0) + 6.5 * numbers["slip_sd_N"]
-        return _closed_form(lambda phi: self._limited(phi, numbers), lambda phi: self.survival(phi, numbers), top)
+    def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
+        top = np.maximum(parameter_values["slip_centre_N"], 0.0) + 6.5 * parameter_values["slip_sd_N"]
+        return _closed_form(
+            lambda phi: self._limited(phi, parameter_values), lambda phi: self.survival(phi, parameter_values), top
+        )
 
 
 @dataclass(frozen=True)
@@ -300,26 +303,26 @@ class PowerLaw:
     units = ("N", "-", "-")
 
     @staticmethod
-    def _columns(numbers: Numbers) -> tuple[Array, Array, Array]:
-        top, chi, share = (numbers[n][:, None] for n in PowerLaw.names)
+    def _columns(parameter_values: ParameterValues) -> tuple[Array, Array, Array]:
+        top, chi, share = (parameter_values[n][:, None] for n in PowerLaw.names)
         return top, chi + 1.0, share
 
-    def survival(self, phi: Array, numbers: Numbers) -> Array:
-        top, power, share = self._columns(numbers)
+    def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        top, power, share = self._columns(parameter_values)
         return np.where(phi < top, 1.0 - (1.0 - share) * np.minimum(np.asarray(phi) / top, 1.0) ** power, 0.0)
 
-    def density(self, phi: Array, numbers: Numbers) -> Array:
+    def density(self, phi: Array, parameter_values: ParameterValues) -> Array:
         """The continuous part only; the share at φ_max has no density."""
-        top, power, share = self._columns(numbers)
+        top, power, share = self._columns(parameter_values)
         x = np.maximum(np.asarray(phi) / top, 1e-12)
         return np.where(x < 1.0, (1.0 - share) * power * x ** (power - 1.0) / top, 0.0)
 
-    def mean(self, numbers: Numbers) -> Array:
-        top, power, share = (a[:, 0] for a in self._columns(numbers))
+    def mean(self, parameter_values: ParameterValues) -> Array:
+        top, power, share = (a[:, 0] for a in self._columns(parameter_values))
         return top * (1.0 - (1.0 - share) / (power + 1.0))
 
-    def table(self, numbers: Numbers) -> tuple[Array, Array]:
-        top, power, share = self._columns(numbers)
+    def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
+        top, power, share = self._columns(parameter_values)
 
         def limited(phi: Array) -> Array:
             return phi - (1.0 - share) * top * np.minimum(phi / top, 1.0) ** (power + 1.0) / (power + 1.0)

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, Numbers
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.physics import pointwise
 
 
@@ -20,7 +20,7 @@ class Stiffness(Protocol):
     @property
     def names(self) -> tuple[str, ...]: ...
 
-    def k(self, numbers: Numbers, alpha: Array) -> Array:
+    def k(self, parameter_values: ParameterValues, alpha: Array) -> Array:
         """Stiffness in N/mm, shaped as alpha (draws, loops, samples)."""
 
 
@@ -31,8 +31,8 @@ class ConstantStiffness:
     name = "constant"
     names = ("k1_N_mm",)
 
-    def k(self, numbers: Numbers, alpha: Array) -> Array:
-        return np.broadcast_to(numbers["k1_N_mm"][:, None, None], alpha.shape).copy()
+    def k(self, parameter_values: ParameterValues, alpha: Array) -> Array:
+        return np.broadcast_to(parameter_values["k1_N_mm"][:, None, None], alpha.shape).copy()
 
 
 @dataclass(frozen=True)
@@ -42,17 +42,17 @@ class Saturating:
     name = "saturating"
     names = ("k1_N_mm", "stiffness_bend")
 
-    def k(self, numbers: Numbers, alpha: Array) -> Array:
+    def k(self, parameter_values: ParameterValues, alpha: Array) -> Array:
         out = np.empty_like(alpha)
-        bend = numbers["stiffness_bend"]
-        pointwise.saturating(alpha, numbers["k1_N_mm"] / -np.expm1(-bend), bend, out)
+        bend = parameter_values["stiffness_bend"]
+        pointwise.saturating(alpha, parameter_values["k1_N_mm"] / -np.expm1(-bend), bend, out)
         return out
 
 
-def paper_stiffness(numbers: Numbers) -> dict[str, Array]:
+def paper_stiffness(parameter_values: ParameterValues) -> dict[str, Array]:
     """The paper's k_i and k_u (N/mm) from k1 and z."""
-    final = numbers["k1_N_mm"] / -np.expm1(-numbers["stiffness_bend"])
-    return {"ki_N_mm": final * numbers["stiffness_bend"], "ku_N_mm": final}
+    final = parameter_values["k1_N_mm"] / -np.expm1(-parameter_values["stiffness_bend"])
+    return {"ki_N_mm": final * parameter_values["stiffness_bend"], "ku_N_mm": final}
 
 
 def from_paper_stiffness(ki, ku) -> dict[str, Array]:

@@ -129,11 +129,11 @@ def loo_pit(posterior: Posterior, n: int = 600) -> LooPit:
     """
     problem = posterior.problem
     z = posterior.flat_z(n)
-    numbers = problem.numbers(z)
+    parameter_values = problem.parameter_values(z)
     residual = problem.residual(z)
-    log_p = problem.likelihood.pointwise(residual, numbers)
+    log_p = problem.likelihood.pointwise(residual, parameter_values)
     if isinstance(problem.likelihood, Correlated):
-        rows = problem.likelihood.rows(residual, numbers)
+        rows = problem.likelihood.rows(residual, parameter_values)
         parts = rows.reshape(len(z), 2, -1)  # real parts, imaginary parts; padding is zero in every draw
         used = np.any(parts[:, 0] != 0.0, axis=0)
         oscillating = np.any(parts[:, 1][:, used] != 0.0, axis=0)  # a mean has no imaginary part
@@ -142,7 +142,7 @@ def loo_pit(posterior: Posterior, n: int = 600) -> LooPit:
     else:
         assert isinstance(problem.likelihood, Independent)
         weight = problem.likelihood.weights
-        scaled = residual / numbers["noise_N"][:, None, None]
+        scaled = residual / parameter_values["noise_N"][:, None, None]
         if problem.likelihood.name == "laplace":
             scaled = scaled * weight
             tail = 0.5 * np.exp(-np.abs(scaled))

@@ -13,7 +13,7 @@ from bayes_iwan.comparison.frequencies import Frequencies
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.marginals import interval, number, symbol_of
-from bayes_iwan.report.predictive import loop_numbers
+from bayes_iwan.report.predictive import loop_quantities
 from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, styled, subplots, ticked
 from bayes_iwan.report.tables import Table, spread
 
@@ -146,7 +146,7 @@ def loop_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
         ("loss_factor", "loss factor"),
     ):
         for loop, posterior in _alone(frequencies):
-            measured = loop_numbers(loop.displacement_mm, loop.force_N)
+            measured = loop_quantities(loop.displacement_mm, loop.force_N)
             value = {
                 "dissipated_energy_mJ": measured.energy_mJ,
                 "loss_factor": measured.loss_factor,

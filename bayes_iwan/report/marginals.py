@@ -194,7 +194,7 @@ def identifiable_corner(posterior: Posterior) -> Figure:
 
 def paper_corner(posterior: Posterior, names: Sequence[str] | None = None) -> Figure:
     """Corner plot of the paper's numbers (Table 1); expect ridges: most of them loops do not determine one by one."""
-    found = posterior.problem.model.derived(posterior.problem.numbers(posterior.flat_z(4000)))
+    found = posterior.problem.model.derived(posterior.problem.parameter_values(posterior.flat_z(4000)))
     chosen = {n: found[n].values for n in (found if names is None else names)}
     for n in ("kn_1_mm", "lambda_s_m"):  # heavy tails as β → 0: show what 98 % of draws do
         if n in chosen:

@@ -53,8 +53,8 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
     problem = posterior.problem
     chosen = tuple(posterior.loops if loops is None else loops)
     z = posterior.flat_z(n)
-    numbers = problem.numbers(z)
-    force = problem.force(numbers, motion_of(chosen))
+    parameter_values = problem.parameter_values(z)
+    force = problem.force(parameter_values, motion_of(chosen))
     median = np.median(force, axis=0)  # of the posterior's own draws: what is added below only widens
     rng = np.random.default_rng([seed, 31])
     if len(problem.loops) > 1:
@@ -62,14 +62,14 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
         force += between_draws(without, len(force), rng)
     force += median.mean(axis=-1, keepdims=True) - force.mean(axis=-1, keepdims=True)
     likelihood = make_likelihood(problem.likelihood.name, chosen, problem.scales)
-    loop = force + _resolved(likelihood.replicate(force, numbers, rng) - force, chosen)
+    loop = force + _resolved(likelihood.replicate(force, parameter_values, rng) - force, chosen)
     scatter = np.stack([x.force_scatter_N for x in chosen])
     u = np.stack([x.displacement_mm for x in chosen])
-    slope = problem.model.spring_N_mm(numbers)
+    slope = problem.model.spring_N_mm(parameter_values)
     if slope is None:
         spring = straight_part(median, u)
     else:
-        spring = float(np.median(slope)) * u + float(np.median(numbers[FORCE_ZERO]))
+        spring = float(np.median(slope)) * u + float(np.median(parameter_values[FORCE_ZERO]))
     measured = np.stack([x.force_N for x in chosen])
     zero = np.mean(measured - median, axis=1)
     return Predictive(
@@ -98,7 +98,7 @@ def _resolved(noise_N: Array, loops: Sequence[Loop]) -> Array:
 
 
 @dataclass(frozen=True)
-class LoopNumbers:
+class LoopQuantities:
     """What an isolator's designer reads off a loop; arrays shaped as the forces without their last axis.
 
     energy_mJ : dissipated a cycle, ∮F du. stiffness_N_mm : real part of the complex stiffness F₁/u₁ at the fundamental.
@@ -111,12 +111,12 @@ class LoopNumbers:
     loss_factor: Array
 
 
-def loop_numbers(displacement_mm: Array, force_N: Array) -> LoopNumbers:
+def loop_quantities(displacement_mm: Array, force_N: Array) -> LoopQuantities:
     """Numbers of periodic loops; force (…, tests, samples), displacement (tests, samples) on a uniform phase grid."""
     u1 = np.fft.rfft(displacement_mm, axis=-1)[..., 1] * (2.0 / displacement_mm.shape[-1])
     stiffness = (np.fft.rfft(force_N, axis=-1)[..., 1] * (2.0 / force_N.shape[-1]) / u1).real
     energy = loop_energy_mJ(displacement_mm, force_N)
-    return LoopNumbers(energy, stiffness, energy / (np.pi * stiffness * np.abs(u1) ** 2))
+    return LoopQuantities(energy, stiffness, energy / (np.pi * stiffness * np.abs(u1) ** 2))
 
 
 def measured_cycles(loop: Loop, most: int = 40) -> list[tuple[Array, Array]]:

@@ -19,7 +19,7 @@ from bayes_iwan.files import write_whole
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.marginals import contraction, paper_symbol, reported
-from bayes_iwan.report.predictive import Predictive, loop_numbers
+from bayes_iwan.report.predictive import Predictive, loop_quantities
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
@@ -87,7 +87,7 @@ def parameters_table(posterior: Posterior) -> Table:
 def paper_table(posterior: Posterior) -> Table:
     """What the simulator derives from its sampled parameters: the paper's (Table 1) for the Iwan model."""
     rows = tuple((n, paper_symbol(n), q.unit, *spread(q.values)) for n, q in posterior.derived().items())
-    return Table("paper_numbers", "The paper's parameters", ("name", "symbol", "unit", *_STATISTICS), rows)
+    return Table("paper_parameters", "The paper's parameters", ("name", "symbol", "unit", *_STATISTICS), rows)
 
 
 def quantities_table(posterior: Posterior) -> Table:
@@ -109,7 +109,7 @@ def quantities_table(posterior: Posterior) -> Table:
 def loops_table(posterior: Posterior, p: Predictive) -> Table:
     """Per test: energy, stiffness and loss factor measured, predicted (median and the interval of summary.csv) and
     where a repeated measurement is expected; RMS residual."""
-    measured, again = loop_numbers(p.displacement_mm, p.measured_N), loop_numbers(p.displacement_mm, p.loop_N)
+    measured, again = loop_quantities(p.displacement_mm, p.measured_N), loop_quantities(p.displacement_mm, p.loop_N)
     friction = p.measured_N - p.spring_N
     rms = np.std(p.residual_N(), axis=1)
     share = rms / np.std(friction, axis=1)

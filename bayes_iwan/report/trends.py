@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.physics import sine_motion
-from bayes_iwan.report.predictive import LoopNumbers, Predictive, loop_numbers, predict
+from bayes_iwan.report.predictive import LoopQuantities, Predictive, loop_quantities, predict
 from bayes_iwan.report.style import band, points, series, styled, subplots, ticked
 
 _WHAT = (
@@ -18,11 +18,11 @@ _WHAT = (
 )
 
 
-def _model_numbers(posterior: Posterior, frequency_hz: Array, amplitude_mm: Array, n: int) -> LoopNumbers:
+def _model_values(posterior: Posterior, frequency_hz: Array, amplitude_mm: Array, n: int) -> LoopQuantities:
     problem = posterior.problem
     motion = sine_motion(frequency_hz=frequency_hz, amplitude_mm=amplitude_mm)
-    force = problem.force(problem.numbers(posterior.flat_z(n)), motion)
-    return loop_numbers(motion.displacement_mm[0], force)
+    force = problem.force(problem.parameter_values(posterior.flat_z(n)), motion)
+    return loop_quantities(motion.displacement_mm[0], force)
 
 
 def _distinct(values: Array, most: int = 4) -> Array:
@@ -43,8 +43,8 @@ def trends_figure(posterior: Posterior, predictive: Predictive | None = None, n:
     p = predict(posterior) if predictive is None else predictive
     f = np.array([x.frequency_hz for x in p.loops])
     a = np.array([x.amplitude_mm for x in p.loops])
-    measured = loop_numbers(p.displacement_mm, p.measured_N)
-    again = loop_numbers(p.displacement_mm, p.loop_N)
+    measured = loop_quantities(p.displacement_mm, p.measured_N)
+    again = loop_quantities(p.displacement_mm, p.loop_N)
     stated_f = np.array([x.record.frequency_hz for x in p.loops])
     stated_a = np.array([x.record.amplitude_mm for x in p.loops])
     sides = [("amplitude (mm)", a, f, "Hz", stated_f), ("frequency (Hz)", f, a, "mm", stated_a)]
@@ -55,7 +55,7 @@ def trends_figure(posterior: Posterior, predictive: Predictive | None = None, n:
         for i, level in enumerate(_distinct(other)):
             held = np.full_like(grid, level)
             pair = (held, grid) if unit == "Hz" else (grid, held)
-            lines = _model_numbers(posterior, *pair, n)
+            lines = _model_values(posterior, *pair, n)
             near = np.abs(other / level - 1.0) < 0.02
             for row, (name, title) in enumerate(_WHAT):
                 ax = axes[row, column]

@@ -62,16 +62,16 @@ def laws_of(name: str, laws: str = "catalogue", leave_out: Sequence[str] = ()) -
 def drawn(name: str, law: str, surroundings: Surroundings, rng: np.random.Generator) -> dict[str, float]:
     """All numbers of a fault but its main one; `_sign` is that one's sign where it may be negative."""
     kind = KINDS[name]
-    numbers = {**kind.draw(rng, surroundings), **kind.law(law).draw(rng, surroundings)}
-    return numbers | ({"_sign": float(rng.choice([-1.0, 1.0]))} if kind.signed else {})
+    parameter_values = {**kind.draw(rng, surroundings), **kind.law(law).draw(rng, surroundings)}
+    return parameter_values | ({"_sign": float(rng.choice([-1.0, 1.0]))} if kind.signed else {})
 
 
 def complete(name: str, law: str, others: dict[str, float], surroundings: Surroundings, strength: float) -> Fault:
     """The fault at a strength in (0, 1] in these surroundings."""
     kind = KINDS[name]
     main = others.get("_sign", 1.0) * (kind.law(law).strongest or kind.strongest)(surroundings, strength)
-    numbers = {kind.main: float(main), **{k: float(v) for k, v in others.items() if not k.startswith("_")}}
-    return Fault(name, numbers, law or kind.laws[0].name)
+    parameter_values = {kind.main: float(main), **{k: float(v) for k, v in others.items() if not k.startswith("_")}}
+    return Fault(name, parameter_values, law or kind.laws[0].name)
 
 
 def acting(faults: Sequence[Fault]) -> Acting:

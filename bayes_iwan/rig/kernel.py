@@ -18,7 +18,7 @@ from bayes_iwan.arrays import Array
 NO_TABLE: Array = np.zeros(1)
 
 
-class Numbers(NamedTuple):
+class ParameterValues(NamedTuple):
     """All that the kernel needs beside the drive and the sliders; 0, or a table of one number, switches a fault off.
 
     Lengths in mm, forces in N, times in s; slip speeds in mm/s; λ in s/m as in Eq. (11).
@@ -98,7 +98,9 @@ def _look_up(table: Array, start: float, step: float, x: float) -> tuple[float, 
 
 # sums may be reordered, so that sliders go several at a time; nan and infinity stay what they are
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
-def march(drive: Array, cycle: Array, h: float, share: Array, slip: Array, q: Numbers) -> tuple[Array, Array, Array]:
+def march(
+    drive: Array, cycle: Array, h: float, share: Array, slip: Array, q: ParameterValues
+) -> tuple[Array, Array, Array]:
     """Integrate the rig from rest.
 
     Parameters: `drive` (n,) armature position in mm at steps of `h` seconds; `cycle` (n,) cycles since the

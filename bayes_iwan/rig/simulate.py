@@ -18,7 +18,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Record
 from bayes_iwan.rig.fault import Acting, Fault, uniform_grid
 from bayes_iwan.rig.faults import acting, check_faults, scatter
-from bayes_iwan.rig.kernel import Numbers, march
+from bayes_iwan.rig.kernel import ParameterValues, march
 from bayes_iwan.rig.sensors import Chain, Sensors, measure
 from bayes_iwan.rig.specimen import RigError, Specimen
 
@@ -135,7 +135,7 @@ _CHAIN = {f.name for f in fields(Chain)}
 
 def _tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance_mm_N: float) -> dict[str, Any]:
     """The kernel's numbers of what acts, its functions as tables over a range that the motion hardly leaves."""
-    n: dict[str, Any] = {k: v for k, v in act.items() if k in Numbers._fields}
+    n: dict[str, Any] = {k: v for k, v in act.items() if k in ParameterValues._fields}
     if "displacement_force" in act:
         grid = uniform_grid(1.5 * amplitude_mm, _TABLE)
         n["displacement_force"], n["displacement_step"] = act["displacement_force"](grid), grid[1] - grid[0]
@@ -156,10 +156,12 @@ def _tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance_mm_N
     return n
 
 
-def kernel_numbers(specimen: Specimen, setup: Setup, act: Acting, frequency_hz: float, amplitude_mm: float) -> Numbers:
+def kernel_values(
+    specimen: Specimen, setup: Setup, act: Acting, frequency_hz: float, amplitude_mm: float
+) -> ParameterValues:
     compliance = setup.shaker_compliance_mm_N + setup.fixture_compliance_mm_N + act.get("extra_compliance", 0.0)
     speed = 2 * np.pi * frequency_hz * amplitude_mm
-    return Numbers(
+    return ParameterValues(
         amplitude_mm=amplitude_mm,
         parallel=specimen.parallel_N_mm,
         contact=specimen.contact_N_mm,
@@ -262,9 +264,9 @@ def move(
     ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
         t = begin + np.arange(int(np.ceil((stop - begin) * rate)) + 1) / rate
         drive = size * shape(t, run_in) + offset * np.clip((t - begin) * frequency, 0.0, 1.0)
-        numbers = kernel_numbers(sliders, setup, act, frequency, own_amplitude)
+        parameter_values = kernel_values(sliders, setup, act, frequency, own_amplitude)
         force, deformation, _ = march(
-            drive, t * frequency, 1 / rate, sliders.stiffness_share, sliders.slip_share_N, numbers
+            drive, t * frequency, 1 / rate, sliders.stiffness_share, sliders.slip_share_N, parameter_values
         )
         return t, drive - setup.shaker_compliance_mm_N * force, force, deformation
 

@@ -27,7 +27,7 @@ def made(kit, name, conditions=None):
     return maker(kit.scales, ("a.csv", "b.csv", "c.csv"))
 
 
-def numbers_of(effect, **given):
+def parameter_values_of(effect, **given):
     out = {p.name: p.value(np.zeros(1)) for p in effect.parameters}
     return out | {f"{effect.name}.{n}": np.array([v]) for n, v in given.items()}
 
@@ -64,8 +64,8 @@ def test_loops_carry_what_was_stated_into_the_motion_block_by_block():
 def mid_stroke(kit, effect, at, **given):
     """Friction where all elements slip, over what it is without the effect."""
     model = Model(kit.reference, grip="constant", stiffness="constant")
-    base = kit.numbers(model, kp_N_mm=0.0, k1_N_mm=1000.0)
-    with_it = recorded_force(model, (effect,), base | numbers_of(effect, **given), at)
+    base = kit.parameter_values(model, kp_N_mm=0.0, k1_N_mm=1000.0)
+    with_it = recorded_force(model, (effect,), base | parameter_values_of(effect, **given), at)
     return (with_it / recorded_force(model, (), base, at))[0, :, 0]
 
 
@@ -82,10 +82,10 @@ def test_stiffness_follows_alone_or_with_the_slip_forces(kit):
     at, alpha = under_pressure(), np.ones((1, 3, 256))
     alone, both = made(kit, "stiffness_follows_pressure_bar"), made(kit, "slip_forces_follows_pressure_bar")
     expected = 5.0 * (np.array(PRESSURES) / 2.0) ** 0.3
-    k = alone.stiffness(5.0 * alpha, alpha, at, numbers_of(alone, exponent=0.3))[0, :, 0]
+    k = alone.stiffness(5.0 * alpha, alpha, at, parameter_values_of(alone, exponent=0.3))[0, :, 0]
     np.testing.assert_allclose(k, expected, rtol=1e-6)
-    np.testing.assert_array_equal(alone.slip(alpha, at, numbers_of(alone, exponent=0.3)), alpha)
-    k = both.stiffness(5.0 * alpha, alpha, at, numbers_of(both, exponent=0.6, of_stiffness=0.5))[0, :, 0]
+    np.testing.assert_array_equal(alone.slip(alpha, at, parameter_values_of(alone, exponent=0.3)), alpha)
+    k = both.stiffness(5.0 * alpha, alpha, at, parameter_values_of(both, exponent=0.6, of_stiffness=0.5))[0, :, 0]
     np.testing.assert_allclose(k, expected, rtol=1e-6)
 
 
@@ -96,7 +96,7 @@ def test_zero_follows_a_temperature_that_is_not_positive(kit):
     at = replace(
         sine_motion(frequency_hz=20.0, amplitude_mm=[0.9] * 3), conditions={"temperature_C": np.array(degrees)}
     )
-    shift = effect.force(np.zeros((1, 3, 128)), at, numbers_of(effect, force_N=2.0))[0, :, 0]
+    shift = effect.force(np.zeros((1, 3, 128)), at, parameter_values_of(effect, force_N=2.0))[0, :, 0]
     np.testing.assert_allclose(shift, 2.0 * (np.array(degrees) - 10.0) / 30.0)
 
 

@@ -70,13 +70,13 @@ def harmonics(force):
     return c
 
 
-def change(name, kit, strength, at=None, model=None, numbers=None, **shapes):
+def change(name, kit, strength, at=None, model=None, parameter_values=None, **shapes):
     """Force with the effect and without, (loops, samples)."""
     effect, at = of(name, kit), motion() if at is None else at
     model = Model(kit.reference) if model is None else model
-    numbers = kit.numbers(model) if numbers is None else numbers
-    with_it = numbers | with_strength(effect, strength, **shapes)
-    return recorded_force(model, (effect,), with_it, at)[0], recorded_force(model, (), numbers, at)[0]
+    parameter_values = kit.parameter_values(model) if parameter_values is None else parameter_values
+    with_it = parameter_values | with_strength(effect, strength, **shapes)
+    return recorded_force(model, (effect,), with_it, at)[0], recorded_force(model, (), parameter_values, at)[0]
 
 
 def work(force, at):
@@ -110,10 +110,10 @@ def test_every_effect_says_what_it_is(kind, kit):
 def test_neutral_value_gives_the_base_model(kind, strength, kit):
     effect = kind(kit.scales, ("a.csv", "b.csv"))
     model = Model(kit.reference)
-    numbers = kit.numbers(model, 3) | with_strength(effect, strength * effect.first_guess(), 3)
+    parameter_values = kit.parameter_values(model, 3) | with_strength(effect, strength * effect.first_guess(), 3)
     at = motion(80, cycle=17.0)
-    plain = model.force(numbers, at)
-    np.testing.assert_allclose(recorded_force(model, (effect,), numbers, at), plain, atol=2e-8, rtol=0)
+    plain = model.force(parameter_values, at)
+    np.testing.assert_allclose(recorded_force(model, (effect,), parameter_values, at), plain, atol=2e-8, rtol=0)
 
 
 @pytest.mark.parametrize("kind", ALSO_SHAPES, ids=lambda k: k.__name__)
@@ -121,9 +121,10 @@ def test_switched_off_it_gives_the_base_bit_for_bit(kind, kit):
     effect, model = kind(kit.scales, ("a.csv", "b.csv")), Model(kit.reference)
     off = {n: np.full(2, v) for n, v in effect.off.items()}
     assert set(off) == {p.name for p in effect.parameters} and all(off[n][0] == 0.0 for n in effect.strength_names)
-    numbers, at = kit.numbers(model, 2), motion(80, cycle=17.0)
+    parameter_values, at = kit.parameter_values(model, 2), motion(80, cycle=17.0)
     np.testing.assert_array_equal(
-        recorded_force(model, (effect,), numbers | off, at), recorded_force(model, (Idle(kit.scales),), numbers, at)
+        recorded_force(model, (effect,), parameter_values | off, at),
+        recorded_force(model, (Idle(kit.scales),), parameter_values, at),
     )
 
 
@@ -162,25 +163,28 @@ def test_draws_do_not_depend_on_their_batch(kind, kit):
     effect = kind(kit.scales, ("a.csv", "b.csv"))
     model = Model(kit.reference)
     sizes = effect.first_guess() * np.array([0.3, 1.0, 2.0, 4.0])
-    numbers = kit.numbers(model, 4, kp_N_mm=[3.0, 4.0, 5.0, 6.0]) | with_strength(effect, sizes, 4)
+    parameter_values = kit.parameter_values(model, 4, kp_N_mm=[3.0, 4.0, 5.0, 6.0]) | with_strength(effect, sizes, 4)
     at = motion(48, cycle=5.0)
-    together = recorded_force(model, (effect,), numbers, at)
-    alone = [recorded_force(model, (effect,), {n: v[i : i + 1] for n, v in numbers.items()}, at)[0] for i in range(4)]
+    together = recorded_force(model, (effect,), parameter_values, at)
+    alone = [
+        recorded_force(model, (effect,), {n: v[i : i + 1] for n, v in parameter_values.items()}, at)[0]
+        for i in range(4)
+    ]
     np.testing.assert_array_equal(together, np.array(alone))
 
 
 def test_order_of_effects_is_that_of_the_signal(kit):
     three = [of(n, kit) for n in ("force_clipping", "viscous_damping", "channel_delay")]
     model, at = Model(kit.reference), motion()
-    numbers = kit.numbers(model)
+    parameter_values = kit.parameter_values(model)
     for effect, size in zip(three, (0.3, 0.004, 2e-3)):
-        numbers |= with_strength(effect, size)
+        parameter_values |= with_strength(effect, size)
     clipping, viscous, delay = three
-    by_hand = model.force(numbers, at)
+    by_hand = model.force(parameter_values, at)
     for effect in (viscous, delay, clipping):
-        by_hand = effect.force(by_hand, at, numbers)
+        by_hand = effect.force(by_hand, at, parameter_values)
     for some in permutations(three):
-        together = recorded_force(model, catalogue.ordered(some), numbers, at)
+        together = recorded_force(model, catalogue.ordered(some), parameter_values, at)
         np.testing.assert_allclose(together, by_hand, atol=1e-12)
 
 
@@ -241,18 +245,20 @@ def test_end_stop_acts_on_its_side_beyond_the_clearance_only(side, kit):
 def full_slip(kit):
     """Classical Iwan specimen moved so far that all elements slip in mid-stroke; mean slip force."""
     model = Model(kit.reference, grip="constant", stiffness="constant")
-    numbers = kit.numbers(model, kp_N_mm=0.0, k1_N_mm=1000.0)
-    mean = float(sum(numbers[f"g{i}"] * numbers[f"t{i}_N"] * numbers[f"eta{i}"] for i in (1, 2, 3))[0])
-    return model, numbers, mean
+    parameter_values = kit.parameter_values(model, kp_N_mm=0.0, k1_N_mm=1000.0)
+    mean = float(
+        sum(parameter_values[f"g{i}"] * parameter_values[f"t{i}_N"] * parameter_values[f"eta{i}"] for i in (1, 2, 3))[0]
+    )
+    return model, parameter_values, mean
 
 
 def mid_stroke(name, kit, strength, cycle=0.0, **shapes):
     """Force at the upward and the downward crossing of the middle of a large stroke, over the mean slip force."""
-    model, numbers, mean = full_slip(kit)
+    model, parameter_values, mean = full_slip(kit)
     at = replace(
         sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=256), cycle=np.array([cycle]), span_cycles=np.zeros(1)
     )
-    force, plain = change(name, kit, strength, at, model, numbers, **shapes)
+    force, plain = change(name, kit, strength, at, model, parameter_values, **shapes)
     assert plain[0, 0] == pytest.approx(mean, rel=1e-6) and plain[0, 128] == pytest.approx(-mean, rel=1e-6)
     return force[0, 0] / mean, force[0, 128] / mean
 
@@ -298,7 +304,7 @@ def test_direction_dependent_friction_makes_a_mean_force(kit):
 
 def test_direction_dependent_friction_against_elements_with_asymmetric_bounds(kit):
     model = Model(kit.reference, slip="uniform", grip="constant", stiffness="constant")
-    numbers = {
+    parameter_values = {
         "kp_N_mm": np.array([2.0]),
         "force_zero_N": np.zeros(1),
         "k1_N_mm": np.array([12.0]),
@@ -306,7 +312,7 @@ def test_direction_dependent_friction_against_elements_with_asymmetric_bounds(ki
         "slip_width": np.array([0.6]),
     }
     at, a = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=128), 0.35
-    force, _ = change("direction_dependent_friction", kit, a, at, model, numbers)
+    force, _ = change("direction_dependent_friction", kit, a, at, model, parameter_values)
     phi = 2.0 * (1.0 + 0.6 * (2.0 * (np.arange(4000) + 0.5) / 4000 - 1.0))  # elements of equal weight
     carried, before, u = np.zeros(4000), 0.0, at.displacement_mm[0, 0]
     for _ in range(2):
@@ -332,17 +338,17 @@ def test_normal_force_lag_filters_the_grip(kit):
 
 
 def test_rig_compliance_adds_to_the_elastic_specimens(kit):
-    model, numbers = kit.elastic(kit.reference)
+    model, parameter_values = kit.elastic(kit.reference)
     compliance = 0.005
-    force, plain = change("rig_compliance", kit, compliance, None, model, numbers)
+    force, plain = change("rig_compliance", kit, compliance, None, model, parameter_values)
     u = motion().displacement_mm[0]
     np.testing.assert_allclose(plain, 10.0 * u, atol=1e-9)
     np.testing.assert_allclose(force, u / (1.0 / 10.0 + compliance), atol=1e-5)
 
 
 def test_free_play_rests_at_zero_force_over_its_width(kit):
-    model, numbers = kit.elastic(kit.reference)
-    force, _ = change("free_play", kit, 0.2, None, model, numbers)
+    model, parameter_values = kit.elastic(kit.reference)
+    force, _ = change("free_play", kit, 0.2, None, model, parameter_values)
     u = motion().displacement_mm[0]
     np.testing.assert_allclose(force, 10.0 * np.sign(u) * np.maximum(np.abs(u) - 0.1, 0.0), atol=1e-9)
 
@@ -420,7 +426,7 @@ def test_break_away_lifts_friction_after_reversals_and_wears_off(kit):
     model, at = Model(kit.reference, grip="constant", stiffness="constant"), motion(256)
     with_it, without = change("break_away", kit, 0.4, at, model=model, slide_mm=0.15)
     u, up = at.displacement_mm[0, 0], at.velocity_m_s[0, 0] > 0
-    added, friction = (with_it - without)[0], np.ptp(without[0] - kit.numbers(model)["kp_N_mm"][0] * u) / 2.0
+    added, friction = (with_it - without)[0], np.ptp(without[0] - kit.parameter_values(model)["kp_N_mm"][0] * u) / 2.0
     assert np.abs(added[up & (u > 0.5 * A_MM)]).max() < 2e-4 * friction  # 1.3 mm after the reversal
     assert added[up & (u > -0.7 * A_MM) & (u < -0.3 * A_MM)].max() > 0.01 * friction
 
@@ -429,18 +435,20 @@ def test_papers_terms_on_the_classical_model_are_the_papers_model(kit):
     at = motion()
     reference = replace(kit.reference)
     whole = Model(reference)
-    true = kit.numbers(whole)
+    true = kit.parameter_values(whole)
     bend = true["stiffness_bend"]
     classical = Model(reference, grip="constant", stiffness="constant")
     terms = catalogue.ordered([e(kit.scales) for e in PAPER])
-    numbers = {n: v for n, v in true.items() if n not in ("beta", "grip_slope", "grip_rate", "stiffness_bend")} | {
+    parameter_values = {
+        n: v for n, v in true.items() if n not in ("beta", "grip_slope", "grip_rate", "stiffness_bend")
+    } | {
         "varying_normal_force.slope": true["grip_slope"],
         "varying_normal_force.beta": true["beta"],
         "speed_dependent_normal_force.rate": true["grip_rate"],
         "speed_dependent_normal_force.beta": np.array([2.0]),
         "stiffness_of_normal_force.elasticity": bend / np.expm1(bend),
     }
-    np.testing.assert_allclose(recorded_force(classical, terms, numbers, at), whole.force(true, at), atol=1e-9)
+    np.testing.assert_allclose(recorded_force(classical, terms, parameter_values, at), whole.force(true, at), atol=1e-9)
 
 
 def test_papers_terms_are_offered_only_where_the_base_lacks_them():
@@ -481,8 +489,10 @@ def test_users_effect_is_loaded_and_acts(tmp_path, kit):
     assert "softening" in catalogue.variants([kind])
     effect = kind(kit.scales)
     model, at = Model(kit.reference), motion(48)
-    numbers = kit.numbers(model) | {"softening.share": np.array([0.25])}
-    np.testing.assert_allclose(recorded_force(model, (effect,), numbers, at), 0.75 * model.force(numbers, at))
+    parameter_values = kit.parameter_values(model) | {"softening.share": np.array([0.25])}
+    np.testing.assert_allclose(
+        recorded_force(model, (effect,), parameter_values, at), 0.75 * model.force(parameter_values, at)
+    )
 
 
 @pytest.mark.parametrize(
@@ -518,4 +528,4 @@ def test_taken_names_are_refused(name):
 
 
 def test_paper_table_is_what_the_kit_uses(kit):
-    assert set(kit.numbers(Model(kit.reference))) == set(paper.table_1(kit.reference))
+    assert set(kit.parameter_values(Model(kit.reference))) == set(paper.table_1(kit.reference))

@@ -36,9 +36,9 @@ def test_tilt_of_one_gamma_takes_up_slip_forces_with_a_limit(kit):
     )
 
     def misfit(x):
-        base_numbers = dict(zip(("kp_N_mm", "k1_N_mm", "t1_N", "eta1"), np.exp(x[:4, None]))) | {"g1": np.ones(1)}
+        base_values = dict(zip(("kp_N_mm", "k1_N_mm", "t1_N", "eta1"), np.exp(x[:4, None]))) | {"g1": np.ones(1)}
         tilted = np.concatenate([x[4:], np.zeros(9 - len(x))])
-        return (recorded_force(base, (effect,), base_numbers | coefficients(effect, tilted), AT)[0] - measured).ravel()
+        return (recorded_force(base, (effect,), base_values | coefficients(effect, tilted), AT)[0] - measured).ravel()
 
     start = np.log([3.0, 12.0, 1.0, 1.5])
     alone = optimize.least_squares(misfit, start)

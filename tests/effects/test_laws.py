@@ -21,7 +21,7 @@ def made(kit, class_name, tests=("a.csv", "b.csv")):
     return next(k for k in kinds if k.__name__ == class_name)(kit.scales, tests)
 
 
-def numbers_of(effect, draws=1, **given):
+def parameter_values_of(effect, draws=1, **given):
     """Medians of an effect's priors, and the given ones by short name."""
     out = {p.name: np.full(draws, float(p.value(np.zeros(1))[0])) for p in effect.parameters}
     unknown = {f"{effect.name}.{n}" for n in given} - set(out)
@@ -31,7 +31,7 @@ def numbers_of(effect, draws=1, **given):
 
 def added(effect, at, **given):
     """What an effect adds to a force of zero, (loops, samples)."""
-    return effect.force(np.zeros((1, at.loops, at.samples)), at, numbers_of(effect, **given))[0]
+    return effect.force(np.zeros((1, at.loops, at.samples)), at, parameter_values_of(effect, **given))[0]
 
 
 def complex_harmonics(x):
@@ -167,7 +167,7 @@ def test_contacts_are_linear_or_hertzian_on_one_side_or_both(e, kit):
 def test_stribeck_curves_of_the_literature(exponent, tail, classic, kit):
     effect, at = made(kit, "StribeckWeakening"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
     given = {"drop": 0.3, "v_s_m_s": 0.05, "memory_s": 0.0, "exponent": exponent, "tail": tail}
-    got = effect.slip(np.ones((1, 1, 64)), at, numbers_of(effect, **given))
+    got = effect.slip(np.ones((1, 1, 64)), at, parameter_values_of(effect, **given))
     expected = 1.0 - 0.3 * (1.0 - classic(at.speed_m_s / 0.05))
     np.testing.assert_allclose(got, expected, rtol=1e-5)
 
@@ -175,8 +175,8 @@ def test_stribeck_curves_of_the_literature(exponent, tail, classic, kit):
 def test_rate_strengthening_is_a_logarithm_or_a_power(kit):
     effect, at = made(kit, "RateStrengthening"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
     for power, law in ((0.0, np.log1p), (0.5, lambda x: 2.0 * (np.sqrt(1.0 + x) - 1.0))):
-        numbers = numbers_of(effect, c=0.1, v0_m_s=0.01, memory_s=0.0, power=power)
-        got = effect.slip(np.ones((1, 1, 64)), at, numbers)
+        parameter_values = parameter_values_of(effect, c=0.1, v0_m_s=0.01, memory_s=0.0, power=power)
+        got = effect.slip(np.ones((1, 1, 64)), at, parameter_values)
         np.testing.assert_allclose(got, 1.0 + 0.1 * law(at.speed_m_s / 0.01), rtol=1e-6)
 
 
@@ -200,7 +200,7 @@ def test_lag_from_a_start_against_the_integrated_relaxation(kit):
     turned = 0.3 / (1.0 + 2j * np.pi * f * tau)
     start = 1.0 - (1.0 + turned.imag)  # α(0) less the steady loop's value there
     alpha = steady(np.arange(256) / 256.0 / f) * np.ones((1, 5, 1))
-    got = effect.grip(alpha, at, numbers_of(effect, tau_s=tau, start=start))[0]
+    got = effect.grip(alpha, at, parameter_values_of(effect, tau_s=tau, start=start))[0]
     np.testing.assert_allclose(got.mean(axis=1), blocks.mean(axis=1), atol=3e-5)
     np.testing.assert_allclose(got[-1], blocks[-1], atol=2e-3)
     assert abs(blocks[0].mean() - blocks[-1].mean()) > 0.01
@@ -208,9 +208,11 @@ def test_lag_from_a_start_against_the_integrated_relaxation(kit):
 
 def faded(kit, at, **given):
     effect = made(kit, "FrictionFade")
-    numbers = numbers_of(effect, **{"drop": 0.4, "cycles": 10.0, "tail": 0.0} | given)
+    parameter_values = parameter_values_of(effect, **{"drop": 0.4, "cycles": 10.0, "tail": 0.0} | given)
     alpha = np.ones((1, at.loops, at.samples))
-    return effect.slip(alpha, at, numbers)[0, :, 0], effect.stiffness(5.0 * alpha, alpha, at, numbers)[0, :, 0]
+    return effect.slip(alpha, at, parameter_values)[0, :, 0], effect.stiffness(
+        5.0 * alpha, alpha, at, parameter_values
+    )[0, :, 0]
 
 
 def test_fade_by_cycles_by_sliding_distance_and_with_stiffness(kit):
@@ -235,15 +237,15 @@ def test_fade_by_cycles_by_sliding_distance_and_with_stiffness(kit):
 
 def test_self_tightening_grip_moves_normal_force_and_so_the_stiffness(kit):
     effect, at = made(kit, "DirectionDependentGrip"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
-    numbers = numbers_of(effect, asymmetry=0.2, v0_m_s=1e-6)
-    alpha = effect.grip(np.ones((1, 1, 64)), at, numbers)[0, 0]
+    parameter_values = parameter_values_of(effect, asymmetry=0.2, v0_m_s=1e-6)
+    alpha = effect.grip(np.ones((1, 1, 64)), at, parameter_values)[0, 0]
     assert alpha[0] == pytest.approx(1.2) and alpha[32] == pytest.approx(0.8)
     model = Model(kit.reference)
-    base = kit.numbers(model)
+    base = kit.parameter_values(model)
     small = sine_motion(
         frequency_hz=F_HZ, amplitude_mm=0.02, samples=64
     )  # all elements stick: the force's size is the stiffness's
-    force = recorded_force(model, (effect,), base | numbers, small)[0, 0]
+    force = recorded_force(model, (effect,), base | parameter_values, small)[0, 0]
     plain = recorded_force(model, (), base, small)[0, 0]
     assert np.ptp(force) != pytest.approx(np.ptp(plain), rel=1e-3)
 
@@ -252,11 +254,11 @@ def test_self_tightening_grip_moves_normal_force_and_so_the_stiffness(kit):
 
 
 def test_soft_first_part_of_a_compliance_by_root_finding(kit):
-    model, numbers = kit.elastic(kit.reference)  # 10 N/mm
+    model, parameter_values = kit.elastic(kit.reference)  # 10 N/mm
     effect, at = made(kit, "RigCompliance"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
     compliance, ratio, first = 0.004, 4.0, 1.5
-    own = numbers_of(effect, compliance_mm_N=compliance, soft_ratio=ratio, soft_N=first)
-    force = recorded_force(model, (effect,), numbers | own, at)[0, 0]
+    own = parameter_values_of(effect, compliance_mm_N=compliance, soft_ratio=ratio, soft_N=first)
+    force = recorded_force(model, (effect,), parameter_values | own, at)[0, 0]
 
     def moved(f):
         return f / 10.0 + compliance * (f + (ratio - 1.0) * first * (1.0 - np.exp(-abs(f) / first)) * np.sign(f))
@@ -268,10 +270,10 @@ def test_soft_first_part_of_a_compliance_by_root_finding(kit):
 
 @pytest.mark.parametrize("soft", [1e-9, 0.2, 0.5])
 def test_play_with_soft_ends_on_a_spring(soft, kit):
-    model, numbers = kit.elastic(kit.reference)
+    model, parameter_values = kit.elastic(kit.reference)
     effect, at = made(kit, "FreePlay"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=512)
-    own = numbers_of(effect, play_mm=0.2, softness=soft)
-    force, u = recorded_force(model, (effect,), numbers | own, at)[0, 0], at.displacement_mm[0, 0]
+    own = parameter_values_of(effect, play_mm=0.2, softness=soft)
+    force, u = recorded_force(model, (effect,), parameter_values | own, at)[0, 0], at.displacement_mm[0, 0]
     order = np.argsort(u)
     assert np.all(np.diff(force[order]) > -1e-9) and abs(work(force[None], at)[0]) < 1e-6  # elastic
     w = soft * 0.1
@@ -292,7 +294,7 @@ def transfer(kit, class_name, **given):
     effect, at = made(kit, class_name), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
     rng = np.random.default_rng(4)
     force = np.fft.irfft(np.r_[0.3, rng.normal(size=12) + 1j * rng.normal(size=12), np.zeros(20)], n=64)
-    out = effect.force(force[None, None], at, numbers_of(effect, **given))[0, 0]
+    out = effect.force(force[None, None], at, parameter_values_of(effect, **given))[0, 0]
     return (np.fft.rfft(out) / np.fft.rfft(force))[1:13], F_HZ * np.arange(1, 13)
 
 
@@ -322,7 +324,7 @@ def test_integrators_highpass_of_second_order_is_undone(kit):
             for x in (true.displacement_mm, true.velocity_m_s, true.acceleration_m_s2)
         )
     )
-    back = effect.motion(seen, numbers_of(effect, corner_hz=np.sqrt(2.0) * corner, second=0.5))
+    back = effect.motion(seen, parameter_values_of(effect, corner_hz=np.sqrt(2.0) * corner, second=0.5))
     np.testing.assert_allclose(back.displacement_mm, true.displacement_mm, atol=1e-12)
 
 
@@ -350,7 +352,7 @@ def test_soft_clipping(soft, law, kit):
     got = effect.force(
         force,
         sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64),
-        numbers_of(effect, inverse_limit_1_N=0.5, softness=soft),
+        parameter_values_of(effect, inverse_limit_1_N=0.5, softness=soft),
     )
     np.testing.assert_allclose(got, 2.0 * law(force / 2.0), rtol=1e-12)
 
@@ -362,9 +364,9 @@ def test_compliance_in_series_with_friction_has_converged(kit):
         made(kit, "RigCompliance"),
         sine_motion(frequency_hz=F_HZ, amplitude_mm=[A_MM, 0.4], samples=128),
     )
-    base = kit.numbers(model)
+    base = kit.parameter_values(model)
     for compliance, left in ((0.006, 2e-5), (0.02, 1e-3)):
-        force = recorded_force(model, (effect,), base | numbers_of(effect, compliance_mm_N=compliance), at)
+        force = recorded_force(model, (effect,), base | parameter_values_of(effect, compliance_mm_N=compliance), at)
         specimen = moved_by(at, at.displacement_mm - compliance * force)
         again = recorded_force(model, (), base, specimen)
         moved = force - recorded_force(model, (), base, at)

@@ -21,8 +21,8 @@ def test_the_example_is_loaded_and_acts_as_it_says():
     (drag,) = load_effects(FILE)
     effect = drag(SCALES)
     motion = sine_motion(frequency_hz=[10.0, 10.0], amplitude_mm=[0.5, 1.0])
-    numbers = {"quadratic_drag.c2_N_s2_m2": np.array([0.0, 10.0])}
-    added = effect.force(np.zeros((2, 2, 128)), motion, numbers)
+    parameter_values = {"quadratic_drag.c2_N_s2_m2": np.array([0.0, 10.0])}
+    added = effect.force(np.zeros((2, 2, 128)), motion, parameter_values)
     assert not added[0].any()  # neutral at zero
     speed = 2e-3 * np.pi * 10.0
     assert added[1, 1].max() == pytest.approx(10.0 * speed**2)

@@ -150,12 +150,12 @@ def test_predicted_hum_is_what_a_hum_does_to_the_data(data_of, kit):
     still, humming = data_of(), data_of(extra=hum(50.1, 0.05, 0.4))
     # the estimate comes near, no more
     humming = replace(humming, mains_hz=np.tile([50.1, 60.0], (len(TESTS), 1)))
-    numbers = {}
+    parameter_values = {}
     for t, file in enumerate(files(humming)):
-        numbers |= {
+        parameter_values |= {
             f"mains_hum.{part}[{file}]": 0.05 * wave(0.4 + t) for part, wave in (("cosine", np.cos), ("sine", np.sin))
         }
-    mean, trend, lines = difference(MainsHum(kit.scales, files(humming)), numbers, humming, kit)
+    mean, trend, lines = difference(MainsHum(kit.scales, files(humming)), parameter_values, humming, kit)
     # a sample at the very end of a record may count in the whole loop and not in a block: a thousandth of the hum
     np.testing.assert_allclose(mean, humming.harmonics_N - still.harmonics_N, atol=5e-5)
     np.testing.assert_allclose(trend, humming.trend_N - still.trend_N, atol=5e-5)
@@ -175,8 +175,8 @@ def test_predicted_drift_that_levels_off(b, data_of, kit):
         return rate * (t if b == 0.0 else longest * -np.expm1(-b * t / longest) / b)
 
     drifts = data_of(extra=drifting)
-    numbers = {"force_drift.rate_N_s": rate, "force_drift.levelling": b}
-    mean, trend, _ = difference(ForceDrift(kit.scales, files(still)), numbers, still, kit)
+    parameter_values = {"force_drift.rate_N_s": rate, "force_drift.levelling": b}
+    mean, trend, _ = difference(ForceDrift(kit.scales, files(still)), parameter_values, still, kit)
     np.testing.assert_allclose(mean, drifts.harmonics_N - still.harmonics_N, atol=5e-5 * rate * longest)
     np.testing.assert_allclose(trend, drifts.trend_N - still.trend_N, atol=5e-5 * rate * longest)
 
@@ -184,8 +184,8 @@ def test_predicted_drift_that_levels_off(b, data_of, kit):
 def test_predicted_drift_of_each_test_at_its_own_rate(data_of, kit):
     still, rates = data_of(), (0.03, -0.05, 0.0, 0.02)
     drifts = data_of(extra=lambda time, test: rates[test] * (time - time[0]))
-    numbers = {f"force_drift.rate_N_s[{file}]": rate for file, rate in zip(files(still), rates)}
-    mean, trend, _ = difference(ForceDriftByTest(kit.scales, files(still)), numbers, still, kit)
+    parameter_values = {f"force_drift.rate_N_s[{file}]": rate for file, rate in zip(files(still), rates)}
+    mean, trend, _ = difference(ForceDriftByTest(kit.scales, files(still)), parameter_values, still, kit)
     np.testing.assert_allclose(mean, drifts.harmonics_N - still.harmonics_N, atol=1e-9)
     np.testing.assert_allclose(trend, drifts.trend_N - still.trend_N, atol=1e-9)
 
@@ -201,13 +201,13 @@ def test_predicted_third_harmonic_of_a_hum_is_locked_to_it(kit):
     still, hums = (
         gap_data(kit.made_up(kit.specimen_force, tests, extra=extra).loops(**kit.small)) for extra in (None, humming)
     )
-    numbers = {"mains_hum.third_cosine": third * np.cos(psi), "mains_hum.third_sine": -third * np.sin(psi)}
+    parameter_values = {"mains_hum.third_cosine": third * np.cos(psi), "mains_hum.third_sine": -third * np.sin(psi)}
     for t, file in enumerate(files(still)):
-        numbers |= {
+        parameter_values |= {
             f"mains_hum.{part}[{file}]": 0.05 * wave(0.4 + t) for part, wave in (("cosine", np.cos), ("sine", np.sin))
         }
     still = replace(still, mains_hz=np.tile([50.0, 60.0], (2, 1)))
-    mean, _, _ = difference(MainsHum(kit.scales, files(still)), numbers, still, kit)
+    mean, _, _ = difference(MainsHum(kit.scales, files(still)), parameter_values, still, kit)
     np.testing.assert_allclose(mean, hums.harmonics_N - still.harmonics_N, atol=5e-5)
     assert np.all(np.abs(mean[:, 15]) > 0.014)
 
@@ -216,12 +216,12 @@ def files(data):
     return tuple(x.file for x in data.loops)
 
 
-def difference(effect, numbers, data, kit):
+def difference(effect, parameter_values, data, kit):
     """What the effect adds to harmonics, trends and lines at these numbers."""
     base = base_problem(data, kit.settings, scales_of(data.loops))
     problem = extended(base, [effect])
     z = np.zeros((2, problem.ndim))
-    for name, value in numbers.items():
+    for name, value in parameter_values.items():
         at = problem.names.index(name)
         z[0, at] = problem.prior.parameters[[p.name for p in problem.prior.parameters].index(name)].score(value)
     mean, trend, lines = predicted(data, problem, z)

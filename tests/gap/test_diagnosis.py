@@ -179,10 +179,12 @@ def classical(kit):
         "grip_slope": 0.35,
         "beta": 0.8,
     }
-    numbers = {n: np.array([v]) for n, v in true.items()}
+    parameter_values = {n: np.array([v]) for n, v in true.items()}
 
     def force(frequency, amplitude, samples):
-        return model.force(numbers, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples))[0, 0]
+        return model.force(
+            parameter_values, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples)
+        )[0, 0]
 
     campaign = kit.made_up(force, [(8.0, 0.4), (20.0, 0.9)], noise_N=0.01)
     settings = DiagnoseSettings(replace(BASES["classical"], slip="gamma1"))

@@ -63,6 +63,6 @@ def test_a_plan_keeps_to_what_the_rig_can_do(kit):
     assert 0 < len(weak) < len(wide)
     motion = sine_motion(frequency_hz=[p[0] for p in weak], amplitude_mm=[p[1] for p in weak])
     base = found.base.problem
-    assert np.abs(base.force(base.numbers(found.base.z[None]), motion)).max() < 0.52 * force
+    assert np.abs(base.force(base.parameter_values(found.base.z[None]), motion)).max() < 0.52 * force
     (only,) = plans_of(found.data, found.base, RigLimits(1e-6, None, None))
     assert only[1] == min(a)

@@ -31,8 +31,8 @@ def simulator_of(name):
     return load_simulator(SIMULATORS / f"{name}.py")
 
 
-def one(**numbers):
-    return {k: np.array([float(v)]) for k, v in numbers.items()}
+def one(**parameter_values):
+    return {k: np.array([float(v)]) for k, v in parameter_values.items()}
 
 
 def test_damped_spring_dissipates_what_the_textbook_says():
@@ -49,13 +49,13 @@ def test_damped_spring_dissipates_what_the_textbook_says():
 
 def test_dahl_is_wens_model_with_exponent_and_share_one():
     """dz/du = σ (1 − z/Z sgn u̇) by exponentials, against Wen's equation by Runge–Kutta; a record settles to it."""
-    dahl, numbers = simulator_of("dahl"), one(kp_N_mm=5.0, dahl_force_N=1.2, dahl_k_N_mm=15.0)
+    dahl, parameter_values = simulator_of("dahl"), one(kp_N_mm=5.0, dahl_force_N=1.2, dahl_k_N_mm=15.0)
     motion = sine_motion(frequency_hz=10.0, amplitude_mm=[0.05, 0.7, 2.0], samples=256)
-    loop = dahl.force(numbers, motion)
+    loop = dahl.force(parameter_values, motion)
     wen = one(kp_N_mm=5.0, bw_k_N_mm=15.0, bw_force_N=1.2, bw_n=1.0, bw_share=1.0)
     np.testing.assert_allclose(loop, RIVALS["bouc_wen"].force(wen, motion), atol=1e-4)
     time = np.arange(6 * 256) / 2560.0
-    settled = dahl.force(numbers, record_motion(time, 0.7 * np.sin(2.0 * np.pi * 10.0 * time)))[0, 0]
+    settled = dahl.force(parameter_values, record_motion(time, 0.7 * np.sin(2.0 * np.pi * 10.0 * time)))[0, 0]
     np.testing.assert_allclose(settled[5 * 256 :], loop[0, 1], atol=1e-9)
 
 
@@ -91,14 +91,16 @@ def test_a_rival_s_force_honours_effects(rival):
     z = np.zeros((1, extended.ndim))
     z[0, extended.names.index("channel_delay.delay_s")] = 1.0
     late = float(extended.prior.values(z)["channel_delay.delay_s"][0])
-    numbers = extended.numbers(z)
-    plain = np.fft.rfft(problem.force(numbers)[0], axis=-1)
-    turned = np.fft.rfft(extended.force(numbers)[0], axis=-1)
+    parameter_values = extended.parameter_values(z)
+    plain = np.fft.rfft(problem.force(parameter_values)[0], axis=-1)
+    turned = np.fft.rfft(extended.force(parameter_values)[0], axis=-1)
     f = problem.motion.frequency_hz[:, None] * np.arange(plain.shape[1])
     np.testing.assert_allclose(turned[:, :9], (plain * np.exp(-2j * np.pi * f * late))[:, :9], atol=1e-9)
     high = ForceHighpass(problem.scales)
     own = {p.name: p.value(np.zeros(1)) for p in high.parameters}
-    through = recorded_force(rival, (high,), {**numbers, **own, "force_zero_N": np.array([0.5])}, problem.motion)
+    through = recorded_force(
+        rival, (high,), {**parameter_values, **own, "force_zero_N": np.array([0.5])}, problem.motion
+    )
     assert np.all(np.abs(through.mean(axis=-1)) < 1e-3)
     assert inner_effects(extended.effects) == ()
 

@@ -106,7 +106,9 @@ def test_strengths_are_brought_to_the_specimens_scale(kit):
         values = {n: v for n, v in problem.prior.values(np.zeros((1, problem.ndim))).items()}
         values |= found.base.problem.prior.values(found.base.z[None])
         values[effect.strength_name] = np.array([effect.strength_value])
-        force = [p.force(p.numbers_of(values), found.data.steady_motion) for p in (problem, found.base.problem)]
+        force = [
+            p.force(p.parameter_values_of(values), found.data.steady_motion) for p in (problem, found.base.problem)
+        ]
         c = harmonics_of(force[0] - force[1], 17)[0]
         moved = np.sqrt(np.mean(np.abs(c[:, 0]) ** 2 + 0.5 * np.sum(np.abs(c[:, 1:]) ** 2, axis=1)))
         share = moved / friction_rms_N(found.base.problem, found.base.z)
@@ -141,7 +143,7 @@ class Broken(Effect):
     def first_guess(self):
         return 1.0
 
-    def force(self, force_N, motion, numbers):
+    def force(self, force_N, motion, parameter_values):
         return force_N * np.nan
 
 
@@ -175,10 +177,12 @@ def varying(kit):
         "grip_rate": 0.15,
         "beta": 0.8,
     }
-    numbers = {n: np.array([v]) for n, v in true.items()}
+    parameter_values = {n: np.array([v]) for n, v in true.items()}
 
     def force(frequency, amplitude, samples):
-        return model.force(numbers, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples))[0, 0]
+        return model.force(
+            parameter_values, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples)
+        )[0, 0]
 
     campaign = kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01)
     data = gap_data(campaign.loops(**kit.small))
@@ -201,10 +205,12 @@ def test_terms_that_the_base_lacks_are_taken_in_one_after_the_other(varying, kit
 def test_terms_that_are_not_needed_are_not_taken_in(kit):
     model = Model(kit.reference, **GAMMA1)
     true = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
-    numbers = {n: np.array([v]) for n, v in true.items()}
+    parameter_values = {n: np.array([v]) for n, v in true.items()}
 
     def force(frequency, amplitude, samples):
-        return model.force(numbers, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples))[0, 0]
+        return model.force(
+            parameter_values, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples)
+        )[0, 0]
 
     data = gap_data(
         kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01).loops(**kit.small)

@@ -31,7 +31,7 @@ def test_exponent_of_the_pressure_is_found(kit, capsys):
     model, turn = Model(kit.reference, grip="constant", stiffness="constant"), iter(PRESSURES)
 
     def pressed(frequency, amplitude, samples):
-        own = kit.numbers(model)
+        own = kit.parameter_values(model)
         scale = (next(turn) / 2.0) ** 0.6
         own |= {f"t{i}_N": scale * own[f"t{i}_N"] for i in (1, 2, 3)}
         return model.force(own, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples))[0, 0]

@@ -30,11 +30,11 @@ def made_loops(added=None, seed=0, tests=TESTS, noise=0.01):
     """Averaged loops of a classical Iwan specimen; added(u mm, v m/s, a m/s², cycle number) is one force more, N."""
     rng = np.random.default_rng(seed)
     model = Model(Reference(1.0, 0.1), slip="gamma1", grip="constant", stiffness="constant")
-    numbers = {k: np.array([v]) for k, v in TRUTH.items()}
+    parameter_values = {k: np.array([v]) for k, v in TRUTH.items()}
     out = []
     for f, a in tests:
         motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=SAMPLES)
-        force = np.tile(model.force(numbers, motion)[0, 0], CYCLES)
+        force = np.tile(model.force(parameter_values, motion)[0, 0], CYCLES)
         u, v, acceleration = (
             np.tile(x[0, 0], CYCLES) for x in (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)
         )

@@ -231,11 +231,11 @@ def test_predictions_of_a_posterior(run):
     assert posterior.forces(50).shape == (50, 4, 128)
     friction = posterior.forces(50, friction=True)
     z = posterior.flat_z(50)
-    n = posterior.problem.numbers(z)
+    n = posterior.problem.parameter_values(z)
     expected = posterior.problem.model.friction_force(n, posterior.problem.motion)
     np.testing.assert_allclose(friction, expected, atol=1e-9)
     replicas = posterior.forces(300, replicate=True, rng=np.random.default_rng(0))
-    noise = posterior.problem.numbers(posterior.flat_z(300))["noise_N"][:, None, None]
+    noise = posterior.problem.parameter_values(posterior.flat_z(300))["noise_N"][:, None, None]
     scaled = (replicas - posterior.forces(300)) / noise * np.sqrt(posterior.problem.likelihood.weights)
     assert np.std(scaled) == pytest.approx(1.0, abs=0.02) and abs(np.mean(scaled)) < 0.01
     z_score = (posterior.problem.measured_N - replicas.mean(axis=0)) / replicas.std(axis=0)
@@ -249,7 +249,9 @@ def test_drawn_loops_are_identified_without_a_folder(small_loops):
     """As simulation-based calibration does: a draw from the prior, its replicate, and the posterior of that."""
     template = make_problem(small_loops, settings_of(SMALL))
     z = template.prior.draw(np.random.default_rng(5), 1) * 0.5
-    force = template.likelihood.replicate(template.predict(z), template.numbers(z), np.random.default_rng(6))[0]
+    force = template.likelihood.replicate(template.predict(z), template.parameter_values(z), np.random.default_rng(6))[
+        0
+    ]
     posterior = identify_problem(template.with_force(force), 3, config=SMALL, progress=False)
     rank = np.mean(posterior.flat_z() < z, axis=0)
     assert np.all((rank > 0.001) & (rank < 0.999)) and posterior.campaign is None

@@ -83,12 +83,12 @@ def test_reach_is_what_amplitudes_and_band_allow(simple):
     reach = reach_of(problem, z)
     order = [np.max(np.nonzero(np.isfinite(x.noise_N))) for x in problem.loops]
     step = min(x.amplitude_mm * (1 - np.cos(np.pi / h)) for x, h in zip(problem.loops, order))
-    k1 = problem.numbers(z[None])["k1_N_mm"][0]
+    k1 = problem.parameter_values(z[None])["k1_N_mm"][0]
     assert reach.lowest_N == pytest.approx(0.5 * k1 * step) and reach.highest_N == pytest.approx(k1 * 1.0, rel=1e-3)
     # the quarter of elements that slip first, as far as it lies below what any loop resolves
-    numbers = problem.numbers(z[None])
+    parameter_values = problem.parameter_values(z[None])
     phi = np.linspace(0.0, reach.highest_N, 20_001)
-    quartile = np.interp(0.25, 1.0 - problem.model.slip_family.survival(phi, numbers)[0], phi)
+    quartile = np.interp(0.25, 1.0 - problem.model.slip_family.survival(phi, parameter_values)[0], phi)
     assert reach.share == pytest.approx(0.25 * min(1.0, reach.lowest_N / quartile), rel=1e-2)
 
 

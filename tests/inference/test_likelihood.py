@@ -71,8 +71,8 @@ def test_short_correlation_tends_to_the_squared_form_of_eq_8(problem):
     share = 30.0  # so that noise, floors included, is nothing
     # odd and even orders alike: 26 and 25 of them
     odd, even = share * np.sqrt([25 / 51, 26 / 51])
-    numbers = {"noise_scale": 1.0, "discrepancy_odd": odd, "discrepancy_even": even, "discrepancy_slope": 0.0}
-    got = -2.0 * alone.log_likelihood(r, {k: np.full(6, v) for k, v in numbers.items()})
+    parameter_values = {"noise_scale": 1.0, "discrepancy_odd": odd, "discrepancy_even": even, "discrepancy_slope": 0.0}
+    got = -2.0 * alone.log_likelihood(r, {k: np.full(6, v) for k, v in parameter_values.items()})
     goal = np.array([hand_written_goal(problem, x, True) for x in r])
     # Σ_h |e_h|² = 2 mean(e²), e² = w r² / mean w; the variance of each of the 51 orders is (share slip)² A / (ℓ 51)
     w = paper_weights(problem.motion.displacement_mm[0], problem.motion.amplitude_mm).mean()
@@ -91,7 +91,7 @@ def test_parts_sum_up(problem, known, kind):
     total = p.log_likelihood(z)
     np.testing.assert_allclose(p.pointwise(z).sum(axis=1), total, rtol=1e-9)
     if kind != "laplace":
-        rows = p.likelihood.rows(p.residual(z), p.numbers(z))
+        rows = p.likelihood.rows(p.residual(z), p.parameter_values(z))
         np.testing.assert_allclose(np.diff(-0.5 * (rows**2).sum(axis=1)), np.diff(total), rtol=1e-6)
 
 
@@ -119,17 +119,17 @@ def test_correlated_is_a_multivariate_normal(problem, kind):
     rng = np.random.default_rng(2)
     r = 0.05 * (rng.standard_normal((4, 31)) @ np.cos(angle) + rng.standard_normal((4, 31)) @ np.sin(angle))
     if kind == "matern":
-        numbers = {"discrepancy_share": np.array([0.02]), "discrepancy_length": np.array([0.1])}
+        parameter_values = {"discrepancy_share": np.array([0.02]), "discrepancy_length": np.array([0.1])}
         spectrum = discrepancy_spectrum(np.array([0.02]), np.array([0.1]), 51)[0]
     else:
-        numbers = {k: np.array([v]) for k, v in (("odd", 0.02), ("even", 0.01), ("slope", 1.5))}
-        numbers = {f"discrepancy_{k}": v for k, v in numbers.items()}
+        parameter_values = {k: np.array([v]) for k, v in (("odd", 0.02), ("even", 0.01), ("slope", 1.5))}
+        parameter_values = {f"discrepancy_{k}": v for k, v in parameter_values.items()}
         order = np.maximum(np.arange(51), 1)
         fall = order**-1.5 * np.where(order % 2 == 1, 0.02**2, 0.01**2)
         fall[0] = 0.01**2
         odd = np.arange(51) % 2 == 1
         spectrum = fall / np.where(odd, np.sum(order[odd] ** -1.5), np.sum(order[~odd] ** -1.5))
-    numbers["noise_scale"] = np.array([1.3])
+    parameter_values["noise_scale"] = np.array([1.3])
     amplitude = problem.motion.amplitude_mm
     if kind == "correlated":
         root = np.sqrt(paper_weights(problem.motion.displacement_mm[0], amplitude))
@@ -147,7 +147,7 @@ def test_correlated_is_a_multivariate_normal(problem, kind):
         cov = 1.3**2 * np.diag(noise[h] ** 2) + spectrum[h] * near
         total += stats.multivariate_normal.logpdf(c[:, h].real, cov=cov)
         total += stats.multivariate_normal.logpdf(c[:, h].imag, cov=cov) if h else 0.0
-    assert like.log_likelihood(r[None], numbers)[0] == pytest.approx(total, rel=1e-9)
+    assert like.log_likelihood(r[None], parameter_values)[0] == pytest.approx(total, rel=1e-9)
 
 
 def test_correlated_noise_is_that_of_the_records(problem):
@@ -162,7 +162,7 @@ def test_replicates_follow_the_likelihood(problem, known, kind):
     """The mean of −ln p over replicates is the entropy that the noise model has by formula."""
     p = make_problem(problem.loops, {"likelihood": {"kind": kind}})
     z = np.repeat(known.true_z(p, noise_scale=1.2, discrepancy_odd=0.02), 400, axis=0)
-    n, force = p.numbers(z), p.predict(z)
+    n, force = p.parameter_values(z), p.predict(z)
     r = p.likelihood.replicate(force, n, np.random.default_rng(3)) - force
     got = -p.likelihood.log_likelihood(r, n)
     if isinstance(p.likelihood, Correlated):
@@ -212,14 +212,16 @@ def test_harmonics_that_sampling_cannot_resolve_do_not_count(problem):
         for k, x in enumerate(problem.loops)
     )
     p = make_problem(loops)
-    numbers = {p.name: p.value(np.zeros(1)) for p in p.likelihood.parameters}
+    parameter_values = {p.name: p.value(np.zeros(1)) for p in p.likelihood.parameters}
     r = 0.01 * np.random.default_rng(4).standard_normal((1, 4, 128))
     odd = r.copy()
     odd[0, 1] += np.cos(2 * np.pi * 20 * np.arange(128) / 128)
-    assert p.likelihood.log_likelihood(odd, numbers) == pytest.approx(p.likelihood.log_likelihood(r, numbers))
-    assert p.likelihood.pointwise(r, numbers).shape == (1, 4 * 51 - 40)
+    assert p.likelihood.log_likelihood(odd, parameter_values) == pytest.approx(
+        p.likelihood.log_likelihood(r, parameter_values)
+    )
+    assert p.likelihood.pointwise(r, parameter_values).shape == (1, 4 * 51 - 40)
     odd[0, 0] += np.cos(2 * np.pi * 20 * np.arange(128) / 128)
-    assert p.likelihood.log_likelihood(odd, numbers) < p.likelihood.log_likelihood(r, numbers) - 1000
+    assert p.likelihood.log_likelihood(odd, parameter_values) < p.likelihood.log_likelihood(r, parameter_values) - 1000
 
 
 def test_replicates_have_no_noise_where_there_are_no_data(problem, known):
@@ -231,7 +233,7 @@ def test_replicates_have_no_noise_where_there_are_no_data(problem, known):
     p = make_problem(loops)
     z = np.repeat(known.true_z(p, noise_scale=1.0, discrepancy_odd=1e-5, discrepancy_even=1e-5), 400, axis=0)
     force = p.predict(z)
-    c = harmonics_of(p.likelihood.replicate(force, p.numbers(z), np.random.default_rng(7)) - force, 51)
+    c = harmonics_of(p.likelihood.replicate(force, p.parameter_values(z), np.random.default_rng(7)) - force, 51)
     assert np.max(np.abs(c[:, 1, 11:])) < 1e-12
     for t, top in ((0, 51), (1, 11)):
         noise = np.exp(p.likelihood.rotation[3])[1:top, t]

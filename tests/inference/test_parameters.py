@@ -109,7 +109,7 @@ def test_sampled_values_and_model_numbers_are_inverse(known, slip):
     problem = make_problem(known.loops(), {"model": {"slip": slip}})
     z = problem.prior.draw(np.random.default_rng(2), 200)
     v = problem.prior.values(z)
-    again = problem.model.values(problem.model.numbers(v))
+    again = problem.model.values(problem.model.parameter_values(v))
     for name in problem.names:
         np.testing.assert_allclose(again[name], v[name], rtol=1e-7, err_msg=name)
 
@@ -117,7 +117,7 @@ def test_sampled_values_and_model_numbers_are_inverse(known, slip):
 def test_mixtures_keep_scale_and_order(problem):
     """Σg = 1, the components' means rise, and Σ gᵢtᵢηᵢ is the sampled mean slip force, whatever z."""
     z = problem.prior.draw(np.random.default_rng(3), 500)
-    n, v = problem.numbers(z), problem.prior.values(z)
+    n, v = problem.parameter_values(z), problem.prior.values(z)
     g, t, eta = (np.stack([n[f"{p}{i}{u}"] for i in (1, 2, 3)]) for p, u in (("g", ""), ("t", "_N"), ("eta", "")))
     np.testing.assert_allclose(g.sum(axis=0), 1.0)
     assert np.all(np.diff(t * eta, axis=0) > 0)

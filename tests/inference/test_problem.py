@@ -11,7 +11,7 @@ from bayes_iwan.inference.problem import make_problem
 def test_known_numbers_explain_their_loops(problem, known):
     """At the numbers that made the loops the residual is the noise: the misfit of each harmonic is of order one."""
     z = known.true_z(problem)
-    rows = problem.likelihood.rows(problem.residual(z), problem.numbers(z))[0]
+    rows = problem.likelihood.rows(problem.residual(z), problem.parameter_values(z))[0]
     data = 2 * 51 * len(problem.loops)
     assert 0.8 < np.sum(rows**2) / data < 1.2
     assert problem.log_prob(z)[0] > problem.log_prob(np.zeros((1, problem.ndim)))[0] + 1000

@@ -29,8 +29,8 @@ def test_energy_of_a_friction_rectangle():
 
 
 def test_slip_quantiles_are_scipys():
-    numbers = {k: np.array(v) for k, v in {"t1_N": [0.5, 0.2], "eta1": [2.0, 5.0], "g1": [1.0, 1.0]}.items()}
-    got = slip_quantiles(Gammas(1), numbers, (0.05, 0.5, 0.95), 12.0)
+    parameter_values = {k: np.array(v) for k, v in {"t1_N": [0.5, 0.2], "eta1": [2.0, 5.0], "g1": [1.0, 1.0]}.items()}
+    got = slip_quantiles(Gammas(1), parameter_values, (0.05, 0.5, 0.95), 12.0)
     for row, (t, eta) in zip(got, ((0.5, 2.0), (0.2, 5.0))):
         np.testing.assert_allclose(row, stats.gamma(eta, scale=t).ppf([0.05, 0.5, 0.95]), rtol=0.01)
 
@@ -39,7 +39,7 @@ def test_every_quantity_at_known_numbers(problem, known):
     """Names, and values that follow from the known numbers; the measured loops' energies within their noise."""
     q = quantities(problem, known.true_z(problem))
     n = {name: x.values[0] for name, x in q.items()}
-    for name, value in known.numbers().items():
+    for name, value in known.parameter_values().items():
         if name in n and name not in ("grip_slope", "grip_rate"):  # these hang on the campaign's own scales
             assert n[name] == pytest.approx(float(value[0]), rel=1e-4, abs=1e-4), name
     assert n["ki_N_mm"] == pytest.approx(19.62, rel=1e-4) and n["ku_N_mm"] == pytest.approx(30.37, rel=1e-4)
@@ -74,5 +74,5 @@ def test_families_without_a_sampled_mean_report_it(known):
         p = make_problem(known.loops(tests=((10.0, 1.0),)), {"model": {"slip": slip, "grip": "polynomial2"}})
         z = p.prior.draw(np.random.default_rng(1), 20)
         got = quantities(p, z)["mean_slip_force_N"]
-        np.testing.assert_allclose(got.values, p.model.slip_family.mean(p.numbers(z)))
+        np.testing.assert_allclose(got.values, p.model.slip_family.mean(p.parameter_values(z)))
         assert got.unit == "N"

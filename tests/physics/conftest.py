@@ -73,12 +73,12 @@ def limited_by_sum(survival, phi):
     return total[np.searchsorted(fine, phi)]
 
 
-def columns(**numbers):
+def columns(**parameter_values):
     """Numbers as arrays (draws,)."""
-    return {name: np.atleast_1d(np.asarray(value, float)) for name, value in numbers.items()}
+    return {name: np.atleast_1d(np.asarray(value, float)) for name, value in parameter_values.items()}
 
 
-def gamma_numbers(t, eta, g):
+def gamma_values(t, eta, g):
     """Names of :class:`Gammas` from arrays (draws, components)."""
     return {
         f"{name}{i + 1}{unit}": np.ascontiguousarray(np.atleast_2d(values)[:, i], dtype=float)
@@ -89,13 +89,13 @@ def gamma_numbers(t, eta, g):
 
 #: by family, numbers of one draw and the same distribution from scipy
 FAMILY_CASES = {
-    "gamma1": (gamma_numbers([[0.6]], [[2.0]], [[1.0]]), stats.gamma(2.0, scale=0.6).sf),
+    "gamma1": (gamma_values([[0.6]], [[2.0]], [[1.0]]), stats.gamma(2.0, scale=0.6).sf),
     "gamma2": (
-        gamma_numbers([[0.2, 0.1]], [[0.5, 30.0]], [[0.3, 0.7]]),
+        gamma_values([[0.2, 0.1]], [[0.5, 30.0]], [[0.3, 0.7]]),
         lambda f: 0.3 * stats.gamma(0.5, scale=0.2).sf(f) + 0.7 * stats.gamma(30.0, scale=0.1).sf(f),
     ),
     "gamma3": (
-        gamma_numbers([[0.24, 0.36, 0.5]], [[0.95, 5.1, 4.4]], [[0.41, 0.53, 0.06]]),
+        gamma_values([[0.24, 0.36, 0.5]], [[0.95, 5.1, 4.4]], [[0.41, 0.53, 0.06]]),
         lambda f: (
             0.41 * stats.gamma(0.95, scale=0.24).sf(f)
             + 0.53 * stats.gamma(5.1, scale=0.36).sf(f)
@@ -140,9 +140,9 @@ def wild_factor(rng, samples, kind):
 def table_1(reference: Reference, draws: int = 1, spread: float = 0.0, seed: int = 0):
     """Table 1 of the paper as numbers (draws,), each but the weights scattered by exp(spread·normal)."""
     rng = np.random.default_rng(seed)
-    numbers = paper.table_1(reference)
+    parameter_values = paper.table_1(reference)
     out = {}
-    for name, value in numbers.items():
+    for name, value in parameter_values.items():
         scatter = 0.0 if name in ("g1", "g2", "g3") else spread
         out[name] = value * np.exp(scatter * rng.standard_normal(draws))
     return out
@@ -155,7 +155,7 @@ def truth():
         gamma_limited=gamma_limited,
         limited_by_sum=limited_by_sum,
         columns=columns,
-        gamma_numbers=gamma_numbers,
+        gamma_values=gamma_values,
         family_cases=FAMILY_CASES,
         wild_motion=wild_motion,
         wild_factor=wild_factor,

@@ -20,14 +20,16 @@ def motion():
 @pytest.mark.parametrize("slip", ["gamma3", "gamma1", "uniform"])
 def test_force(slip, benchmark, motion, truth, reference):
     model = Model(reference, slip=slip)
-    numbers = truth.table_1(reference, draws=DRAWS, spread=0.2)
-    numbers |= {name: np.repeat(value, DRAWS) for name, value in truth.family_cases[slip][0].items()}
-    force = benchmark(model.force, numbers, motion)
+    parameter_values = truth.table_1(reference, draws=DRAWS, spread=0.2)
+    parameter_values |= {name: np.repeat(value, DRAWS) for name, value in truth.family_cases[slip][0].items()}
+    force = benchmark(model.force, parameter_values, motion)
     assert force.shape == (DRAWS, 9, 128) and np.all(np.isfinite(force))
 
 
 def test_bouc_wen(benchmark, motion, truth):
-    numbers = truth.columns(kp_N_mm=5.0, force_zero_N=0.0, bw_k_N_mm=14.0, bw_force_N=1.2, bw_n=2.0, bw_share=0.6)
-    numbers = {name: np.repeat(value, DRAWS) for name, value in numbers.items()}
-    force = benchmark(BoucWen().force, numbers, motion)
+    parameter_values = truth.columns(
+        kp_N_mm=5.0, force_zero_N=0.0, bw_k_N_mm=14.0, bw_force_N=1.2, bw_n=2.0, bw_share=0.6
+    )
+    parameter_values = {name: np.repeat(value, DRAWS) for name, value in parameter_values.items()}
+    force = benchmark(BoucWen().force, parameter_values, motion)
     assert force.shape == (DRAWS, 9, 128) and np.all(np.isfinite(force))

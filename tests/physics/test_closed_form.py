@@ -100,7 +100,7 @@ def uniform_model(reference):
     return Model(reference, slip="uniform", grip="constant", stiffness="constant")
 
 
-def uniform_numbers(truth):
+def uniform_values(truth):
     return truth.columns(kp_N_mm=0.0, force_zero_N=0.0, k1_N_mm=K, slip_mean_N=LARGEST / 2, slip_width=1.0)
 
 
@@ -119,7 +119,7 @@ def test_masings_rule(amplitude, truth, reference):
         np.linspace(-amplitude, amplitude, 159)[1:],
     ]
     motion = record_motion(np.arange(len(u)), u)
-    force = uniform_model(reference).friction_force(uniform_numbers(truth), motion)[0, 0]
+    force = uniform_model(reference).friction_force(uniform_values(truth), motion)[0, 0]
     np.testing.assert_allclose(force[:80], backbone(u[:80]), atol=1e-9)
     end = backbone(amplitude)
     np.testing.assert_allclose(force[80:238], end - 2.0 * backbone((amplitude - u[80:238]) / 2.0), atol=1e-9)
@@ -130,7 +130,7 @@ def test_masings_rule(amplitude, truth, reference):
 def test_loop_and_energy_of_the_uniform_distribution(amplitude, truth, reference):
     """Dissipated energy ⅔ k²A³/φ_max while some elements stick, 2 φ_max A − 4/3 φ_max²/k when all slip."""
     motion = sine_motion(frequency_hz=10.0, amplitude_mm=amplitude, samples=4096)
-    force = uniform_model(reference).friction_force(uniform_numbers(truth), motion)[0, 0]
+    force = uniform_model(reference).friction_force(uniform_values(truth), motion)[0, 0]
     u = motion.displacement_mm[0, 0]
     down = motion.velocity_m_s[0, 0] < 0
     there = np.where(down, -1.0, 1.0)

@@ -36,23 +36,23 @@ def shifted(samples, phase):
 
 def draws(truth, reference, how):
     """Table 1 scattered, or with α reaching from half to twice its value and beyond within a cycle."""
-    numbers = truth.table_1(reference, draws=24, spread=0.3)
+    parameter_values = truth.table_1(reference, draws=24, spread=0.3)
     if how == "strongly varying":
         rng = np.random.default_rng(1)
-        numbers |= {
+        parameter_values |= {
             "grip_slope": rng.uniform(-0.35, 0.35, 24),
             "grip_rate": rng.uniform(0.0, 0.5, 24),
             "beta": rng.uniform(0.05, 1.5, 24),
         }
-    return numbers
+    return parameter_values
 
 
-def sampling_error(model, numbers, samples):
+def sampling_error(model, parameter_values, samples):
     """RMS errors (draws, loops, phases) against 4096 samples a cycle."""
     errors = []
     for phase in (0.0, 0.31 / samples, 0.77 / samples):
-        fine = model.friction_force(numbers, shifted(4096, phase))
-        coarse = model.friction_force(numbers, shifted(samples, phase))
+        fine = model.friction_force(parameter_values, shifted(4096, phase))
+        coarse = model.friction_force(parameter_values, shifted(samples, phase))
         errors.append(rms(coarse - fine[..., :: 4096 // samples]) / rms(fine))
     return np.stack(errors, axis=-1)
 
@@ -60,18 +60,18 @@ def sampling_error(model, numbers, samples):
 @pytest.mark.parametrize(("how", "bound"), [("Table 1", 2e-4), ("strongly varying", 4e-4)])
 def test_128_samples_a_cycle_are_plenty(how, bound, truth, reference):
     """Below the 0.1 % asked for, at every amplitude (measured, worst of all: Table 1 0.011 %, varying α 0.021 %)."""
-    model, numbers = Model(reference), draws(truth, reference, how)
-    alpha = model.alpha(numbers, shifted(128, 0.0))
+    model, parameter_values = Model(reference), draws(truth, reference, how)
+    alpha = model.alpha(parameter_values, shifted(128, 0.0))
     if how == "strongly varying":
         assert alpha.min() < 0.5 and alpha.max() > 1.7
-    assert np.max(sampling_error(model, numbers, 128)) < bound
-    assert np.quantile(sampling_error(model, numbers, 64), 0.95) < 1e-3  # half the default nearly would do
+    assert np.max(sampling_error(model, parameter_values, 128)) < bound
+    assert np.quantile(sampling_error(model, parameter_values, 64), 0.95) < 1e-3  # half the default nearly would do
 
 
 def test_order_in_samples(truth, reference):
     """Between samples only the curvature of turning points and the meeting of fronts are missed: order 2 to 3."""
-    model, numbers = Model(reference), draws(truth, reference, "Table 1")
-    error = [np.median(sampling_error(model, numbers, n)) for n in (16, 64, 256)]
+    model, parameter_values = Model(reference), draws(truth, reference, "Table 1")
+    error = [np.median(sampling_error(model, parameter_values, n)) for n in (16, 64, 256)]
     order = np.log(np.array(error[:-1]) / error[1:]) / np.log(4.0)
     assert np.all(order > 1.8), (error, order)
 
@@ -79,19 +79,19 @@ def test_order_in_samples(truth, reference):
 def test_missed_turning_points_would_be_first_order_news(truth, reference):
     """Without the vertices of its parabolas, a loop whose extremes fall between 128 samples is 1e-3 off: here the
     literal samples are followed by elements, and the sliders beat them by a factor of twenty."""
-    model, numbers = Model(reference), truth.table_1(reference)
+    model, parameter_values = Model(reference), truth.table_1(reference)
     motion, fine = shifted(128, 0.5 / 128), shifted(4096, 0.5 / 128)
-    alpha = model.alpha(numbers, motion)
-    k = model.stiffness_law.k(numbers, alpha)
-    phi = equal_probability_sliders(lambda f: model.slip_family.survival(f, numbers)[0], 3000, 12.0)
-    exact = model.friction_force(numbers, fine)[0, :, ::32]
+    alpha = model.alpha(parameter_values, motion)
+    k = model.stiffness_law.k(parameter_values, alpha)
+    phi = equal_probability_sliders(lambda f: model.slip_family.survival(f, parameter_values)[0], 3000, 12.0)
+    exact = model.friction_force(parameter_values, fine)[0, :, ::32]
     literal = np.array(
         [
             element_force(u, a, kk, phi, np.full(3000, 1 / 3000), passes=2)
             for u, a, kk in zip(motion.displacement_mm[0], alpha[0], k[0])
         ]
     )
-    ours = model.friction_force(numbers, motion)[0]
+    ours = model.friction_force(parameter_values, motion)[0]
     assert np.max(rms(literal - exact) / rms(exact)) > 5e-4
     assert np.max(rms(ours - exact)) < 0.05 * np.max(rms(literal - exact))
 
@@ -100,14 +100,14 @@ def test_run_in_is_as_good_as_a_whole_cycle(truth, reference):
     """16 samples and both ends, against a whole cycle walked first: nothing is lost while α varies smoothly."""
     model = Model(reference)
     for how in ("Table 1", "strongly varying"):
-        numbers, motion = draws(truth, reference, how), shifted(128, 0.2 / 128)
-        alpha = model.alpha(numbers, motion)
-        k = model.stiffness_law.k(numbers, alpha)
-        table, top = model.slip_family.table(numbers)
+        parameter_values, motion = draws(truth, reference, how), shifted(128, 0.2 / 128)
+        alpha = model.alpha(parameter_values, motion)
+        k = model.stiffness_law.k(parameter_values, alpha)
+        table, top = model.slip_family.table(parameter_values)
         out, zero = np.empty((24, motion.loops, 384)), np.zeros(24)
         thrice = (np.tile(x, 3) for x in (motion.displacement_mm, alpha, k))
         friction(*thrice, zero, False, table, top, zero, out)
-        force = model.friction_force(numbers, motion)
+        force = model.friction_force(parameter_values, motion)
         assert np.max(rms(force - out[..., 128:256]) / rms(force)) < 1e-9
 
 
@@ -117,17 +117,17 @@ def test_elements_converge_to_the_sliders(amplitude, truth, reference):
 
     Measured for Table 1 at A = 1 mm: 0.14 % with 128 elements, 0.009 % with 2,048, 0.001 % with 20,000.
     """
-    model, numbers, motion = (
+    model, parameter_values, motion = (
         Model(reference),
         truth.table_1(reference),
         sine_motion(frequency_hz=15.0, amplitude_mm=amplitude),
     )
-    alpha = model.alpha(numbers, motion)
-    k = model.stiffness_law.k(numbers, alpha)
-    ours = model.friction_force(numbers, motion)[0, 0]
+    alpha = model.alpha(parameter_values, motion)
+    k = model.stiffness_law.k(parameter_values, alpha)
+    ours = model.friction_force(parameter_values, motion)[0, 0]
     error = []
     for count in (32, 128, 512, 2048, 8192):
-        phi = equal_probability_sliders(lambda f: model.slip_family.survival(f, numbers)[0], count, 12.0)
+        phi = equal_probability_sliders(lambda f: model.slip_family.survival(f, parameter_values)[0], count, 12.0)
         force = element_force(motion.displacement_mm[0, 0], alpha[0, 0], k[0, 0], phi, np.full(count, 1 / count), 2)
         error.append(rms(force - ours) / rms(ours))
     order = np.log(error[0] / error[2]) / np.log(512 / 32)
@@ -137,7 +137,7 @@ def test_elements_converge_to_the_sliders(amplitude, truth, reference):
 
 def test_floor_of_alpha_is_met_sharply(truth, reference):
     """Where α meets its floor it has a kink, met between two samples: still within 0.2 % of the friction force."""
-    model, numbers = Model(reference), truth.table_1(reference)
-    numbers |= {"grip_slope": np.array([-1.5]), "beta": np.array([1.0])}
-    assert np.any(model.alpha(numbers, shifted(128, 0.0)) == ALPHA_FLOOR)
-    assert np.max(sampling_error(model, numbers, 128)) < 2e-3
+    model, parameter_values = Model(reference), truth.table_1(reference)
+    parameter_values |= {"grip_slope": np.array([-1.5]), "beta": np.array([1.0])}
+    assert np.any(model.alpha(parameter_values, shifted(128, 0.0)) == ALPHA_FLOOR)
+    assert np.max(sampling_error(model, parameter_values, 128)) < 2e-3

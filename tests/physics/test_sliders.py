@@ -21,8 +21,8 @@ def nodes(top, start=1e-7, count=3000):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_any_motion_of_every_family(family, truth):
     """Random walks, jumps and repeated values, with α and k walking, jumping and waving each on its own."""
-    numbers, survival = truth.family_cases[family]
-    table, top = FAMILIES[family].table(numbers)
+    parameter_values, survival = truth.family_cases[family]
+    table, top = FAMILIES[family].table(parameter_values)
     phi = nodes(top[0])
     limited = truth.limited_by_sum(survival, phi)
     rng = np.random.default_rng(len(family))
@@ -41,7 +41,7 @@ def test_random_gammas_and_directions_on_random_motions(truth):
     for case in range(60):
         t, eta = np.exp(rng.uniform(-2.0, 1.0, 2)), np.exp(rng.uniform(-2.0, 3.5, 2))
         g = rng.dirichlet([1.0, 1.0])
-        table, top = FAMILIES["gamma2"].table(truth.gamma_numbers([t], [eta], [g]))
+        table, top = FAMILIES["gamma2"].table(truth.gamma_values([t], [eta], [g]))
         phi = nodes(top[0])
         u = truth.wild_motion(rng, 200, case % 6)
         alpha, k = (truth.wild_factor(rng, 200, rng.integers(6)) for _ in range(2))
@@ -115,8 +115,8 @@ def test_more_pieces_than_are_kept(reversals, truth):
     stays below 0.4 % of the mean slip force (measured: 0.31 % at 1000 reversals), and is nil below the limit."""
     shrinking = (1.0 - np.arange(reversals) / reversals) * (-1.0) ** np.arange(reversals)
     u = np.r_[shrinking, shrinking[::-1]]
-    numbers, _ = truth.family_cases["gamma1"]
-    table, top = FAMILIES["gamma1"].table(numbers)
+    parameter_values, _ = truth.family_cases["gamma1"]
+    table, top = FAMILIES["gamma1"].table(parameter_values)
     phi = nodes(top[0], count=6000)
     alpha, k = np.ones(len(u)), np.full(len(u), 14.45)
     limited = truth.gamma_limited([0.6], [2.0], [1.0], phi)
@@ -128,8 +128,8 @@ def test_dropped_vertices_where_a_cut_overflows(truth):
     """The same with α jumping at every sample, so that the whole polyline is cut over and over."""
     rng = np.random.default_rng(11)
     shrinking = (1.0 - np.arange(300) / 300) * (-1.0) ** np.arange(300)
-    numbers, _ = truth.family_cases["gamma1"]
-    table, top = FAMILIES["gamma1"].table(numbers)
+    parameter_values, _ = truth.family_cases["gamma1"]
+    table, top = FAMILIES["gamma1"].table(parameter_values)
     phi = nodes(top[0], count=6000)
     alpha = np.r_[np.ones(150), np.exp(0.02 * rng.standard_normal(150))]
     k = np.full(300, 14.45)

@@ -25,27 +25,27 @@ def read(phi, table, top):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_family_against_scipy(family, truth):
-    numbers, survival = truth.family_cases[family]
+    parameter_values, survival = truth.family_cases[family]
     law = FAMILIES[family]
-    assert set(law.names) == set(numbers) and len(law.units) == len(law.names)
+    assert set(law.names) == set(parameter_values) and len(law.units) == len(law.names)
     phi = np.linspace(0.0, 6.0, 4001)
-    np.testing.assert_allclose(law.survival(phi, numbers)[0], survival(phi), atol=1e-12)
+    np.testing.assert_allclose(law.survival(phi, parameter_values)[0], survival(phi), atol=1e-12)
     limited = truth.limited_by_sum(survival, np.linspace(0.0, 30.0, 5))
-    assert law.mean(numbers)[0] == pytest.approx(limited[-1], rel=3e-6)
+    assert law.mean(parameter_values)[0] == pytest.approx(limited[-1], rel=3e-6)
     inside = phi[(phi > 0.01) & (phi < 1.9)]
     steps = np.diff(survival(inside)) / np.diff(inside)
     middle = 0.5 * (inside[1:] + inside[:-1])
     smooth = np.abs(np.gradient(steps)) < 1e-2  # but at a jump of the density
-    np.testing.assert_allclose(law.density(middle, numbers)[0][smooth], -steps[smooth], atol=5e-3)
+    np.testing.assert_allclose(law.density(middle, parameter_values)[0][smooth], -steps[smooth], atol=5e-3)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_table_of_every_family(family, truth):
-    numbers, survival = truth.family_cases[family]
-    table, top = FAMILIES[family].table(numbers)
+    parameter_values, survival = truth.family_cases[family]
+    table, top = FAMILIES[family].table(parameter_values)
     phi = np.linspace(0.0, 1.3, 20001) * top[0]
     error = read(phi, table[0], top[0]) - truth.limited_by_sum(survival, phi)
-    assert np.max(np.abs(error)) < 3e-6 * FAMILIES[family].mean(numbers)[0]
+    assert np.max(np.abs(error)) < 3e-6 * FAMILIES[family].mean(parameter_values)[0]
     assert read(np.array([0.0, np.nan]), table[0], top[0])[0] == 0.0
     assert np.isnan(read(np.array([0.0, np.nan]), table[0], top[0])[1])
 
@@ -60,7 +60,7 @@ def test_gamma_tables_over_the_whole_prior_range(spread, truth):
     apart = np.exp(rng.uniform(0.0, np.log(1000.0), (draws, 3)))
     t = {"shapes alike": 1.0 + 0.0 * apart, "means 1:1000": apart / eta, "scales 1:1000": apart}[spread]
     g = rng.dirichlet([0.7, 0.7, 0.7], draws)
-    table, top = Gammas(3).table(truth.gamma_numbers(t, eta, g))
+    table, top = Gammas(3).table(truth.gamma_values(t, eta, g))
     for d in range(draws):
         phi = np.geomspace(1e-9, 1.5, 1500) * top[d]
         error = read(phi, table[d], top[d]) - truth.gamma_limited(t[d], eta[d], g[d], phi)
@@ -81,18 +81,20 @@ def test_gamma_tables_over_the_whole_prior_range(spread, truth):
 )
 def test_tables_of_narrow_and_singular_distributions(family, names, bound, truth):
     law = FAMILIES[family]
-    for numbers in (truth.columns(**case) for case in names):
-        table, top = law.table(numbers)
+    for parameter_values in (truth.columns(**case) for case in names):
+        table, top = law.table(parameter_values)
         phi = np.linspace(0.0, 1.0, 3001) * top[0]
-        exact = truth.limited_by_sum(lambda f: law.survival(f, numbers)[0], phi)  # noqa: B023
-        assert np.max(np.abs(read(phi, table[0], top[0]) - exact)) < bound * law.mean(numbers)[0], numbers
+        exact = truth.limited_by_sum(lambda f: law.survival(f, parameter_values)[0], phi)  # noqa: B023
+        assert np.max(np.abs(read(phi, table[0], top[0]) - exact)) < bound * law.mean(parameter_values)[0], (
+            parameter_values
+        )
 
 
 def test_mean_of_the_paper(truth, reference):
-    numbers = truth.table_1(reference)
-    assert Gammas(3).mean(numbers)[0] == pytest.approx(1.199, abs=5e-4)
-    total, _ = integrate.quad(lambda f: f * float(Gammas(3).density(np.array([f]), numbers)[0, 0]), 0.0, 30.0)
-    assert Gammas(3).mean(numbers)[0] == pytest.approx(total, rel=1e-7)
+    parameter_values = truth.table_1(reference)
+    assert Gammas(3).mean(parameter_values)[0] == pytest.approx(1.199, abs=5e-4)
+    total, _ = integrate.quad(lambda f: f * float(Gammas(3).density(np.array([f]), parameter_values)[0, 0]), 0.0, 30.0)
+    assert Gammas(3).mean(parameter_values)[0] == pytest.approx(total, rel=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -110,9 +112,9 @@ def test_mean_of_the_paper(truth, reference):
 )
 def test_numbers_outside_the_tables_give_no_force(name, value, truth, reference):
     """No crash and no finite nonsense, and the draws beside it are untouched."""
-    numbers = truth.table_1(reference, draws=3)
-    sound, _ = Gammas(3).table(numbers)
-    numbers[name][1] = value
-    table, top = Gammas(3).table(numbers)
+    parameter_values = truth.table_1(reference, draws=3)
+    sound, _ = Gammas(3).table(parameter_values)
+    parameter_values[name][1] = value
+    table, top = Gammas(3).table(parameter_values)
     assert np.all(np.isnan(read(np.linspace(0.01, 5.0, 40), table[1], top[1])))
     np.testing.assert_array_equal(table[[0, 2]], sound[[0, 2]])

@@ -22,7 +22,7 @@ def read(phi, table, top):
     return out
 
 
-def gamma_numbers(t, eta):
+def gamma_values(t, eta):
     return {"t1_N": np.array([t]), "eta1": np.array([eta]), "g1": np.array([1.0])}
 
 
@@ -43,7 +43,7 @@ def test_tilted_gamma_against_scipys_integral(eta, coefficients):
         a * np.sqrt(2 * k + 1) * special.eval_legendre(k, 2 * p - 1) for k, a in enumerate(coefficients, start=1)
     )
     below = integrate.cumulative_trapezoid(np.exp(log_g), p, initial=0.0)
-    tables, top = Gammas(1).table(gamma_numbers(0.7, eta))
+    tables, top = Gammas(1).table(gamma_values(0.7, eta))
     bent = warp.tilted(tables, top, c)
     phi = top[0] * np.linspace(0.0, 1.0, 60001) ** 4
     survival = 1.0 - np.interp(law.cdf(phi), p, below / below[-1])
@@ -54,36 +54,36 @@ def test_tilted_gamma_against_scipys_integral(eta, coefficients):
 
 
 def test_no_tilt_is_the_same_table_bit_for_bit_beside_a_tilted_draw():
-    numbers = {n: np.repeat(v, 2) for n, v in gamma_numbers(0.7, 2.0).items()}
-    tables, top = Gammas(1).table(numbers)
+    parameter_values = {n: np.repeat(v, 2) for n, v in gamma_values(0.7, 2.0).items()}
+    tables, top = Gammas(1).table(parameter_values)
     bent = warp.tilted(tables, top, np.array([[0.0, 0.0], [0.3, 0.0]]))
     np.testing.assert_array_equal(bent[0], tables[0])
     assert np.abs(bent[1] - tables[1]).max() > 1e-3
 
 
 def test_a_nonsense_draw_stays_nan_and_spoils_no_other():
-    numbers = {"t1_N": np.array([np.nan, 0.7]), "eta1": np.array([2.0, 2.0]), "g1": np.ones(2)}
-    tables, top = Gammas(1).table(numbers)
+    parameter_values = {"t1_N": np.array([np.nan, 0.7]), "eta1": np.array([2.0, 2.0]), "g1": np.ones(2)}
+    tables, top = Gammas(1).table(parameter_values)
     bent = warp.tilted(tables, top, np.full((2, 3), 0.2))
     assert np.isnan(bent[0]).any() and np.isfinite(bent[1]).all()
 
 
 @pytest.mark.parametrize("family", ["uniform", "power_law"])
 def test_tilt_of_other_families_keeps_their_support_and_moves_the_mean(family):
-    numbers = {
+    parameter_values = {
         "uniform": {"slip_mean_N": 1.2, "slip_width": 0.5},
         "power_law": {"slip_max_N": 2.0, "slip_chi": -0.3, "slip_end_share": 0.2},
     }[family]
-    numbers = {n: np.array([v]) for n, v in numbers.items()}
+    parameter_values = {n: np.array([v]) for n, v in parameter_values.items()}
     law = FAMILIES[family]
-    tables, top = law.table(numbers)
+    tables, top = law.table(parameter_values)
     c = np.array([[0.5, -0.2]])
     bent = warp.tilted(tables, top, c)
     phi = np.linspace(0.0, top[0], 400001)
     p = np.linspace(0.0, 1.0, 100001)
-    above = np.interp(law.survival(phi, numbers)[0], 1.0 - p[::-1], (1.0 - _cumulative(c, p))[::-1])
+    above = np.interp(law.survival(phi, parameter_values)[0], 1.0 - p[::-1], (1.0 - _cumulative(c, p))[::-1])
     assert read(top.copy(), bent[0], top[0])[0] == pytest.approx(integrate.trapezoid(above, phi), rel=2e-5)
-    assert read(top.copy(), bent[0], top[0])[0] > 1.05 * law.mean(numbers)[0]
+    assert read(top.copy(), bent[0], top[0])[0] > 1.05 * law.mean(parameter_values)[0]
 
 
 def _cumulative(c, p):

@@ -38,9 +38,9 @@ def made_records(tests, truth=TRUTH, noise_N=0.01, cycles=16, change=None):
     model = Model(Reference(1.0, 0.13), slip="gamma1")
     records = []
     for f, a, role in tests:
-        numbers = {k: np.array([v]) for k, v in (change(dict(truth), f) if change else truth).items()}
+        parameter_values = {k: np.array([v]) for k, v in (change(dict(truth), f) if change else truth).items()}
         motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=512)
-        force = model.force(numbers, motion)[0, 0]
+        force = model.force(parameter_values, motion)[0, 0]
         t = np.arange(int(cycles * RATE / f)) / RATE
         phase = (f * t) % 1.0
         grid = np.arange(513) / 512
@@ -116,8 +116,8 @@ def posterior():
 def wandering():
     """Loops whose parallel spring changes with frequency, which the model cannot follow."""
 
-    def change(numbers, f):
-        return {**numbers, "kp_N_mm": numbers["kp_N_mm"] * (1.04 if f > 15 else 1.0)}
+    def change(parameter_values, f):
+        return {**parameter_values, "kp_N_mm": parameter_values["kp_N_mm"] * (1.04 if f > 15 else 1.0)}
 
     return made_posterior(made_records(TESTS[:4], change=change))
 

@@ -26,9 +26,9 @@ def design():
 
 
 def test_stepwise_force_is_the_model_s(design, posterior):
-    phi, p = design.element_numbers(posterior, 2)
+    phi, p = design.element_values(posterior, 2)
     motion = sine_motion(frequency_hz=[15.0], amplitude_mm=[0.6], samples=2000)
-    model = posterior.problem.model.force(posterior.problem.numbers(posterior.flat_z(2)), motion)[:, 0]
+    model = posterior.problem.model.force(posterior.problem.parameter_values(posterior.flat_z(2)), motion)[:, 0]
     u, v = motion.displacement_mm[0, 0], 1e3 * motion.velocity_m_s[0, 0]
     for d in range(2):
         x = np.zeros(phi.shape[1])
@@ -78,8 +78,8 @@ def test_scripts_load(name):
 def test_loops_of_table_1_tell_the_product_alone(tmp_path):
     """Identified for two seconds, k̃ₙβ is found within some percent while β wanders far more."""
     paper = script("reproduce_paper")
-    model, numbers = paper.Model(paper.REFERENCE), paper.table_1(paper.REFERENCE)
-    posterior = paper.identified(model, numbers, 2.0)
+    model, parameter_values = paper.Model(paper.REFERENCE), paper.table_1(paper.REFERENCE)
+    posterior = paper.identified(model, parameter_values, 2.0)
     draws = {name: q.values for name, q in posterior.derived().items()}
     product = draws["kn_1_mm"] * draws["beta"]
     assert np.median(product) == pytest.approx(1.79 * 0.0062, rel=0.1)

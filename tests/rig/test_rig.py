@@ -67,8 +67,8 @@ def test_first_order_corners():
         assert phasor(changed[index]) / phasor(sound[index]) == pytest.approx(expected, rel=2e-3)
 
 
-def faulty(name, law="", **numbers):
-    return chained(Chain(**acting((Fault(name, numbers, law),))))
+def faulty(name, law="", **parameter_values):
+    return chained(Chain(**acting((Fault(name, parameter_values, law),))))
 
 
 @pytest.mark.parametrize("law", ["pure", "all_pass", "second_order"])

@@ -26,12 +26,12 @@ OMEGA, A = 2 * np.pi * 10.0, 0.6
 def uniform_specimen(mean_slip_N=1.0, n=400, **changes):
     """Constant normal force, slip forces uniform between 0 and twice their mean: everything has a closed form."""
     slip = 2 * mean_slip_N * (np.arange(n) + 0.5) / n
-    numbers = {
+    parameter_values = {
         "parallel_N_mm": 5.0, "contact_N_mm": 14.0, "curve": 0.6, "curve_power": 1.0, "kn_1_mm": 0.0, "beta": 1.0,
         "lambda_s_m": 0.0, "tip": 0.01, "stiffness_share": np.full(n, 1 / n), "slip_share_N": slip / n,
         "family": "uniform",
     }  # fmt: skip
-    return Specimen(**{**numbers, **changes})
+    return Specimen(**{**parameter_values, **changes})
 
 
 def elastic_specimen(stiffness_N_mm):
@@ -73,7 +73,7 @@ def test_virgin_curve_of_uniform_slip_forces():
     k, mean = 14.0, 1.0
     u = np.linspace(0, 0.13, 2000)
     s = uniform_specimen(mean)
-    q = simulate.kernel_numbers(replace(s, parallel_N_mm=0.0), IDEAL, acting(()), 10.0, A)
+    q = simulate.kernel_values(replace(s, parallel_N_mm=0.0), IDEAL, acting(()), 10.0, A)
     force, _, _ = march(u, np.full(u.size, -1.0), 1e-4, s.stiffness_share, s.slip_share_N, q)
     np.testing.assert_allclose(force, k * u - (k * u) ** 2 / (4 * mean), atol=2e-5)
 
@@ -84,7 +84,7 @@ def test_loop_area_of_uniform_slip_forces():
     turn = np.linspace(0, 3, 3 * 4000 + 1)
     u = a * np.sin(2 * np.pi * turn)
     s = uniform_specimen(mean)
-    q = simulate.kernel_numbers(s, IDEAL, {}, 10.0, a)
+    q = simulate.kernel_values(s, IDEAL, {}, 10.0, a)
     force, _, lost = march(u, turn - 9, 1e-4, s.stiffness_share, s.slip_share_N, q)
     last = slice(2 * 4000, None)
     expected = k**2 * a**3 / (3 * mean)
@@ -101,7 +101,7 @@ def test_energy_balance_from_rest_with_every_spring():
         Fault("quadratic_stiffness", {"k2_N_mm2": 2.0}),
         Fault("cubic_stiffness", {"k3_N_mm3": 3.0}),
     )
-    q = simulate.kernel_numbers(s, IDEAL, acting(effects), 10.0, 0.7)
+    q = simulate.kernel_values(s, IDEAL, acting(effects), 10.0, 0.7)
     force, d, lost = march(u, turn - 9, 1e-4, s.stiffness_share, s.slip_share_N, q)
     work = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(d))])
     springs = 0.5 * 5.0 * d**2 + 2.0 * d**3 / 3 + 3.0 * d**4 / 4
@@ -165,7 +165,7 @@ def test_compliance_against_a_graphical_solution():
     k, mean, c = 14.0, 1.0, 0.03
     u = np.linspace(0, 0.15, 2000)
     s = uniform_specimen(mean, parallel_N_mm=0.0)
-    q = simulate.kernel_numbers(s, IDEAL, acting((Fault("rig_compliance", {"compliance_mm_N": c}),)), 10.0, A)
+    q = simulate.kernel_values(s, IDEAL, acting((Fault("rig_compliance", {"compliance_mm_N": c}),)), 10.0, A)
     force, d, _ = march(u, np.full(u.size, -1.0), 1e-4, s.stiffness_share, s.slip_share_N, q)
     np.testing.assert_allclose(u - d, c * force, atol=1e-6)
     np.testing.assert_allclose(force, k * d - (k * d) ** 2 / (4 * mean), atol=3e-5)
@@ -175,7 +175,7 @@ def test_free_play_carries_no_force_across_its_width():
     play, s = 0.08, uniform_specimen()
     turn = np.linspace(0, 2, 2 * 4000 + 1)
     u = A * np.sin(2 * np.pi * turn)
-    q = simulate.kernel_numbers(s, Setup(), acting((Fault("free_play", {"play_mm": play}),)), 10.0, A)
+    q = simulate.kernel_values(s, Setup(), acting((Fault("free_play", {"play_mm": play}),)), 10.0, A)
     force, d, _ = march(u, turn - 9, 1 / 40000, s.stiffness_share, s.slip_share_N, q)
     down = (turn > 1.25) & (turn < 1.75)  # from one turning point to the other
     resting = down & (np.abs(force) < 1e-12)
@@ -255,11 +255,11 @@ def test_swinging_base_against_its_transfer_function():
     """A spring k on a base of mobility c: F = k·u / (1 + k·H), H the base's receptance."""
     k, c, f0, zeta = 8.0, 0.02, 25.0, 0.04
     spring = elastic_specimen(k)
-    numbers = {"mobility_mm_N": c, "resonance_hz": f0, "damping_ratio": zeta}
+    parameter_values = {"mobility_mm_N": c, "resonance_hz": f0, "damping_ratio": zeta}
     ratio = 10.0 / f0
     receptance = c / (1 - ratio**2 + 2j * zeta * ratio)
     long = PlannedTest(10.0, A, cycles=20, run_in=60)  # let the base's own swing die out
-    found = harmonic(run(spring, Fault("base_resonance", numbers), test=long))
+    found = harmonic(run(spring, Fault("base_resonance", parameter_values), test=long))
     assert found == pytest.approx(k * A / (1 + k * receptance), rel=0.01)
 
 

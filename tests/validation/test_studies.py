@@ -208,6 +208,6 @@ def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
     study("coverage_rig").main()
     result = json.loads((tmp_path / "coverage.json").read_text())
     assert result["forms"]["plain"]["energy"]["reported"]["coverage"]["0.9"]["n"] == 2
-    numbers = result["cases"][0]["plain"]["numbers"]
-    assert abs(numbers["kp_N_mm"]["error"]) < 0.1 and numbers["kp_N_mm"]["width_reported"] > 0.0
+    parameter_values = result["cases"][0]["plain"]["numbers"]
+    assert abs(parameter_values["kp_N_mm"]["error"]) < 0.1 and parameter_values["kp_N_mm"]["width_reported"] > 0.0
     assert (tmp_path / "coverage.png").stat().st_size > 5000
