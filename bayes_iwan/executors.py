@@ -15,12 +15,12 @@ import os
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numba as nb
 from threadpoolctl import threadpool_limits
@@ -29,6 +29,7 @@ from tqdm.auto import tqdm
 Shared = TypeVar("Shared")
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
+Name = TypeVar("Name")
 
 _CONNECT_S = 20.0
 
@@ -142,28 +143,65 @@ def finished(
     """
     with tqdm(total=len(pieces), desc=what or None, unit=unit, disable=None if progress else True) as bar:
         if executor is None:
-            for name, piece in pieces.items():
-                result = _piece(shared, work, piece)
-                bar.update()
-                yield name, result
+            some: Iterator[tuple[str, Result | Failure]] = (
+                (name, _piece(shared, work, piece)) for name, piece in pieces.items()
+            )
+        else:
+            some = _elsewhere(executor, pieces, work, shared, _sent(executor, shared))
+        for name, result in some:
+            bar.update()
+            yield name, result
+
+
+class Rounds(Generic[Shared]):
+    """Rounds of pieces that share one thing, which travels once to each process and not with every round."""
+
+    def __init__(self, executor: Executor | None, shared: Shared) -> None:
+        self._executor, self._shared = executor, shared
+        self._there = None if executor is None else _sent(executor, shared)
+
+    def results(self, pieces: Sequence[Piece], work: Callable[[Shared, Piece], Result]) -> Iterator[Result]:
+        """work(shared, piece) of each piece, in their order; a single one stays in this process.
+
+        What a piece raises here is raised. Raises ExecutorError where one failed elsewhere.
+        """
+        if self._executor is None or len(pieces) < 2:
+            for piece in pieces:
+                with serial():
+                    result = work(self._shared, piece)
+                yield result
             return
-        there = _sent(executor, shared)
-        waiting = {executor.submit(_piece, there, work, piece): name for name, piece in pieces.items()}
-        again: dict[Future, str] = {}
-        try:
-            for future in as_completed(waiting):
-                name = waiting[future]
-                if future.cancelled() and there is not shared:  # what was sent ahead died with the process that had it
-                    again[executor.submit(_piece, shared, work, pieces[name])] = name
-                    continue
-                bar.update()
-                yield name, _result(future)
-            for future in as_completed(again):
-                bar.update()
-                yield again[future], _result(future)
-        finally:  # whoever asked has gone: do not start the rest
-            for future in (*waiting, *again):
-                future.cancel()
+        numbered = dict(enumerate(pieces))
+        done = dict(_elsewhere(self._executor, numbered, work, self._shared, self._there))
+        for i in numbered:
+            found = done[i]
+            if isinstance(found, Failure):
+                raise ExecutorError(f"a piece of the work failed in another process ({found}); leave --workers away")
+            yield found
+
+
+def _elsewhere(
+    executor: Executor,
+    pieces: Mapping[Name, Piece],
+    work: Callable[[Shared, Piece], Result],
+    shared: Shared,
+    there: Any,
+) -> Iterator[tuple[Name, Result | Failure]]:
+    """Name and result of every piece as they come; `there` stands for `shared` in the calls."""
+    waiting = {executor.submit(_piece, there, work, piece): name for name, piece in pieces.items()}
+    again: dict[Future, Name] = {}
+    try:
+        for future in as_completed(waiting):
+            name = waiting[future]
+            if future.cancelled() and there is not shared:  # what was sent ahead died with the process that had it
+                again[executor.submit(_piece, shared, work, pieces[name])] = name
+                continue
+            yield name, _result(future)
+        for future in as_completed(again):
+            yield again[future], _result(future)
+    finally:  # whoever asked has gone: do not start the rest
+        for future in (*waiting, *again):
+            future.cancel()
 
 
 def _result(future: Future) -> Any:
@@ -227,6 +265,10 @@ def _begin(alive: Connection) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def _ready() -> None:
+    """Nothing: whoever can call it has imported the package."""
+
+
 class _Slot(threading.local):
     """One spawned process, and what was sent to it; each thread of `Processes` has its own."""
 
@@ -248,6 +290,8 @@ class Processes(ThreadPoolExecutor):
         self._slot = _Slot()
         self._pools: list[ProcessPoolExecutor] = []
         self._values: list[Any] = []
+        for _ in range(count):  # they start, and import what they need, while this process prepares its first pieces
+            self.submit(_ready)
 
     def send(self, value: Any) -> _Sent:
         """A ticket that stands for `value` in calls; the value goes to each process once."""

@@ -210,6 +210,7 @@ def diagnose(
     quick: bool = False,
     effects_file: PathLike | None = None,
     simulator: Simulator | PathLike | None = None,
+    executor: Executor | None = None,
 ) -> Diagnosis:
     """Where the model misses, which cause explains it, how far the gap shrinks; files and page in `out` if given.
 
@@ -229,6 +230,8 @@ def diagnose(
         Python file with effects of your own (its code is run).
     simulator
         a model of your own in the place of the Iwan model, or its Python file (its code is run).
+    executor
+        from :func:`bayes_iwan.executors.opened`, to refit effects side by side.
 
     Returns
     -------
@@ -262,6 +265,7 @@ def diagnose(
             quick=quick,
             effects_file=effects_file,
             simulator_file=simulator,
+            executor=executor,
         )
     if not isinstance(campaign, Campaign) and not isinstance(simulator, Simulator):
         found = diagnose_folder(
@@ -271,6 +275,7 @@ def diagnose(
             settings=settings,
             effects_file=None if effects_file is None else Path(effects_file),
             simulator_file=None if simulator is None else Path(simulator),
+            executor=executor,
         )
         return found
     from bayes_iwan.effects.user_file import load_effects
@@ -286,6 +291,7 @@ def diagnose(
         settings=settings,
         extra=load_effects(Path(effects_file)) if effects_file is not None else (),
         simulator=model,
+        executor=executor,
     )
 
 

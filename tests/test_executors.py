@@ -14,8 +14,14 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from bayes_iwan import executors
+from bayes_iwan.effects import catalogue
+from bayes_iwan.effects.user_file import load_effects
 from bayes_iwan.executors import ExecutorError, Failure
+from bayes_iwan.gap.data import gap_data
+from bayes_iwan.gap.search import search
+from bayes_iwan.inference.scales import scales_of
 
+ANALYSES = Path(__file__).parents[1] / "analyses"
 PIECES = {f"piece {i}": i for i in range(6)}
 
 
@@ -146,6 +152,51 @@ def test_data_go_once_to_each_process(where, request, tmp_path):
     unpacked = [int(x) for x in (tmp_path / "unpacked").read_text().split()]
     assert set(pids.values()) <= set(unpacked)
     assert len(unpacked) == len(set(unpacked)) <= 2
+
+
+@pytest.mark.parametrize("where", ["processes", "dask"])
+def test_data_go_once_to_each_process_for_all_rounds(where, request, tmp_path):
+    rounds = executors.Rounds(request.getfixturevalue(where), Heavy(tmp_path))
+    pids = [pid for _ in range(3) for pid in rounds.results(range(4), own_process)]
+    unpacked = [int(x) for x in (tmp_path / "unpacked").read_text().split()]
+    assert set(pids) <= set(unpacked) and os.getpid() not in pids
+    assert len(unpacked) == len(set(unpacked)) <= 2
+    (alone,) = rounds.results([0], own_process)
+    assert alone == os.getpid(), "one piece is not worth the way"
+
+
+def test_rounds_give_results_in_order_and_say_what_failed(executor):
+    rounds = executors.Rounds(executor, None)
+    assert list(rounds.results([5, 4, 1, 2], refuse_three)) == [5, 4, 1, 2]
+    with pytest.raises(ValueError, match="three is refused"):
+        list(rounds.results([1, 3], refuse_three))
+
+
+@pytest.fixture(scope="module")
+def wanted(kit):
+    """A small campaign with a dashpot in it, and effects to look for: one is sudden, one a user's own."""
+    loops = kit.campaign_of(kit.rig_records("viscous_damping")).loops(**kit.small)
+    kinds = {n: catalogue.variants()[n] for n in ("viscous_damping", "channel_delay", "end_stop")}
+    kinds |= {e.name: (e,) for e in load_effects(ANALYSES / "effects" / "quadratic_drag.py")}
+    data, scales = gap_data(loops), scales_of(loops)
+    return lambda executor: search(data, scales, kit.settings, kinds, np.random.default_rng(1), executor=executor)
+
+
+@pytest.fixture(scope="module")
+def found_here(wanted):
+    return wanted(None)
+
+
+@pytest.mark.parametrize("where", ["processes", "dask"])
+def test_a_search_finds_the_same_bits_wherever_effects_are_refitted(where, request, wanted, found_here):
+    found = wanted(request.getfixturevalue(where))
+    assert found.chosen == found_here.chosen and "quadratic_drag" in found_here.effects
+    assert list(found.fits) == list(found_here.fits) and len(found.fits) > 4
+    for names, fit in found.fits.items():
+        here = found_here.fits[names]
+        for value in ("z", "log_z", "covariance", "optima"):
+            np.testing.assert_array_equal(getattr(fit, value), getattr(here, value))
+        assert fit.problem.loops[0] is found.data.loops[0], "the data are not sent back"
 
 
 def test_a_cluster_s_lost_data_are_sent_again(tmp_path):

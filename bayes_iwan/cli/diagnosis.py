@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from bayes_iwan.cli.command import CAMPAIGN, CONFIG, OUT, SEED, SIMULATOR, argument, command, say
+from bayes_iwan.cli.command import CAMPAIGN, CONFIG, DASK, OUT, SEED, SIMULATOR, WORKERS, argument, command, say
 
 
 @command(
@@ -23,19 +23,24 @@ from bayes_iwan.cli.command import CAMPAIGN, CONFIG, OUT, SEED, SIMULATOR, argum
     argument("--effects", metavar="FILE", help="Python file with effects of your own; its code is run"),
     SIMULATOR,
     argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
+    WORKERS,
+    DASK,
 )
 def run_diagnose(args: argparse.Namespace) -> None:
+    from bayes_iwan.executors import opened
     from bayes_iwan.report.diagnosis import diagnose_campaign
 
-    answer = diagnose_campaign(
-        args.campaign,
-        args.out,
-        seed=args.seed,
-        quick=args.quick,
-        base=args.base,
-        config=args.config,
-        effects_file=args.effects,
-        simulator_file=args.simulator,
-    )
+    with opened(args.workers, args.dask) as executor:
+        answer = diagnose_campaign(
+            args.campaign,
+            args.out,
+            seed=args.seed,
+            quick=args.quick,
+            base=args.base,
+            config=args.config,
+            effects_file=args.effects,
+            simulator_file=args.simulator,
+            executor=executor,
+        )
     say("\n".join(answer["sentences"]))
     say(f"results are in {args.out}; open {args.out}/diagnosis.html")

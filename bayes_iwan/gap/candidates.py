@@ -70,9 +70,8 @@ def failing(data: GapData, smaller: Fit, effect: Effect) -> str:
     return "" if finite else "its force is not finite (NaN or infinite) at its typical strength"
 
 
-def best_draws(data: GapData, problem: Problem, points: int, most: int, rng: np.random.Generator) -> Array:
-    """(most, ndim) the prior draws of least cost."""
-    z = problem.prior.draw(rng, points)
+def cheapest(data: GapData, problem: Problem, z: Array, most: int) -> Array:
+    """(most, ndim) those of the points z (n, ndim) that cost least."""
     rows = Rows(data, problem)
     cost = np.sum((rows.residual(z) / rows.sd(0.05, FIRST[1], FIRST[2])) ** 2, axis=1) + np.sum(z * z, axis=1)
     return z[np.argsort(np.where(np.isfinite(cost), cost, np.inf))[:most]]

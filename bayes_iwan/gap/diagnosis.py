@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -164,11 +165,13 @@ def diagnose_loops(
     simulator: Simulator | None = None,
     constants: Calibration | None = None,
     report: Report = silent,
+    executor: Executor | None = None,
 ) -> Diagnosis:
     """Diagnose averaged loops; tests with role "held-out" are not fitted, only predicted.
 
     extra : a user's own effects; simulator : the base model (default: the Iwan model of the settings); constants :
-    another calibration than the shipped one.
+    another calibration than the shipped one; executor : from :func:`bayes_iwan.executors.opened`, to refit effects
+    side by side.
     Raises ValueError where no test is left to fit.
     """
     settings = settings or DiagnoseSettings()
@@ -177,7 +180,7 @@ def diagnose_loops(
     if not fitted:
         raise ValueError('no test is left to fit: every test has role = "held-out"')
     data = gap_data(fitted)
-    found = weighed(searched(data, settings, seed, extra, simulator, report), seed)
+    found = weighed(searched(data, settings, seed, extra, simulator, report, executor), seed)
     report("weighing causes")
     verdict = verdict_of(found, constants or calibration(), held_out)
     return _reported(campaign, seed, quick, settings, data, found, verdict, constants or calibration(), report)
@@ -190,6 +193,7 @@ def searched(
     extra: Sequence[type[Effect]] = (),
     simulator: Simulator | None = None,
     report: Report = silent,
+    executor: Executor | None = None,
 ) -> Search:
     """The search over all effects of the catalogue, patterns without a cause, a user's own, and terms of the paper that
     the base model lacks."""
@@ -199,7 +203,7 @@ def searched(
     kinds = catalogue.variants(extra, base, conditions, form=True) | {k.name: (k,) for k in catalogue.unlisted(base)}
     rng = np.random.default_rng([seed, 1])
     most = MOST_EFFECTS + len(missing_terms(base))
-    return search(data, scales, settings, kinds, rng, report, most, base)
+    return search(data, scales, settings, kinds, rng, report, most, base, executor)
 
 
 def _reported(
@@ -343,8 +347,9 @@ def diagnose_folder(
     effects_file: str | Path | None = None,
     simulator_file: str | Path | None = None,
     progress: bool = True,
+    executor: Executor | None = None,
 ) -> Diagnosis:
-    """Diagnose a campaign folder."""
+    """Diagnose a campaign folder; executor : from :func:`bayes_iwan.executors.opened`."""
     read = read_campaign(campaign)
     extra = load_effects(effects_file) if effects_file else ()
     simulator = load_simulator(simulator_file) if simulator_file else None
@@ -359,6 +364,7 @@ def diagnose_folder(
             extra=extra,
             simulator=simulator,
             report=bar,
+            executor=executor,
         )
     finally:
         bar.close()

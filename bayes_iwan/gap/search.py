@@ -9,6 +9,7 @@ parameters: those that promise most once the smaller model's own parameters may 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,10 +17,11 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import BUILT_IN, FORM, Maker
-from bayes_iwan.gap.candidates import Candidate, best_draws, candidates, failing
+from bayes_iwan.gap.candidates import Candidate, candidates, cheapest, failing
 from bayes_iwan.gap.data import GapData
-from bayes_iwan.gap.evidence import Fit, FitError, base_problem, extended, fit_model
+from bayes_iwan.gap.evidence import Fit, base_problem, extended, fit_model
 from bayes_iwan.gap.gap_size import gap_size
+from bayes_iwan.gap.refits import Refit, Refits
 from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.strength import calibrated
 from bayes_iwan.inference.problem import Problem
@@ -111,6 +113,7 @@ class _Explorer:
         rng: np.random.Generator,
         report: Report,
         simulator: Simulator | None,
+        executor: Executor | None,
     ) -> None:
         self.data, self.rng, self.report = data, rng, report
         self.fits: dict[frozenset[str], Fit] = {}
@@ -127,30 +130,37 @@ class _Explorer:
                 self.failed[name] = wrong[0]
             else:
                 self.effects[name] = some
+        self.refits = Refits(executor, data, base.problem, [e for some in self.effects.values() for e in some])
 
     def keep(self, problem: Problem, starts: Array, iterations: int = 15) -> Fit | None:
         """Fit a model; remember it if it is the best of its set. None where it has no finite force."""
-        try:
-            fit = fit_model(self.data, problem, starts, iterations)
-        except FitError:
+        (fit,) = self.refits([Refit(problem, starts, starts[:0], iterations)])
+        return self._kept(fit)
+
+    def _kept(self, fit: Fit | None) -> Fit | None:
+        if fit is None:
             return None
         old = self.fits.get(fit.names)
         if old is None or fit.log_evidence > old.log_evidence:
             self.fits[fit.names] = fit
         return self.fits[fit.names]
 
-    def add(self, one: Candidate, smaller: Fit) -> Fit | None:
-        """Refit a candidate, from where it promised most and from where it was best beside the base alone."""
-        self.report("+".join((*sorted(smaller.names), one.name)))
-        starts = one.starts
+    def add(self, some: Sequence[Candidate], smaller: Fit) -> None:
+        """Refit candidates, from where each promised most and from where it was best beside the base alone."""
+        found = self.refits([self._start(one, smaller) for one in some])
+        for one in some:
+            self.report("+".join((*sorted(smaller.names), one.name)))
+            self._kept(next(found))
+
+    def _start(self, one: Candidate, smaller: Fit) -> Refit:
+        starts, draws = one.starts, one.starts[:0]
         alone = self.fits.get(frozenset({one.name}))
         if smaller.effects and alone is not None:
             z = dict(zip(smaller.problem.names, smaller.z)) | dict(zip(alone.problem.names, alone.z))
             starts = np.concatenate([starts, np.array([[z.get(n, 0.0) for n in one.problem.names]])])
         if one.effect.sudden and not smaller.effects:  # the base may have bent too far to lead there
-            draws = best_draws(self.data, one.problem, BASE_POINTS, len(starts), self.rng)
-            starts = np.concatenate([starts, draws])
-        return self.keep(one.problem, starts)
+            draws = one.problem.prior.draw(self.rng, BASE_POINTS)
+        return Refit(one.problem, starts, draws)
 
     def offered(self, smaller: Fit, last: bool = False) -> list[Candidate]:
         """Candidates on top of a fit, LAST alone or all others, LAWS_MOST laws of each effect, the most promising
@@ -168,10 +178,12 @@ class _Explorer:
         """Every single effect that promises anything."""
         base = self.fits[frozenset()]
         ranked: dict[str, int] = {}
+        chosen = []
         for one in self.offered(base):
             rank = ranked.setdefault(one.name, len(ranked))
             if rank < SINGLE_MOST or one.gain > PROMISE or one.effect.sudden:
-                self.add(one, base)
+                chosen.append(one)
+        self.add(chosen, base)
 
     def base_again(self) -> bool:
         """The base from its part of the best extended optima: had it missed its optimum?"""
@@ -198,11 +210,13 @@ class _Explorer:
     def grow(self, current: Fit, last: bool = False) -> Fit | None:
         """The best fit with one effect more, of LAST or of all others, if it is worth it."""
         if current.effects or last:
+            chosen = []
             for i, one in enumerate(self.offered(current, last)):
                 alone = self.fits.get(frozenset({one.name}))
                 helps = alone is not None and alone.log_evidence > self.fits[frozenset()].log_evidence + PROMISE
                 if (i < FURTHER_MOST and one.gain > PROMISE) or (one.effect.sudden and helps):
-                    self.add(one, current)
+                    chosen.append(one)
+            self.add(chosen, current)
         larger = [
             f
             for k, f in self.fits.items()
@@ -253,9 +267,8 @@ class _Explorer:
             if name in LAST:
                 continue
             needed = current.log_evidence - less.log_evidence
-            for one in self.offered(less)[:FURTHER_MOST]:
-                if one.gain > 0.5 * needed and one.name != name:
-                    self.add(one, less)
+            near = self.offered(less)[:FURTHER_MOST]
+            self.add([x for x in near if x.gain > 0.5 * needed and x.name != name], less)
             current = self.best_beside(less, current)
         return current
 
@@ -300,15 +313,18 @@ class _Explorer:
                 if name not in current.names:
                     continue
                 less = self.without(current, name)
-                least, done = RIVAL_SHARE * (current.log_evidence - less.log_evidence), 0
+                least = RIVAL_SHARE * (current.log_evidence - less.log_evidence)
+                chosen: dict[str, Candidate] = {}
+                others: list[str] = []
                 for one in [*self.offered(less), *self.offered(less, last=True)]:
-                    if one.name == name or less.names | {one.name} in self.fits:
+                    if one.name in (name, *chosen) or less.names | {one.name} in self.fits:
                         continue
                     if look_alike(self.effects, name, one.name) and one.gain > 0.0:
-                        self.add(one, less)  # whatever its first step promises: ties are what is asked here
-                    elif one.gain > least and done < RIVALS_MOST:
-                        self.add(one, less)
-                        done += 1
+                        chosen[one.name] = one  # whatever its first step promises: ties are what is asked here
+                    elif one.gain > least and len(others) < RIVALS_MOST:
+                        chosen[one.name] = one
+                        others.append(one.name)
+                self.add(list(chosen.values()), less)
                 current = self.best_beside(less, current)
             if current is before:
                 break
@@ -324,7 +340,8 @@ def fit_base(
 ) -> Fit:
     """The base model from the best of many prior draws."""
     problem = base_problem(data, settings, scales, simulator)
-    return fit_model(data, problem, best_draws(data, problem, BASE_POINTS, BASE_STARTS, rng))
+    draws = problem.prior.draw(rng, BASE_POINTS)
+    return fit_model(data, problem, cheapest(data, problem, draws, BASE_STARTS))
 
 
 def search(
@@ -336,9 +353,13 @@ def search(
     report: Report = silent,
     most: int = MOST_EFFECTS,
     simulator: Simulator | None = None,
+    executor: Executor | None = None,
 ) -> Search:
-    """Fit the base and every single effect, then grow a set of up to `most` effects, with exchanges on the way."""
-    found = _Explorer(data, scales, settings, kinds, rng, report, simulator)
+    """Fit the base and every single effect, then grow a set of up to `most` effects, with exchanges on the way.
+
+    executor : from :func:`bayes_iwan.executors.opened`, to refit the candidates of a step side by side.
+    """
+    found = _Explorer(data, scales, settings, kinds, rng, report, simulator, executor)
     found.singles()
     if found.base_again():  # the base had missed its optimum: once more from there
         found.singles()

@@ -7,12 +7,17 @@ import importlib.util
 import inspect
 import os
 import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import TypeVar
 
 from bayes_iwan.physics import ModelError, Simulator
 
 T = TypeVar("T")
+
+_NAMED = "bayes_iwan_user_"
 
 
 def classes_in(path: str | os.PathLike[str], base: type[T], error: type[ValueError]) -> tuple[type[T], ...]:
@@ -21,7 +26,15 @@ def classes_in(path: str | os.PathLike[str], base: type[T], error: type[ValueErr
     if not path.is_file():
         raise error(f"{path}: no such file")
     # a name of its own by place: files of one name do not meet, and a class knows its module (dataclasses ask for it)
-    name = f"bayes_iwan_user_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}_{path.stem}"
+    name = f"{_NAMED}{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}_{path.stem}"
+    module = _run(name, path, error)
+    return tuple(
+        v for v in vars(module).values() if isinstance(v, type) and issubclass(v, base) and v.__module__ == name
+    )
+
+
+def _run(name: str, path: Path, error: type[ValueError]) -> ModuleType:
+    """A Python file as a module of this name."""
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise error(f"{path}: not a Python file (it must end in .py)")
@@ -32,9 +45,33 @@ def classes_in(path: str | os.PathLike[str], base: type[T], error: type[ValueErr
     except Exception as problem:
         del sys.modules[name]
         raise error(f"{path}: cannot be run: {type(problem).__name__}: {problem}") from problem
-    return tuple(
-        v for v in vars(module).values() if isinstance(v, type) and issubclass(v, base) and v.__module__ == name
-    )
+    return module
+
+
+@dataclass(frozen=True)
+class UserFiles:
+    """A user's own files by the names of their modules, which another process needs for objects of their classes.
+
+    Reading it from what another process sent runs the files there, so that whatever follows it can be read.
+    """
+
+    paths: tuple[tuple[str, Path], ...]
+
+    @classmethod
+    def of(cls, objects: Iterable[object]) -> UserFiles:
+        """The files that the classes of these objects come from."""
+        names = sorted({type(x).__module__ for x in objects if type(x).__module__.startswith(_NAMED)})
+        return cls(tuple((name, Path(str(sys.modules[name].__file__)).resolve()) for name in names))
+
+    def __reduce__(self) -> tuple[Callable[..., UserFiles], tuple[object, ...]]:
+        return _with_files, (self.paths,)
+
+
+def _with_files(paths: tuple[tuple[str, Path], ...]) -> UserFiles:
+    for name, path in paths:
+        if name not in sys.modules:
+            _run(name, path, ModelError)
+    return UserFiles(paths)
 
 
 def load_simulator(path: str | os.PathLike[str]) -> Simulator:

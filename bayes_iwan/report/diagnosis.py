@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -63,11 +64,13 @@ def diagnose_campaign(
     effects_file: str | Path | None = None,
     simulator_file: str | Path | None = None,
     progress: bool = True,
+    executor: Executor | None = None,
 ) -> dict[str, Any]:
     """Diagnose a campaign folder and write everything into `out`; returns what `diagnosis.json` holds.
 
     base : a name of :data:`bayes_iwan.gap.diagnosis.BASES`; config : TOML file as for `identify`; effects_file : a
-    user's own effects, simulator_file : their own model; both are Python and are run. Raises ValueError (and its kinds)
+    user's own effects, simulator_file : their own model; both are Python and are run; executor : from
+    :func:`bayes_iwan.executors.opened`, to refit effects side by side. Raises ValueError (and its kinds)
     with one line that names what is wrong and the mend.
     """
     if base not in BASES:
@@ -87,6 +90,7 @@ def diagnose_campaign(
         effects_file=effects_file,
         simulator_file=simulator_file,
         progress=progress,
+        executor=executor,
     )
     return finite(to_dict(found))
 
@@ -101,6 +105,7 @@ def write_diagnosis(
     effects_file: str | Path | None = None,
     simulator_file: str | Path | None = None,
     progress: bool = True,
+    executor: Executor | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign folder and write everything into `out`."""
     with owned(out) as folder:
@@ -112,6 +117,7 @@ def write_diagnosis(
             effects_file=effects_file,
             simulator_file=simulator_file,
             progress=progress,
+            executor=executor,
         )
         _write(found, folder, effects_file, simulator_file)
     return found
