@@ -17,6 +17,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,15 +30,20 @@ from bayes_iwan import executors
 from bayes_iwan.campaign import Loop, Record, average, read_campaign
 from bayes_iwan.effects import catalogue
 from bayes_iwan.files import write_json, write_whole
-from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.search import search
+from bayes_iwan.gap.data import GapData, gap_data
+from bayes_iwan.gap.search import Search, search
 from bayes_iwan.inference.population import SpecimenDraws, population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.inference.settings import DiagnoseSettings
+from bayes_iwan.rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
+from bayes_iwan.rig.sizing import size_fault, surroundings
+from bayes_iwan.rig.specimen import paper_specimen
 from kill_runs import CONFIG, made_up
 
 HERE = Path(__file__).parent
+#: what is wrong with the specimen that is searched for causes
+PLANTED = ("viscous_damping", "cubic_stiffness")
 
 
 def seconds(work: Callable[[], object], least: float = 0.3) -> float:
@@ -107,18 +113,82 @@ def long_record(samples: int) -> Record:
     )
 
 
+def two_faults(tests: int) -> GapData:
+    """A campaign of so many tests on the virtual rig with a dashpot and a hardening spring planted in the specimen."""
+    frequencies, amplitudes = (8.0, 20.0, 12.0, 30.0, 16.0), (0.4, 0.9, 0.6, 0.3)
+    few = tests <= 4
+    grid = [(f, a) for f in frequencies[: 2 if few else None] for a in amplitudes[: 2 if few else None]]
+    plan = [PlannedTest(f, a, cycles=24) for f, a in grid[:tests]]
+    specimen, rng = paper_specimen(seed=3), np.random.default_rng(3)
+    sound = surroundings(specimen, plan, seed=3)
+    faults = [size_fault(n, 0.1, specimen, plan, rng, seed=3, sound=sound) for n in PLANTED]
+    setup = with_noise(Setup(), 0.005, sound[0].friction_rms_N, sound[0].largest_mm)
+    made = records(simulate_tests(specimen, plan, setup=setup, faults=faults, seed=3))
+    return gap_data([average(r) for r in made])
+
+
+def searched(data: GapData, effects: int | None = None, executor: Executor | None = None) -> Search:
+    """The search over so many of the catalogue's effects, those that are planted first."""
+    kinds = catalogue.variants(form=True)
+    order = sorted(kinds, key=lambda name: name not in PLANTED)[:effects]
+    some = {name: kinds[name] for name in order}
+    return search(data, scales_of(data.loops), DiagnoseSettings(), some, np.random.default_rng(0), executor=executor)
+
+
 def candidates(quick: bool) -> dict[str, object]:
-    """The search for a cause against the number of effects that it may name."""
-    loops = loops_of(3, 80, 24)
-    data, scales, kinds = gap_data(loops), scales_of(loops), catalogue.variants()
-    sizes = [2, 6, 20] if not quick else [1, 3]
+    """The search for two planted causes against the number of effects that it may name."""
+    data = two_faults(4)
+    sizes = [3, 6, 12, 30] if not quick else [2, 4]
     times = []
     for n in sizes:
-        some = dict(list(kinds.items())[:n])
         began = time.process_time()
-        search(data, scales, DiagnoseSettings(), some, np.random.default_rng(0))
+        found = searched(data, n)
         times.append(time.process_time() - began)
+        print(f"    {n} effects: {len(found.fits)} sets refitted, found {' and '.join(found.chosen)}", flush=True)
     return {"candidates": told("search against candidate effects", sizes, times, "s")}
+
+
+def side_by_side(quick: bool) -> dict[str, object]:
+    """Wall time of a whole search in this process and with two others, by number of tests."""
+    sizes, alone, helped = [4] if quick else [4, 20], [], []
+    for tests in sizes:
+        data = two_faults(tests)
+        for workers, times in ((1, alone), (2, helped)):
+            with executors.opened(workers) as executor:
+                searched(data, 3, executor)  # started, and their compiled code loaded
+                began = time.monotonic()
+                searched(data, None, executor)
+                times.append(time.monotonic() - began)
+        print(f"search, {tests} tests: {alone[-1]:.1f} s here, {helped[-1]:.1f} s with two processes", flush=True)
+    return {"search": {"tests": sizes, "one_s": alone, "two_s": helped}}
+
+
+def batches(quick: bool) -> dict[str, object]:
+    """A real batch of `identify --quick` with all its files over small campaigns, by one process and by two."""
+    sizes = [2, 5, 10, 20] if not quick else [2, 4]
+    tmp = Path(tempfile.mkdtemp(prefix="scale"))
+    found: dict[str, object] = {}
+    try:
+        config = write_whole(tmp / "config.toml", CONFIG)
+        for n in sizes:
+            for i in range(n):
+                made_up(tmp / f"{n}" / f"specimen{i:02}", 5.0 + 0.05 * i, i)
+        for workers in (1, 2):
+            wall = []
+            for n in sizes:
+                with executors.opened(workers) as executor:
+                    out, began = tmp / f"{n}-{workers}", time.monotonic()
+                    bayes_iwan.batch(
+                        tmp / f"{n}", out, quick=True, config=config, seed=1, executor=executor, progress=False
+                    )
+                    wall.append(time.monotonic() - began)
+                shutil.rmtree(out)
+            found[f"batch, {workers} workers"] = told(
+                f"batch --quick, {workers} process{'es' * (workers - 1)}", sizes, wall, "s wall"
+            )
+    finally:
+        shutil.rmtree(tmp)
+    return found
 
 
 def _piece(repeats: int, seed: int) -> float:
@@ -240,7 +310,7 @@ def main() -> None:
         found |= candidates(args.quick)
         per_quantity = found["population"]["values"][-1] * 10.0  # of 1,000 campaigns, in proportion
     told_cores, share = cores(20 if args.quick else 200)
-    found |= told_cores
+    found |= told_cores | side_by_side(args.quick) | batches(args.quick)
     once = 10.0 * per_quantity
     found["batch of 1,000, quick"] = batch_cost(one_campaign(args.quick, True), once, share)
     found["batch of 1,000"] = batch_cost(args.campaign_s or one_campaign(args.quick, False), once, share)

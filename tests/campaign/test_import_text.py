@@ -1,6 +1,7 @@
 """Text files in any layout: separators, decimal marks, encodings, lines above the table, rows of units, gaps."""
 
 import gzip
+import time
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.importing.formats import read_file
 from bayes_iwan.campaign.importing.text import Layout
+from bayes_iwan.campaign.importing.units import is_unit
 
 pytest.importorskip("pint")
 
@@ -116,6 +118,27 @@ def test_what_cannot_be_read(tmp_path, content, words):
     assert message.startswith("a.csv") and "\n" not in message
     for word in words:
         assert word in message, message
+
+
+@pytest.mark.parametrize(
+    "unit",
+    ["a" * 20_000, "9**9**9**9*m", "9^9^9^9 m", "9²²²²²²²²²m", "m**9**9**9", "((((9)**9)**9)**9)**9*m", "N⁹⁹⁹⁹⁹⁹⁹⁹"],
+)
+def test_a_unit_that_would_never_be_worked_out_is_none(unit):
+    began = time.process_time()
+    assert not is_unit(unit)
+    assert time.process_time() - began < 2.0
+    for usual in ("mm", "m/s^2", "m/s²", "m/s2", "m/s**2", "m s^-2", "N·m", "mm·s^-1", "rad/s**2"):
+        assert is_unit(usual), usual
+
+
+@pytest.mark.parametrize("cell", ["9" * 60_000 + "x", "1" * 30_000 + "." + "1" * 30_000 + "e", "-" * 60_000])
+def test_a_very_long_cell_is_refused_at_once(tmp_path, cell):
+    """Found by fuzzing: 5,000 digits and a letter took more than ten seconds."""
+    began = time.process_time()
+    with pytest.raises(CampaignError):
+        read(tmp_path, "t,x,F\n" + rows().replace("\n0.1,", f"\n{cell},", 1))
+    assert time.process_time() - began < 5.0
 
 
 def test_a_wrong_layout_is_refused(tmp_path):

@@ -22,9 +22,9 @@ SAMPLE = 65536  # bytes looked at from the start and from the end to find the la
 MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "#N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
 MISSING += ["inf", "-inf", "Inf", "-Inf", "INF", "1.#INF", "-1.#INF"]
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", r"\s+": "blanks"}
-MARKS = {
-    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
-    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
+MARKS = {  # digits are matched in one way only: a cell of 60,000 of them would take minutes otherwise
+    ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?"),
+    ",": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?"),
 }
 DATE = re.compile(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}([ T]\d{1,2}:\d{2}.*)?|\d{1,2}:\d{2}(:\d{2})?([.,]\d+)?")
 

@@ -35,6 +35,12 @@ def _registry() -> Any:
     return library("pint", "pint", "units", "reading units").UnitRegistry()
 
 
+#: a longer text is no unit; pint takes most of a minute to say so of 20,000 letters
+_LONGEST = 60
+#: the powers that units have; others are not worked out, since 9**9**9**9 would never end
+_POWER = re.compile(r"(?<=[A-Za-z])\s*\*\*\s*[+-]?\d(?![\d.eE]|\s*\*\*)")
+
+
 def _spelt(text: str, role: str) -> str:
     """A unit's text in pint's spelling; g is gravity for an acceleration, in as much as it stands alone."""
     text = text.strip().strip("[]()").strip()
@@ -43,7 +49,8 @@ def _spelt(text: str, role: str) -> str:
     text = text.replace("·", "*").replace("⋅", "*").replace("µ", "u").replace("μ", "u").replace("°", "deg")
     text = re.sub(r"(?<=[A-Za-z])\.(?=[A-Za-z])", "*", text)  # N.m
     text = re.sub(r"(?<![A-Za-z])(lb)(?![A-Za-z])", "lbf", text)
-    text = re.sub(r"(?<=[A-Za-z])\^?([23])(?![\d.])", r"**\1", text)  # m/s2
+    text = text.replace("^", "**").replace("²", "**2").replace("³", "**3")
+    text = re.sub(r"(?<=[A-Za-z])([23])(?![\d.])", r"**\1", text)  # m/s2
     if role == "acceleration":
         text = re.sub(r"(?<![A-Za-z_])[gG](?![A-Za-z_])", "g_0", text)
     return text
@@ -51,8 +58,8 @@ def _spelt(text: str, role: str) -> str:
 
 def _quantity(text: str, role: str) -> Any:
     """A pint quantity ('9.55 mV/N', 'kN'), or None where the text is none."""
-    spelt = _spelt(text, role)
-    if not spelt or not re.search(r"[A-Za-z]", spelt):
+    spelt = _spelt(text, role) if len(text) <= _LONGEST else ""
+    if not re.search(r"[A-Za-z]", spelt) or spelt.count("**") != len(_POWER.findall(spelt)):
         return None
     registry = _registry()
     for text in (spelt, spelt.lower()):  # Newton, Millimeter
