@@ -13,6 +13,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Record
+from bayes_iwan.rig.fault import Acting
 from bayes_iwan.rig.kernel import march
 from bayes_iwan.rig.sensors import Chain, measure
 from bayes_iwan.rig.simulate import COARSE, Fidelity, Setup, kernel_values
@@ -145,8 +146,8 @@ def simulate_drive(
     cycles = drive.clock(time)
     rise = np.sin(0.5 * np.pi * np.clip((cycles - cycles[0]) / min(3.0, run_in), 0, 1)) ** 2
     moved = rise * drive.envelope_mm(np.maximum(cycles, 0.0)) * drive.wave(cycles)
-    parameter_values = kernel_values(body, setup, {}, drive.frequency_hz, float(np.abs(moved).max()))
-    force, _, _ = march(moved, cycles, 1 / rate, body.stiffness_share, body.slip_share_N, parameter_values)
+    values = kernel_values(body, setup, Acting(), drive.frequency_hz, float(np.abs(moved).max()))
+    force, _, _ = march(moved, cycles, 1 / rate, body.stiffness_share, body.slip_share_N, *values)
     samples = np.arange(int(drive.duration_s * setup.sample_rate_hz)) / setup.sample_rate_hz
     seen = moved - setup.shaker_compliance_mm_N * force
     u, f = measure(time, seen, force, samples, setup.sensors, Chain(), np.random.default_rng([seed, 7]))

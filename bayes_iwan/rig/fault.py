@@ -1,8 +1,8 @@
 """A fault: what the virtual rig has beyond the paper's model, by one of several laws, at some strength.
 
 A fault is the rig's physical counterpart of an *effect* of the diagnosis (or of nothing that the diagnosis knows).
-It is a name, the name of its law, and its numbers. A law turns the numbers into what acts: numbers and functions of
-the kernel (`bayes_iwan.rig.kernel.Numbers`) or settings of the measuring chain (`bayes_iwan.rig.sensors.Chain`).
+It is a name, the name of its law, and its parameters. A law turns these into what acts (`Acting`): values and
+functions of the kernel, or settings of the measuring chain.
 The strength of a fault runs from 0 (absent) to 1 (the strongest that a sensible rig or specimen has); the rig solves
 for the strength that gives a wanted change of the force.
 """
@@ -11,16 +11,64 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.rig.kernel import FaultValues
+from bayes_iwan.rig.sensors import Chain
 from bayes_iwan.rig.specimen import Specimen
 
 Parameters = Mapping[str, float]
-#: what acts, by the names of the kernel's numbers, of the chain's settings, or of the functions in `laws.FUNCTIONS`
-Acting = dict[str, Any]
+Function = Callable[[Array], Array]
+#: relative standard deviation from test to test, and the seed of the draw
+Scatter = tuple[float, int]
+#: the kernel's values and the measuring chain of a rig without a fault
+NO_FAULT, SOUND_CHAIN = FaultValues(), Chain()
+
+
+@dataclass(frozen=True)
+class Acting:
+    """What a fault does; by default nothing.
+
+    Parameters
+    ----------
+    motion, chain
+        the kernel's values and the measuring chain's settings.
+    extra_compliance_mm_N
+        of the fixture.
+    displacement_force, speed_force
+        a further force (N) of the specimen over its deformation (mm) and over its speed (mm/s).
+    joint_stretch
+        stretch (mm) of the joint over the force in it (N), beside the fixture's compliance.
+    rate_factor
+        factor on a slip force over its remembered slip speed (mm/s).
+    fade_factor
+        factor on all slip forces over the cycles, or over the work where `motion.fade_work_Nmm` says so.
+    stiffness_scatter, gain_scatter
+        of both springs and of the force amplifier, from test to test.
+    """
+
+    motion: FaultValues = NO_FAULT
+    chain: Chain = SOUND_CHAIN
+    extra_compliance_mm_N: float = 0.0
+    displacement_force: Function | None = None
+    speed_force: Function | None = None
+    joint_stretch: Function | None = None
+    rate_factor: Function | None = None
+    fade_factor: Function | None = None
+    stiffness_scatter: Scatter | None = None
+    gain_scatter: Scatter | None = None
+
+    @property
+    def only_measured(self) -> bool:
+        """Whether the motion is left as it is."""
+        return self.motion is NO_FAULT and self == Acting(chain=self.chain, gain_scatter=self.gain_scatter)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether each slider remembers its slip speed or its rest."""
+        return self.rate_factor is not None or self.motion.ageing != 0.0 or self.motion.healing != 0.0
 
 
 @dataclass(frozen=True)
@@ -81,9 +129,9 @@ Draw = Callable[[np.random.Generator, Surroundings], Parameters]
 
 @dataclass(frozen=True)
 class Law:
-    """One law of a fault: what its numbers do (`acts`), and the numbers that only this law has, drawn.
+    """One law of a fault: what its parameters do (`acts`), and the parameters that only this law has, drawn.
 
-    `evolves`: the change of the force changes along the record. `strongest`: where the main number follows from the
+    `evolves`: the change of the force changes along the record. `strongest`: where the main parameter follows from the
     strength otherwise than in the kind's other laws.
     """
 
@@ -96,9 +144,10 @@ class Law:
 
 @dataclass(frozen=True)
 class FaultKind:
-    """A kind of fault: its main number, how that follows from the strength in (0, 1], its laws, the shared one first.
+    """A kind of fault: its main parameter, how that follows from the strength in (0, 1], its laws.
 
-    `draw` draws the numbers that all laws have beside the main one; `signed`: the main number may be negative;
+    The first law is the one that the diagnosis' catalogue has too.
+    `draw` draws the parameters that all laws have beside the main one; `signed`: the main one may be negative;
     `listed`: the diagnosis' catalogue has an effect of this name.
     """
 
@@ -120,7 +169,7 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def linear(ceiling: Callable[[Surroundings], float]) -> Callable[[Surroundings, float], float]:
-    """A main number in proportion to the strength."""
+    """A main parameter in proportion to the strength."""
     return lambda s, strength: ceiling(s) * strength
 
 

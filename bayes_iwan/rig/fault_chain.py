@@ -14,8 +14,8 @@ from scipy import signal
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear
-
-Transfer = tuple[tuple[float, ...], tuple[float, ...]]
+from bayes_iwan.rig.kernel import FaultValues
+from bayes_iwan.rig.sensors import Chain, Transfer
 
 # ---- between sensor and specimen
 
@@ -23,12 +23,12 @@ Transfer = tuple[tuple[float, ...], tuple[float, ...]]
 def _stiffening_joint(p: Parameters) -> Acting:
     """A joint whose compliance falls with load to a third power of it at the reference force."""
     c, f0 = p["compliance_mm_N"], p["reference_N"]
-    return {"joint_stretch": lambda f: c * f0 * np.arcsinh(f / f0)}
+    return Acting(joint_stretch=lambda f: c * f0 * np.arcsinh(f / f0))
 
 
 def _hertz_joint(p: Parameters) -> Acting:
     c, f0 = p["compliance_mm_N"], p["reference_N"]
-    return {"joint_stretch": lambda f: c * f0 * ((f / f0 + 0.02) ** (2 / 3) - 0.02 ** (2 / 3))}
+    return Acting(joint_stretch=lambda f: c * f0 * ((f / f0 + 0.02) ** (2 / 3) - 0.02 ** (2 / 3)))
 
 
 def _load(rng: np.random.Generator, s: Surroundings) -> Parameters:
@@ -40,14 +40,16 @@ COMPLIANCE = FaultKind(
     "compliance_mm_N",
     linear(lambda s: 0.08),
     (
-        Law("linear", lambda p: {"extra_compliance": p["compliance_mm_N"]}),
+        Law("linear", lambda p: Acting(extra_compliance_mm_N=p["compliance_mm_N"])),
         Law("stiffening", _stiffening_joint, _load),
         Law("hertz", _hertz_joint, _load),
     ),
 )
 
-#: what rattles in a play is a light coupling
-_LOOSE = {"end_mass_kg": 3e-4, "end_damping": 2e-5}
+
+def _loose(play_mm: float) -> FaultValues:
+    """What rattles in a play is a light coupling."""
+    return FaultValues(play=play_mm, end_mass_kg=3e-4, end_damping=2e-5)
 
 
 def _soft_play(stretch: Callable[[Array], Array]) -> Callable[[Parameters], Acting]:
@@ -55,7 +57,7 @@ def _soft_play(stretch: Callable[[Array], Array]) -> Callable[[Parameters], Acti
 
     def acts(p: Parameters) -> Acting:
         give, f0 = p["give_share"] * p["play_mm"], p["reference_N"]
-        return {"play": p["play_mm"], "joint_stretch": lambda f: give * stretch(f / f0), **_LOOSE}
+        return Acting(motion=_loose(p["play_mm"]), joint_stretch=lambda f: give * stretch(f / f0))
 
     return acts
 
@@ -69,7 +71,7 @@ PLAY = FaultKind(
     "play_mm",
     linear(lambda s: 0.25 * s.largest_mm),
     (
-        Law("hard", lambda p: {"play": p["play_mm"], **_LOOSE}),
+        Law("hard", lambda p: Acting(motion=_loose(p["play_mm"]))),
         Law("hertz_ends", _soft_play(lambda x: (x + 0.01) ** (2 / 3) - 0.01 ** (2 / 3)), _give),
         Law("rough_ends", _soft_play(lambda x: np.log1p(20.0 * x) / np.log(21.0)), _give),
     ),
@@ -80,9 +82,10 @@ MASS = FaultKind(
     "m_kg",
     linear(lambda s: 2e3 * s.stiffness_N_mm / s.fastest_rad_s**2),
     (
-        Law("rigid", lambda p: {"moving_mass_kg": p["m_kg"]}),
+        Law("rigid", lambda p: Acting(chain=Chain(moving_mass_kg=p["m_kg"]))),
         Law("soft_mount",
-            lambda p: {"moving_mass_kg": p["m_kg"], "mass_mount_hz": p["mount_hz"], "mass_mount_ratio": p["ratio"]},
+            lambda p: Acting(
+                chain=Chain(moving_mass_kg=p["m_kg"], mass_mount_hz=p["mount_hz"], mass_mount_ratio=p["ratio"])),
             lambda g, s: {"mount_hz": float(g.uniform(2.0, 4.0)) * max(s.frequencies_hz),
                           "ratio": float(g.uniform(0.03, 0.4))}),
     ),
@@ -110,8 +113,8 @@ def _delayed(filtered: Callable[[float], Transfer]) -> Callable[[Parameters], Ac
     """A response with this delay at low frequencies, in the channel that comes late."""
 
     def acts(p: Parameters) -> Acting:
-        late = "force_filters" if p["delay_s"] > 0 else "displacement_filters"
-        return {late: (filtered(abs(p["delay_s"])),)}
+        late = (filtered(abs(p["delay_s"])),)
+        return Acting(chain=Chain(force_filters=late) if p["delay_s"] > 0 else Chain(displacement_filters=late))
 
     return acts
 
@@ -125,7 +128,7 @@ DELAY = FaultKind(
     "delay_s",
     linear(lambda s: 0.004),
     (
-        Law("pure", lambda p: {"delay_s": p["delay_s"]}),
+        Law("pure", lambda p: Acting(chain=Chain(delay_s=p["delay_s"]))),
         Law("all_pass", _delayed(_all_pass)),
         Law("second_order", _delayed(lambda t: ((1.0,), (0.36 * t * t, t, 1.0)))),
     ),
@@ -133,9 +136,20 @@ DELAY = FaultKind(
 )
 
 
-def _passes(channel: str, *designs: tuple[str, Callable[[float], Transfer]]) -> tuple[Law, ...]:
+#: the name of a law, and its filter for a corner frequency (Hz)
+Design = tuple[str, Callable[[float], Transfer]]
+
+
+def _of_displacement(*designs: Design) -> tuple[Law, ...]:
     def law(name: str, design: Callable[[float], Transfer]) -> Law:
-        return Law(name, lambda p: {f"{channel}_filters": (design(p["corner_hz"]),)})
+        return Law(name, lambda p: Acting(chain=Chain(displacement_filters=(design(p["corner_hz"]),))))
+
+    return tuple(law(*one) for one in designs)
+
+
+def _of_force(*designs: Design) -> tuple[Law, ...]:
+    def law(name: str, design: Callable[[float], Transfer]) -> Law:
+        return Law(name, lambda p: Acting(chain=Chain(force_filters=(design(p["corner_hz"]),))))
 
     return tuple(law(*one) for one in designs)
 
@@ -159,17 +173,14 @@ _HIGH = (
     ("shelf", _shelf),
 )
 INTEGRATION = FaultKind(
-    "integration_highpass", "corner_hz", linear(lambda s: 0.15 * min(s.frequencies_hz)), _passes("displacement", *_HIGH)
+    "integration_highpass", "corner_hz", linear(lambda s: 0.15 * min(s.frequencies_hz)), _of_displacement(*_HIGH)
 )
-HIGH_PASS = FaultKind(
-    "force_highpass", "corner_hz", linear(lambda s: 0.15 * min(s.frequencies_hz)), _passes("force", *_HIGH)
-)
+HIGH_PASS = FaultKind("force_highpass", "corner_hz", linear(lambda s: 0.15 * min(s.frequencies_hz)), _of_force(*_HIGH))
 LOW_PASS = FaultKind(
     "force_lowpass",
     "corner_hz",
     lambda s, strength: 1.0 / (2 * np.pi * 0.004 * strength),
-    _passes(
-        "force",
+    _of_force(
         ("first_order", lambda f: first_order(f, False)),
         ("butterworth", lambda f: _order("butter", 2, f)),
         ("bessel", lambda f: _order("bessel", 2, f)),
@@ -188,7 +199,7 @@ def _added(shape) -> Callable[[Parameters], Acting]:
         def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
             return p["rate_N_s"] * p.get("record_s", 1.0) * shape(np.maximum(t, 0.0), p, rng)
 
-        return {"additions": (add,)}
+        return Acting(chain=Chain(additions=(add,)))
 
     return acts
 
@@ -231,7 +242,7 @@ def _mains(third: float, fifth: float, wander_hz: float = 0.0, beat: float = 0.0
             wave = np.sin(turn) + third * np.sin(3 * turn + phase[1]) + fifth * np.sin(5 * turn + phase[2])
             return np.asarray(p["amplitude_N"] * (1.0 + beat * np.sin(2 * np.pi * 0.7 * t + phase[1])) * wave)
 
-        return {"additions": (add,)}
+        return Acting(chain=Chain(additions=(add,)))
 
     return acts
 
@@ -254,7 +265,7 @@ MAINS = FaultKind(
 
 
 def _clipped(shape) -> Callable[[Parameters], Acting]:
-    return lambda p: {"saturation": lambda f: p["limit_N"] * shape(f / p["limit_N"], p)}
+    return lambda p: Acting(chain=Chain(saturation=lambda f: p["limit_N"] * shape(f / p["limit_N"], p)))
 
 
 def _soft_knee(x: Array, p: Parameters) -> Array:
@@ -265,7 +276,7 @@ def _soft_knee(x: Array, p: Parameters) -> Array:
 def _unequal(p: Parameters) -> Acting:
     """The lower limit cuts less off the peak than the upper one does."""
     lower = p["peak_N"] - p["lower_share"] * (p["peak_N"] - p["limit_N"])
-    return {"saturation": lambda f: np.clip(f, -lower, p["limit_N"])}
+    return Acting(chain=Chain(saturation=lambda f: np.clip(f, -lower, p["limit_N"])))
 
 
 CLIPPING = FaultKind(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_iwan.rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear, log_uniform
+from bayes_iwan.rig.kernel import FaultValues
 
 # ---- friction that falls with slip speed
 
@@ -17,7 +18,7 @@ from bayes_iwan.rig.fault import Acting, FaultKind, Law, Parameters, Surrounding
 def _falling(shape):
     def acts(p: Parameters) -> Acting:
         vs = 1e3 * p["v_s_m_s"]
-        return {"rate_factor": lambda w: 1.0 - p["drop"] * shape(w / vs)}
+        return Acting(rate_factor=lambda w: 1.0 - p["drop"] * shape(w / vs))
 
     return acts
 
@@ -25,12 +26,11 @@ def _falling(shape):
 def _ageing(p: Parameters) -> Acting:
     """Dieterich's ageing: the logarithm of the contact's age, which slip renews over a length."""
     cut = p["length_mm"] / (1e3 * p["v_s_m_s"])
-    return {
-        "healing": p["drop"],
-        "healing_slip": p["length_mm"],
-        "healing_cut": cut,
-        "healing_time": max(p["rest_s"], 2 * cut),
-    }
+    return Acting(
+        motion=FaultValues(
+            healing=p["drop"], healing_slip=p["length_mm"], healing_cut=cut, healing_time=max(p["rest_s"], 2 * cut)
+        )
+    )
 
 
 STRIBECK = FaultKind(
@@ -56,7 +56,7 @@ STRIBECK = FaultKind(
 def _rising(shape):
     def acts(p: Parameters) -> Acting:
         v0 = 1e3 * p["v0_m_s"]
-        return {"rate_factor": lambda w: 1.0 + p["c"] * shape(w / v0, p)}
+        return Acting(rate_factor=lambda w: 1.0 + p["c"] * shape(w / v0, p))
 
     return acts
 
@@ -88,16 +88,17 @@ LAG = FaultKind(
     "tau_s",
     linear(lambda s: 0.03),
     (
-        Law("first_order", lambda p: {"lag_rise_s": p["tau_s"], "lag_fall_s": p["tau_s"]}),
+        Law("first_order", lambda p: Acting(motion=FaultValues(lag_rise_s=p["tau_s"], lag_fall_s=p["tau_s"]))),
         Law("second_order",
-            lambda p: {"lag_rise_s": 0.5 * p["tau_s"], "lag_fall_s": 0.5 * p["tau_s"],
-                       "lag_second_s": 0.5 * p["tau_s"]}),
+            lambda p: Acting(motion=FaultValues(
+                lag_rise_s=0.5 * p["tau_s"], lag_fall_s=0.5 * p["tau_s"], lag_second_s=0.5 * p["tau_s"]))),
         Law("slow_release",
-            lambda p: {"lag_rise_s": p["tau_s"], "lag_fall_s": p["ratio"] * p["tau_s"]},
+            lambda p: Acting(motion=FaultValues(lag_rise_s=p["tau_s"], lag_fall_s=p["ratio"] * p["tau_s"])),
             lambda g, s: {"ratio": float(g.uniform(2.0, 5.0))}),
         Law("with_transient",
-            lambda p: {"lag_rise_s": p["tau_s"], "lag_fall_s": p["tau_s"], "lag_slow_share": p["slow_share"],
-                       "lag_slow_s": p["slow_ratio"] * p["tau_s"]},
+            lambda p: Acting(motion=FaultValues(
+                lag_rise_s=p["tau_s"], lag_fall_s=p["tau_s"], lag_slow_share=p["slow_share"],
+                lag_slow_s=p["slow_ratio"] * p["tau_s"])),
             lambda g, s: {"slow_share": float(g.uniform(0.2, 0.5)), "slow_ratio": float(g.uniform(8.0, 25.0))}, True),
     ),
 )  # fmt: skip
@@ -108,12 +109,13 @@ LAG = FaultKind(
 
 def _fading(shape, by_work: bool = False, drags: bool = False):
     def acts(p: Parameters) -> Acting:
-        out: Acting = {"fade_factor": lambda x: 1.0 - p["drop"] * shape(x / p["cycles"])}
-        if by_work:
-            out["fade_work_Nmm"] = p["work_a_cycle_Nmm"]
-        if drags:
-            out["fade_stiffness"] = p["stiffness_power"]
-        return out
+        return Acting(
+            motion=FaultValues(
+                fade_work_Nmm=p["work_a_cycle_Nmm"] if by_work else 0.0,
+                fade_stiffness=p["stiffness_power"] if drags else 0.0,
+            ),
+            fade_factor=lambda x: 1.0 - p["drop"] * shape(x / p["cycles"]),
+        )
 
     return acts
 
@@ -139,8 +141,15 @@ FADE = FaultKind(
 # ---- friction that differs between to and fro, on the slip limits alone
 
 
-def _directional(**more: str):
-    return lambda p: {"direction": p["asymmetry"], **{name: p[number] for name, number in more.items()}}
+def _directional(p: Parameters) -> Acting:
+    """Of the two further parameters a law has one or none."""
+    return Acting(
+        motion=FaultValues(
+            direction=p["asymmetry"],
+            direction_speed=p.get("speed_mm_s", 0.0),
+            direction_slope_1_mm=p.get("slope_1_mm", 0.0),
+        )
+    )
 
 
 def _moderate_speed(rng: np.random.Generator, s: Surroundings) -> Parameters:
@@ -152,9 +161,9 @@ DIRECTION = FaultKind(
     "asymmetry",
     linear(lambda s: 0.45),
     (
-        Law("limits", _directional()),
-        Law("with_speed", _directional(direction_speed="speed_mm_s"), _moderate_speed),
-        Law("with_position", _directional(direction_slope_1_mm="slope_1_mm"),
+        Law("limits", _directional),
+        Law("with_speed", _directional, _moderate_speed),
+        Law("with_position", _directional,
             lambda g, s: {"slope_1_mm": float(g.choice([-1, 1]) * g.uniform(0.3, 0.8)) / s.largest_mm}),
     ),
     signed=True,

@@ -19,6 +19,8 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.rig.fault import Acting, Draw, FaultKind, Law, Parameters, linear, log_uniform
+from bayes_iwan.rig.kernel import FaultValues
+from bayes_iwan.rig.sensors import Chain
 
 
 def _one(name: str, main: str, ceiling, acts, draw: Draw = lambda g, s: {}, evolves: bool = False) -> FaultKind:
@@ -27,16 +29,13 @@ def _one(name: str, main: str, ceiling, acts, draw: Draw = lambda g, s: {}, evol
 
 def _hertz_stops(p: Parameters) -> Acting:
     k, gap = p["k_N_mm15"], p["clearance_mm"]
-    return {"displacement_force": lambda d: np.sign(d) * k * np.maximum(np.abs(d) - gap, 0.0) ** 1.5}
+    return Acting(displacement_force=lambda d: np.sign(d) * k * np.maximum(np.abs(d) - gap, 0.0) ** 1.5)
 
 
 def _base(p: Parameters) -> Acting:
     k = 1.0 / p["mobility_mm_N"]
-    return {
-        "base_k": k,
-        "base_mass_kg": 1e3 * k / (2 * np.pi * p["resonance_hz"]) ** 2,
-        "base_damping_ratio": p["damping_ratio"],
-    }
+    mass_kg = 1e3 * k / (2 * np.pi * p["resonance_hz"]) ** 2
+    return Acting(motion=FaultValues(base_k=k, base_mass_kg=mass_kg, base_damping_ratio=p["damping_ratio"]))
 
 
 def _whirl(p: Parameters) -> Acting:
@@ -44,7 +43,7 @@ def _whirl(p: Parameters) -> Acting:
         turn = 2 * np.pi * p["order"] * cycle + rng.uniform(0, 2 * np.pi)
         return np.asarray(p["amplitude_N"] * (np.sin(turn) + 0.2 * np.sin(2 * turn)))
 
-    return {"additions": (add,)}
+    return Acting(chain=Chain(additions=(add,)))
 
 
 def _chatter(p: Parameters) -> Acting:
@@ -57,24 +56,26 @@ def _chatter(p: Parameters) -> Acting:
         ringing = np.exp(-since / p["decay_s"]) * np.sin(2 * np.pi * p["ringing_hz"] * since)
         return np.asarray(p["amplitude_N"] * ringing)
 
-    return {"additions": (add,)}
+    return Acting(chain=Chain(additions=(add,)))
 
 
 def _ringing_path(p: Parameters) -> Acting:
     """1 + share·(resonance − 1): at share 1 the whole force passes the resonance."""
     w, z, a = 2 * np.pi * p["resonance_hz"], p["damping_ratio"], p["share"]
-    return {"force_filters": (((1.0 - a, 2 * z * w * (1.0 - a), w * w), (1.0, 2 * z * w, w * w)),)}
+    ringing = (1.0 - a, 2 * z * w * (1.0 - a), w * w), (1.0, 2 * z * w, w * w)
+    return Acting(chain=Chain(force_filters=(ringing,)))
 
 
 KINDS = (
     _one("stiction_peak", "rise", lambda s: 1.5,
-         lambda p: {"ageing": p["rise"], "ageing_tau": p["ageing_s"], "ageing_slip": p["slip_mm"]},
+         lambda p: Acting(motion=FaultValues(ageing=p["rise"], ageing_tau=p["ageing_s"], ageing_slip=p["slip_mm"])),
          lambda g, s: {"ageing_s": log_uniform(g, 0.002, 0.02),
                        "slip_mm": float(g.uniform(0.02, 0.08)) * s.largest_mm}),
     _one("quadratic_drag", "c_N_s2_mm2", lambda s: 2 * s.friction_rms_N / s.speed_mm_s**2,
-         lambda p: {"speed_force": lambda v: p["c_N_s2_mm2"] * v * np.abs(v)}),
+         lambda p: Acting(speed_force=lambda v: p["c_N_s2_mm2"] * v * np.abs(v))),
     _one("wear_groove", "share", lambda s: 0.7,
-         lambda p: {"groove": p["share"], "groove_pitch": p["pitch_mm"], "groove_phase": p["phase_rad"]},
+         lambda p: Acting(
+             motion=FaultValues(groove=p["share"], groove_pitch=p["pitch_mm"], groove_phase=p["phase_rad"])),
          lambda g, s: {"pitch_mm": float(g.uniform(0.25, 0.7)) * s.largest_mm,
                        "phase_rad": float(g.uniform(0, 2 * np.pi))}),
     _one("hertz_stops", "k_N_mm15", lambda s: 80.0, _hertz_stops,
@@ -82,23 +83,27 @@ KINDS = (
     _one("base_resonance", "mobility_mm_N", lambda s: 0.06, _base,
          lambda g, s: {"resonance_hz": float(g.uniform(1.3, 2.2)) * max(s.frequencies_hz),
                        "damping_ratio": float(g.uniform(0.02, 0.06))}),
-    _one("rocking", "share", lambda s: 0.9, lambda p: {"rocking": p["share"]}),
+    _one("rocking", "share", lambda s: 0.9, lambda p: Acting(motion=FaultValues(rocking=p["share"]))),
     _one("remount_scatter", "sd_share", lambda s: 0.15,
-         lambda p: {"stiffness_scatter": (p["sd_share"], int(p["draw"]))},
+         lambda p: Acting(stiffness_scatter=(p["sd_share"], int(p["draw"]))),
          lambda g, s: {"draw": float(g.integers(2**31))}),
     _one("heating", "loss_1_mW", lambda s: 0.6 / (4 * s.friction_rms_N * s.largest_mm * max(s.frequencies_hz)),
-         lambda p: {"heat_loss_1_mW": p["loss_1_mW"], "heat_tau": p["tau_s"]},
+         lambda p: Acting(motion=FaultValues(heat_loss_1_mW=p["loss_1_mW"], heat_tau=p["tau_s"])),
          lambda g, s: {"tau_s": float(g.uniform(0.5, 3.0))}, evolves=True),
-    _one("sensor_hysteresis", "lag_mm", lambda s: 0.1 * s.largest_mm, lambda p: {"reading_lag_mm": p["lag_mm"]}),
+    _one("sensor_hysteresis", "lag_mm", lambda s: 0.1 * s.largest_mm,
+         lambda p: Acting(chain=Chain(reading_lag_mm=p["lag_mm"]))),
     _one("subharmonic_whirl", "amplitude_N", lambda s: 0.6 * s.friction_rms_N, _whirl,
          lambda g, s: {"order": float(g.choice([0.5, g.uniform(0.42, 0.49)]))}),
     _one("fixture_resonance", "share", lambda s: 1.0, _ringing_path,
          lambda g, s: {"resonance_hz": float(g.uniform(2.2, 4.0)) * max(s.frequencies_hz),
                        "damping_ratio": float(g.uniform(0.03, 0.1))}),
-    _one("cell_hysteresis", "lag_N", lambda s: 0.8 * s.friction_rms_N, lambda p: {"cell_lag_N": p["lag_N"]}),
-    _one("warming", "loss_1_s", lambda s: 0.4 / s.record_s, lambda p: {"warming_1_s": p["loss_1_s"]}, evolves=True),
+    _one("cell_hysteresis", "lag_N", lambda s: 0.8 * s.friction_rms_N,
+         lambda p: Acting(chain=Chain(cell_lag_N=p["lag_N"]))),
+    _one("warming", "loss_1_s", lambda s: 0.4 / s.record_s,
+         lambda p: Acting(motion=FaultValues(warming_1_s=p["loss_1_s"])), evolves=True),
     _one("impact_chatter", "amplitude_N", lambda s: 1.5 * s.friction_rms_N, _chatter,
          lambda g, s: {"decay_s": float(g.uniform(0.004, 0.012)), "ringing_hz": float(g.uniform(90.0, 200.0))}),
-    _one("range_switching", "sd_share", lambda s: 0.12, lambda p: {"gain_scatter": (p["sd_share"], int(p["draw"]))},
+    _one("range_switching", "sd_share", lambda s: 0.12,
+         lambda p: Acting(gain_scatter=(p["sd_share"], int(p["draw"]))),
          lambda g, s: {"draw": float(g.integers(2**31))}),
 )  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear, log_uniform
+from bayes_iwan.rig.kernel import FaultValues
 
 
 def _largest(rng: np.random.Generator, s: Surroundings) -> Parameters:
@@ -22,7 +23,7 @@ def _largest(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 def _power_damping(p: Parameters) -> Acting:
     c, v0, n = p["c_N_s_mm"], p["reference_mm_s"], p["power"]
-    return {"speed_force": lambda v: c * v0 * np.sign(v) * np.abs(v / v0) ** n}
+    return Acting(speed_force=lambda v: c * v0 * np.sign(v) * np.abs(v / v0) ** n)
 
 
 def _draw_power(rng: np.random.Generator, s: Surroundings) -> Parameters:
@@ -32,12 +33,12 @@ def _draw_power(rng: np.random.Generator, s: Surroundings) -> Parameters:
 
 def _thinning_damping(p: Parameters) -> Acting:
     c, v1 = p["c_N_s_mm"], p["thinning_mm_s"]
-    return {"speed_force": lambda v: c * v / np.sqrt(1.0 + (v / v1) ** 2)}
+    return Acting(speed_force=lambda v: c * v / np.sqrt(1.0 + (v / v1) ** 2))
 
 
 def _valve_damping(p: Parameters) -> Acting:
     c, ratio = p["c_N_s_mm"], p["return_ratio"]
-    return {"speed_force": lambda v: c * np.where(v > 0.0, v, ratio * v)}
+    return Acting(speed_force=lambda v: c * np.where(v > 0.0, v, ratio * v))
 
 
 VISCOUS = FaultKind(
@@ -45,7 +46,7 @@ VISCOUS = FaultKind(
     "c_N_s_mm",
     linear(lambda s: 2 * s.stiffness_N_mm / s.fastest_rad_s),
     (
-        Law("linear", lambda p: {"speed_force": lambda v: p["c_N_s_mm"] * v}),
+        Law("linear", lambda p: Acting(speed_force=lambda v: p["c_N_s_mm"] * v)),
         Law("power", _power_damping, _draw_power),
         Law("shear_thinning", _thinning_damping,
             lambda g, s: {"thinning_mm_s": float(g.uniform(0.2, 0.6)) * s.speed_mm_s}),
@@ -61,24 +62,20 @@ def _springpot(p: Parameters) -> Acting:
     """A power law of relaxation over four decades of times, two branches a decade."""
     tau = np.logspace(-4.0, 0.0, 9)
     weight = (tau / p["tau_s"]) ** -p["order"]
-    return {
-        "branch_k": p["k_N_mm"] * weight / weight[np.argmin(np.abs(np.log(tau / p["tau_s"])))] * 0.4,
-        "branch_tau": tau,
-    }
+    k = p["k_N_mm"] * weight / weight[np.argmin(np.abs(np.log(tau / p["tau_s"])))] * 0.4
+    return Acting(motion=FaultValues(branch_k=k, branch_tau=tau))
 
 
 def _spread_times(p: Parameters) -> Acting:
     tau = p["tau_s"] * np.exp(p["spread"] * np.linspace(-2.0, 2.0, 7))
     weight = np.exp(-0.5 * np.linspace(-2.0, 2.0, 7) ** 2)
-    return {"branch_k": p["k_N_mm"] * weight / weight.sum(), "branch_tau": tau}
+    return Acting(motion=FaultValues(branch_k=p["k_N_mm"] * weight / weight.sum(), branch_tau=tau))
 
 
 def _two_times(p: Parameters) -> Acting:
     k, slow = p["k_N_mm"], p["slow_share"]
-    return {
-        "branch_k": np.array([k * (1 - slow), k * slow]),
-        "branch_tau": np.array([p["tau_s"], p["slow_tau_s"]]),
-    }
+    times = np.array([p["tau_s"], p["slow_tau_s"]])
+    return Acting(motion=FaultValues(branch_k=np.array([k * (1 - slow), k * slow]), branch_tau=times))
 
 
 MAXWELL = FaultKind(
@@ -86,7 +83,8 @@ MAXWELL = FaultKind(
     "k_N_mm",
     linear(lambda s: 3 * s.stiffness_N_mm),
     (
-        Law("one_time", lambda p: {"branch_k": np.array([p["k_N_mm"]]), "branch_tau": np.array([p["tau_s"]])}),
+        Law("one_time", lambda p: Acting(
+            motion=FaultValues(branch_k=np.array([p["k_N_mm"]]), branch_tau=np.array([p["tau_s"]])))),
         Law("springpot", _springpot, lambda g, s: {"order": float(g.uniform(0.2, 0.6))}),
         Law("lognormal_times", _spread_times, lambda g, s: {"spread": float(g.uniform(0.6, 1.4))}),
         Law("two_times", _two_times,
@@ -102,12 +100,12 @@ MAXWELL = FaultKind(
 def _exponential_quadratic(p: Parameters) -> Acting:
     """Hardens to one side as collagen does: k2·d² is its first term, the straight one taken off."""
     k2, a = p["k2_N_mm2"], p["steepness"] / p["reach_mm"]
-    return {"displacement_force": lambda d: 2 * k2 / a**2 * (np.exp(a * d) - 1.0 - a * d)}
+    return Acting(displacement_force=lambda d: 2 * k2 / a**2 * (np.exp(a * d) - 1.0 - a * d))
 
 
 def _one_sided(p: Parameters) -> Acting:
     k2 = p["k2_N_mm2"]
-    return {"displacement_force": lambda d: 2 * k2 * np.where(d > 0.0, d * d, 0.0)}
+    return Acting(displacement_force=lambda d: 2 * k2 * np.where(d > 0.0, d * d, 0.0))
 
 
 def _two_slopes(p: Parameters) -> Acting:
@@ -118,7 +116,7 @@ def _two_slopes(p: Parameters) -> Acting:
     def force(d: Array) -> Array:
         return k * (np.sqrt((d - place) ** 2 + corner**2) - np.sqrt(place**2 + corner**2))
 
-    return {"displacement_force": force}
+    return Acting(displacement_force=force)
 
 
 QUADRATIC = FaultKind(
@@ -126,7 +124,7 @@ QUADRATIC = FaultKind(
     "k2_N_mm2",
     linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm),
     (
-        Law("square", lambda p: {"displacement_force": lambda d: p["k2_N_mm2"] * d**2}),
+        Law("square", lambda p: Acting(displacement_force=lambda d: p["k2_N_mm2"] * d**2)),
         Law("exponential", _exponential_quadratic,
             lambda g, s: {**_largest(g, s), "steepness": float(g.uniform(0.8, 2))}),
         Law("one_sided", _one_sided),
@@ -145,18 +143,18 @@ def _bends(p: Parameters) -> Acting:
     def force(d: Array) -> Array:
         return k * np.sign(d) * width * np.logaddexp(0.0, (np.abs(d) - at) / width)
 
-    return {"displacement_force": force}
+    return Acting(displacement_force=force)
 
 
 def _tanh_spring(p: Parameters) -> Acting:
     """A stiffness that fades out at large displacements: the straight part taken off."""
     k, d0 = p["k3_N_mm3"] * p["reach_mm"] ** 2, p["bend_share"] * p["reach_mm"]
-    return {"displacement_force": lambda d: k * (d - d0 * np.tanh(d / d0))}
+    return Acting(displacement_force=lambda d: k * (d - d0 * np.tanh(d / d0)))
 
 
 def _sinh_spring(p: Parameters) -> Acting:
     k, d0 = p["k3_N_mm3"] * p["reach_mm"] ** 2, p["bend_share"] * p["reach_mm"]
-    return {"displacement_force": lambda d: k * (d0 * np.sinh(d / d0) - d) / np.sinh(p["reach_mm"] / d0)}
+    return Acting(displacement_force=lambda d: k * (d0 * np.sinh(d / d0) - d) / np.sinh(p["reach_mm"] / d0))
 
 
 def _draw_bend(low: float, high: float):
@@ -168,7 +166,7 @@ CUBIC = FaultKind(
     "k3_N_mm3",
     linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm**2),
     (
-        Law("cube", lambda p: {"displacement_force": lambda d: p["k3_N_mm3"] * d**3}),
+        Law("cube", lambda p: Acting(displacement_force=lambda d: p["k3_N_mm3"] * d**3)),
         Law("bends", _bends, _draw_bend(0.35, 0.65)),
         Law("tanh", _tanh_spring, _draw_bend(0.3, 0.8)),
         Law("sinh", _sinh_spring, _draw_bend(0.2, 0.4)),
@@ -183,15 +181,15 @@ CUBIC = FaultKind(
 def _stop(power: float, loss: bool = False):
     def acts(p: Parameters) -> Acting:
         k = p["k_N_mm"] * p.get("indent_mm", 1.0) ** (1.0 - power)
-        more = {"stop_loss_s_m": p["loss_s_m"]} if loss else {}
-        return {"stop_gap": p["clearance_mm"], "stop_k": k, "stop_power": power, **more}
+        lost = p["loss_s_m"] if loss else 0.0
+        return Acting(motion=FaultValues(stop_gap=p["clearance_mm"], stop_k=k, stop_power=power, stop_loss_s_m=lost))
 
     return acts
 
 
 def _rounded_stop(p: Parameters) -> Acting:
     k, gap, width = p["k_N_mm"], p["clearance_mm"], p["width_mm"]
-    return {"displacement_force": lambda d: k * width * np.logaddexp(0.0, (d - gap) / width)}
+    return Acting(displacement_force=lambda d: k * width * np.logaddexp(0.0, (d - gap) / width))
 
 
 def _two_stage_stop(p: Parameters) -> Acting:
@@ -200,7 +198,7 @@ def _two_stage_stop(p: Parameters) -> Acting:
     def force(d: Array) -> Array:
         return 0.3 * k * np.maximum(d - gap, 0.0) + k * np.maximum(d - second, 0.0)
 
-    return {"displacement_force": force}
+    return Acting(displacement_force=force)
 
 
 END_STOP = FaultKind(

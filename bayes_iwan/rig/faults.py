@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import TypeVar
 
 import numpy as np
 
 from bayes_iwan.rig import fault_chain, fault_friction, fault_outside, fault_specimen
-from bayes_iwan.rig.fault import Acting, Fault, FaultKind, Surroundings
+from bayes_iwan.rig.fault import NO_FAULT, Acting, Fault, FaultKind, Function, Scatter, Surroundings
+from bayes_iwan.rig.kernel import FaultValues
+from bayes_iwan.rig.sensors import Chain
 from bayes_iwan.rig.specimen import RigError
+
+T = TypeVar("T")
 
 KINDS: dict[str, FaultKind] = {
     k.name: k for k in (*fault_specimen.KINDS, *fault_friction.KINDS, *fault_chain.KINDS, *fault_outside.KINDS)
@@ -19,19 +25,9 @@ MAIN_PARAMETER: dict[str, str] = {k.name: k.main for k in KINDS.values()}
 #: which laws are drawn: the one that the catalogue has too, any but that one, or all alike
 LAWS = ("catalogue", "other", "all")
 
-#: functions that a law may give: those of several faults act in a row (True: multiplied) or beside one another (added)
-_FUNCTIONS = {
-    "displacement_force": False,
-    "speed_force": False,
-    "joint_stretch": False,
-    "rate_factor": True,
-    "fade_factor": True,
-}
-_LISTS = ("force_filters", "displacement_filters", "additions")
-
 
 def check_faults(faults: Sequence[Fault]) -> None:
-    """Raise `RigError` for an unknown name or law, or for a fault without its main number."""
+    """Raise `RigError` for an unknown name or law, or for a fault without its main parameter."""
     for fault in faults:
         if fault.name not in KINDS:
             raise RigError(f"no fault {fault.name!r}; the rig has: {', '.join(KINDS)}")
@@ -40,7 +36,7 @@ def check_faults(faults: Sequence[Fault]) -> None:
         if fault.law and fault.law not in laws:
             raise RigError(f"fault {fault.name!r} has no law {fault.law!r}; there are: {', '.join(laws)}")
         if kind.main not in fault.parameters:
-            raise RigError(f"fault {fault.name!r} needs the number {kind.main!r}")
+            raise RigError(f"fault {fault.name!r} needs the parameter {kind.main!r}")
 
 
 def laws_of(name: str, laws: str = "catalogue", leave_out: Sequence[str] = ()) -> tuple[str, ...]:
@@ -60,7 +56,7 @@ def laws_of(name: str, laws: str = "catalogue", leave_out: Sequence[str] = ()) -
 
 
 def drawn(name: str, law: str, surroundings: Surroundings, rng: np.random.Generator) -> dict[str, float]:
-    """All numbers of a fault but its main one; `_sign` is that one's sign where it may be negative."""
+    """All parameters of a fault but its main one; `_sign` is that one's sign where it may be negative."""
     kind = KINDS[name]
     parameter_values = {**kind.draw(rng, surroundings), **kind.law(law).draw(rng, surroundings)}
     return parameter_values | ({"_sign": float(rng.choice([-1.0, 1.0]))} if kind.signed else {})
@@ -75,27 +71,55 @@ def complete(name: str, law: str, others: dict[str, float], surroundings: Surrou
 
 
 def acting(faults: Sequence[Fault]) -> Acting:
-    """What these faults do together: the kernel's numbers and functions, and the chain's settings."""
-    out: Acting = {}
+    """What these faults do together. Raises `RigError` where two set the same value of kernel or chain."""
+    out, who = Acting(), " and ".join(f.name for f in faults)
     for fault in faults:
-        for key, value in KINDS[fault.name].law(fault.law).acts(fault.parameters).items():
-            if key in out and key in _FUNCTIONS:
-                out[key] = _combined(out[key], value, _FUNCTIONS[key])
-            elif key in out and key in _LISTS:
-                out[key] = (*out[key], *value)
-            elif key in out and key not in ("end_mass_kg", "end_damping"):
-                raise RigError(f"{' and '.join(f.name for f in faults)} cannot act together: both set {key}")
-            else:
-                out[key] = value
+        out = _beside(out, KINDS[fault.name].law(fault.law).acts(fault.parameters), who)
     return out
 
 
-def _combined(first, second, product: bool):
-    if product:
-        return lambda x: first(x) * second(x)
-    return lambda x: first(x) + second(x)
+def _beside(a: Acting, b: Acting, who: str) -> Acting:
+    """Both: filters and additions one after the other, forces and stretches added, factors multiplied."""
+
+    def one(key: str, first: T, second: T, off: T) -> T:
+        if _is_off(second, off):
+            return first
+        if not _is_off(first, off) and key not in ("end_mass_kg", "end_damping"):
+            raise RigError(f"{who} cannot act together: both set {key}")
+        return second
+
+    in_a_row = ("force_filters", "displacement_filters", "additions")
+    motion = (one(*values) for values in zip(FaultValues._fields, a.motion, b.motion, NO_FAULT))
+    settings = {
+        f.name: one(f.name, getattr(a.chain, f.name), getattr(b.chain, f.name), f.default)
+        for f in fields(Chain)
+        if f.name not in in_a_row
+    }
+    return Acting(
+        motion=a.motion if b.motion is NO_FAULT else FaultValues._make(motion),
+        chain=replace(a.chain, **settings, **{k: getattr(a.chain, k) + getattr(b.chain, k) for k in in_a_row}),
+        extra_compliance_mm_N=one("compliance_mm_N", a.extra_compliance_mm_N, b.extra_compliance_mm_N, 0.0),
+        displacement_force=_combined(a.displacement_force, b.displacement_force, np.add),
+        speed_force=_combined(a.speed_force, b.speed_force, np.add),
+        joint_stretch=_combined(a.joint_stretch, b.joint_stretch, np.add),
+        rate_factor=_combined(a.rate_factor, b.rate_factor, np.multiply),
+        fade_factor=_combined(a.fade_factor, b.fade_factor, np.multiply),
+        stiffness_scatter=one("stiffness_scatter", a.stiffness_scatter, b.stiffness_scatter, None),
+        gain_scatter=one("gain_scatter", a.gain_scatter, b.gain_scatter, None),
+    )
 
 
-def scatter(seed: int, sd: float, test_index: int) -> float:
+def _is_off(value: object, off: object) -> bool:
+    return value is off or (not isinstance(value, np.ndarray) and value == off)
+
+
+def _combined(first: Function | None, second: Function | None, by: np.ufunc) -> Function | None:
+    if first is None or second is None:
+        return first or second
+    return lambda x: by(first(x), second(x))
+
+
+def scatter(how: Scatter, test_index: int) -> float:
     """A factor about 1 that belongs to one test."""
+    sd, seed = how
     return float(np.exp(sd * np.random.default_rng([seed, test_index]).standard_normal()))

@@ -18,13 +18,9 @@ from bayes_iwan.arrays import Array
 NO_TABLE: Array = np.zeros(1)
 
 
-class ParameterValues(NamedTuple):
-    """All that the kernel needs beside the drive and the sliders; 0, or a table of one number, switches a fault off.
+class SpecimenValues(NamedTuple):
+    """The specimen without its sliders, and the link: lengths in mm, forces in N; λ in s/m as in Eq. (11)."""
 
-    Lengths in mm, forces in N, times in s; slip speeds in mm/s; λ in s/m as in Eq. (11).
-    """
-
-    # specimen
     amplitude_mm: float
     parallel: float
     contact: float
@@ -34,8 +30,17 @@ class ParameterValues(NamedTuple):
     beta: float
     lam: float
     tip: float
-    # link between armature and specimen; `joint` is its force beyond the play where that is no straight line
+    # between armature and specimen
     link_compliance: float
+
+
+class FaultValues(NamedTuple):
+    """What faults change in the motion; 0, or a table of one number, switches one off.
+
+    Lengths in mm, forces in N, times in s; slip speeds in mm/s.
+    """
+
+    # link between armature and specimen; `joint` is its force beyond the play where that is no straight line
     play: float = 0.0
     end_mass_kg: float = 0.0
     end_damping: float = 0.0
@@ -99,14 +104,14 @@ def _look_up(table: Array, start: float, step: float, x: float) -> tuple[float, 
 # sums may be reordered, so that sliders go several at a time; nan and infinity stay what they are
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 def march(
-    drive: Array, cycle: Array, h: float, share: Array, slip: Array, q: ParameterValues
+    drive: Array, cycle: Array, h: float, share: Array, slip: Array, s: SpecimenValues, q: FaultValues
 ) -> tuple[Array, Array, Array]:
     """Integrate the rig from rest.
 
     Parameters: `drive` (n,) armature position in mm at steps of `h` seconds; `cycle` (n,) cycles since the
     start of the record (negative while running in); `share`, `slip` (m,) the sliders' shares of the stiffness
-    and of the slip force (N). Returns the force in the link (n,), the specimen's deformation in mm (n,)
-    and the work lost in slip up to each step (n,), in N·mm.
+    and of the slip force (N); `s` the specimen's other values, `q` what faults change. Returns the force in the
+    link (n,), the specimen's deformation in mm (n,) and the work lost in slip up to each step (n,), in N·mm.
     """
     n, m = drive.size, share.size
     force, deformation, lost = np.zeros(n), np.zeros(n), np.zeros(n)
@@ -126,9 +131,9 @@ def march(
         steep = max(-np.min(np.diff(q.rate)) / q.rate_step, 0.0)
         for j in range(m):
             steepest = slip[j] * steep
-            memory[j] = 2e-4 + 1.3 * steepest / (q.contact * share[j])
-    k_norm = 1.0 - np.exp(-q.curve)
-    log_a = np.log(q.amplitude_mm)
+            memory[j] = 2e-4 + 1.3 * steepest / (s.contact * share[j])
+    k_norm = 1.0 - np.exp(-s.curve)
+    log_a = np.log(s.amplitude_mm)
     alpha_lag, alpha_rate, alpha_slow, heat = 1.0, 0.0, 1.0, 0.0
     branch = np.zeros(q.branch_k.size)
     branches = q.branch_k.size if q.branch_k[0] != 0.0 else 0
@@ -137,7 +142,7 @@ def march(
     xb, vb = 0.0, 0.0
     z, z1, d_old, z_speed = 0.0, 0.0, 0.0, 0.0
     work = 0.0
-    link_k = 1.0 / q.link_compliance
+    link_k = 1.0 / s.link_compliance
     per_second = (cycle[n - 1] - cycle[0]) / (h * (n - 1))
     half_play = 0.5 * q.play
     lagged = q.lag_rise_s != 0.0
@@ -192,11 +197,11 @@ def march(
         for iteration in range(60):
             d = trial - xb
             v = (d - d_old) / h
-            gap = q.amplitude_mm - d
-            y = np.sqrt(gap * gap + (q.tip * q.amplitude_mm) ** 2)
-            yb = np.exp(q.beta * np.log(y))
-            pull = q.lam * q.kn * yb * gap / y * 1e-3
-            alpha_now = 1.0 + q.kn * (yb - np.exp(q.beta * log_a)) + pull * abs(v)
+            gap = s.amplitude_mm - d
+            y = np.sqrt(gap * gap + (s.tip * s.amplitude_mm) ** 2)
+            yb = np.exp(s.beta * np.log(y))
+            pull = s.lam * s.kn * yb * gap / y * 1e-3
+            alpha_now = 1.0 + s.kn * (yb - np.exp(s.beta * log_a)) + pull * abs(v)
             if second != 0.0:
                 free = alpha_lag + alpha_rate * h * (q.lag_rise_s * second / h**2) / (
                     (q.lag_rise_s + second) / h + q.lag_rise_s * second / h**2
@@ -212,9 +217,9 @@ def march(
                 alpha += q.lag_slow_share * (alpha_slow - alpha)
             if alpha < 0.05:
                 alpha, dalpha = 0.05, 0.0
-            decay = np.exp(-q.curve * alpha**q.curve_power)
-            k = soft * grip * q.contact * (1.0 - decay) / k_norm
-            k_log_slope = decay * q.curve * q.curve_power * alpha ** (q.curve_power - 1.0) / (1.0 - decay)
+            decay = np.exp(-s.curve * alpha**s.curve_power)
+            k = soft * grip * s.contact * (1.0 - decay) / k_norm
+            k_log_slope = decay * s.curve * s.curve_power * alpha ** (s.curve_power - 1.0) / (1.0 - decay)
             limit = alpha * common
             stuck_k = stuck_f = slid_f = slid_k = 0.0
             if rated or aged or healed:
@@ -248,8 +253,8 @@ def march(
                     stuck_f += sticks * fj
                     stuck_k += sticks * share[j]
                 slid_f = carried - stuck_f
-            total = stuck_f + slid_f + soft * q.parallel * d
-            tangent = k * stuck_k + soft * q.parallel + slid_k
+            total = stuck_f + slid_f + soft * s.parallel * d
+            tangent = k * stuck_k + soft * s.parallel + slid_k
             tangent += (stuck_f * k_log_slope + slid_f / alpha) * dalpha
             if q.displacement_force.size > 1:
                 more, steeper = _look_up(q.displacement_force, displacement_start, q.displacement_step, d)

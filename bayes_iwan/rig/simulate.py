@@ -9,8 +9,7 @@ rest through run-in, and are seen through sensors of their own (`sensors`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Record
 from bayes_iwan.rig.fault import Acting, Fault, uniform_grid
 from bayes_iwan.rig.faults import acting, check_faults, scatter
-from bayes_iwan.rig.kernel import ParameterValues, march
-from bayes_iwan.rig.sensors import Chain, Sensors, measure
+from bayes_iwan.rig.kernel import FaultValues, SpecimenValues, march
+from bayes_iwan.rig.sensors import Sensors, measure
 from bayes_iwan.rig.specimen import RigError, Specimen
 
 
@@ -128,40 +127,37 @@ class Fidelity:
 
 # sliders that remember their slip speed cost several times as much, and need fewer: they blur one another
 FULL, RATED, COARSE = Fidelity(), Fidelity(sliders=90), Fidelity(steps=400, sliders=60)
-_REMEMBERS = {"rate_factor", "ageing", "healing"}
 _TABLE = 2000  # points of a table of a law, to either side
-_CHAIN = {f.name for f in fields(Chain)}
 
 
-def _tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance_mm_N: float) -> dict[str, Any]:
-    """The kernel's numbers of what acts, its functions as tables over a range that the motion hardly leaves."""
-    n: dict[str, Any] = {k: v for k, v in act.items() if k in ParameterValues._fields}
-    if "displacement_force" in act:
+def _with_tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance_mm_N: float) -> FaultValues:
+    """The kernel's values of what acts, its functions as tables over a range that the motion hardly leaves."""
+    q = act.motion
+    if act.displacement_force is not None:
         grid = uniform_grid(1.5 * amplitude_mm, _TABLE)
-        n["displacement_force"], n["displacement_step"] = act["displacement_force"](grid), grid[1] - grid[0]
-    if "speed_force" in act:
+        q = q._replace(displacement_force=act.displacement_force(grid), displacement_step=grid[1] - grid[0])
+    if act.speed_force is not None:
         grid = uniform_grid(2.0 * speed_mm_s, _TABLE)
-        n["speed_force"], n["speed_step"] = act["speed_force"](grid), grid[1] - grid[0]
-    if "rate_factor" in act:
+        q = q._replace(speed_force=act.speed_force(grid), speed_step=grid[1] - grid[0])
+    if act.rate_factor is not None:
         grid = np.linspace(0.0, 4.0 * speed_mm_s, 4 * _TABLE)
-        n["rate"], n["rate_step"] = act["rate_factor"](grid), grid[1] - grid[0]
-    if "fade_factor" in act:
+        q = q._replace(rate=act.rate_factor(grid), rate_step=grid[1] - grid[0])
+    if act.fade_factor is not None:
         grid = np.linspace(0.0, 400.0, 4 * _TABLE)
-        n["fade"], n["fade_step"] = np.maximum(act["fade_factor"](grid), 0.05), grid[1] - grid[0]
-    if "joint_stretch" in act:  # force over stretch, from stretch over force
+        q = q._replace(fade=np.maximum(act.fade_factor(grid), 0.05), fade_step=grid[1] - grid[0])
+    if act.joint_stretch is not None:  # force over stretch, from stretch over force
         force = np.concatenate([np.linspace(0.0, 1.0, 400)[:-1] ** 2, np.linspace(1.0, 100.0, 4000)])
-        stretch = compliance_mm_N * force + act["joint_stretch"](force)
+        stretch = compliance_mm_N * force + act.joint_stretch(force)
         grid = np.linspace(0.0, stretch[-1], 20 * _TABLE)
-        n["joint"], n["joint_step"] = np.interp(grid, stretch, force), grid[1] - grid[0]
-    return n
+        q = q._replace(joint=np.interp(grid, stretch, force), joint_step=grid[1] - grid[0])
+    return q
 
 
 def kernel_values(
     specimen: Specimen, setup: Setup, act: Acting, frequency_hz: float, amplitude_mm: float
-) -> ParameterValues:
-    compliance = setup.shaker_compliance_mm_N + setup.fixture_compliance_mm_N + act.get("extra_compliance", 0.0)
-    speed = 2 * np.pi * frequency_hz * amplitude_mm
-    return ParameterValues(
+) -> tuple[SpecimenValues, FaultValues]:
+    compliance = setup.shaker_compliance_mm_N + setup.fixture_compliance_mm_N + act.extra_compliance_mm_N
+    body = SpecimenValues(
         amplitude_mm=amplitude_mm,
         parallel=specimen.parallel_N_mm,
         contact=specimen.contact_N_mm,
@@ -172,13 +168,8 @@ def kernel_values(
         lam=specimen.lambda_s_m,
         tip=specimen.tip,
         link_compliance=compliance,
-        **_tables(act, amplitude_mm, speed, compliance),
     )
-
-
-def only_measured(faults: Sequence[Fault]) -> bool:
-    """Whether these faults leave the motion as it is and act in the measuring chain alone."""
-    return set(acting(faults)) <= _CHAIN | {"gain_scatter"}
+    return body, _with_tables(act, amplitude_mm, 2 * np.pi * frequency_hz * amplitude_mm, compliance)
 
 
 def simulate_test(
@@ -216,9 +207,9 @@ def observe(
 ) -> RigRun:
     """Record a motion; of the faults, those of the measuring chain act here."""
     act = acting(faults)
-    chain = Chain(**{k: v for k, v in act.items() if k in _CHAIN})
-    if "gain_scatter" in act:
-        chain = replace(chain, gain=scatter(act["gain_scatter"][1], act["gain_scatter"][0], index))
+    chain = act.chain
+    if act.gain_scatter is not None:
+        chain = replace(chain, gain=scatter(act.gain_scatter, index))
     u, f = measure(
         motion.time_s, motion.displacement_mm, motion.force_N, motion.sample_times_s, setup.sensors, chain,
         np.random.default_rng([seed, index, 1]), clean, motion.true_frequency_hz,
@@ -239,7 +230,7 @@ def move(
     """Move the rig through one test from rest; see `simulate_test`."""
     check_faults(faults)
     act = acting(faults)
-    if fidelity == FULL and _REMEMBERS & set(act):
+    if fidelity == FULL and act.remembers:
         fidelity = RATED
     rng = np.random.default_rng([seed, index, 0])
     frequency = test.frequency_hz * (1 + setup.frequency_error * rng.uniform(-1, 1))
@@ -248,8 +239,8 @@ def move(
     second, third = setup.second_harmonic * rng.uniform(0.3, 1), setup.third_harmonic * rng.uniform(0.3, 1)
     beats = setup.wander * rng.standard_normal(6)
     body = specimen.coarse(fidelity.sliders)
-    if "stiffness_scatter" in act:
-        body = body.scaled(scatter(act["stiffness_scatter"][1], act["stiffness_scatter"][0], index))
+    if act.stiffness_scatter is not None:
+        body = body.scaled(scatter(act.stiffness_scatter, index))
 
     def shape(t: Array, run_in: float) -> Array:
         turn = 2 * np.pi * frequency * t + start
@@ -264,9 +255,9 @@ def move(
     ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
         t = begin + np.arange(int(np.ceil((stop - begin) * rate)) + 1) / rate
         drive = size * shape(t, run_in) + offset * np.clip((t - begin) * frequency, 0.0, 1.0)
-        parameter_values = kernel_values(sliders, setup, act, frequency, own_amplitude)
+        values = kernel_values(sliders, setup, act, frequency, own_amplitude)
         force, deformation, _ = march(
-            drive, t * frequency, 1 / rate, sliders.stiffness_share, sliders.slip_share_N, parameter_values
+            drive, t * frequency, 1 / rate, sliders.stiffness_share, sliders.slip_share_N, *values
         )
         return t, drive - setup.shaker_compliance_mm_N * force, force, deformation
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.rig.fault import Fault, Surroundings
-from bayes_iwan.rig.faults import KINDS, complete, drawn, laws_of
+from bayes_iwan.rig.faults import KINDS, acting, complete, drawn, laws_of
 from bayes_iwan.rig.simulate import (
     COARSE,
     PlannedTest,
@@ -20,7 +20,6 @@ from bayes_iwan.rig.simulate import (
     Setup,
     move,
     observe,
-    only_measured,
     simulate_tests,
 )
 from bayes_iwan.rig.specimen import RigError, Specimen
@@ -91,7 +90,7 @@ def _changed(
     specimen: Specimen, sound: Sound, faults: tuple[Fault, ...], setup: Setup | None, seed: int
 ) -> tuple[RigRun, ...]:
     """The tests of `sound` again with faults in them; the motion is that of the sound rig where it may be."""
-    if only_measured(faults):
+    if acting(faults).only_measured:
         return _observed(sound[2], faults, setup, seed)
     tests = [m.test for m in sound[2]]
     return simulate_tests(specimen, tests, setup=setup, faults=faults, seed=seed, fidelity=COARSE, clean=True)

@@ -68,7 +68,7 @@ def test_first_order_corners():
 
 
 def faulty(name, law="", **parameter_values):
-    return chained(Chain(**acting((Fault(name, parameter_values, law),))))
+    return chained(acting((Fault(name, parameter_values, law),)).chain)
 
 
 @pytest.mark.parametrize("law", ["pure", "all_pass", "second_order"])

@@ -74,7 +74,7 @@ def test_virgin_curve_of_uniform_slip_forces():
     u = np.linspace(0, 0.13, 2000)
     s = uniform_specimen(mean)
     q = simulate.kernel_values(replace(s, parallel_N_mm=0.0), IDEAL, acting(()), 10.0, A)
-    force, _, _ = march(u, np.full(u.size, -1.0), 1e-4, s.stiffness_share, s.slip_share_N, q)
+    force, _, _ = march(u, np.full(u.size, -1.0), 1e-4, s.stiffness_share, s.slip_share_N, *q)
     np.testing.assert_allclose(force, k * u - (k * u) ** 2 / (4 * mean), atol=2e-5)
 
 
@@ -84,8 +84,8 @@ def test_loop_area_of_uniform_slip_forces():
     turn = np.linspace(0, 3, 3 * 4000 + 1)
     u = a * np.sin(2 * np.pi * turn)
     s = uniform_specimen(mean)
-    q = simulate.kernel_values(s, IDEAL, {}, 10.0, a)
-    force, _, lost = march(u, turn - 9, 1e-4, s.stiffness_share, s.slip_share_N, q)
+    q = simulate.kernel_values(s, IDEAL, acting(()), 10.0, a)
+    force, _, lost = march(u, turn - 9, 1e-4, s.stiffness_share, s.slip_share_N, *q)
     last = slice(2 * 4000, None)
     expected = k**2 * a**3 / (3 * mean)
     assert np.trapezoid(force[last], u[last]) == pytest.approx(expected, rel=2e-3)
@@ -102,7 +102,7 @@ def test_energy_balance_from_rest_with_every_spring():
         Fault("cubic_stiffness", {"k3_N_mm3": 3.0}),
     )
     q = simulate.kernel_values(s, IDEAL, acting(effects), 10.0, 0.7)
-    force, d, lost = march(u, turn - 9, 1e-4, s.stiffness_share, s.slip_share_N, q)
+    force, d, lost = march(u, turn - 9, 1e-4, s.stiffness_share, s.slip_share_N, *q)
     work = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(d))])
     springs = 0.5 * 5.0 * d**2 + 2.0 * d**3 / 3 + 3.0 * d**4 / 4
     in_elements = work - lost - springs
@@ -166,7 +166,7 @@ def test_compliance_against_a_graphical_solution():
     u = np.linspace(0, 0.15, 2000)
     s = uniform_specimen(mean, parallel_N_mm=0.0)
     q = simulate.kernel_values(s, IDEAL, acting((Fault("rig_compliance", {"compliance_mm_N": c}),)), 10.0, A)
-    force, d, _ = march(u, np.full(u.size, -1.0), 1e-4, s.stiffness_share, s.slip_share_N, q)
+    force, d, _ = march(u, np.full(u.size, -1.0), 1e-4, s.stiffness_share, s.slip_share_N, *q)
     np.testing.assert_allclose(u - d, c * force, atol=1e-6)
     np.testing.assert_allclose(force, k * d - (k * d) ** 2 / (4 * mean), atol=3e-5)
 
@@ -176,7 +176,7 @@ def test_free_play_carries_no_force_across_its_width():
     turn = np.linspace(0, 2, 2 * 4000 + 1)
     u = A * np.sin(2 * np.pi * turn)
     q = simulate.kernel_values(s, Setup(), acting((Fault("free_play", {"play_mm": play}),)), 10.0, A)
-    force, d, _ = march(u, turn - 9, 1 / 40000, s.stiffness_share, s.slip_share_N, q)
+    force, d, _ = march(u, turn - 9, 1 / 40000, s.stiffness_share, s.slip_share_N, *q)
     down = (turn > 1.25) & (turn < 1.75)  # from one turning point to the other
     resting = down & (np.abs(force) < 1e-12)
     assert np.ptp(u[resting]) == pytest.approx(play, rel=0.08)  # it swings a little
