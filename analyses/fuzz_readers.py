@@ -22,7 +22,7 @@ from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.gap import saved_fits
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.evidence import base_model, base_problem
-from bayes_iwan.inference import results
+from bayes_iwan.inference import netcdf, results
 from bayes_iwan.inference.config import diagnose_settings_of, settings_of
 from bayes_iwan.inference.identify import identify_campaign
 from bayes_iwan.inference.problem import make_problem
@@ -104,7 +104,7 @@ class Reader:
 
 def resealed_netcdf(raw: bytes, rng: mutations.Rng) -> bytes:
     """A result whose texts or numbers were changed by somebody who made its checksum anew."""
-    sound = raw[: -len(results._SEAL) - 32]
+    sound = raw[: -len(netcdf.SEAL) - 32]
     if rng.random() < 0.7:  # its texts, in place: their lengths stand elsewhere
         changed = bytearray(sound)
         quotes = [i for i in range(len(sound) - 1) if sound[i : i + 1] in b'":,[']
@@ -115,7 +115,7 @@ def resealed_netcdf(raw: bytes, rng: mutations.Rng) -> bytes:
         sound = bytes(changed)
     else:
         sound = mutations.damaged(sound, rng)
-    return sound + results._SEAL + hashlib.sha256(sound).digest()
+    return sound + netcdf.SEAL + hashlib.sha256(sound).digest()
 
 
 def resealed_checkpoint(raw: bytes, rng: mutations.Rng) -> bytes:
@@ -306,7 +306,7 @@ def readers() -> dict[str, Reader]:
         campaign, config={**settings_of(write_whole("short.toml", CONFIG)).as_dict()}, seed=1, quick=True
     )
     Path("run").mkdir()
-    results.write_netcdf(replace(found, z=found.z[:, :30], log_prob=found.log_prob[:, :30]), Path("run/posterior.nc"))
+    netcdf.write_netcdf(replace(found, z=found.z[:, :30], log_prob=found.log_prob[:, :30]), Path("run/posterior.nc"))
     ckpt = Path("run") / checkpoint.NAME
     _sampled(ckpt, False)
     fits, specimen = _fits(Path("fits/fits.json")), _specimen(Path("specimen"))

@@ -43,7 +43,7 @@ def watched(problem: Problem, z: np.ndarray) -> dict[str, np.ndarray]:
     """Quantities that loops determine, (draws,) each: stiffnesses, mean slip force, noise, energy of each test."""
     values = problem.prior.values(z)
     out = {n: values[n] for n in WATCHED if n in values}
-    energy = loop_quantities(problem.motion, problem.predict(z))[0]
+    energy = loop_quantities(problem.motion.displacement_mm, problem.predict(z)).energy_mJ
     return out | {f"energy[{x.file.split('.csv')[0]}]": energy[:, t] for t, x in enumerate(problem.loops)}
 
 

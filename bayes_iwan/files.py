@@ -123,7 +123,7 @@ def clear(folder: Path, *names: str) -> None:
             path.unlink(missing_ok=True)
 
 
-def finite(value: Any) -> Any:
+def finite(value: object) -> Any:
     """A value as JSON's types; numbers that are not finite become None."""
     if isinstance(value, Mapping):
         return {str(k): finite(v) for k, v in value.items()}
@@ -138,6 +138,6 @@ def finite(value: Any) -> Any:
     return value
 
 
-def write_json(path: str | os.PathLike[str], value: Any) -> Path:
+def write_json(path: str | os.PathLike[str], value: object) -> Path:
     """Write JSON whole or not at all; numbers that are not finite become null."""
     return write_whole(path, json.dumps(finite(value), indent=1) + "\n")

@@ -149,18 +149,18 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
     if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
         raise CampaignError("campaign.toml: no tests; add a [[test]] table for each record")
     units = Units(
-        _working(channels.get("displacement", ""), DISPLACEMENTS)
-        or _working(channels.get("acceleration", ""), ACCELERATIONS)
+        _working(channels.displacement or "", DISPLACEMENTS)
+        or _working(channels.acceleration or "", ACCELERATIONS)
         or "mm",
-        _working(channels["force"], FORCES) or "N",
+        _working(channels.force, FORCES) or "N",
     )
     limits = limits_of(_table(stated, "rig"), units) if "rig" in stated else RigLimits()
     tests = [_test(entry, k, units) for k, entry in enumerate(entries, 1)]
     seen: set[str] = set()
     for test in tests:
-        if test["file"] in seen:
-            raise CampaignError(f"campaign.toml: {test['file']} is listed twice; each record is one [[test]]")
-        seen.add(test["file"])
+        if test.file in seen:
+            raise CampaignError(f"campaign.toml: {test.file} is listed twice; each record is one [[test]]")
+        seen.add(test.file)
     try:
         checked = [check_record(_record(folder, test, channels, units)) for test in tests]
         loops = [loop for _, loop in checked]
@@ -175,7 +175,7 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
         licence=specimen.get("licence", ""),
         path=folder,
         tests=records,
-        from_acceleration="acceleration" in channels,
+        from_acceleration=channels.acceleration is not None,
         limits=limits,
     )
     return campaign, tuple(in_band(replace(loop, record=record)) for loop, record in zip(loops, records))
@@ -209,7 +209,7 @@ def _table(stated: Mapping[str, Any], name: str) -> dict[str, Any]:
     return dict(stated[name])
 
 
-def only(table: Mapping[str, Any], known: set[str], where: str) -> None:
+def only(table: Mapping[str, object], known: set[str], where: str) -> None:
     """Refuse a key that is not known, naming the one that was probably meant."""
     for key in table:
         if key not in known:
@@ -218,13 +218,13 @@ def only(table: Mapping[str, Any], known: set[str], where: str) -> None:
             raise CampaignError(f"{where}: unknown key {shown(key)}{hint}")
 
 
-def _number(value: Any, where: str) -> float:
+def _number(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST_NUMBER:
         raise CampaignError(f"{where} must be a finite number, not {shown(value)}")
     return float(value)
 
 
-def _positive(value: Any, where: str) -> float:
+def _positive(value: object, where: str) -> float:
     number = _number(value, where)
     if number <= 0:
         raise CampaignError(f"{where} must be positive, not {shown(value)}")
@@ -233,7 +233,29 @@ def _positive(value: Any, where: str) -> float:
     return number
 
 
-def _channels(stated: dict[str, Any]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class _Channels:
+    """Columns by what they hold, as [channels] states them; displacement or acceleration is None."""
+
+    force: str
+    displacement: str | None
+    acceleration: str | None
+    time: str | None
+    sample_rate_hz: float | None
+
+
+@dataclass(frozen=True)
+class _Test:
+    """What a [[test]] states, checked."""
+
+    file: str
+    frequency_hz: float
+    amplitude_mm: float
+    role: str
+    extras: dict[str, float]
+
+
+def _channels(stated: dict[str, Any]) -> _Channels:
     where = "campaign.toml [channels]"
     only(stated, CHANNELS, where)
     for key in CHANNELS - {"sample_rate_hz"}:
@@ -243,12 +265,17 @@ def _channels(stated: dict[str, Any]) -> dict[str, Any]:
         raise CampaignError(f"{where}: name one column as displacement or one as acceleration, not both or none")
     if "force" not in stated:
         raise CampaignError(f'{where}: force is missing; write force = "force_N"')
-    if "sample_rate_hz" in stated:
-        _positive(stated["sample_rate_hz"], f"{where}: sample_rate_hz")
-    return stated
+    rate = stated.get("sample_rate_hz")
+    return _Channels(
+        stated["force"],
+        stated.get("displacement"),
+        stated.get("acceleration"),
+        stated.get("time"),
+        None if rate is None else _positive(rate, f"{where}: sample_rate_hz"),
+    )
 
 
-def _test(entry: dict[str, Any], number: int, units: Units) -> dict[str, Any]:
+def _test(entry: dict[str, Any], number: int, units: Units) -> _Test:
     file = entry.get("file")
     if not isinstance(file, str) or not file:
         raise CampaignError(f'campaign.toml: [[test]] number {number} has no file; write file = "..."')
@@ -275,13 +302,13 @@ def _test(entry: dict[str, Any], number: int, units: Units) -> dict[str, Any]:
             raise CampaignError(f"{where}: {key} stands beside {amplitude}; keep one of them")
         _not_meant(key, where, known)
         extras[key] = _number(entry[key], f"{where}: {shown(key) if not key.isprintable() else key}")
-    return {
-        "file": file,
-        "frequency_hz": float(entry["frequency_hz"]),
-        "amplitude_mm": float(entry[amplitude]) * sizes[amplitude],
-        "role": entry.get("role", "fit"),
-        "extras": {key: extras[key] for key in entry if key in extras},
-    }
+    return _Test(
+        file,
+        float(entry["frequency_hz"]),
+        float(entry[amplitude]) * sizes[amplitude],
+        entry.get("role", "fit"),
+        {key: extras[key] for key in entry if key in extras},
+    )
 
 
 def _not_meant(key: str, where: str, known: set[str]) -> None:
@@ -296,18 +323,18 @@ def _not_meant(key: str, where: str, known: set[str]) -> None:
         )
 
 
-def _record(folder: Path, test: dict[str, Any], channels: dict[str, Any], units: Units) -> Record:
-    file = test["file"]
+def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Record:
+    file = test.file
     if not (folder / file).resolve().is_relative_to(folder.resolve()):
         raise CampaignError(
             f"campaign.toml: test {file}: the record must lie inside the campaign folder, not behind a link"
         )
     names, table, warnings = read_table(folder / file, file)
-    rate = channels.get("sample_rate_hz")
-    time_name = channels.get("time", "time_s")
+    rate = channels.sample_rate_hz
+    time_name = channels.time or "time_s"
     if time_name in names:
         time = _column(names, table, time_name, {"s": TIMES}, file)
-    elif "time" not in channels and rate is not None:
+    elif channels.time is None and rate is not None:
         time = np.arange(len(table)) / rate
     else:
         raise CampaignError(
@@ -315,16 +342,27 @@ def _record(folder: Path, test: dict[str, Any], channels: dict[str, Any], units:
         )
     if rate is not None:
         time = on_grid_of_rate(time, rate)
-    force = _column(names, table, channels["force"], FORCES, file)
-    check_time(file, time, rate, test["frequency_hz"])
-    if "displacement" in channels:
-        displacement = _column(names, table, channels["displacement"], DISPLACEMENTS, file)
+    force = _column(names, table, channels.force, FORCES, file)
+    check_time(file, time, rate, test.frequency_hz)
+    if channels.displacement is not None:
+        displacement = _column(names, table, channels.displacement, DISPLACEMENTS, file)
     else:
-        acceleration = _column(names, table, channels["acceleration"], ACCELERATIONS, file)
+        acceleration = _column(names, table, channels.acceleration or "", ACCELERATIONS, file)
         displacement, notes = displacement_from_acceleration(file, time, acceleration)
         warnings += notes
     warnings += step_warnings(time)
-    return Record(**test, time_s=time, displacement_mm=displacement, force_N=force, warnings=warnings, units=units)
+    return Record(
+        test.file,
+        test.frequency_hz,
+        test.amplitude_mm,
+        test.role,
+        test.extras,
+        time,
+        displacement,
+        force,
+        warnings,
+        units,
+    )
 
 
 def _working(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:

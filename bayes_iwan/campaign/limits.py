@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from bayes_iwan.campaign.records import CampaignError, shown
 from bayes_iwan.campaign.units import DISPLACEMENTS, FORCES, Units
@@ -33,7 +32,7 @@ class RigLimits:
         )
 
 
-def limits_of(stated: Mapping[str, Any], units: Units) -> RigLimits:
+def limits_of(stated: Mapping[str, object], units: Units) -> RigLimits:
     """Limits from the table [rig]: force_N and amplitude_mm (or other units: torque_N_m's are force_N_m), frequency_hz
     a pair. Raises CampaignError with the key and the mend."""
     size: dict[str, float] = {}
@@ -57,7 +56,7 @@ def limits_of(stated: Mapping[str, Any], units: Units) -> RigLimits:
     return RigLimits(size.get("force"), size.get("amplitude"), _range(stated.get("frequency_hz")))
 
 
-def _range(value: Any) -> tuple[float, float] | None:
+def _range(value: object) -> tuple[float, float] | None:
     if value is None:
         return None
     if not isinstance(value, list) or len(value) != 2:
@@ -68,7 +67,7 @@ def _range(value: Any) -> tuple[float, float] | None:
     return low, high
 
 
-def _positive(value: Any, key: str) -> float:
+def _positive(value: object, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e30:
         raise CampaignError(f"{WHERE}: {key} must be a positive number, not {shown(value)}")
     return float(value)

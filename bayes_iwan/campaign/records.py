@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -53,7 +52,7 @@ class Record:
             raise CampaignError(f"{self.file}: role must be one of {', '.join(ROLES)}, not {self.role!r}")
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """A value of any kind and size, short and on one line."""
     try:
         text = repr(value)

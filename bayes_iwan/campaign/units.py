@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar, cast
 
 #: working unit → what a column's name may end in, and its size in the working unit
 DISPLACEMENTS: Mapping[str, Mapping[str, float]] = {
@@ -103,11 +103,11 @@ class Units:
         """`said` for every text in nested lists, tuples and dictionaries of an answer; keys stay as they are."""
         if self.plain:
             return value
-        out: Any = value
+        out: object = value
         if isinstance(value, str):
             out = self.said(value)
         elif isinstance(value, dict):
             out = {key: self.everywhere(inner) for key, inner in value.items()}
         elif isinstance(value, list | tuple):
             out = type(value)(self.everywhere(inner) for inner in value)
-        return out
+        return cast(T, out)

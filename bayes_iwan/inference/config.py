@@ -163,7 +163,7 @@ def _filled(kind: type[S], table: str, given: Mapping[str, Any], where: str) -> 
     return kind(**{key: _checked(table, key, value, defaults[key], where) for key, value in keys.items()})
 
 
-def _checked(table: str, key: str, value: Any, default: Any, where: str) -> Any:
+def _checked(table: str, key: str, value: object, default: object, where: str) -> bool | float | str:
     name = f"{where} [{table}] {key}"
     if (table, key) in CHOICES and value not in CHOICES[table, key]:
         raise ConfigError(f"{name} = {_shown(value)} is not known; choose one of {', '.join(CHOICES[table, key])}")
@@ -200,7 +200,7 @@ def _changes(given: Mapping[str, Any], where: str) -> dict[str, ParameterChange]
     return out
 
 
-def _prior(spec: Any, at: str) -> PriorChoice | None:
+def _prior(spec: object, at: str) -> PriorChoice | None:
     if spec is None:
         return None
     if not isinstance(spec, Mapping) or not isinstance(spec.get("dist"), str):
@@ -211,7 +211,7 @@ def _prior(spec: Any, at: str) -> PriorChoice | None:
     return PriorChoice(spec["dist"], {str(k): _number(v, f"{at} prior {k}") for k, v in spec.items() if k != "dist"})
 
 
-def _number(value: Any, name: str, least: float = -math.inf) -> float:
+def _number(value: object, name: str, least: float = -math.inf) -> float:
     if not isinstance(value, bool) and isinstance(value, int | float):
         try:
             if math.isfinite(number := float(value)) and number > least:
@@ -222,7 +222,7 @@ def _number(value: Any, name: str, least: float = -math.inf) -> float:
     raise ConfigError(f"{name} must be a {kind} number, not {_shown(value)}")
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     """A value as text of one short line."""
     try:
         text = repr(value)
@@ -231,7 +231,7 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _known(table: Mapping[str, Any], known: Collection[str], where: str, what: str) -> None:
+def _known(table: Mapping[str, object], known: Collection[str], where: str, what: str) -> None:
     for key in table:
         if key not in known:
             near = difflib.get_close_matches(str(key), known, 1)

@@ -15,13 +15,13 @@ import numpy as np
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.drawing import draw
-from bayes_iwan.inference.discrepancy import Correlated
 from bayes_iwan.inference.intervals import Widening, widenings
 from bayes_iwan.inference.point import Point
+from bayes_iwan.inference.predictions import Misfit, Prediction, misfit_of, replicated
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.quantities import quantities
 from bayes_iwan.inference.remarks import remarks
-from bayes_iwan.inference.rows import ConvergenceRow, Misfit, Prediction, SummaryRow
+from bayes_iwan.inference.rows import ConvergenceRow, SummaryRow
 from bayes_iwan.inference.settings import IdentifySettings
 from bayes_iwan.physics.motion import motion_of, sine_motion
 from bayes_iwan.physics.simulator import FORCE_ZERO, Derived, straight_part
@@ -153,7 +153,7 @@ class Posterior:
         return self.problem.prior.values(self.flat_z())
 
     def parameter_values(self) -> ParameterValues:
-        """The numbers that the physics reads, (n,)."""
+        """The values that the simulator reads, by name, (n,) each."""
         return self.problem.parameter_values(self.flat_z())
 
     def derived(self) -> dict[str, Derived]:
@@ -262,20 +262,7 @@ class Posterior:
         Misfit
             RMS of measured − predicted in N, and its share of the RMS friction force.
         """
-        problem = self.problem
-        z = self.flat_z(n)
-        slope = problem.model.spring_N_mm(problem.parameter_values(z))
-        predicted = np.median(problem.predict(z), axis=0)
-        squares, shares = [], []
-        for t, loop in enumerate(problem.loops):
-            if slope is None:
-                friction = loop.force_N - straight_part(loop.force_N, loop.displacement_mm)
-            else:
-                friction = loop.force_N - float(np.median(slope)) * loop.displacement_mm
-                friction = friction - friction.mean()
-            squares.append(np.var(loop.force_N - predicted[t]))
-            shares.append(squares[-1] / np.mean(friction**2))
-        return Misfit(float(np.sqrt(np.mean(squares))), float(np.sqrt(np.mean(shares))))
+        return misfit_of(self.problem, self.flat_z(n))
 
     def warnings(self) -> tuple[str, ...]:
         """What a reader of the intervals must know, one sentence each."""
@@ -315,7 +302,7 @@ class Posterior:
 
     def to_arviz(self) -> Any:
         """ArviZ's object of all groups of posterior.nc: `InferenceData` up to 0.23, `DataTree` from 1.0."""
-        from bayes_iwan.inference.results import to_arviz
+        from bayes_iwan.inference.netcdf import to_arviz
 
         return to_arviz(self)
 
@@ -376,7 +363,8 @@ class Posterior:
         if replicate:
             if loops is not None and tuple(x.file for x in loops) != tuple(x.file for x in self.problem.loops):
                 raise ValueError("replicates are drawn for the fitted tests only: the noise model knows no others")
-            force = self.replicate(force, parameter_values, np.random.default_rng(self.seed) if rng is None else rng)
+            rng = np.random.default_rng(self.seed) if rng is None else rng
+            force = replicated(self.problem, force, parameter_values, rng)
         if friction:
             slope = self.problem.model.spring_N_mm(parameter_values)
             if slope is None:
@@ -384,21 +372,3 @@ class Posterior:
             spring = slope[:, None, None] * motion.displacement_mm
             force = force - spring - parameter_values[FORCE_ZERO][:, None, None]
         return force
-
-    def replicate(self, force_N: Array, parameter_values: Mapping[str, Array], rng: np.random.Generator) -> Array:
-        """Predicted forces of the fitted tests, (draws, tests, samples), with errors as a new measurement would have.
-
-        The errors are the likelihood's, but for the mean force. There the correlated likelihood allows for a place of
-        rest known to 0.3 % of the stroke only, so that no offset can pull the fit; as a prediction that is ten times
-        too wide for a careful rig. How far the means have wandered from the median prediction the tests themselves
-        say: a new one is drawn from the Student t that follows (three tests or more).
-        """
-        likelihood, tests = self.problem.likelihood, len(self.problem.loops)
-        loop = likelihood.replicate(force_N, parameter_values, rng)
-        if not isinstance(likelihood, Correlated) or tests < 3:
-            return loop
-        middle, allowed = np.median(force_N.mean(axis=-1), axis=0), likelihood.mean_error_N
-        seen = (self.problem.measured_N.mean(axis=-1) - middle) / allowed
-        scale = np.sqrt((1.0 + 1.0 / tests) * np.sum(seen**2) / rng.chisquare(tests - 1, len(loop)))
-        mean = middle + scale[:, None] * allowed * rng.standard_normal((len(loop), tests))
-        return loop + (mean - loop.mean(axis=-1))[..., None]

@@ -7,6 +7,7 @@ and dissipated energy are. So these stand in the summary beside the sampled para
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,7 +61,7 @@ def _some(problem: Problem, z: Array, loops: Sequence[Loop], motion: Motion) -> 
         alpha = model.alpha(parameter_values, motion, inner_effects(problem.effects))
 
     force = problem.force(parameter_values, motion)
-    energy, stiffness, loss = loop_quantities(motion, force)
+    energy, stiffness, loss = loop_quantities(motion.displacement_mm, force)
     for j, loop in enumerate(loops):
         u = loop.displacement_mm
         falling = np.flatnonzero((u > 0) & (np.roll(u, -1) <= 0))
@@ -75,18 +76,28 @@ def _some(problem: Problem, z: Array, loops: Sequence[Loop], motion: Motion) -> 
     return out
 
 
-def loop_quantities(motion: Motion, force_N: Array) -> tuple[Array, Array, Array]:
-    """Dissipated energy ∮F du (mJ), equivalent stiffness (N/mm) and loss factor of loops, (draws, loops) each.
+class LoopQuantities(NamedTuple):
+    """What an isolator's designer reads off a loop; arrays shaped as the forces without their last axis.
 
-    The stiffness is the real part of the first harmonic of force over that of displacement; the loss factor is
-    energy / (π · stiffness · |first harmonic of displacement|²), the tangent of the loss angle.
+    energy_mJ : dissipated a cycle, ∮F du. stiffness_N_mm : real part of the first harmonic of force over that of
+    displacement. loss_factor : energy / (π · stiffness · |first harmonic of displacement|²), the tangent of the loss
+    angle.
     """
-    u = np.broadcast_to(motion.displacement_mm, force_N.shape)
-    energy = loop_energy_mJ(u, force_N)
-    turn = np.exp(-2j * np.pi * np.arange(motion.samples) / motion.samples)
-    u1 = motion.displacement_mm @ turn * (2.0 / motion.samples)
-    ratio = (force_N @ turn * (2.0 / motion.samples)) / u1
-    return energy, ratio.real, energy / (np.pi * ratio.real * np.abs(u1) ** 2)
+
+    energy_mJ: Array
+    stiffness_N_mm: Array
+    loss_factor: Array
+
+
+def loop_quantities(displacement_mm: Array, force_N: Array) -> LoopQuantities:
+    """The quantities of periodic loops on a uniform phase grid: displacement ([1,] tests, samples), force (…, tests,
+    samples)."""
+    samples = force_N.shape[-1]
+    energy = loop_energy_mJ(np.broadcast_to(displacement_mm, force_N.shape), force_N)
+    turn = np.exp(-2j * np.pi * np.arange(samples) / samples)
+    u1 = displacement_mm @ turn * (2.0 / samples)
+    ratio = (force_N @ turn * (2.0 / samples)) / u1
+    return LoopQuantities(energy, ratio.real, energy / (np.pi * ratio.real * np.abs(u1) ** 2))
 
 
 def slip_quantiles(

@@ -31,7 +31,7 @@ from bayes_iwan.inference.settings import DiagnoseSettings, IdentifySettings
 from bayes_iwan.report.diagnosis import diagnose_campaign
 from bayes_iwan.report.marginals import identifiable
 from bayes_iwan.report.provenance import of_folder
-from bayes_iwan.report.tables import Table
+from bayes_iwan.report.tables import Cell, Table
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.sampling.checkpoint import CheckpointError
 
@@ -109,11 +109,11 @@ class Batch:
         names = sorted({(q, x.quantities[q].unit) for x in self.finished for q in x.quantities})
         columns = ["specimen", "state", "message", "seconds", "cause", "second_cause", "probability"]
         columns += ["gap_share", "shrink"] + [f"{q}_{s}" for q, _ in names for s in ("q05", "q50", "q95")]
-        rows: list[tuple[Any, ...]] = []
+        rows: list[tuple[Cell, ...]] = []
         for x in self.finished:
             state = "finished" if x.converged in (None, True) else "not converged"
             some = (x.cause or "", x.second_cause or "", _number(x.probability))
-            row = [x.name, state, x.message, x.seconds, *some, _number(x.gap_share), _number(x.shrink)]
+            row: list[Cell] = [x.name, state, x.message, x.seconds, *some, _number(x.gap_share), _number(x.shrink)]
             for quantity, _ in names:
                 q = x.quantities.get(quantity)
                 row += [np.nan] * 3 if q is None else [q.low, q.median, q.high]

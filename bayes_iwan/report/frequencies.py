@@ -11,11 +11,11 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.frequencies import Frequencies
 from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.quantities import loop_quantities
 from bayes_iwan.report.loops import test_name
 from bayes_iwan.report.marginals import interval, number, symbol_of
-from bayes_iwan.report.predictive import loop_quantities
 from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, styled, subplots, ticked
-from bayes_iwan.report.tables import Table, spread
+from bayes_iwan.report.tables import Cell, Table, spread
 
 
 def _draws(posterior: Posterior, name: str) -> Array:
@@ -167,7 +167,7 @@ def loop_rows(frequencies: Frequencies) -> tuple[list[str], list[list[str]]]:
 
 def frequencies_table(frequencies: Frequencies) -> Table:
     """Every quantity of every frequency alone and of all tests, for per_frequency.csv."""
-    rows = []
+    rows: list[tuple[Cell, ...]] = []
     p = {c.name: c.p_value for c in frequencies.checks}
     for label, posterior in (("all", frequencies.joint), *frequencies.alone.items()):
         for name, quantity in posterior.quantities().items():

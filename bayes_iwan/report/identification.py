@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,12 @@ import numpy as np
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.remarks import LARGE_MISFIT
+from bayes_iwan.inference.rows import ConvergenceRow
 from bayes_iwan.physics import Model
 from bayes_iwan.report import checks, frequencies, laws, loops, sampling, tables, trends
+from bayes_iwan.report.compared_loops import LoopRow, compared_loops
 from bayes_iwan.report.identification_answer import determined, identification_answer
-from bayes_iwan.report.marginals import number, reported
+from bayes_iwan.report.marginals import number, paper_symbol, reported
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.predictive import Predictive, predict
 from bayes_iwan.report.provenance import provenance
@@ -36,10 +39,11 @@ def identification_report(
     out = Path(out_dir)
     by_frequency = compare_frequencies(posterior, out) if by_frequency is None else by_frequency
     p = predict(posterior, n=400, seed=seed)
-    convergence, loop_rows = tables.convergence_table(posterior), tables.loops_table(posterior, p)
+    convergence, tests = tables.convergence_rows(posterior), compared_loops(posterior, p)
     parameters, quantities = tables.parameters_table(posterior), tables.quantities_table(posterior)
+    of_tests, of_chains = tables.loops_table(tests), tables.convergence_table(convergence)
     tables.write_tables(
-        [parameters, tables.paper_table(posterior), quantities, loop_rows, convergence], posterior, out / "tables"
+        [parameters, tables.paper_table(posterior), quantities, of_tests, of_chains], posterior, out / "tables"
     )
     what = "Quick identification" if posterior.quick else "Identification"
     page = Page(
@@ -49,14 +53,14 @@ def identification_report(
         posterior.problem.units,
         provenance(posterior.campaign, posterior.seed),
     )
-    identification_answer(page.section("Answer"), posterior, p, loop_rows)
+    identification_answer(page.section("Answer"), posterior, tests)
     determined(page.section("What the loops determine"), posterior)
     _loops(page, posterior, p)
     if isinstance(posterior.problem.model, Model):
         _laws(page.section("Slip forces, stiffness and normal force"), posterior, posterior.problem.model)
     _frequencies(page.section("Each frequency alone"), by_frequency, out)
-    _trends(page.section("Energy, stiffness and loss factor"), posterior, p, loop_rows)
-    _checks(page.section("Is the model enough?"), posterior, p, loop_rows)
+    _trends(page.section("Energy, stiffness and loss factor"), posterior, p, tests)
+    _checks(page.section("Is the model enough?"), posterior, p, tests)
     if not posterior.quick:
         _sampling(page.section("Sampling"), posterior, convergence, sampling.history(posterior, out))
     _priors(page.section("Priors and derived quantities"), posterior)
@@ -193,7 +197,7 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
     frequencies.frequencies_table(found).in_units(section.units).write_csv(out / "tables")
 
 
-def _trends(section: Section, posterior: Posterior, p: Predictive, rows: tables.Table) -> None:
+def _trends(section: Section, posterior: Posterior, p: Predictive, tests: Sequence[LoopRow]) -> None:
     section.figure(
         trends.trends_figure(posterior, p),
         "Lines: predicted with 90 % bands; points: measured, with the 90 % range in which a repeated "
@@ -203,15 +207,15 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, rows: tables.
         name="trends",
     )
     shown = []
-    for row in rows.rows:
-        cells = [row[1] + (" (held out)" if row[2] == "held-out" else "")]
-        for at in (5, 11, 17):
-            measured, middle, low, high = row[at : at + 4]
+    for row in tests:
+        cells = [row.test + (" (held out)" if row.held_out else "")]
+        for x in (row.energy_mJ, row.stiffness_N_mm, row.loss_factor):
+            width = x.high_90 - x.low_90
             cells += [
-                number(measured, high - low),
-                f"{number(middle, high - low)} [{number(low, high - low)}, {number(high, high - low)}]",
+                number(x.measured, width),
+                f"{number(x.median, width)} [{number(x.low_90, width)}, {number(x.high_90, width)}]",
             ]
-        shown.append((*cells, f"{100 * row[4]:.2f} %"))
+        shown.append((*cells, f"{100 * row.residual_share:.2f} %"))
     section.table(
         (
             "test",
@@ -228,8 +232,8 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, rows: tables.
     )
 
 
-def _checks(section: Section, posterior: Posterior, p: Predictive, loop_rows: tables.Table) -> None:
-    share = max(float(r[4]) for r in loop_rows.rows)
+def _checks(section: Section, posterior: Posterior, p: Predictive, tests: Sequence[LoopRow]) -> None:
+    share = max(x.residual_share for x in tests)
     if share > LARGE_MISFIT:
         section.note(
             f"The model misses the friction force of its worst test by {100 * share:.2g} %. The checks below "
@@ -264,7 +268,9 @@ def _checks(section: Section, posterior: Posterior, p: Predictive, loop_rows: ta
     )
 
 
-def _sampling(section: Section, posterior: Posterior, convergence: tables.Table, run: sampling.History) -> None:
+def _sampling(
+    section: Section, posterior: Posterior, convergence: Sequence[ConvergenceRow], run: sampling.History
+) -> None:
     section.figure(
         sampling.traces_figure(posterior, run=run),
         "Traces and ranks of the six quantities that mix worst. Ensembles that agree have flat rank lines near 1.",
@@ -278,10 +284,10 @@ def _sampling(section: Section, posterior: Posterior, convergence: tables.Table,
         name="autocorrelation",
     )
     section.table(
-        ("number", "R-hat", "ESS, bulk", "ESS, tail", "τ (steps)"),
-        [(r[0], f"{r[1]:.3f}", f"{r[2]:.0f}", f"{r[3]:.0f}", f"{r[4]:.0f}") for r in convergence.rows],
-        "Convergence of every number",
-        fold=len(convergence.rows) > 12,
+        ("parameter", "R-hat", "ESS, bulk", "ESS, tail", "τ (steps)"),
+        [(r.name, f"{r.r_hat:.3f}", f"{r.ess_bulk:.0f}", f"{r.ess_tail:.0f}", f"{r.tau:.0f}") for r in convergence],
+        "Convergence of every parameter",
+        fold=len(convergence) > 12,
     )
     said, agree = searches_said(posterior)
     section.note(said, "good" if agree else "warning")
@@ -325,13 +331,13 @@ def _priors(section: Section, posterior: Posterior) -> None:
         [(q.name, q.symbol, q.unit, q.prior_text(), q.description) for q in prior.parameters],
         "Priors used",
     )
-    paper = tables.paper_table(posterior)
-    if not paper.rows:
+    derived = posterior.derived()
+    if not derived:
         return
     section.table(
-        ("number", "unit", "median", "90 % from", "to"),
-        [(r[1], r[2], *reported(posterior, r[0])) for r in paper.rows],
+        ("parameter", "unit", "median", "90 % from", "to"),
+        [(paper_symbol(name), x.unit, *reported(posterior, name)) for name, x in derived.items()],
         "The paper's parameters (single gamma components and k̃ₙ, λ near β = 0 are hardly determined one by one)"
         if isinstance(posterior.problem.model, Model)
-        else "Numbers that follow from the sampled ones",
+        else "Quantities that follow from the sampled parameters",
     )

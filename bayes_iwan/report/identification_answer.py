@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -10,10 +10,10 @@ from markupsafe import Markup, escape
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.remarks import LARGE_MISFIT
 from bayes_iwan.physics import Model
-from bayes_iwan.report import marginals, tables
+from bayes_iwan.report import marginals
+from bayes_iwan.report.compared_loops import Compared, LoopRow
 from bayes_iwan.report.marginals import OPEN, contraction, interval, number, reported, symbol_of
 from bayes_iwan.report.page import Section
-from bayes_iwan.report.predictive import Predictive
 
 #: what a customer asks of the model first, and in words that need no paper
 _FIRST = {
@@ -32,31 +32,31 @@ QUANTILES = tuple(
 _OF_CONTACTS = (*QUANTILES, ("α", "relative normal force: that of the contacts over its value at rest", ""))
 
 
-def identification_answer(section: Section, posterior: Posterior, p: Predictive, loop_rows: tables.Table) -> None:
+def identification_answer(section: Section, posterior: Posterior, loops: Sequence[LoopRow]) -> None:
     """Stiffness, friction, damping and misfit with their intervals; then what is not known."""
     misfit = posterior.misfit()
-    fitted = [r for r in loop_rows.rows if r[2] != "held-out"]
+    fitted = [x for x in loops if not x.held_out]
     rows = [_number_row(posterior, name) for name in _asked(posterior)]
-    for title, unit, at in (
-        ("equivalent stiffness of the tests", "N/mm", 11),
-        ("energy lost a cycle", "mJ", 5),
-        ("damping: loss factor of the tests", "", 17),
-    ):
-        rows.append(_range_row(title, unit, fitted, at))
-    worst = max(fitted, key=lambda r: r[4])
+    rows += [
+        _range_row("equivalent stiffness of the tests", "N/mm", [x.stiffness_N_mm for x in fitted]),
+        _range_row("energy lost a cycle", "mJ", [x.energy_mJ for x in fitted]),
+        _range_row("damping: loss factor of the tests", "", [x.loss_factor for x in fitted]),
+    ]
+    worst = max(fitted, key=lambda x: x.residual_share)
     rows.append(
         (
             "misfit: what the model leaves unexplained, RMS",
             f"{number(misfit.rms_N, misfit.rms_N)} N",
-            f"{100 * misfit.share:.2g} % of the friction force (worst test, {worst[1]}: {100 * worst[4]:.2g} %)",
+            f"{100 * misfit.share:.2g} % of the friction force (worst test, {worst.test}: "
+            f"{100 * worst.residual_share:.2g} %)",
         )
     )
     section.table(("what", "value", "90 % interval, or range over the tests"), rows, "The answer")
-    held = len(loop_rows.rows) - len(fitted)
+    held = len(loops) - len(fitted)
     section.text(
         f"From {len(fitted)} test{'s' if len(fitted) != 1 else ''}"
         + (f" ({held} more held out)" if held else "")
-        + ". Intervals hold the posterior's spread and how far a number moves when one test after the other is left "
+        + ". Intervals hold the posterior's spread and how far a value moves when one test after the other is left "
         "out; the same are in summary.csv."
     )
     for text in posterior.warnings():
@@ -79,7 +79,7 @@ def identification_answer(section: Section, posterior: Posterior, p: Predictive,
 
 
 def _asked(posterior: Posterior) -> list[str]:
-    """Names of the numbers that the answer opens with: the first three, or a user's own model's determined ones."""
+    """Names of the quantities that the answer opens with: the first three, or a user's own model's determined ones."""
     if isinstance(posterior.problem.model, Model):
         return [n for n in _FIRST if n in posterior.quantities()]
     noise = {q.name for q in posterior.problem.likelihood.parameters}
@@ -96,14 +96,14 @@ def _number_row(posterior: Posterior, name: str) -> tuple[str, str, str]:
     return f"{words} ({symbol_of(posterior, name)})", f"{middle}{unit}", f"{low} to {high}{unit}"
 
 
-def _range_row(title: str, unit: str, rows: list[tuple[Any, ...]], at: int) -> tuple[str, str, str]:
+def _range_row(title: str, unit: str, tests: Sequence[Compared]) -> tuple[str, str, str]:
     """Smallest to largest of the tests, measured; and predicted with the outer ends of the intervals."""
-    measured = [r[at] for r in rows]
-    low, high = min(r[at + 2] for r in rows), max(r[at + 3] for r in rows)
+    measured = [x.measured for x in tests]
+    low, high = min(x.low_90 for x in tests), max(x.high_90 for x in tests)
     unit = f" {unit}" if unit else ""
     spread = max(max(measured) - min(measured), 0.02 * abs(max(measured)))
     value = f"{number(min(measured), spread)} to {number(max(measured), spread)}{unit}"
-    if len(rows) == 1:
+    if len(tests) == 1:
         value = f"{measured[0]:.4g}{unit}"
     return title, value, f"measured; predicted {number(low, spread)} to {number(high, spread)}{unit}"
 

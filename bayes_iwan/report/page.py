@@ -116,7 +116,7 @@ class Section:
     def table(
         self,
         columns: Sequence[str],
-        rows: Sequence[Sequence[Any]],
+        rows: Sequence[Sequence[object]],
         caption: str,
         row_heads: bool = True,
         fold: bool = False,
@@ -139,7 +139,7 @@ class Section:
         return self
 
 
-def _numeric(cell: Any) -> bool:
+def _numeric(cell: object) -> bool:
     return bool(re.fullmatch(r"[−+-]?[\d.,  ]+(?:e[−-]?\d+)?(?: ?[%–±].*)?|–|∞|nan|", str(cell)))
 
 

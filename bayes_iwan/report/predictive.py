@@ -13,7 +13,6 @@ from bayes_iwan.inference.intervals import between_draws
 from bayes_iwan.inference.jackknife import left_out_optima
 from bayes_iwan.inference.likelihood import make_likelihood
 from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.scales import loop_energy_mJ
 from bayes_iwan.physics.motion import motion_of
 from bayes_iwan.physics.simulator import FORCE_ZERO, straight_part
 
@@ -95,28 +94,6 @@ def _resolved(noise_N: Array, loops: Sequence[Loop]) -> Array:
         kept[0] = 0.0
         c[:, t] *= kept
     return np.fft.irfft(c, n=noise_N.shape[-1], axis=-1)
-
-
-@dataclass(frozen=True)
-class LoopQuantities:
-    """What an isolator's designer reads off a loop; arrays shaped as the forces without their last axis.
-
-    energy_mJ : dissipated a cycle, ∮F du. stiffness_N_mm : real part of the complex stiffness F₁/u₁ at the fundamental.
-    loss_factor : energy over π · stiffness · |u₁|², the tangent of the loss angle. As in
-    :mod:`bayes_iwan.inference.quantities`.
-    """
-
-    energy_mJ: Array
-    stiffness_N_mm: Array
-    loss_factor: Array
-
-
-def loop_quantities(displacement_mm: Array, force_N: Array) -> LoopQuantities:
-    """Numbers of periodic loops; force (…, tests, samples), displacement (tests, samples) on a uniform phase grid."""
-    u1 = np.fft.rfft(displacement_mm, axis=-1)[..., 1] * (2.0 / displacement_mm.shape[-1])
-    stiffness = (np.fft.rfft(force_N, axis=-1)[..., 1] * (2.0 / force_N.shape[-1]) / u1).real
-    energy = loop_energy_mJ(displacement_mm, force_N)
-    return LoopQuantities(energy, stiffness, energy / (np.pi * stiffness * np.abs(u1) ** 2))
 
 
 def measured_cycles(loop: Loop, most: int = 40) -> list[tuple[Array, Array]]:

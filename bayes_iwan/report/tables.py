@@ -7,9 +7,8 @@ import io
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,10 +16,13 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import write_whole
 from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.report.loops import test_name
+from bayes_iwan.inference.rows import ConvergenceRow
+from bayes_iwan.report.compared_loops import Compared, LoopRow
 from bayes_iwan.report.marginals import contraction, paper_symbol, reported
-from bayes_iwan.report.predictive import Predictive, loop_quantities
 
+#: what a row holds
+Cell = str | float | None
+Rows = tuple[tuple[Cell, ...], ...]
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
@@ -32,7 +34,7 @@ class Table:
     name: str
     caption: str
     columns: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
+    rows: Rows
 
     def csv(self) -> str:
         out = io.StringIO()
@@ -63,11 +65,11 @@ _STATISTICS = ("mean", "sd", "q05", "q25", "median", "q75", "q95")
 
 
 def parameters_table(posterior: Posterior) -> Table:
-    """Every sampled number: the posterior's statistics, the reported 90 % interval, prior, contraction."""
+    """Every sampled parameter: the posterior's statistics, the reported 90 % interval, prior, contraction."""
     prior = posterior.problem.prior
     z = posterior.flat_z()
     values, shrunk = prior.values(z), contraction(z)
-    rows = tuple(
+    rows: Rows = tuple(
         (
             p.name,
             p.symbol,
@@ -86,13 +88,13 @@ def parameters_table(posterior: Posterior) -> Table:
 
 def paper_table(posterior: Posterior) -> Table:
     """What the simulator derives from its sampled parameters: the paper's (Table 1) for the Iwan model."""
-    rows = tuple((n, paper_symbol(n), q.unit, *spread(q.values)) for n, q in posterior.derived().items())
+    rows: Rows = tuple((n, paper_symbol(n), q.unit, *spread(q.values)) for n, q in posterior.derived().items())
     return Table("paper_parameters", "The paper's parameters", ("name", "symbol", "unit", *_STATISTICS), rows)
 
 
 def quantities_table(posterior: Posterior) -> Table:
-    """Everything the posterior reports, the paper's numbers included; 90 % intervals with the between-test variance."""
-    rows = tuple(
+    """Everything the posterior reports, the paper's parameters too; 90 % intervals with the between-test variance."""
+    rows: Rows = tuple(
         (
             name,
             q.unit,
@@ -106,39 +108,37 @@ def quantities_table(posterior: Posterior) -> Table:
     return Table("quantities", "Reported quantities", columns, rows)
 
 
-def loops_table(posterior: Posterior, p: Predictive) -> Table:
+def loops_table(loops: Sequence[LoopRow]) -> Table:
     """Per test: energy, stiffness and loss factor measured, predicted (median and the interval of summary.csv) and
     where a repeated measurement is expected; RMS residual."""
-    measured, again = loop_quantities(p.displacement_mm, p.measured_N), loop_quantities(p.displacement_mm, p.loop_N)
-    friction = p.measured_N - p.spring_N
-    rms = np.std(p.residual_N(), axis=1)
-    share = rms / np.std(friction, axis=1)
     columns = ["file", "test", "role", "rms_residual_N", "residual_share_of_friction"]
-    rows: list[list[Any]] = [
-        [x.file, test_name(x, role=False), x.role, float(rms[t]), float(share[t])] for t, x in enumerate(p.loops)
+    for name in ("energy_mJ", "stiffness_N_mm", "loss_factor"):
+        columns += [f"{name}_{f.name}" for f in fields(Compared)]
+    rows: list[tuple[Cell, ...]] = [
+        (
+            *(x.file, x.test, x.role, x.rms_residual_N, x.residual_share),
+            *astuple(x.energy_mJ),
+            *astuple(x.stiffness_N_mm),
+            *astuple(x.loss_factor),
+        )
+        for x in loops
     ]
-    found = posterior.quantities()
-    for name, quantity in (
-        ("energy_mJ", "dissipated_energy_mJ"),
-        ("stiffness_N_mm", "equivalent_stiffness_N_mm"),
-        ("loss_factor", "loss_factor"),
-    ):
-        columns += [f"{name}_{x}" for x in ("measured", "median", "low_90", "high_90", "repeat_q05", "repeat_q95")]
-        for t, row in enumerate(rows):
-            at = f"{quantity}[{p.loops[t].file}]"
-            row += [float(getattr(measured, name)[t]), float(np.median(found[at].values)), *posterior.interval(at)]
-            row += [float(q) for q in np.quantile(getattr(again, name)[:, t], [0.05, 0.95])]
-    return Table("loops", "Loops, measured and predicted", tuple(columns), tuple(tuple(r) for r in rows))
+    return Table("loops", "Loops, measured and predicted", tuple(columns), tuple(rows))
 
 
-def convergence_table(posterior: Posterior) -> Table:
-    """R-hat and ESS of every sampled number (draws kept, as in summary.csv); autocorrelation time of the run."""
-    row = {r.name: r for r in posterior.summary()}
-    rows = tuple(
-        (r.name, row[r.name].r_hat, row[r.name].ess_bulk, row[r.name].ess_tail, float(r.tau))
+def convergence_rows(posterior: Posterior) -> tuple[ConvergenceRow, ...]:
+    """R-hat and ESS of every sampled parameter from the draws kept, as in summary.csv; autocorrelation time of the
+    run."""
+    kept = {r.name: r for r in posterior.summary()}
+    return tuple(
+        replace(r, r_hat=kept[r.name].r_hat, ess_bulk=kept[r.name].ess_bulk, ess_tail=kept[r.name].ess_tail)
         for r in posterior.convergence
-        if r.name in row
+        if r.name in kept
     )
+
+
+def convergence_table(convergence: Sequence[ConvergenceRow]) -> Table:
+    rows = tuple((r.name, r.r_hat, r.ess_bulk, r.ess_tail, float(r.tau)) for r in convergence)
     return Table("convergence", "Convergence", ("name", "r_hat", "ess_bulk", "ess_tail", "tau_steps"), rows)
 
 

@@ -209,8 +209,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[dict[str, NDArray], bytes, int]]:
 def _record(arrays: Mapping[str, NDArray], before: bytes) -> tuple[bytes, bytes]:
     """The bytes of a record, and its checksum, which covers that of the record before."""
     buffer = io.BytesIO()
-    named: dict[str, Any] = dict(arrays)
-    np.savez(buffer, **named)
+    np.savez(buffer, allow_pickle=False, **arrays)
     body = buffer.getvalue()
     length = len(body).to_bytes(8, "big")
     digest = hashlib.sha256(before + length + body).digest()

@@ -23,7 +23,7 @@ from bayes_iwan.validation.sealed import WithheldError, case_names, read_json, t
 #: compiled code of the answering processes while they are at work, since the package's own folder is closed to them
 _CACHE = ".numba_cache"
 
-Diagnose = Callable[[Path, Path, int, bool], Any]
+Diagnose = Callable[[Path, Path, int, bool], object]
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from bayes_iwan.arrays import Array
@@ -55,7 +55,7 @@ def share(hits: Sequence[bool]) -> Estimate:
 
 
 def bootstrap(
-    values: Sequence[float], rng: np.random.Generator, statistic: Callable[..., Any] = np.mean, draws: int = 2000
+    values: Sequence[float], rng: np.random.Generator, statistic: Callable[..., Array] = np.mean, draws: int = 2000
 ) -> Estimate:
     """A mean (or another statistic with an `axis`) with its percentile bootstrap interval over cases."""
     x = np.asarray(values, dtype=float)
@@ -89,7 +89,7 @@ def findable(values: Sequence[float], hits: Sequence[bool], seed: int = 0) -> di
     if x.size < 10 or h.min() == h.max():
         return nothing
 
-    def fit(rows: np.ndarray[Any, np.dtype[Any]]) -> list[float]:
+    def fit(rows: NDArray[np.intp]) -> list[float]:
         xr, hr = x[rows], h[rows]
 
         def cost(p: Array) -> float:  # a weak prior keeps a separable sample finite

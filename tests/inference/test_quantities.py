@@ -15,7 +15,7 @@ def test_energy_stiffness_and_loss_of_a_viscoelastic_loop():
     motion = sine_motion(frequency_hz=[10.0, 20.0], amplitude_mm=[0.5, 1.0])
     omega = 2 * np.pi * motion.frequency_hz[:, None]
     force = 7.0 * motion.displacement_mm + 0.01 * 1e3 * motion.velocity_m_s
-    energy, stiffness, loss = loop_quantities(motion, force)
+    energy, stiffness, loss = loop_quantities(motion.displacement_mm, force)
     np.testing.assert_allclose(energy[0], np.pi * 0.01 * omega[:, 0] * np.array([0.25, 1.0]), rtol=2e-3)
     np.testing.assert_allclose(stiffness[0], 7.0, rtol=1e-9)
     np.testing.assert_allclose(loss[0], 0.01 * omega[:, 0] / 7.0, rtol=2e-3)
@@ -25,7 +25,7 @@ def test_energy_of_a_friction_rectangle():
     """Coulomb friction of 2 N over ± 0.3 mm dissipates 4 · 2 · 0.3 mJ, whatever the spring beside it."""
     motion = sine_motion(frequency_hz=5.0, amplitude_mm=0.3, samples=4096)
     force = 2.0 * np.sign(motion.velocity_m_s) + 3.0 * motion.displacement_mm
-    assert loop_quantities(motion, force)[0][0, 0] == pytest.approx(2.4, rel=1e-3)
+    assert loop_quantities(motion.displacement_mm, force)[0][0, 0] == pytest.approx(2.4, rel=1e-3)
 
 
 def test_slip_quantiles_are_scipys():

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from bayes_iwan.campaign.importing.matlab_elements import refuse_unsound
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording, library
@@ -54,9 +55,9 @@ def read_file(path: Path, layout: Layout) -> list[Recording]:
     return [x for x in out if x.channels]
 
 
-def _channel(name: str, unit: str, values: Any, rate: float | None) -> Channel | None:
+def _channel(name: str, unit: str, given: ArrayLike, rate: float | None) -> Channel | None:
     """A channel from what a library gave, None for texts, settings and complex numbers."""
-    values = np.asarray(values)
+    values = np.asarray(given)
     if values.ndim != 1 or values.size < FEWEST_SAMPLES:
         return None
     if np.issubdtype(values.dtype, np.datetime64):
@@ -166,7 +167,7 @@ def _uff_name(found: Mapping[str, Any]) -> str:
     return f"{int(found.get('rsp_node', 0))}:{int(found.get('rsp_dir', 0))}"
 
 
-def _said(text: Any) -> str:
+def _said(text: object) -> str:
     text = str(text or "").strip()
     return "" if text.upper() == "NONE" else text
 
@@ -186,7 +187,7 @@ def _matlab(path: Path, file: str) -> Recording:
     return _of_arrays(file, arrays, "MATLAB")
 
 
-def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
+def _flat(prefix: str, value: object) -> Iterator[tuple[str, np.ndarray]]:
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _flat(f"{prefix}.{key}" if prefix else str(key), inner)
@@ -201,7 +202,7 @@ def _hdf5(path: Path, file: str) -> Recording:
 
     arrays: list[tuple[str, np.ndarray]] = []
 
-    def visit(name: str, item: Any) -> None:
+    def visit(name: str, item: object) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#") or item.dtype.kind not in "iuf":
             return
         if item.attrs.get("MATLAB_class", b"double") in (b"char", b"logical", "char", "logical"):

@@ -1,0 +1,75 @@
+"""What an isolator's designer reads off a loop, measured beside predicted, test by test."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.quantities import loop_quantities
+from bayes_iwan.report.loops import test_name
+from bayes_iwan.report.predictive import Predictive
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One quantity of a test: measured, predicted (median and the interval of summary.csv), and the 90 % range in which
+    a repeated measurement is expected."""
+
+    measured: float
+    median: float
+    low_90: float
+    high_90: float
+    repeat_q05: float
+    repeat_q95: float
+
+
+@dataclass(frozen=True)
+class LoopRow:
+    """One test, measured and predicted.
+
+    residual_share : the RMS residual over the RMS friction force. energy_mJ, stiffness_N_mm, loss_factor : as in
+    :class:`bayes_iwan.inference.quantities.LoopQuantities`.
+    """
+
+    file: str
+    test: str
+    role: str
+    rms_residual_N: float
+    residual_share: float
+    energy_mJ: Compared
+    stiffness_N_mm: Compared
+    loss_factor: Compared
+
+    @property
+    def held_out(self) -> bool:
+        return self.role == "held-out"
+
+
+def compared_loops(posterior: Posterior, p: Predictive) -> tuple[LoopRow, ...]:
+    """Every test of a prediction, measured beside predicted."""
+    measured, again = loop_quantities(p.displacement_mm, p.measured_N), loop_quantities(p.displacement_mm, p.loop_N)
+    rms = np.std(p.residual_N(), axis=1)
+    share = rms / np.std(p.measured_N - p.spring_N, axis=1)
+    found = posterior.quantities()
+
+    def compared(name: str, seen: Array, repeated: Array, t: int) -> Compared:
+        at = f"{name}[{p.loops[t].file}]"
+        repeat = (float(q) for q in np.quantile(repeated[:, t], [0.05, 0.95]))
+        return Compared(float(seen[t]), float(np.median(found[at].values)), *posterior.interval(at), *repeat)
+
+    return tuple(
+        LoopRow(
+            x.file,
+            test_name(x, role=False),
+            x.role,
+            float(rms[t]),
+            float(share[t]),
+            compared("dissipated_energy_mJ", measured.energy_mJ, again.energy_mJ, t),
+            compared("equivalent_stiffness_N_mm", measured.stiffness_N_mm, again.stiffness_N_mm, t),
+            compared("loss_factor", measured.loss_factor, again.loss_factor, t),
+        )
+        for t, x in enumerate(p.loops)
+    )
