@@ -50,6 +50,39 @@ def made_up_campaign(tmp_path_factory):
     return folder
 
 
+#: an identification by the command line in seconds: enough draws to pass its own (loose) test of convergence
+SHORT = """
+[model]
+slip = "gamma1"
+grip = "constant"
+stiffness = "constant"
+embedded = false
+[likelihood]
+kind = "gaussian"
+[search]
+members = 40
+evaluations = 400
+starts = 4
+second_opinion = false
+[sampling]
+method = "ensembles"
+ensembles = 2
+walkers = 24
+r_hat = 1.2
+ess = 40
+taus = 5
+draws = 200
+"""
+
+
+@pytest.fixture
+def short_config(tmp_path):
+    """SHORT as a file."""
+    path = tmp_path / "short.toml"
+    path.write_text(SHORT)
+    return path
+
+
 # the analyses' scripts give their workers one thread through the environment; run inside this process they must not
 # change the number that numba has started with
 os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
@@ -110,12 +143,20 @@ def made_up(force, tests, cycles=12, rate=1280.0, noise_N=0.0, extra=None, seed=
     return Campaign("made up", "", "", "", Path("made_up"), tuple(records))
 
 
+def force_of(model, parameter_values):
+    """One cycle of a model's force, by frequency, amplitude and samples: what `made_up` takes."""
+
+    def force(frequency, amplitude, samples):
+        motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples)
+        return model.force(parameter_values, motion)[0, 0]
+
+    return force
+
+
 def specimen_force(frequency, amplitude, samples):
     """One cycle of Table 1's force."""
     model = Model(SCALES.reference)
-    return model.force(
-        parameter_values_of(model), sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples)
-    )[0, 0]
+    return force_of(model, parameter_values_of(model))(frequency, amplitude, samples)
 
 
 #: tests by plan: frequency, amplitude, role
@@ -158,6 +199,7 @@ def kit():
         parameter_values=parameter_values_of,
         elastic=elastic,
         made_up=made_up,
+        force_of=force_of,
         specimen_force=specimen_force,
         rig_records=rig_records,
         campaign_of=campaign_of,

@@ -10,28 +10,6 @@ import pytest
 from bayes_iwan import cli
 from bayes_iwan.cli.command import SEED
 
-SHORT = """
-[model]
-slip = "gamma1"
-embedded = false
-grip = "constant"
-stiffness = "constant"
-[likelihood]
-kind = "gaussian"
-[search]
-members = 40
-evaluations = 1200
-starts = 4
-[sampling]
-method = "ensembles"
-ensembles = 2
-walkers = 24
-r_hat = 1.05
-ess = 100
-taus = 10
-draws = 500
-"""
-
 
 def test_every_command_has_help(capsys):
     for command in cli.COMMANDS:
@@ -86,11 +64,9 @@ def test_check_says_what_was_read(tmp_path, capsys, made_up_campaign):
     assert float(row[1]) == pytest.approx(10.0, rel=1e-3) and float(row[2]) == pytest.approx(1.0, rel=1e-2)
 
 
-def test_identify_writes_and_reports(tmp_path, capsys, made_up_campaign):
-    config = tmp_path / "c.toml"
-    config.write_text(SHORT)
+def test_identify_writes_and_reports(tmp_path, capsys, made_up_campaign, short_config):
     out = tmp_path / "out"
-    arguments = ["identify", str(made_up_campaign), "--out", str(out), "--config", str(config), "--seed", "1"]
+    arguments = ["identify", str(made_up_campaign), "--out", str(out), "--config", str(short_config), "--seed", "1"]
     assert cli.main([*arguments, "--keep-chains"]) == 0
     said = capsys.readouterr().out
     assert "kp_N_mm" in said and "converged" in said and str(out) in said
@@ -115,7 +91,7 @@ def test_what_no_file_can_hold_is_refused_before_the_work(tmp_path, made_up_camp
     assert "name a folder" in capsys.readouterr().err
 
 
-def test_the_report_holds_the_frequencies_alone(tmp_path, capsys, made_up_campaign, monkeypatch):
+def test_the_report_holds_the_frequencies_alone(tmp_path, made_up_campaign, short_config, monkeypatch):
     """After --per-test the page and its table hold the runs of single frequencies, unless these are of another model;
     cut short, the page of the joint run stands."""
     import bayes_iwan.inference.identify as room
@@ -140,9 +116,17 @@ def test_the_report_holds_the_frequencies_alone(tmp_path, capsys, made_up_campai
     ]
     write_campaign(tmp_path / "campaign", name="made up", description="", tests=[*slow, *fast], compress=False)
     names, one, run = {"f10Hz", "f20Hz"}, "f10Hz", room.identify_problem
-    config, out = tmp_path / "c.toml", tmp_path / "out"
-    config.write_text(SHORT)
-    arguments = ["identify", str(tmp_path / "campaign"), "--out", str(out), "--config", str(config), "--seed", "1"]
+    out = tmp_path / "out"
+    arguments = [
+        "identify",
+        str(tmp_path / "campaign"),
+        "--out",
+        str(out),
+        "--config",
+        str(short_config),
+        "--seed",
+        "1",
+    ]
 
     def alone() -> set[str]:
         lines = (out / "tables" / "per_frequency.csv").read_text().splitlines()[1:]

@@ -408,9 +408,9 @@ print(peaks[2] - peaks[1], peaks[3] - peaks[1])
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="no /proc to read the peak of memory from")
-def test_a_million_lines(tmp_path, record):
+def test_memory_to_import_a_long_file(tmp_path, record):
     """Beyond what a short file takes, memory stays under ten times the file: imported, and read as a campaign."""
-    for name, n in (("short.txt", 20_000), ("long.txt", 1_000_000)):
+    for name, n in (("short.txt", 20_000), ("long.txt", 250_000)):
         t = np.arange(n) / 12_800.0
         r = record(time_s=t, noise_N=0.01)
         columns, head = np.column_stack([t, r.displacement_mm, r.force_N]), "t [s]\tx [mm]\tF [N]"

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from bayes_iwan.effects import catalogue
-from bayes_iwan.effects.base import Effect, EffectError
+from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.paper import EFFECTS as PAPER
 from bayes_iwan.effects.paper import missing_terms
-from bayes_iwan.effects.user_file import load_effects
-from bayes_iwan.physics import Model, Reference, paper, sine_motion
+from bayes_iwan.physics import Model, Reference, sine_motion
 from bayes_iwan.physics.simulator import recorded_force
 
 ISSUE = (
@@ -410,8 +409,6 @@ def test_force_clipping_makes_flat_tops_at_one_force_in_every_test(kit):
     assert told["limit_N"] == (pytest.approx(2.5), "N")
 
 
-# ---- what the paper adds to the classical Iwan model
-
 # ---- shapes without a cause
 
 
@@ -429,6 +426,9 @@ def test_break_away_lifts_friction_after_reversals_and_wears_off(kit):
     added, friction = (with_it - without)[0], np.ptp(without[0] - kit.parameter_values(model)["kp_N_mm"][0] * u) / 2.0
     assert np.abs(added[up & (u > 0.5 * A_MM)]).max() < 2e-4 * friction  # 1.3 mm after the reversal
     assert added[up & (u > -0.7 * A_MM) & (u < -0.3 * A_MM)].max() > 0.01 * friction
+
+
+# ---- what the paper adds to the classical Iwan model
 
 
 def test_papers_terms_on_the_classical_model_are_the_papers_model(kit):
@@ -460,72 +460,3 @@ def test_papers_terms_are_offered_only_where_the_base_lacks_them():
     classical = {"grip": "constant", "stiffness": "constant"}
     assert names(classical) == [e.name for e in PAPER]
     assert {e.name for e in PAPER} < set(catalogue.variants((), Model(Reference(1.0, 0.1), **classical)))
-
-
-# ---- a user's own effects
-
-GOOD = """
-from bayes_iwan.effects import Effect
-
-class Softening(Effect):
-    name = "softening"
-    strength = ("share", "s", "-", "share of the force that is lost")
-    physics = "force fades"
-    reference = "none"
-    signature = "smaller loops"
-
-    def first_guess(self):
-        return 0.1
-
-    def force(self, force_N, motion, numbers):
-        return force_N * (1.0 - self.get(numbers, "share"))
-"""
-
-
-def test_users_effect_is_loaded_and_acts(tmp_path, kit):
-    path = tmp_path / "own.py"
-    path.write_text(GOOD)
-    (kind,) = load_effects(path)
-    assert "softening" in catalogue.variants([kind])
-    effect = kind(kit.scales)
-    model, at = Model(kit.reference), motion(48)
-    parameter_values = kit.parameter_values(model) | {"softening.share": np.array([0.25])}
-    np.testing.assert_allclose(
-        recorded_force(model, (effect,), parameter_values, at), 0.75 * model.force(parameter_values, at)
-    )
-
-
-@pytest.mark.parametrize(
-    "text, says",
-    [
-        ("x = 1\n", "no subclass"),
-        ("def f(:\n", "cannot be run"),
-        ("import nothing_of_that_name\n", "nothing_of_that_name"),
-        (GOOD.replace('    signature = "smaller loops"\n', ""), "lacks signature"),
-        (GOOD.replace("def first_guess", "def another"), "lacks first_guess"),
-        (GOOD.replace('    strength = ("share", "s", "-", "share of the force that is lost")\n', ""), "lacks strength"),
-        (GOOD.replace('("share", "s", "-", "share of the force that is lost")', '"share"'), "strength"),
-        (GOOD.replace('"softening"', '"soft.ening"'), "name"),
-    ],
-)
-def test_bad_effect_files_are_named_with_the_mend(text, says, tmp_path):
-    path = tmp_path / "own.py"
-    path.write_text(text)
-    with pytest.raises(EffectError) as error:
-        load_effects(path)
-    assert str(path) in str(error.value) and says in str(error.value) and "\n" not in str(error.value)
-
-
-def test_missing_effect_file(tmp_path):
-    with pytest.raises(EffectError, match=r"gone\.py: no such file"):
-        load_effects(tmp_path / "gone.py")
-
-
-@pytest.mark.parametrize("name", ["viscous_damping", "none", "unknown"])
-def test_taken_names_are_refused(name):
-    with pytest.raises(EffectError, match="choose another name"):
-        catalogue.variants([type("Own", (Effect,), {"name": name})])
-
-
-def test_paper_table_is_what_the_kit_uses(kit):
-    assert set(kit.parameter_values(Model(kit.reference))) == set(paper.table_1(kit.reference))

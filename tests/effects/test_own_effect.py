@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayes_iwan.effects.base import EffectError
-from bayes_iwan.effects.catalogue import BUILT_IN, variants
+from bayes_iwan.effects.base import Effect, EffectError
+from bayes_iwan.effects.catalogue import variants
 from bayes_iwan.effects.user_file import load_effects
 from bayes_iwan.inference.scales import Scales
-from bayes_iwan.physics import sine_motion
+from bayes_iwan.physics import Model, sine_motion
+from bayes_iwan.physics.simulator import recorded_force
 
 FILE = Path(__file__).parents[2] / "analyses" / "effects" / "quadratic_drag.py"
 SCALES = Scales(1.0, 0.2, 5.0, 1.0, 6.0, 20.0)
@@ -34,27 +35,64 @@ def test_the_example_is_loaded_and_acts_as_it_says():
     assert float(strength.value(np.zeros(1))[0]) == pytest.approx(effect.first_guess())
 
 
-def test_it_joins_the_catalogue_and_a_taken_name_is_refused():
+def test_it_joins_the_catalogue():
     kinds = variants(load_effects(FILE))
     assert "quadratic_drag" in kinds and len(kinds) == len(variants()) + 1
-    with pytest.raises(EffectError, match="exists already"):
-        variants(BUILT_IN[:1])
+
+
+@pytest.mark.parametrize("name", ["viscous_damping", "none", "unknown"])
+def test_taken_names_are_refused(name):
+    with pytest.raises(EffectError, match="choose another name"):
+        variants([type("Own", (Effect,), {"name": name})])
+
+
+GOOD = """
+from bayes_iwan.effects import Effect
+
+class Softening(Effect):
+    name = "softening"
+    strength = ("share", "s", "-", "share of the force that is lost")
+    physics = "force fades"
+    reference = "none"
+    signature = "smaller loops"
+
+    def first_guess(self):
+        return 0.1
+
+    def force(self, force_N, motion, numbers):
+        return force_N * (1.0 - self.get(numbers, "share"))
+"""
+
+
+def test_it_acts_on_the_recorded_force(tmp_path, kit):
+    path = tmp_path / "own.py"
+    path.write_text(GOOD)
+    (kind,) = load_effects(path)
+    model, at = Model(kit.reference), sine_motion(frequency_hz=20.0, amplitude_mm=[0.9, 0.3], samples=48)
+    parameter_values = kit.parameter_values(model) | {"softening.share": np.array([0.25])}
+    force = recorded_force(model, (kind(kit.scales),), parameter_values, at)
+    np.testing.assert_allclose(force, 0.75 * model.force(parameter_values, at))
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text, says",
     [
-        ("x = 1\n", "defines no subclass"),
-        ("from bayes_iwan.effects import Effect\nclass A(Effect):\n    name = 'a'\n", "A lacks strength"),
-        ("import not_a_module_at_all\n", "cannot be run"),
+        ("x = 1\n", "no subclass"),
+        ("def f(:\n", "cannot be run"),
+        ("import nothing_of_that_name\n", "nothing_of_that_name"),
+        (GOOD.replace('    signature = "smaller loops"\n', ""), "lacks signature"),
+        (GOOD.replace("def first_guess", "def another"), "lacks first_guess"),
+        (GOOD.replace('    strength = ("share", "s", "-", "share of the force that is lost")\n', ""), "lacks strength"),
+        (GOOD.replace('("share", "s", "-", "share of the force that is lost")', '"share"'), "strength"),
+        (GOOD.replace('"softening"', '"soft.ening"'), "name"),
     ],
 )
-def test_a_file_that_cannot_be_used_says_why(tmp_path, text, message):
-    path = tmp_path / "mine.py"
+def test_bad_effect_files_are_named_with_the_mend(text, says, tmp_path):
+    path = tmp_path / "own.py"
     path.write_text(text)
-    with pytest.raises(EffectError, match=message) as error:
+    with pytest.raises(EffectError) as error:
         load_effects(path)
-    assert "mine.py" in str(error.value)
+    assert str(path) in str(error.value) and says in str(error.value) and "\n" not in str(error.value)
 
 
 def test_a_missing_file_says_so(tmp_path):

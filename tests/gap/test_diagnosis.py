@@ -19,7 +19,7 @@ from bayes_iwan.gap.residuals import residual_of
 from bayes_iwan.gap.saved_fits import LOOPS, SavedFitsError, find_shares
 from bayes_iwan.inference.problem import iwan_model
 from bayes_iwan.inference.settings import DiagnoseSettings
-from bayes_iwan.physics import Model, sine_motion
+from bayes_iwan.physics import Model
 
 
 @pytest.fixture(scope="module")
@@ -179,13 +179,7 @@ def classical(kit):
         "grip_slope": 0.35,
         "beta": 0.8,
     }
-    parameter_values = {n: np.array([v]) for n, v in true.items()}
-
-    def force(frequency, amplitude, samples):
-        return model.force(
-            parameter_values, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples)
-        )[0, 0]
-
+    force = kit.force_of(model, {n: np.array([v]) for n, v in true.items()})
     campaign = kit.made_up(force, [(8.0, 0.4), (20.0, 0.9)], noise_N=0.01)
     settings = DiagnoseSettings(replace(BASES["classical"], slip="gamma1"))
     found = diagnose_loops(campaign, campaign.loops(n_phase=36, n_harmonics=12), quick=True, settings=settings)

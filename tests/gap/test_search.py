@@ -16,7 +16,7 @@ from bayes_iwan.gap.search import LAST, SINGLE_MOST, fit_base, search
 from bayes_iwan.gap.strength import calibrated
 from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
-from bayes_iwan.physics import Model, sine_motion
+from bayes_iwan.physics import Model
 
 FOUND = {"viscous_damping": "c_N_s_mm", "channel_delay": "delay_s"}
 
@@ -177,13 +177,7 @@ def varying(kit):
         "grip_rate": 0.15,
         "beta": 0.8,
     }
-    parameter_values = {n: np.array([v]) for n, v in true.items()}
-
-    def force(frequency, amplitude, samples):
-        return model.force(
-            parameter_values, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples)
-        )[0, 0]
-
+    force = kit.force_of(model, {n: np.array([v]) for n, v in true.items()})
     campaign = kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01)
     data = gap_data(campaign.loops(**kit.small))
     return SimpleNamespace(campaign=campaign, data=data, scales=scales_of(data.loops))
@@ -205,13 +199,7 @@ def test_terms_that_the_base_lacks_are_taken_in_one_after_the_other(varying, kit
 def test_terms_that_are_not_needed_are_not_taken_in(kit):
     model = Model(kit.reference, **GAMMA1)
     true = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
-    parameter_values = {n: np.array([v]) for n, v in true.items()}
-
-    def force(frequency, amplitude, samples):
-        return model.force(
-            parameter_values, sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=samples)
-        )[0, 0]
-
+    force = kit.force_of(model, {n: np.array([v]) for n, v in true.items()})
     data = gap_data(
         kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01).loops(**kit.small)
     )

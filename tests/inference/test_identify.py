@@ -202,7 +202,7 @@ def test_resuming_something_else_is_refused(run, folder, change, part):
         identify_campaign(folder, out, config=SMALL | change, seed=1, resume=True, progress=False)
 
 
-def test_each_frequency_alone(folder, tmp_path, small_loops):
+def test_each_frequency_alone(run, tmp_path, small_loops):
     groups = by_frequency(small_loops)
     assert {k: [x.file for x in v] for k, v in groups.items()} == {
         "f10Hz": ["f10_a0.3.csv", "f10_a1.csv"],
@@ -210,20 +210,26 @@ def test_each_frequency_alone(folder, tmp_path, small_loops):
         "f20Hz": ["f20_a1.csv"],
     }
     assert by_frequency([replace(x, role="held-out") for x in small_loops]) == {}
-    joint = identify_campaign(folder, tmp_path, config=SMALL, seed=2, per_test=True, progress=False)
+    loose = replace(run[0].settings.sampling, r_hat=1.2, ess=40.0, taus=5.0, draws=400)
+    search = replace(run[0].settings.search, second_opinion=False)
+    joint = replace(run[0], settings=replace(run[0].settings, sampling=loose, search=search), loops=small_loops[:3])
+    identify_frequencies(joint, tmp_path, progress=False)
     with executors.opened(2) as executor:  # the same wherever it runs
-        some = replace(joint, loops=by_frequency(joint.loops)["f20Hz"])
+        some = replace(joint, loops=groups["f15Hz"])
         identify_frequencies(some, tmp_path / "elsewhere", progress=False, executor=executor)
-    one, other = (f / "per_test" / "f20Hz" / "summary.csv" for f in (tmp_path, tmp_path / "elsewhere"))
+    one, other = (f / "per_test" / "f15Hz" / "summary.csv" for f in (tmp_path, tmp_path / "elsewhere"))
     assert one.read_bytes() == other.read_bytes()
-    for name in groups:
-        part = results.load(tmp_path / "per_test" / name)
+    for name in ("f10Hz", "f15Hz"):
+        part = results.load(tmp_path / "per_test" / name, campaign=run[0].campaign.path)
         kp = part.values()["kp_N_mm"]
-        assert abs(kp.mean() - 5.5) < 5 * kp.std() and part.loops[0].file in [x.file for x in groups[name]]
-    with pytest.raises(ConfigError, match="folder"):
-        identify_campaign(folder, None, config=SMALL, per_test=True)
+        assert abs(kp.mean() - 5.5) < 5 * kp.std() and [x.file for x in part.loops] == [x.file for x in groups[name]]
     with pytest.raises(FrequencyError, match="f10Hz alone: CheckpointError"):  # what is there is of these runs
         identify_frequencies(joint, tmp_path, progress=False)
+
+
+def test_frequencies_alone_without_a_folder_are_refused(folder):
+    with pytest.raises(ConfigError, match="folder"):
+        identify_campaign(folder, None, config=SMALL, per_test=True)
 
 
 def test_predictions_of_a_posterior(run):

@@ -1,15 +1,13 @@
 """The rig against closed forms that were not made with it."""
 
-import ast
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bayes_iwan.rig import simulate
 from bayes_iwan.rig.fault import Fault
-from bayes_iwan.rig.faults import CATALOGUE, OUTSIDE, acting
+from bayes_iwan.rig.faults import acting
 from bayes_iwan.rig.kernel import march
 from bayes_iwan.rig.simulate import Fidelity, PlannedTest, Setup
 from bayes_iwan.rig.specimen import RigError, Specimen, paper_specimen
@@ -51,21 +49,6 @@ def harmonic(r, h=1, signal=None):
     turn = 2j * np.pi * r.true_frequency_hz * r.time_s[whole]
     phase = np.angle(np.mean(r.displacement_mm[whole] * np.exp(-turn)))
     return 2 * np.mean(x[whole] * np.exp(-h * turn)) * np.exp(-1j * h * phase)
-
-
-def test_rig_imports_nothing_of_the_fitted_model():
-    """Of the package, the rig knows its own files, campaigns and what an array is called."""
-    folder = Path(simulate.__file__).parent
-    modules = [
-        (file.name, node.module or "")
-        for file in folder.glob("*.py")
-        for node in ast.walk(ast.parse(file.read_text()))
-        if isinstance(node, ast.ImportFrom)
-    ]
-    own = [(f, m) for f, m in modules if m.startswith("bayes_iwan")]
-    assert len(own) > 10
-    for file, module in own:
-        assert module.startswith(("bayes_iwan.rig", "bayes_iwan.campaign", "bayes_iwan.arrays")), f"{file}: {module}"
 
 
 def test_virgin_curve_of_uniform_slip_forces():
@@ -279,6 +262,25 @@ def test_steps_and_lumped_sliders_hardly_matter():
         assert np.sqrt(np.mean((r.force_N - fine.force_N) ** 2)) < allowed * friction
 
 
+def test_two_faults_act_together_or_are_refused():
+    """Forces add, factors multiply, filters follow one another; two values for one place are no rig at all."""
+    dashpot, drag = Fault("viscous_damping", {"c_N_s_mm": 0.01}), Fault("quadratic_drag", {"c_N_s2_mm2": 1e-4})
+    speed = np.array([-20.0, 5.0])
+    np.testing.assert_allclose(acting((dashpot, drag)).speed_force(speed), 0.01 * speed + 1e-4 * speed * np.abs(speed))
+    fading = [Fault("friction_fade", {"drop": d, "cycles": 8.0}) for d in (0.3, 0.2)]
+    expected = (1.0 - 0.3 * (1.0 - np.exp(-0.5))) * (1.0 - 0.2 * (1.0 - np.exp(-0.5)))
+    assert float(acting(fading).fade_factor(np.array(4.0))) == pytest.approx(expected)
+    late = [Fault("channel_delay", {"delay_s": t}, "all_pass") for t in (1e-3, 2e-3)]
+    chain = acting((*late, Fault("force_drift", {"rate_N_s": 0.1}), Fault("moving_mass", {"m_kg": 0.1}))).chain
+    assert [x[1][0] for x in chain.force_filters] == [5e-4, 1e-3] and len(chain.additions) == 1
+    assert chain.moving_mass_kg == 0.1 and acting(late).only_measured and not acting((dashpot, *late)).only_measured
+    both = acting((Fault("end_stop", {"k_N_mm": 3.0, "clearance_mm": 0.5}), Fault("rocking", {"share": 0.2}))).motion
+    assert (both.stop_k, both.stop_gap, both.rocking) == (3.0, 0.5, 0.2)
+    for twice in (Fault("moving_mass", {"m_kg": 0.1}), Fault("end_stop", {"k_N_mm": 3.0, "clearance_mm": 0.5})):
+        with pytest.raises(RigError, match=f"{twice.name} and {twice.name} cannot act together: both set"):
+            acting((twice, twice))
+
+
 def test_unknown_effect_and_missing_number_are_refused():
     with pytest.raises(RigError, match="no fault 'friction'"):
         run(uniform_specimen(), Fault("friction"))
@@ -286,8 +288,3 @@ def test_unknown_effect_and_missing_number_are_refused():
         run(uniform_specimen(), Fault("normal_force_lag", {"tau": 1.0}))
     with pytest.raises(RigError, match="beyond the rig"):
         PlannedTest(10.0, 500.0)
-
-
-def test_catalogue_holds_the_names_that_diagnoses_use():
-    assert len(CATALOGUE) == 20 and len(OUTSIDE) >= 5
-    assert not set(CATALOGUE) & set(OUTSIDE)

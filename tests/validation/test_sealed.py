@@ -14,7 +14,7 @@ from bayes_iwan.gap.saved_fits import SCHEMA, find_shares
 from bayes_iwan.inference.scales import Scales
 from bayes_iwan.report import scores
 from bayes_iwan.rig import cases as rig_cases
-from bayes_iwan.rig.simulate import PlannedTest, simulate_test
+from bayes_iwan.rig.simulate import simulate_test
 from bayes_iwan.validation import confinement, scoring, sealed
 from bayes_iwan.validation.answering import answer, case_seed, refuse_open_truth
 from bayes_iwan.validation.sealed import WithheldError
@@ -22,21 +22,10 @@ from bayes_iwan.validation.sealed import WithheldError
 KINDS = ["none", "single", "outside"]
 
 
-def small_design(rng):
-    """Two short tests a case: the protocol is on trial here, not the rig."""
-    f = float(rng.uniform(8, 12))
-    tests = tuple(PlannedTest(round(f * k, 1), a, 6, 4) for k, a in ((1, 0.4), (2, 0.9)))
-    return tests, (PlannedTest(round(1.5 * f, 1), 0.7, 6, 4),)
-
-
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    patch = pytest.MonkeyPatch()
-    patch.setattr(rig_cases, "draw_design", small_design)
+def made(small_design, tmp_path_factory):
     folder = tmp_path_factory.mktemp("withheld") / "set"
-    truth = sealed.make(3, folder, kinds=KINDS)
-    yield folder, truth
-    patch.undo()
+    return folder, sealed.make(3, folder, kinds=KINDS)
 
 
 @pytest.fixture
@@ -101,8 +90,8 @@ def test_a_case_follows_from_the_published_entropy(made):
     assert told["parameters"] == dict(case.faults[0].parameters) and told["law"] == case.faults[0].law
 
 
-def test_development_cases_follow_from_their_seed_and_are_marked(tmp_path, monkeypatch):
-    monkeypatch.setattr(rig_cases, "draw_design", small_design)
+@pytest.mark.usefixtures("small_design")
+def test_development_cases_follow_from_their_seed_and_are_marked(tmp_path):
     with ThreadPoolExecutor(1) as executor:
         paths = [
             sealed.make(1, tmp_path / name, seed=5, kinds=["single"], laws="other", executor=run)

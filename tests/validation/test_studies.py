@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Record
-from bayes_iwan.rig import cases as rig_cases
-from bayes_iwan.rig.simulate import PlannedTest
 
 ROOT = Path(__file__).parents[2]
 
@@ -20,12 +18,6 @@ def study():
     sys.path.insert(0, str(ROOT / "analyses"))
     yield importlib.import_module
     sys.path.remove(str(ROOT / "analyses"))
-
-
-def small_design(rng):
-    f = float(rng.uniform(8, 12))
-    tests = tuple(PlannedTest(round(f * k, 1), a, 6, 4) for k, a in ((1, 0.4), (2, 0.9)))
-    return tests, (PlannedTest(round(1.5 * f, 1), 0.7, 6, 4),)
 
 
 def record(f, n=20_000, cycles=30):
@@ -202,8 +194,8 @@ def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch):
     assert (tmp_path / "sbc.png").stat().st_size > 5000
 
 
+@pytest.mark.usefixtures("small_design")
 def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(rig_cases, "draw_design", small_design)
     monkeypatch.setattr(sys, "argv", ["coverage_rig.py", "--cases", "1", "--budget", "2", "--out", str(tmp_path)])
     study("coverage_rig").main()
     result = json.loads((tmp_path / "coverage.json").read_text())
