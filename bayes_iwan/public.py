@@ -31,7 +31,24 @@ PathLike = str | os.PathLike[str]
 
 @dataclass(frozen=True, repr=False)
 class Check:
-    """A campaign that was read, and what each of its tests shows before any model."""
+    """A campaign that was read, and what each of its tests shows before any model; made by :func:`check`.
+
+    Attributes
+    ----------
+    campaign
+        its records and what was stated of them.
+    tests
+        of each record its averaged loop with energy (mJ), stiffness (N/mm), loss factor, noise and remarks.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> found = bi.check(folder)
+    >>> len(found.loops), found.tests[1].energy_mJ.value > found.tests[0].energy_mJ.value > 0.0
+    (2, True)
+    """
 
     campaign: Campaign
     tests: tuple[Inspection, ...]
@@ -245,11 +262,16 @@ def diagnose(
 
     Examples
     --------
-    A dashpot on the virtual rig, found again (some seconds)::
+    A dashpot on the virtual rig, found again by the classical Iwan model (ten seconds):
 
-        plan = [bi.PlannedTest(f, a, cycles=12) for f in (8.0, 20.0) for a in (0.4, 0.9)]
-        bi.simulate_campaign(plan, fault="viscous_damping", size=0.12, seed=3).write("damped")
-        bi.diagnose("damped", quick=True, seed=1).verdict.names   # ('viscous_damping',)
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(f, a, cycles=6) for f, a in ((8.0, 0.4), (20.0, 0.9))]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, fault="viscous_damping", size=0.2, seed=3).write(folder)
+    >>> classical = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+    >>> found = bi.diagnose(folder, config=classical, quick=True, seed=1)
+    >>> found.verdict.names, found.verdict.causes[0].share.value > 0.5
+    (('viscous_damping',), True)
     """
     own = simulator is not None
     settings = diagnose_settings_of(config, own)
@@ -344,9 +366,18 @@ def compare(
 
     Examples
     --------
-    Two families, some minutes::
+    Slip forces by a gamma or a uniform distribution, by short runs (for an answer that counts leave `config` away, some
+    minutes):
 
-        bi.compare("data/rope_spring", families=["gamma3", "bouc_wen"], seed=1)
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(f, a, cycles=6) for f, a in ((8.0, 0.4), (20.0, 0.9))]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=3).write(folder)
+    >>> short = {"search": {"members": 40, "evaluations": 400, "starts": 2, "second_opinion": False},
+    ...          "sampling": {"ensembles": 2, "budget_s": 2.0, "draws": 200}}
+    >>> ranked = bi.compare(folder, families=["uniform", "gamma1"], config=short, by="loo", seed=1, progress=False)
+    >>> [row.name for row in ranked.rows()], ranked.rows()[0].difference
+    (['gamma1', 'uniform'], 0.0)
     """
     chosen = partial(
         compare_families, campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress

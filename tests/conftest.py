@@ -83,6 +83,17 @@ def short_config(tmp_path):
     return path
 
 
+@pytest.fixture(scope="module")
+def short_adaptation():
+    """The ensembles' adaptation at its shortest, in this process: else it is nine tenths of a run on these small
+    problems. It has tests of its own in tests/sampling. Gives the line that makes it short in a child."""
+    from bayes_iwan.sampling import run
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "_ROUNDS", (2, 4))
+        yield "from bayes_iwan.sampling import run; run._ROUNDS = (2, 4)"
+
+
 # the analyses' scripts give their workers one thread through the environment; run inside this process they must not
 # change the number that numba has started with
 os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)

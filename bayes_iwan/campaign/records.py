@@ -21,13 +21,35 @@ class CampaignError(ValueError):
 class Record:
     """One test as it was recorded, in s, mm and N (or what `units` says in their place: mrad and N·m, mm and kPa).
 
-    file : name inside the campaign folder.
-    frequency_hz, amplitude_mm : nominal values, as campaign.toml states them.
-    role : "fit" or "held-out".
-    extras : any other number stated for the test (``normal_force_N``, ``pressure_bar`` ...).
-    time_s, displacement_mm, force_N : (n,) float64, time strictly increasing, everything finite.
-    warnings : what was bridged, left out or looks wrong but usable.
-    units : what stands for mm and N.
+    Parameters
+    ----------
+    file
+        name inside the campaign folder.
+    frequency_hz, amplitude_mm
+        nominal values, as campaign.toml states them.
+    role
+        "fit" or "held-out".
+    extras
+        any other number stated for the test (``normal_force_N``, ``pressure_bar`` ...).
+    time_s, displacement_mm, force_N
+        (n,) float64, time strictly increasing, everything finite.
+    warnings
+        what was bridged, left out or looks wrong but usable.
+    units
+        what stands for mm and N.
+
+    Raises
+    ------
+    CampaignError
+        arrays of different lengths, or a role of another name.
+
+    Examples
+    --------
+    >>> import numpy as np, bayes_iwan as bi
+    >>> t = np.arange(640) / 640.0
+    >>> u = 0.5 * np.sin(2.0 * np.pi * 10.0 * t)
+    >>> bi.Record("f10_a0.5.csv", 10.0, 0.5, "fit", {}, t, u, 7.0 * u).force_N.shape
+    (640,)
     """
 
     file: str

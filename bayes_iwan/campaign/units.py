@@ -96,7 +96,7 @@ class Units:
         return re.sub(r"(?<=_)(N|mJ|mm)(?=_|\d|$)", lambda found: own[found[1]], stem) + bracket + rest
 
     def said(self, text: str) -> str:
-        """Any text, table cell or label written for N and mm, names of numbers in it included, in these units."""
+        """Any text, table cell or label written for N and mm, names of parameters in it included, in these units."""
         return text if self.plain else _NAME.sub(lambda found: self.name(found[0]), self.text(text))
 
     def everywhere(self, value: T) -> T:

@@ -1,4 +1,4 @@
-"""Each frequency alone beside all together: do the numbers that should be constant wander with frequency?
+"""Each frequency alone beside all together: do the parameters that should be constant wander with frequency?
 
 Parameters that wander are the first sign of a missing effect. Whether they wander by more than errors allow is asked
 of the joint posterior itself: loops are drawn from it, refitted frequency by frequency, and the spread of each
@@ -42,7 +42,7 @@ _DETERMINED = 0.5
 class Agreement:
     """One quantity, frequency by frequency.
 
-    p_value : chance that frequencies would differ by more than measured if one set of numbers held for all.
+    p_value : chance that frequencies would differ by more than measured if one set of values held for all.
     estimate, error : (frequencies,) each frequency alone, by one Gauss–Newton step from the joint optimum, and its
     standard error: quick, and right where the posterior is near Gaussian.
     """

@@ -96,7 +96,7 @@ class MainsHum(ByTest):
     which: ClassVar[int] = 0  # column of the data's mains_hz
     physics = (
         "The mains induces a sine of 50 or 60 Hz in the force channel, at another phase in each record, with a third "
-        "harmonic where a core saturates; cosine and sine of every test are numbers of their own."
+        "harmonic where a core saturates; cosine and sine of every test are parameters of their own."
     )
     reference = "Ott, Electromagnetic Compatibility Engineering, ch. 2 and 3"
     signature = "a line at 50 or 60 Hz whatever the test frequency; in loops only where that is a harmonic"

@@ -45,7 +45,7 @@ class ExtraParameter:
     """A parameter beside the strength: symbol, unit, description, prior (frozen scipy.stats), bounds.
 
     scan : is it tried at several values before a refit (a relaxation time, a gap), or only refined from its prior's
-        median, as the number that bends a law about the classical one?
+        median, as the parameter that bends a law about the classical one?
     """
 
     symbol: str
@@ -83,11 +83,80 @@ class Records(Protocol):
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect for one campaign. Subclasses set the class variables and override one station (or more).
+    """A physical cause outside the model, for one campaign; subclass it to add one of your own.
 
-    tests : files of the fitted tests, for effects with a number of their own in each
-    strength_value : median size of the strength, in its unit, for a typical share of the friction force; None until
+    A subclass sets `name`, `strength`, `physics`, `reference` and `signature`, gives `first_guess`, and overrides one
+    station (or more): `motion`, `grip`, `stiffness`, `slip`, `asymmetry`, `slip_table`, `force`, `around`, or
+    `recorded` and `lines` for what does not repeat with the cycle. At strength 0 it must change nothing.
+
+    Parameters
+    ----------
+    scales
+        the campaign's own, in mm, m/s, N and N/mm.
+    tests
+        files of the fitted tests, for effects with a parameter of their own in each.
+    strength_value
+        median size of the strength, in its unit, for a typical share of the friction force; None until
         :func:`bayes_iwan.gap.strength.calibrated` has found it on a fitted base model.
+
+    Attributes
+    ----------
+    name
+        one word, by which parameters and files call it.
+    law
+        the formula in words, for the report.
+    statement
+        what the base's own form lacks, if that is what the effect mends.
+    strength
+        name, symbol, unit and description of the main parameter.
+    signed, limit
+        whether the strength may be negative, and its largest size.
+    evolving
+        whether it changes from cycle to cycle.
+    spread
+        sd of the strength's logarithm in its prior.
+    law_error
+        relative error of a strength: nature's law is not quite ours.
+    sudden
+        whether nothing is seen below a threshold: a first step tells little of it.
+    flexible
+        whether it absorbs part of most gaps: then it is sought last and named by its share.
+    order
+        its place along the signal: specimen 0, rig 1, force channel 2; −1 for the displacement's channel.
+    physics, reference, signature, bench, remedy
+        texts for the report: the cause, its source, what to expect in the loops, what on the bench would tell it from
+        its `look_alikes`, and what an engineer can do about it.
+
+    Raises
+    ------
+    EffectError
+        from :meth:`values_at`, for a parameter that it does not have; a user's file that cannot be used is refused
+        where it is loaded.
+
+    References
+    ----------
+    Modifiers with a neutral value on a nominal prediction: Cranmer, Lewis, Moneta, Shibata & Verkerke, HistFactory,
+    CERN-OPEN-2012-016 (2012).
+
+    Examples
+    --------
+    >>> import numpy as np, bayes_iwan as bi
+    >>> class AirDrag(bi.Effect):
+    ...     name = "air_drag"
+    ...     strength = ("c_N_s2_m2", "c", "N·s²/m²", "force over speed squared")
+    ...     physics = "Air is pushed aside."
+    ...     reference = "Batchelor, An Introduction to Fluid Dynamics"
+    ...     signature = "dissipation that grows with the cube of the speed"
+    ...     def first_guess(self):
+    ...         return 0.1 * self.scales.slip_N / self.scales.speed_m_s**2
+    ...     def force(self, force_N, motion, parameter_values):
+    ...         v = motion.velocity_m_s
+    ...         return force_N + self.get(parameter_values, "c_N_s2_m2") * v * np.abs(v)
+    >>> drag = AirDrag(bi.Scales(1.0, 0.1, 5.0, 1.2, 6.0, 20.0))
+    >>> motion = bi.sine_motion(frequency_hz=10.0, amplitude_mm=1.0)
+    >>> added = drag.force(np.zeros((1, 1, 128)), motion, drag.values_at(c_N_s2_m2=20.0))
+    >>> added.shape, round(float(added.max()), 4)
+    ((1, 1, 128), 0.079)
     """
 
     scales: Scales

@@ -1,4 +1,4 @@
-"""Effects with numbers of their own in every test."""
+"""Effects with parameters of their own in every test."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bayes_iwan.inference.parameters import Parameter
 class ByTest(Effect):
     """An effect that has one number, or several, in each test, all with one prior about zero.
 
-    parts : name, symbol, unit and description of each number; per_N : their size for one newton.
+    parts : name, symbol, unit and description of each parameter; per_N : their size for one newton.
     """
 
     parts: ClassVar[tuple[tuple[str, str, str, str], ...]]

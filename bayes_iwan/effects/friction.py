@@ -189,9 +189,7 @@ class FrictionFade(Effect):
     signature = "loops grow thinner from cycle to cycle; trend in quadrature and odd harmonics, none in the mean"
     look_alikes = ()
     bench = "return to the first test after the last; rest, then repeat (heat recovers, wear does not)"
-    remedy = (
-        "Run the specimen in before measuring, let it cool between tests, and state the cycle that numbers are for."
-    )
+    remedy = "Run the specimen in before measuring, let it cool between tests, and state the cycle that values are for."
 
     def first_guess(self) -> float:
         return 0.1

@@ -1,4 +1,4 @@
-"""Functions of one number that contain the classic laws of a kind and what lies between them."""
+"""Functions of one parameter that contain the classic laws of a kind and what lies between them."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scipy import stats
 from bayes_iwan.arrays import Array
 from bayes_iwan.physics import Motion
 
-#: below this a number that bends a law is taken as zero: the limit itself, free of cancellation
+#: below this a parameter that bends a law is taken as zero: the limit itself, free of cancellation
 _NONE = 1e-7
 #: Gauss–Legendre points and weights (they sum to one) of an average over a block of cycles
 _POINTS, _WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 18.0
 
 
 def about(value: float, sd: float):
-    """A normal prior of a number that bends a law, with the classical law in its middle."""
+    """A normal prior of a parameter that bends a law, with the classical law in its middle."""
     return stats.norm(loc=value, scale=sd)
 
 

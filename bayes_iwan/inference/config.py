@@ -42,7 +42,7 @@ _TABLES: dict[str, type] = {
     "sampling": SamplingSettings,
 }
 CHOICES = {("search", "objective"): ("eq8", "squared", "likelihood"), ("sampling", "method"): ("auto", "ensembles")}
-#: the noise's own numbers, which a diagnosis takes from the records
+#: the noise's own parameters, which a diagnosis takes from the records
 NOISE = ("noise_scale", "noise_N", "discrepancy_share", "discrepancy_length")
 #: a whole number beyond this is a slip of the pen, and more than arrays can hold
 _LARGEST = 10**9
@@ -190,13 +190,13 @@ def _changes(given: Mapping[str, Any], where: str) -> dict[str, ParameterChange]
             raise ConfigError(f"{where}: write [parameters.{name}] and e.g. fixed = {_shown(table)} below it")
         at = f"{where} [parameters.{name}]"
         _known(table, {"prior", "lower", "upper", "fixed", "tied"}, at, "key")
-        numbers = {k: _number(table[k], f"{at} {k}") for k in ("lower", "upper", "fixed") if k in table}
+        limits = {k: _number(table[k], f"{at} {k}") for k in ("lower", "upper", "fixed") if k in table}
         tied = table.get("tied")
         if tied is not None and not isinstance(tied, str):
             raise ConfigError(f"{at} tied must be the name of a parameter in quotes, not {_shown(tied)}")
-        if tied is not None and "fixed" in numbers:
+        if tied is not None and "fixed" in limits:
             raise ConfigError(f"{at}: fixed and tied exclude each other; leave one out")
-        out[str(name)] = ParameterChange(_prior(table.get("prior"), at), tied=tied, **numbers)
+        out[str(name)] = ParameterChange(_prior(table.get("prior"), at), tied=tied, **limits)
     return out
 
 

@@ -42,7 +42,7 @@ NOISE_SCALE = Parameter(
 
 @dataclass(frozen=True)
 class Spectrum:
-    """How the discrepancy's variance is spread over the harmonics, by numbers that are sampled."""
+    """How the discrepancy's variance is spread over the harmonics, by parameters that are sampled."""
 
     parameters: tuple[Parameter, ...]
 

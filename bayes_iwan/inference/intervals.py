@@ -1,7 +1,7 @@
 """The intervals that are reported: the posterior's, wider by what the posterior cannot know.
 
 Three variances add up. The posterior's own is right if the model is. How far the tests disagree, the between-test
-variance (:mod:`.jackknife`), is seen without that. And some numbers are not reached by any loop: elements that slip
+variance (:mod:`.jackknife`), is seen without that. And some quantities are not reached by any loop: elements that slip
 within the finest step that the trusted harmonics resolve after a reversal, and elements that never slip at the largest
 amplitude, are extrapolated by the family of slip forces alone. Of the elements that slip before anything is
 resolved there is taken to be a share that is known no better than to itself, as large as if the first quarter of all
@@ -35,7 +35,7 @@ from bayes_iwan.physics import Model
 #: factor of the jackknife's standard deviation; like the share above chosen on those 24 specimens. n tests correlated
 #: by ρ would need √((1 + (n − 1)ρ)/(1 − ρ)): 2.3 for two, 2.7 for three of one amplitude, 1 for independent ones
 SHARED = 2.0
-#: a larger share of unresolved elements is said beside the numbers that depend on it
+#: a larger share of unresolved elements is said beside the quantities that depend on it
 _WORTH_SAYING = 0.01
 
 
@@ -45,7 +45,7 @@ class Widening:
 
     between_sd : standard deviation between tests, in the number's unit, NaN for a single test; unreached_sd : that of
     what no loop reaches; freedom : degrees of freedom of between_sd, its tests less one. Both are relative to the
-    number where `relative`. reach : empty, or why the number is extrapolated and what determines it.
+    number where `relative`. reach : empty, or why the quantity is extrapolated and what determines it.
     """
 
     between_sd: float
@@ -136,7 +136,7 @@ def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -
 def with_between_tests(draws: Array, without: Array, level: float = 0.9) -> tuple[float, float]:
     """Central interval of draws (n,) of any number, wider by its variance between tests.
 
-    without : (tests,) the number found without each test in turn.
+    without : (tests,) the value found without each test in turn.
     """
     between = SHARED * float(np.sqrt(jackknife_variance(without))) if len(without) > 1 else float("nan")
     return Widening(between, 0.0, max(len(without) - 1, 1), False, "").interval(draws, level)

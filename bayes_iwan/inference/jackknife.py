@@ -1,7 +1,7 @@
-"""Between-test variance: how far every number moves when one test is left out.
+"""Between-test variance: how far every quantity moves when one test is left out.
 
 A posterior says how well the loops determine a number if model and likelihood are right. How far the tests disagree
-about it is seen without either: leave one test out, fit the others again, and see where the number goes. The
+about it is seen without either: leave one test out, fit the others again, and see where it goes. The
 delete-one-test jackknife (Tukey 1958; Efron & Stein 1981) turns that into a variance, (T − 1)/T · Σ (q₍ₜ₎ − q̄)². Each
 fit starts at the whole's optimum, a few Gauss–Newton steps away from its own.
 """
@@ -24,7 +24,7 @@ _LONGEST = 1.0
 def left_out_optima(problem: Problem, z: Array, iterations: int = 4) -> Array:
     """(tests, ndim): the most probable point without each test, from that with all of them, z (ndim,).
 
-    The numbers of the noise stay as they are. Each iteration is a Gauss–Newton step of every fit, halved until the
+    The parameters of the noise stay as they are. Each iteration is a Gauss–Newton step of every fit, halved until the
     posterior rises. Raises ValueError for fewer than two tests.
     """
     tests, ndim = len(problem.loops), problem.ndim

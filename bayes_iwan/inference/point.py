@@ -1,8 +1,8 @@
 """The point estimate: the paper's own way (a genetic algorithm on Eq. 8), and the most probable point.
 
 Both start from populations, not from a guess. The genetic algorithm and, as a second opinion, differential
-evolution minimise the goal over the model's numbers; least squares polishes. The most probable point is then sought
-by least squares from many of their members and from the prior, first with the noise held, then all numbers together.
+evolution minimise the goal over the model's parameters; least squares polishes. The most probable point is then sought
+by least squares from many of their members and from the prior, first with the noise held, then all parameters together.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def _polished(objective: BatchObjective, ladder: Sequence[BatchResiduals], x: Ar
 
 
 def joint_rows(problem: Problem, z: Array) -> Array:
-    """Rows for least squares over all numbers, noise included, (draws, m): ½Σ rows² = −log posterior + constant.
+    """Rows for least squares over all parameters, noise included, (draws, m): ½Σ rows² = −log posterior + constant.
 
     The log-determinant is no square; it enters as √(2(K + its half)), K large: exact as a value, and nearly linear.
     """
@@ -200,7 +200,7 @@ def _prior_starts(problem: Problem, count: int, seed: int, search: int) -> Array
 def most_probable(problem: Problem, starts: Array) -> tuple[Array, Array, int]:
     """Different maxima (k, ndim) of the posterior over z, best first, their log_prob (k,), and evaluations used.
 
-    Least squares from each start with the noise held at what the start says, then with all numbers free.
+    Least squares from each start with the noise held at what the start says, then with all parameters free.
     """
     noise = np.array([name in _noise_names(problem) for name in problem.names])
     free = np.flatnonzero(~noise)
@@ -288,7 +288,7 @@ def starting_population(problem: Problem, point: Point, seed: int, count: int) -
             lambda z: joint_rows(problem, z), part, box, max_iterations=8, ftol=1e-4, xtol=1e-4, offsets=offsets
         )
         fitted.append(fit.x)
-    # a shift of the data hardly moves the numbers of the noise: they are spread by themselves
+    # a shift of the data hardly moves the parameters of the noise: they are spread by themselves
     noise = np.array([name in _noise_names(problem) for name in problem.names])
     sd = np.linalg.norm(laplace_scale(problem, centres[0]), axis=1) * noise
     z = np.concatenate(fitted) + _SPREAD * sd * rng.standard_normal((len(starts), problem.ndim))

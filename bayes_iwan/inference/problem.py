@@ -29,9 +29,46 @@ COARSE_SAMPLES = 64
 
 @dataclass(frozen=True)
 class Problem:
-    """Everything that a posterior depends on. z arrays are (draws, ndim), ndim = len(names).
+    """Everything that a posterior depends on; made by :func:`make_problem`.
 
-    model : the simulator; effects : what acts on it and on the channels, in the order in which they act.
+    Its functions take many draws at a time: z arrays are (draws, ndim), ndim = len(names); a z is the standard normal
+    score of its parameter's prior.
+
+    Parameters
+    ----------
+    loops
+        the fitted tests.
+    scales
+        the campaign's own, which priors refer to: mm, m/s, N and N/mm.
+    model
+        the simulator.
+    prior
+        all parameters with their priors: the simulator's, the effects', the noise's.
+    likelihood
+        how measured loops differ from predicted ones.
+    effects
+        what acts on the simulator and on the channels, in the order in which they act.
+
+    Raises
+    ------
+    ParameterError, ModelError
+        from :func:`make_problem` and :meth:`with_effects`, where these do not go together.
+
+    References
+    ----------
+    Coordinates in which the prior is white: Murray & Adams, Slice sampling covariance hyperparameters of latent
+    Gaussian models, Advances in Neural Information Processing Systems 23 (2010).
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=1).write(folder)
+    >>> problem = bi.make_problem(bi.check(folder).loops, {"model": {"slip": "gamma1", "grip": "constant"}})
+    >>> z = problem.prior.draw(np.random.default_rng(0), 5)
+    >>> z.shape == (5, problem.ndim), problem.predict(z).shape, problem.log_prob(z).shape
+    (True, (5, 2, 128), (5,))
     """
 
     loops: tuple[Loop, ...]
@@ -58,15 +95,16 @@ class Problem:
 
     @cached_property
     def motion(self) -> Motion:
+        """What the fitted tests did, (1, tests, samples) each."""
         return motion_of(self.loops)
 
     @cached_property
     def measured_N(self) -> Array:
-        """(tests, samples)"""
+        """Averaged force of each fitted test, (tests, samples), N."""
         return np.stack([x.force_N for x in self.loops])
 
     def parameter_values(self, z: Array) -> ParameterValues:
-        """The numbers that simulator, effects and likelihood read, by name, (draws,) each."""
+        """What simulator, effects and likelihood read, by name, (draws,) each."""
         return self.parameter_values_of(self.prior.values(z))
 
     def parameter_values_of(self, values: ParameterValues) -> ParameterValues:
@@ -92,7 +130,7 @@ class Problem:
         return self.measured_N - self.predict(z)
 
     def log_likelihood(self, z: Array) -> Array:
-        """(draws,); −∞ where the prediction is not finite."""
+        """Log-likelihood of each draw, (draws,); −∞ where the prediction is not finite."""
         parameter_values = self.parameter_values(z)
         with np.errstate(all="ignore"):
             value = self.likelihood.log_likelihood(self.measured_N - self.force(parameter_values), parameter_values)
@@ -109,12 +147,12 @@ class Problem:
 
     @cached_property
     def noise_columns(self) -> NDArray[np.int64]:
-        """Places of the noise's numbers in z."""
+        """Places of the noise's parameters in z."""
         noise = {p.name for p in self.likelihood.parameters}
         return np.array([i for i, name in enumerate(self.names) if name in noise], dtype=np.int64)
 
     def log_prob_of_noise(self, z: Array, noise: Array) -> Array:
-        """Log posterior density (draws, count) with the noise's numbers (draws, count, noise) in the place of z's own;
+        """Log posterior density (draws, count) with noise parameters (draws, count, noise) in the place of z's own;
         the prediction of each z serves all of them."""
         draws, count, _ = noise.shape
         every = np.repeat(z, count, axis=0)

@@ -1,4 +1,4 @@
-"""Every number that a posterior is asked for: sampled ones, the paper's, and what the loops and laws say.
+"""Every quantity that a posterior is asked for: sampled ones, the paper's, and what the loops and laws say.
 
 Single gamma components are hardly determined even by clean data; quantiles of the slip force, k(α), α(u), stiffness
 and dissipated energy are. So these stand in the summary beside the sampled parameters and the paper's.
@@ -26,7 +26,7 @@ _NODES = 240  # of the table that slip-force quantiles are read from
 
 
 def quantities(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -> dict[str, Derived]:
-    """All reported numbers at the draws z (draws, ndim), by name; quantities of a test are named `name[file]`.
+    """All reported quantities at the draws z (draws, ndim), by name; quantities of a test are named `name[file]`.
 
     loops : the tests to report on, held-out ones included (default: those fitted).
     """

@@ -133,10 +133,15 @@ def load(
 
     Examples
     --------
-    What `bi.identify("data/rope_spring", "runs/rope")` or the command line wrote::
-
-        posterior = bi.load("runs/rope")
-        posterior.summary()
+    >>> import tempfile, bayes_iwan as bi
+    >>> from bayes_iwan.inference.results import write
+    >>> folder, out = tempfile.mkdtemp(), tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> write(posterior, Path(out))  # as bi.identify(folder, out) and the command line do, page and tables aside
+    >>> again = bi.load(out)
+    >>> again.names == posterior.names, bool((again.z == posterior.z).all())
+    (True, True)
     """
     path = Path(folder) / "posterior.nc"
     if not path.is_file():

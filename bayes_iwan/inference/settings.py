@@ -9,7 +9,17 @@ from typing import Any
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """The phase averaging: points of a loop, its harmonics, and blocks of cycles along the record."""
+    """The phase averaging.
+
+    Parameters
+    ----------
+    n_phase
+        points of an averaged loop.
+    n_harmonics
+        harmonics that are kept, at most n_phase/2 − 1.
+    n_blocks
+        blocks of consecutive cycles, for what changes along the record.
+    """
 
     n_phase: int = 128
     n_harmonics: int = 50
@@ -18,7 +28,15 @@ class LoopSettings:
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """The parts of the Iwan model, :class:`bayes_iwan.physics.Model`; embedded: may its form bend a little?"""
+    """The parts of the Iwan model.
+
+    Parameters
+    ----------
+    slip, grip, stiffness
+        names as :class:`bayes_iwan.Model` takes them.
+    embedded
+        whether the model's own form may bend a little (see :mod:`bayes_iwan.physics.embedded`).
+    """
 
     slip: str = "gamma3"
     grip: str = "hunt_crossley"
@@ -28,7 +46,13 @@ class ModelSettings:
 
 @dataclass(frozen=True)
 class LikelihoodSettings:
-    """kind : a name that :func:`bayes_iwan.inference.likelihood.make_likelihood` knows."""
+    """How measured loops differ from predicted ones.
+
+    Parameters
+    ----------
+    kind
+        "correlated", "unweighted", "matern", "gaussian" or "laplace".
+    """
 
     kind: str = "correlated"
 
@@ -37,9 +61,19 @@ class LikelihoodSettings:
 class SearchSettings:
     """The point estimate.
 
-    objective : what the genetic algorithm minimises, eq8, squared or likelihood. second_opinion : differential
-    evolution on the same objective. reach : the search box is ± so many prior standard deviations. starts : prior
-    draws that least squares starts from, beside the searches' best members.
+    Parameters
+    ----------
+    objective
+        what the genetic algorithm minimises: "eq8" (Eq. (8) of Rajaei, Ahmadian & Tavakoli), "squared" or
+        "likelihood".
+    members, evaluations
+        of the genetic algorithm: size of its population, and evaluations at most.
+    second_opinion
+        whether differential evolution looks at the same objective.
+    reach
+        the search box is ± so many prior standard deviations.
+    starts
+        prior draws that least squares starts from, beside the searches' best members.
     """
 
     objective: str = "eq8"
@@ -54,9 +88,21 @@ class SearchSettings:
 class SamplingSettings:
     """How the posterior is sampled, and when it has converged.
 
-    method : auto, independent proposals where they fit and ensembles of walkers elsewhere, or ensembles.
-    ensembles : their number, or that of the independent chains. walkers : at least; twice the numbers and two where
-    that is more. draws : kept in the posterior.
+    Parameters
+    ----------
+    method
+        "auto", independent proposals where they fit and ensembles of walkers elsewhere, or "ensembles".
+    ensembles
+        their number, or that of the independent chains.
+    walkers
+        of each ensemble, at least; twice the sampled parameters and two where that is more.
+    budget_s, max_steps
+        time (s) and steps after which sampling ends, converged or not.
+    r_hat, ess, taus
+        when it has converged: R-hat at most, effective size at least, and steps over the autocorrelation time at
+        least, each for every reported quantity that varies.
+    draws
+        kept in the posterior.
     """
 
     method: str = "auto"
@@ -72,7 +118,15 @@ class SamplingSettings:
 
 @dataclass(frozen=True)
 class PriorChoice:
-    """A distribution of scipy.stats by name, with its arguments."""
+    """A distribution of scipy.stats by name, with its arguments.
+
+    Parameters
+    ----------
+    dist
+        a continuous one, such as "lognorm".
+    arguments
+        as scipy.stats takes them by name: shapes, loc and scale.
+    """
 
     dist: str
     arguments: Mapping[str, float] = field(default_factory=dict)
@@ -80,7 +134,19 @@ class PriorChoice:
 
 @dataclass(frozen=True)
 class ParameterChange:
-    """What a [parameters.NAME] table changes of a parameter; None leaves as it is."""
+    """What a [parameters.NAME] table changes of a parameter; None leaves as it is.
+
+    Parameters
+    ----------
+    prior
+        its distribution.
+    lower, upper
+        where that is cut, in the parameter's unit.
+    fixed
+        its value, which then is not sampled.
+    tied
+        the parameter whose value it shall have.
+    """
 
     prior: PriorChoice | None = None
     lower: float | None = None
@@ -91,7 +157,28 @@ class ParameterChange:
 
 @dataclass(frozen=True)
 class IdentifySettings:
-    """Everything that `identify` takes from a configuration file."""
+    """Everything that :func:`bayes_iwan.identify` takes from a configuration file; :func:`bayes_iwan.settings_of` makes
+    it of tables and checks it.
+
+    Parameters
+    ----------
+    loops, model, likelihood, search, sampling
+        the tables of those names; see the classes in :mod:`bayes_iwan.inference.settings`.
+    parameters
+        changes of priors, bounds and values by the parameter's name.
+
+    Raises
+    ------
+    ConfigError
+        from :func:`bayes_iwan.settings_of`: a table, key or value that cannot be used, in one line with the mend.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> settings = bi.settings_of({"model": {"slip": "gamma2"}, "parameters": {"beta": {"fixed": 0.5}}})
+    >>> settings.model.slip, settings.sampling.ensembles, settings.parameters["beta"].fixed
+    ('gamma2', 4, 0.5)
+    """
 
     loops: LoopSettings = field(default_factory=LoopSettings)
     model: ModelSettings = field(default_factory=ModelSettings)
@@ -109,9 +196,28 @@ class IdentifySettings:
 
 @dataclass(frozen=True)
 class DiagnoseSettings:
-    """Everything that `diagnose` takes from a configuration file: the base model and its priors.
+    """Everything that :func:`bayes_iwan.diagnose` takes from a configuration file: the base model and its priors.
 
     The model is never embedded here, whatever `model.embedded` says: the gap's effects are what bends it.
+
+    Parameters
+    ----------
+    model
+        the base model's parts.
+    parameters
+        changes of priors, bounds and values by the parameter's name; none of the noise's.
+
+    Raises
+    ------
+    ConfigError
+        from :func:`bayes_iwan.diagnose`, for tables that a diagnosis does not use.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> from bayes_iwan.inference.settings import ModelSettings
+    >>> bi.DiagnoseSettings(ModelSettings(slip="gamma2")).as_dict()
+    {'model': {'slip': 'gamma2'}, 'parameters': {}}
     """
 
     model: ModelSettings = field(default_factory=ModelSettings)

@@ -38,7 +38,7 @@ class LeastSquaresFit:
     """Where each start of `least_squares_batch` ended. Arrays are in the order of the starts.
 
     cost is half the sum of squared residuals (inf for a start whose residuals were not finite), jacobian the
-    central-difference derivative ∂residuals/∂x at x, at_bound marks numbers that ended on a bound, status is
+    central-difference derivative ∂residuals/∂x at x, at_bound marks variables that ended on a bound, status is
     one of the constants of this module: CONVERGED_COST (the cost falls no further), CONVERGED_STEP (x moves
     no further), CONVERGED_GRADIENT (the projected gradient vanishes), OUT_OF_ITERATIONS, BAD_START.
     """
@@ -106,7 +106,7 @@ def least_squares_batch(
     step
         finite-difference step, relative to max(|x|, x_scale).
     x_scale
-        (ndim,) size of a typical change of each number; default 1 or the box's width, if less.
+        (ndim,) size of a typical change of each variable; default 1 or the box's width, if less.
     offsets
         (starts, m), added to the residuals of each start: with standard normal ones, residuals in units of
         their noise and a row for each prior, every fit is a draw of an approximate posterior ("randomise, then
@@ -121,7 +121,7 @@ def least_squares_batch(
 
     Method: Marquardt's scaled steps (Moré 1978) by QR and SVD of each Jacobian, so that weakly determined
     directions keep their digits; four damping factors are tried in one call; bounds by projection, with the
-    numbers held that sit on a bound and are pushed outwards. Jacobians are forward differences while
+    variables held that sit on a bound and are pushed outwards. Jacobians are forward differences while
     descending and central ones at the end and where forward ones no longer find a way down.
     """
     x, lower, upper = _check(starts, bounds)
@@ -311,7 +311,7 @@ def _trial_steps(
     """Damped steps from each x: (n, ladder, ndim) points in the box and (n, ladder) gains they promise."""
     ndim = x.shape[1]
     stacked = np.concatenate([jacobian / d[:, None, :], r[:, :, None]], axis=2)
-    if stacked.shape[1] <= ndim:  # fewer residuals than numbers: rows of zeros change nothing
+    if stacked.shape[1] <= ndim:  # fewer residuals than variables: rows of zeros change nothing
         stacked = np.pad(stacked, ((0, 0), (0, ndim + 1 - stacked.shape[1]), (0, 0)))
     triangle = _triangle(stacked)
     small, rhs = triangle[:, :ndim, :ndim], triangle[:, :ndim, ndim]
@@ -350,7 +350,7 @@ def _triangle(matrix: Array) -> Array:
 
 
 def _damped_free(small: Array, rhs: Array, lam: Array, p: Array, fixed: NDArray[np.bool_]) -> Array:
-    """Minimise ‖small·p + rhs‖² + lam·‖p‖² over the numbers that are not fixed; all arrays (k, ...)."""
+    """Minimise ‖small·p + rhs‖² + lam·‖p‖² over the variables that are not fixed; all arrays (k, ...)."""
     ndim = p.shape[1]
     held = np.where(fixed, p, 0.0)
     target = -(rhs + (small @ held[:, :, None])[..., 0])

@@ -1,10 +1,10 @@
 """The embedded discrepancy: the model's own form may be a little off, where nature's is.
 
 Slip forces are no exact gamma mixture, the stiffness follows the normal force by no exact Eq. (12), and the normal
-force has no sharp corner at u = A. Each of these three is bent by a few numbers (:mod:`bayes_iwan.physics.warp`) whose
-priors are narrow and centred on no bend, so that loops which do not ask for it leave the paper's model as it is. What
-the bends take from the other numbers' certainty is the point: the intervals of stiffness and slip force then allow for
-it.
+force has no sharp corner at u = A. Each of these three is bent by a few parameters (:mod:`bayes_iwan.physics.warp`)
+whose priors are narrow and centred on no bend, so that loops which do not ask for it leave the paper's model as it is.
+What the bends take from the other parameters' certainty is the point: the intervals of stiffness and slip force then
+allow for it.
 
 An additive discrepancy cannot do that: added to the force, it explains a loop's misfit, but does not say that a slip
 force was off by as much.

@@ -119,7 +119,7 @@ class Model(Simulator):
         return sampled.sampled_values(self, parameter_values)
 
     def paper_values(self, parameter_values: ParameterValues) -> dict[str, Derived]:
-        """The paper's numbers (Table 1 for the full model): kp, ki, ku, t, η, g, k̃ₙ, λ, β."""
+        """The paper's parameters (Table 1 for the full model): kp, ki, ku, t, η, g, k̃ₙ, λ, β."""
         units = dict(zip(self.slip_family.names, self.slip_family.units)) | sampled.PAPER_UNITS
         return {n: Derived(units.get(n, "-"), x) for n, x in sampled.paper_values(self, parameter_values).items()}
 

@@ -18,15 +18,31 @@ Y_FLOOR = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Motion of `loops` loops (or one record), each `samples` long.
+    """What a specimen is made to do: loops (or one record), each of `samples` points; :func:`sine_motion` makes one.
 
-    displacement_mm, velocity_m_s, acceleration_m_s2 : (1 or draws, loops, samples), measured from its mean
-    frequency_hz, amplitude_mm : (loops,); the loop's frequency and A of Eq. (11)
-    cycle : (loops,) cycle number at which the loop stands in its test, for effects that evolve
-    test : (loops,) index of the test that a loop belongs to
-    span_cycles : (loops,) or (1,) cycles of the record over which the loop is an average, about `cycle`
-    conditions : what else was stated for the loop's test, by name, (loops,) each: ``pressure_bar`` and the like
-    periodic : loops repeat themselves (else a record that starts from rest at u = 0)
+    Parameters
+    ----------
+    displacement_mm, velocity_m_s, acceleration_m_s2
+        (1 or draws, loops, samples), the displacement from its mean.
+    frequency_hz, amplitude_mm
+        (loops,); the loop's frequency, and A of Eq. (11) of Rajaei, Ahmadian & Tavakoli.
+    cycle
+        (loops,) cycle number at which the loop stands in its test, for effects that evolve.
+    test
+        (loops,) index of the test that a loop belongs to.
+    periodic
+        whether loops repeat themselves (else a record that starts from rest at u = 0).
+    span_cycles
+        (loops,) or (1,) cycles of the record over which the loop is an average, about `cycle`.
+    conditions
+        what else was stated for the loop's test, by name, (loops,) each: ``pressure_bar`` and the like.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> motion = bi.sine_motion(frequency_hz=[10.0, 20.0], amplitude_mm=0.5)
+    >>> motion.loops, motion.samples, round(float(motion.speed_m_s.max()), 4)  # 2π · 20 Hz · 0.5 mm
+    (2, 128, 0.0628)
     """
 
     displacement_mm: Array
@@ -58,6 +74,7 @@ class Motion:
 
     @cached_property
     def speed_m_s(self) -> Array:
+        """|u̇|, shaped as the velocity."""
         return np.abs(self.velocity_m_s)
 
     def of_draws(self, part: slice) -> Motion:

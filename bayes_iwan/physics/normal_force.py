@@ -18,7 +18,7 @@ ALPHA_FLOOR = 0.05
 
 
 class NormalForce(Protocol):
-    """A law for α; `names` are the numbers it reads (all dimensionless, through :class:`Reference`)."""
+    """A law for α; `names` are the parameters it reads (all dimensionless, through :class:`Reference`)."""
 
     @property
     def name(self) -> str: ...
@@ -65,7 +65,7 @@ class Polynomial:
 
 @dataclass(frozen=True)
 class HuntCrossley:
-    """Eq. (11) as printed, α = 1 + k̃ₙ(y^β − A^β) + λk̃ₙ y^β|u̇|, y = A − u, in numbers that stay determined as β → 0:
+    """Eq. (11) as printed, α = 1 + k̃ₙ(y^β − A^β) + λk̃ₙ y^β|u̇|, y = A − u, in parameters that stay determined as β → 0:
 
         α = 1 + slope·((y/ℓ)^β − (A/ℓ)^β)/β + rate·(y/ℓ)^β |u̇|/v,
 

@@ -1,4 +1,4 @@
-"""Table 1 of Rajaei, Ahmadian and Tavakoli: the numbers they found for their rope spring."""
+"""Table 1 of Rajaei, Ahmadian and Tavakoli: the parameter values of their rope spring."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TABLE_1 = {
 
 
 def table_1(reference: Reference) -> dict[str, Array]:
-    """Table 1 as numbers (1,) of ``Model(reference)``, i.e. gamma3, hunt_crossley and saturating."""
+    """Table 1 as parameter values (1,) of ``Model(reference)``, i.e. gamma3, hunt_crossley and saturating."""
     one = {name: np.atleast_1d(np.asarray(value, float)) for name, value in TABLE_1.items()}
     parameter_values = {"kp_N_mm": one["kp_N_mm"]}
     parameter_values |= from_paper_stiffness(one["ki_N_mm"], one["ku_N_mm"])

@@ -1,4 +1,4 @@
-"""One sampled number: its name, unit and prior, and the coordinate in which it is sampled.
+"""One sampled parameter: its name, unit and prior, and the coordinate in which it is sampled.
 
 A parameter's coordinate z is the standard normal score of its prior: x = F⁻¹(Φ(z)), F the prior's distribution
 function cut to the parameter's bounds. So whatever the prior, z is unbounded and of order one. For a log-normal prior

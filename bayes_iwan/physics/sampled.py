@@ -1,6 +1,6 @@
-"""The sampled parameters of the Iwan model, their default priors, and the maps to the model's and the paper's numbers.
+"""The sampled parameters of the Iwan model, their default priors, and the maps to the model's and the paper's.
 
-Sampled are the numbers that loops determine one by one: k(1) and its elasticity instead of k_i and k_u, the mean
+Sampled are the parameters that loops determine one by one: k(1) and its elasticity instead of k_i and k_u, the mean
 slip force and the ratios of ordered component means instead of t_i, stick-breaking shares instead of g_i (Σg = 1:
 a common factor of all g is one of all k and t), k̃ₙβ and λk̃ₙ (through the campaign's scales) instead of k̃ₙ and λ.
 Priors are weakly informative and relative to the campaign's own scales of force, displacement and speed.
@@ -162,7 +162,7 @@ def embedded_parameters() -> tuple[Parameter, ...]:
 
 
 def model_values(model: Model, values: Mapping[str, Array]) -> ParameterValues:
-    """The numbers that the physics reads, (draws,) each, from sampled values; effects' own pass through."""
+    """What the physics reads, (draws,) each, from sampled values; effects' own pass through."""
     v = values
     out = {name: v[name] for name in v if name not in ("elasticity",)}
     if model.stiffness == "saturating":
@@ -217,7 +217,7 @@ def sampled_values(model: Model, parameter_values: Mapping[str, Array]) -> Param
 
 
 def paper_values(model: Model, parameter_values: Mapping[str, Array]) -> ParameterValues:
-    """The paper's numbers (Table 1 for the full model) from the model's: kp, ki, ku, t, η, g, k̃ₙ, λ, β."""
+    """The paper's parameters (Table 1 for the full model) from the model's: kp, ki, ku, t, η, g, k̃ₙ, λ, β."""
     out = {"kp_N_mm": parameter_values["kp_N_mm"]}
     out |= stiffness.paper_stiffness(parameter_values) if model.stiffness == "saturating" else {}
     out |= {name: parameter_values[name] for name in model.slip_family.names}

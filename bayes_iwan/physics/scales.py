@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Reference:
-    """The campaign's own scales, which make α's numbers dimensionless: largest amplitude (mm) and speed (m/s)."""
+    """The campaign's own scales, which make α's parameters dimensionless: largest amplitude (mm) and speed (m/s)."""
 
     length_mm: float
     speed_m_s: float

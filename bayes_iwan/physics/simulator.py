@@ -3,8 +3,8 @@
     motion → [motion] → [around] → simulator, with [grip], [stiffness], [slip] … where it offers them
     → + force zero → [force] → F
 
-A simulator is whatever has parameters for given scales and turns numbers and a motion into a force. Effects sit at the
-bracketed stations; the outer ones apply to any simulator, the inner ones to those that offer them.
+A simulator is whatever has parameters for given scales and turns parameter values and a motion into a force. Effects
+sit at the bracketed stations; the outer ones apply to any simulator, the inner ones to those that offer them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from bayes_iwan.physics.scales import Scales
 #: stations that every simulator has, in the order of the signal, and those inside it that it may offer
 OUTER = ("motion", "around", "force")
 INNER = ("grip", "stiffness", "slip", "asymmetry", "slip_table")
-#: the zero of the force channel, N: added to what the simulator says if it is among the numbers
+#: the zero of the force channel, N: added to what the simulator says if it is among the parameters
 FORCE_ZERO = "force_zero_N"
 
 
@@ -65,7 +65,7 @@ class Station(Protocol):
 
 @dataclass(frozen=True)
 class Derived:
-    """A number that follows from the sampled ones: its unit and its value in each draw (draws,)."""
+    """A quantity that follows from the sampled parameters: its unit and its value in each draw (draws,)."""
 
     unit: str
     values: Array
@@ -74,7 +74,17 @@ class Derived:
 class Simulator(ABC):
     """Anything that can be identified and diagnosed. Subclass it: give a name, `parameters` and `force`.
 
-    stations : the inner stations (of :data:`INNER`) that `force` honours in the effects it is handed.
+    Attributes
+    ----------
+    stations
+        the inner stations ("grip", "stiffness", "slip", "asymmetry", "slip_table") that `force` honours in the effects
+        it is handed; none unless said.
+
+    Raises
+    ------
+    ModelError
+        from `force`, where it cannot be used for that motion; from :func:`bayes_iwan.make_problem`, for an effect at a
+        station that it does not offer.
 
     Examples
     --------
@@ -132,7 +142,7 @@ class Simulator(ABC):
         return parameter_values.get("kp_N_mm")
 
     def derived(self, parameter_values: ParameterValues) -> dict[str, Derived]:
-        """Further numbers to report, by name, which cost no prediction."""
+        """Further quantities to report, by name, which cost no prediction."""
         return {}
 
 

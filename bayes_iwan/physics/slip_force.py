@@ -1,6 +1,6 @@
 """The distribution of the elements' slip forces φ at rest (α = 1), by family.
 
-A family turns its numbers into what the sliders stage needs: for each draw a table of the limited mean
+A family turns its parameters into what the sliders stage needs: for each draw a table of the limited mean
 L(φ) = E[min(Φ, φ)] = ∫₀^φ S, with S the survival function, as cubics over cells that are equal within each octave of φ
 (so a gamma component a thousand times smaller than another is still resolved). Gamma mixtures (Eq. 10) take L from one
 table of the unit gamma over (η^¼, x^¼), blended along η^¼, so no incomplete gamma function is evaluated per draw.
@@ -40,7 +40,7 @@ def _nodes(cells: int) -> Array:
 
 
 class SlipForce(Protocol):
-    """A family of slip-force distributions; `names` are the numbers it reads, in order, `units` their units."""
+    """A family of slip-force distributions; `names` are the parameters it reads, in order, `units` their units."""
 
     @property
     def name(self) -> str: ...
@@ -90,7 +90,7 @@ def _closed_form(limited, survival, top: Array) -> tuple[Array, Array]:
     """A table from closed forms limited(φ), survival(φ), with φ (draws, nodes)."""
     nodes = _nodes(FINE_CELLS)
     out = np.empty((len(top), len(nodes) - 1, 4))
-    with np.errstate(all="ignore"):  # a draw with numbers that make no sense gets NaN, not a warning
+    with np.errstate(all="ignore"):  # a draw with values that make no sense gets NaN, not a warning
         phi = nodes * top[:, None]
         _cubics(limited(phi), survival(phi), np.diff(nodes), top, out)
     return out, top
@@ -255,7 +255,7 @@ class Uniform:
 
 @dataclass(frozen=True)
 class Gaussian:
-    """Normal density cut off below zero and renormalised; numbers are those of the uncut normal."""
+    """Normal density cut off below zero and renormalised; parameters are those of the uncut normal."""
 
     name = "gaussian"
     names = ("slip_centre_N", "slip_sd_N")

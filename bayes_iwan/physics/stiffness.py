@@ -12,7 +12,7 @@ from bayes_iwan.physics import pointwise
 
 
 class Stiffness(Protocol):
-    """A law for k(α); `names` are the numbers it reads."""
+    """A law for k(α); `names` are the parameters it reads."""
 
     @property
     def name(self) -> str: ...

@@ -174,6 +174,14 @@ def batch(
         nothing to do.
     ConfigError, OutputError
         ValueErrors of one line.
+
+    Examples
+    --------
+    A folder of campaign folders, some minutes each::
+
+        found = bi.batch("specimens", "runs/all", seed=1)
+        found.populations["kp_N_mm"].typical   # median and 90 % interval of the typical specimen, N/mm
+        found.outliers()                       # specimens that stand out, and in what
     """
     from bayes_iwan.report.batch_page import write_batch_page
 

@@ -1,4 +1,4 @@
-"""batch.html: many specimens on one page, their numbers with intervals, the population, causes, outliers, failures."""
+"""batch.html: many specimens on one page, their quantities, the population, causes, outliers, failures."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def _open(posterior: Posterior) -> list[Markup]:
 
 
 def determined(section: Section, posterior: Posterior) -> None:
-    """Every sampled number against its prior, the quantities that loops determine, and their joint posterior."""
+    """Every sampled parameter against its prior, the quantities that loops determine, and their joint posterior."""
     prior = posterior.problem.prior
     section.text("Symbols of this page:")
     section.symbols(
@@ -138,11 +138,11 @@ def determined(section: Section, posterior: Posterior) -> None:
     )
     section.figure(
         marginals.prior_posterior_figure(posterior),
-        "Each sampled number against its prior. Grey: the prior's 50 and 90 % intervals; blue: the "
+        "Each sampled parameter against its prior. Grey: the prior's 50 and 90 % intervals; blue: the "
         "posterior's; red with an open circle: hardly determined (contraction below 0.5). Contraction is "
         "one minus the posterior's variance over the prior's, on the prior's scale. The numbers at the right are those "
         "of summary.csv.",
-        "Point and interval of every sampled number on the scale of its prior, with median, 90 % interval "
+        "Point and interval of every sampled parameter on the scale of its prior, with median, 90 % interval "
         "and contraction; the same numbers are in the table of parameters.",
         name="parameters",
     )
@@ -161,8 +161,8 @@ def determined(section: Section, posterior: Posterior) -> None:
         ("quantity", "median", "90 % from", "to", "posterior alone", "reach"),
         rows,
         "Quantities that the loops determine, as in summary.csv. The interval to quote adds to the posterior's how far "
-        "the number moves when one test after the other is left out (delete-one-test jackknife) and, for numbers that "
-        "are extrapolated, the share of contacts that no loop resolves.",
+        "the value moves when one test after the other is left out (delete-one-test jackknife) and, for what is "
+        "extrapolated, the share of contacts that no loop resolves.",
     )
     bends = _bends(posterior)
     section.figure(
@@ -175,7 +175,7 @@ def determined(section: Section, posterior: Posterior) -> None:
 
 
 def _bends(posterior: Posterior) -> set[str]:
-    """Names of the numbers by which the model's own form may bend a little."""
+    """Names of the parameters by which the model's own form may bend a little."""
     from bayes_iwan.physics.sampled import embedded_parameters
 
     return {q.name for q in embedded_parameters()} & set(np.array(posterior.names))

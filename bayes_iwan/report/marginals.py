@@ -1,4 +1,4 @@
-"""Figures of numbers: prior against posterior with contraction, corner plots."""
+"""Figures of quantities: prior against posterior with contraction, corner plots."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def reported(posterior: Posterior, name: str) -> tuple[str, str, str]:
 
 @styled
 def prior_posterior_figure(posterior: Posterior) -> Figure:
-    """Each sampled number's prior (grey) and posterior (blue) on the prior's own scale, with the contraction.
+    """Each sampled parameter's prior (grey) and posterior (blue) on the prior's own scale, with the contraction.
 
     What the data left open stands in red with an open circle: its interval is as wide as the prior's.
     """
@@ -193,7 +193,7 @@ def identifiable_corner(posterior: Posterior) -> Figure:
 
 
 def paper_corner(posterior: Posterior, names: Sequence[str] | None = None) -> Figure:
-    """Corner plot of the paper's numbers (Table 1); expect ridges: most of them loops do not determine one by one."""
+    """Corner plot of the paper's parameters (Table 1); expect ridges: loops do not determine most of them."""
     found = posterior.problem.model.derived(posterior.problem.parameter_values(posterior.flat_z(4000)))
     chosen = {n: found[n].values for n in (found if names is None else names)}
     for n in ("kn_1_mm", "lambda_s_m"):  # heavy tails as β → 0: show what 98 % of draws do
@@ -207,7 +207,7 @@ _SYMBOLS = {"kp_N_mm": "Kp", "ki_N_mm": "ki", "ku_N_mm": "ku", "kn_1_mm": "kₙ"
 
 
 def paper_symbol(name: str) -> str:
-    """The paper's sign for one of its numbers, e.g. 'η2' for 'eta2'."""
+    """The paper's symbol of one of its parameters, e.g. 'η2' for 'eta2'."""
     if name in _SYMBOLS:
         return _SYMBOLS[name]
     return name.removesuffix("_N").replace("eta", "η")

@@ -93,7 +93,7 @@ def traces_figure(posterior: Posterior, names: Sequence[str] | None = None, run:
 
 @styled
 def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
-    """Autocorrelation time of every sampled number, estimated from ever longer parts of the run."""
+    """Autocorrelation time of every sampled parameter, estimated from ever longer parts of the run."""
     run = history(posterior) if run is None else run
     stored = run.z.shape[1]
     lengths = np.unique(np.geomspace(max(4, stored // 30), stored, 10).astype(int))

@@ -217,7 +217,7 @@ def draw_case(
             for name, law, size in zip(names, chosen, sizes):
                 tried = trial_tests(tests, ((name, law),))
                 around = _kept(sound, tried, specimen, setup, seed)
-                # a fault's numbers follow from the campaign as it is recorded, not from the trial's few cycles
+                # a fault's parameters follow from the campaign as it is recorded, not from the trial's few cycles
                 whole = replace(around[0], record_s=float(np.mean([t.cycles / t.frequency_hz for t in tests])))
                 found.append(
                     size_fault(

@@ -1,7 +1,7 @@
 """Faults that no catalogue lists: the right answer to them is that the cause is unknown.
 
 With the catalogue's nearest member and the cosine between the two changes of the force once the specimen's own
-numbers are adjusted (measured on Table 1 at 8, 14, 25 Hz and 0.3, 0.6, 1 mm, each by its first law): `stiction_peak`
+parameters are adjusted (measured on Table 1 at 8, 14, 25 Hz and 0.3, 0.6, 1 mm, each by its first law): `stiction_peak`
 (friction grows while a slider rests and breaks down over a slip distance; stribeck_weakening 0.90), `hertz_stops` (on
 both sides; cubic_stiffness 0.88), `quadratic_drag` (rate_strengthening 0.81), `base_resonance` (the fixture under the
 specimen swings; moving_mass 0.65), `sensor_hysteresis` (the reading lags at reversals; force_highpass 0.54),

@@ -94,7 +94,7 @@ MAXWELL = FaultKind(
 )  # fmt: skip
 
 
-# ---- springs that are not straight; numbers are those of the leading power at the reach
+# ---- springs that are not straight; parameters are those of the leading power at the reach
 
 
 def _exponential_quadratic(p: Parameters) -> Acting:

@@ -18,7 +18,7 @@ from bayes_iwan.rig.specimen import RigError, Specimen, paper_specimen
 
 @dataclass(frozen=True)
 class VirtualCampaign:
-    """A campaign simulated on the virtual rig.
+    """A campaign simulated on the virtual rig; :func:`simulate_campaign` makes one.
 
     Attributes
     ----------
@@ -30,6 +30,13 @@ class VirtualCampaign:
         what was on the rig.
     friction_rms_N
         RMS friction force of the sound specimen over all tests.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> campaign = bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1)
+    >>> [record.file for record in campaign.records], campaign.faults
+    (['f10_a0.4.csv', 'f10_a0.9.csv'], ())
     """
 
     records: tuple[Record, ...]

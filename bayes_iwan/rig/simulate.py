@@ -41,6 +41,16 @@ class PlannedTest:
     ------
     RigError
         a test beyond the rig.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> bi.PlannedTest(10.0, 0.5, cycles=20).role
+    'fit'
+    >>> bi.PlannedTest(10.0, 500.0)
+    Traceback (most recent call last):
+        ...
+    bayes_iwan.rig.specimen.RigError: a test at 10 Hz and 500 mm is beyond the rig: use 0.1 to 200 Hz and 0.001 to 50 mm
     """
 
     frequency_hz: float

@@ -143,7 +143,7 @@ def size_fault(
     """The fault `name`, by `law` (the catalogue's for none), at the strength that changes the force by `size` of the
     RMS friction force.
 
-    Its other numbers come from `rng`. `sound` as for `fault_size`. Raises `RigError` if even the strongest sensible
+    Its other parameters come from `rng`. `sound` as for `fault_size`. Raises `RigError` if even the strongest sensible
     fault is smaller.
     """
     if name not in KINDS:
@@ -194,9 +194,9 @@ def shares_left(
     """The faults with their visible share and their shares of the gap that they leave together.
 
     *Visible share*: what is left, in RMS, of a fault's change of the force after the best combination of small changes
-    of both springs, of the stiffness law, of the normal force's numbers and of the slip forces (eight groups) is taken
-    out: what no other numbers of the specimen imitate. A rig's compliance leaves some 0.02 (it looks like other slip
-    forces), a mains line leaves 1.
+    of both springs, of the stiffness law, of the normal force's parameters and of the slip forces (eight groups) is
+    taken out: what no other parameters of the specimen imitate. A rig's compliance leaves some 0.02 (it looks like
+    other slip forces), a mains line leaves 1.
 
     *Share of the gap*: the gap is what all faults together leave so; taking some of them away leaves a smaller gap,
     and 1 − smaller/larger is what they remove. That is shared among the faults by Shapley's value (as LMG does for

@@ -18,7 +18,7 @@ from bayes_iwan.arrays import Array
 
 
 class RigError(ValueError):
-    """A virtual test that cannot be run as asked; the message names the number and the mend."""
+    """A virtual test that cannot be run as asked; the message names the value and the mend."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,13 @@ class Specimen:
         )
 
     def summary(self) -> dict[str, Any]:
-        """The numbers for a truth file; the slip forces as deciles of φ (N, at rest, per unit share)."""
-        numbers: dict[str, Any] = {k: v for k, v in asdict(self).items() if np.isscalar(v)}
+        """What a truth file says of it; the slip forces as deciles of φ (N, at rest, per unit share)."""
+        out: dict[str, Any] = {k: v for k, v in asdict(self).items() if np.isscalar(v)}
         per_share = self.slip_share_N / self.stiffness_share
-        numbers["slip_force_N"] = float(self.slip_share_N.sum())
-        numbers["slip_deciles_N"] = [round(float(q), 6) for q in np.quantile(per_share, np.linspace(0, 1, 11))]
-        numbers["n_sliders"] = int(self.slip_share_N.size)
-        return numbers
+        out["slip_force_N"] = float(self.slip_share_N.sum())
+        out["slip_deciles_N"] = [round(float(q), 6) for q in np.quantile(per_share, np.linspace(0, 1, 11))]
+        out["n_sliders"] = int(self.slip_share_N.size)
+        return out
 
 
 def _quantiles(n: int, rng: np.random.Generator | None) -> Array:

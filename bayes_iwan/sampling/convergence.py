@@ -1,6 +1,6 @@
 """Whether ensembles of walkers have converged, and how much their draws are worth.
 
-Draws are shaped (ensembles, steps, walkers) or (ensembles, steps, walkers, numbers) throughout. The walkers of
+Draws are shaped (ensembles, steps, walkers) or (ensembles, steps, walkers, quantities) throughout. The walkers of
 one ensemble propose from each other and are not independent; the ensembles are. So
 
 - R-hat compares ensembles, never walkers: each half of an ensemble's run, all its walkers together, is one
@@ -27,7 +27,7 @@ from bayes_iwan.arrays import Array
 
 @dataclass(frozen=True)
 class Convergence:
-    """The diagnostics of each number, arrays of shape (numbers,) in the order of `names`."""
+    """The diagnostics of each quantity, arrays of shape (quantities,) in the order of `names`."""
 
     names: tuple[str, ...]
     r_hat: Array
@@ -65,7 +65,7 @@ class Convergence:
 
 
 def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1) -> Convergence:
-    """All diagnostics of draws (ensembles, stored steps, walkers, numbers), stored every `thin` steps."""
+    """All diagnostics of draws (ensembles, stored steps, walkers, quantities), stored every `thin` steps."""
     x = np.asarray(draws, dtype=float)
     if x.ndim != 4 or x.shape[3] != len(names):
         raise ValueError(f"draws of shape {x.shape} are not (ensembles, steps, walkers, {len(names)})")

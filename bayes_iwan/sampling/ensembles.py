@@ -117,7 +117,7 @@ def sample(
     population
         (members, ndim), where the walkers start; widely spread members make R-hat meaningful.
     quantities
-        maps z (n, ndim) to (n, len(quantity_names)), other numbers that must converge too.
+        maps z (n, ndim) to (n, len(quantity_names)), further quantities that must converge too.
     checkpoint
         file that is written every few hundred steps; with `resume` a run goes on from it to the
         very same draws. A file that is not there yet is started.
@@ -127,7 +127,7 @@ def sample(
         seconds of this call after which it stops; max_steps : steps of production.
     target_r_hat, target_ess, chain_taus
         all of R-hat <= , bulk and tail ESS >= , and steps >= chain_taus · tau,
-        for every sampled number and every quantity.
+        for every sampled parameter and every quantity.
 
     Raises
     ------

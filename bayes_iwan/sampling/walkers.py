@@ -21,7 +21,7 @@ class SamplingError(ValueError):
 
 
 def enough_walkers(ndim: int) -> int:
-    """The least walkers an ensemble that differential evolution and stretch moves span `ndim` numbers with."""
+    """The least walkers an ensemble that differential evolution and stretch moves span `ndim` dimensions with."""
     return 2 * ndim + 2
 
 

@@ -1,6 +1,6 @@
 """A change of coordinates that straightens a curved posterior: a triangular polynomial map fitted to draws.
 
-Weakly determined numbers leave a posterior that is a thin curved sheet: wide in a few directions, and in the others
+Weakly determined parameters leave a posterior that is a thin curved sheet: wide in a few directions, and in the others
 thin and bent along with these. In principal axes, widest first, the map takes from each coordinate its regression on
 the wide ones before it and divides by a regression of its scatter:
 
@@ -30,7 +30,7 @@ SPREAD_ORDER = 4  # half the power of the rational function that stands for the 
 
 @dataclass(frozen=True)
 class Warp:
-    """z <-> y. shift, spread are the coefficients of f and h, (ndim, features), on the monomials of `wide` numbers."""
+    """z <-> y. shift, spread: the coefficients of f and h, (ndim, features), on the monomials of `wide` variables."""
 
     mean: Array  # (ndim,)
     axes: Array  # (ndim, ndim), orthonormal columns, widest direction first
@@ -124,7 +124,7 @@ def fit_warp(z: Array, wide: int, degree: int, weights: Array | None = None, *, 
 
 
 def monomials(wide: int, degree: int) -> int:
-    """How many monomials of at most `degree` there are in `wide` numbers."""
+    """How many monomials of at most `degree` there are in `wide` variables."""
     return comb(wide + degree, degree)
 
 

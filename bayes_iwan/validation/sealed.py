@@ -17,7 +17,7 @@ be drawn from a seed instead; their commitments say that they are not sealed.
 
 A case's truth is an object: "schema", "case", "kind" (one of `rig.cases.KINDS`), "effects" (a list of {"name", "law",
 "size", "visible_share", "share", "share_of_square", "parameters"}: size as RMS change of the force over RMS friction
-force, the share of it that no other numbers of the specimen imitate, its share of the gap that all leave together,
+force, the share of it that no other parameters of the specimen imitate, its share of the gap that all leave together,
 units in the parameters' names), "specimen", "setup", "noise", "friction_rms_N", "design", "seed" (of the case's run),
 "data" and "unseen_data" (SHA-256 of each file of its campaign and of its unseen tests, so that none can be changed
 after the other) and "salt".

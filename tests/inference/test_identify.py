@@ -2,13 +2,13 @@
 
 import csv
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 
-from bayes_iwan import executors
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.inference import results
 from bayes_iwan.inference.config import ConfigError, settings_of
@@ -57,8 +57,13 @@ def folder(small_loops, tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _short(short_adaptation):
+    """For every run here."""
+
+
 @pytest.fixture(scope="module")
-def run(folder, tmp_path_factory):
+def run(folder, tmp_path_factory, _short):
     out = tmp_path_factory.mktemp("results")
     return identify_campaign(folder, out, config=SMALL, seed=1, progress=False), out
 
@@ -212,9 +217,9 @@ def test_each_frequency_alone(run, tmp_path, small_loops):
     assert by_frequency([replace(x, role="held-out") for x in small_loops]) == {}
     loose = replace(run[0].settings.sampling, r_hat=1.2, ess=40.0, taus=5.0, draws=400)
     search = replace(run[0].settings.search, second_opinion=False)
-    joint = replace(run[0], settings=replace(run[0].settings, sampling=loose, search=search), loops=small_loops[:3])
+    joint = replace(run[0], settings=replace(run[0].settings, sampling=loose, search=search), loops=run[0].loops[:3])
     identify_frequencies(joint, tmp_path, progress=False)
-    with executors.opened(2) as executor:  # the same wherever it runs
+    with ThreadPoolExecutor(1) as executor:  # the same wherever it runs
         some = replace(joint, loops=groups["f15Hz"])
         identify_frequencies(some, tmp_path / "elsewhere", progress=False, executor=executor)
     one, other = (f / "per_test" / "f15Hz" / "summary.csv" for f in (tmp_path, tmp_path / "elsewhere"))

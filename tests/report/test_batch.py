@@ -50,7 +50,7 @@ def folder(made_up_campaign, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def done(folder, tmp_path_factory):
+def done(folder, tmp_path_factory, short_adaptation):
     out = tmp_path_factory.mktemp("batch") / "out"
     return batch(folder, out, config=CONFIG, seed=3, progress=False), out
 
@@ -74,6 +74,7 @@ def test_what_is_finished_what_failed_and_the_files(done):
     assert population.typical[1] < 5.5 < population.typical[2] and population.spread[1] < 0.1 < population.spread[2]
 
 
+@pytest.mark.usefixtures("short_adaptation")
 def test_the_answer_is_that_of_the_specimen_alone(done, folder, tmp_path):
     _, out = done
     bayes_iwan.identify(folder / "b", tmp_path / "b", config=CONFIG, seed=3, progress=False)
@@ -152,10 +153,10 @@ if __name__ == "__main__":
 """
 
 
-def test_killed_half_way_in_two_processes_it_goes_on_to_the_same_answer(done, folder, tmp_path):
+def test_killed_half_way_in_two_processes_it_goes_on_to_the_same_answer(done, folder, tmp_path, short_adaptation):
     _, whole = done
     out, script, two = tmp_path / "out", tmp_path / "run.py", tmp_path / "two"
-    script.write_text(RUN)
+    script.write_text(short_adaptation + RUN)  # above `if __name__`: its worker processes read it too
     for name in "ab":
         shutil.copytree(folder / name, two / name)
     env = {**os.environ, "PYTHONPATH": str(Path(bayes_iwan.__file__).parents[1])}
