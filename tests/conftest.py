@@ -90,8 +90,8 @@ def short_adaptation():
     from bayes_iwan.sampling import run
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "_ROUNDS", (2, 4))
-        yield "from bayes_iwan.sampling import run; run._ROUNDS = (2, 4)"
+        patch.setattr(run, "_ROUNDS", (3, 4))
+        yield "from bayes_iwan.sampling import run; run._ROUNDS = (3, 4)"
 
 
 # the analyses' scripts give their workers one thread through the environment; run inside this process they must not
