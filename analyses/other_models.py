@@ -87,7 +87,7 @@ def figure(found: dict[str, dict], folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    from bayes_iwan.report.diagnosis import diagnose_campaign
+    from bayes_iwan.report.diagnosis.files import diagnose_campaign
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("runs/other_models"))

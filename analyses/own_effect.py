@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign import Record, write_campaign
-from bayes_iwan.report.diagnosis import diagnose_campaign
+from bayes_iwan.report.diagnosis.files import diagnose_campaign
 from bayes_iwan.rig.planning import simulate_campaign
 from bayes_iwan.rig.simulate import PlannedTest
 

@@ -9,7 +9,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from bayes_iwan.report.diagnosis import diagnose_campaign
+from bayes_iwan.report.diagnosis.files import diagnose_campaign
 from bayes_iwan.rig.planning import simulate_campaign
 from bayes_iwan.rig.simulate import PlannedTest
 

@@ -28,7 +28,7 @@ from bayes_iwan.cli.command import CAMPAIGN, CONFIG, DASK, OUT, SEED, SIMULATOR,
 )
 def run_diagnose(args: argparse.Namespace) -> None:
     from bayes_iwan.executors import opened
-    from bayes_iwan.report.diagnosis import diagnose_campaign
+    from bayes_iwan.report.diagnosis.files import diagnose_campaign
 
     with opened(args.workers, args.dask) as executor:
         answer = diagnose_campaign(

@@ -128,7 +128,7 @@ def where_json(where: Where, size: GapSize) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class GapPictures:
-    """What :mod:`bayes_iwan.report.gap_figures` draws of the gap of T tests.
+    """What :mod:`bayes_iwan.report.diagnosis.gap_figures` draws of the gap of T tests.
 
     names : of the tests; frequency_hz, amplitude_mm : (T,)
     displacement_mm, force_N, residual_N, expected_N, sticking : (T, n) along the cycle: measured, measured − predicted,

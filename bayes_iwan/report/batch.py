@@ -28,10 +28,10 @@ from bayes_iwan.inference.population import DRAWS, Population, SpecimenDraws, po
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.quantities import quantities
 from bayes_iwan.inference.settings import DiagnoseSettings, IdentifySettings
-from bayes_iwan.report.diagnosis import diagnose_campaign
-from bayes_iwan.report.marginals import identifiable
+from bayes_iwan.report.diagnosis.files import diagnose_campaign
+from bayes_iwan.report.identification.marginals import identifiable
 from bayes_iwan.report.provenance import of_folder
-from bayes_iwan.report.tables import Cell, Table
+from bayes_iwan.report.table import Cell, Table
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.sampling.checkpoint import CheckpointError
 

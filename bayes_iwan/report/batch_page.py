@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.inference.scales import Scales
 from bayes_iwan.physics import Model
 from bayes_iwan.physics.sampled import default_parameters
-from bayes_iwan.report.identification_answer import QUANTILES
+from bayes_iwan.report.identification.answer import QUANTILES
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import Provenance
 from bayes_iwan.report.style import MEASURED, MODEL, styled, subplots

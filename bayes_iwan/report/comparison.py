@@ -12,7 +12,7 @@ from bayes_iwan.comparison.families import Comparison
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.style import BLUE, ORANGE, styled, subplots
-from bayes_iwan.report.tables import Table
+from bayes_iwan.report.table import Table
 
 
 @styled

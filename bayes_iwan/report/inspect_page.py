@@ -13,7 +13,7 @@ from bayes_iwan.campaign.accelerometer import STATED
 from bayes_iwan.campaign.folder import read_checked
 from bayes_iwan.campaign.inspect import LEVEL, Inspection, inspect_loop
 from bayes_iwan.report import inspect_figures as figures
-from bayes_iwan.report.loops import test_name
+from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.provenance import provenance
 

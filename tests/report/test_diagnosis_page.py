@@ -17,9 +17,9 @@ from bayes_iwan.gap.answer import effects_described, to_dict
 from bayes_iwan.gap.budget import Kind
 from bayes_iwan.gap.findings import GapPictures
 from bayes_iwan.gap.where import Statistic
-from bayes_iwan.report import budget_figures, gap_figures
-from bayes_iwan.report.diagnosis import diagnosis_figures
-from bayes_iwan.report.diagnosis_page import write_diagnosis_page
+from bayes_iwan.report.diagnosis import budget_figures, gap_figures
+from bayes_iwan.report.diagnosis.files import diagnosis_figures
+from bayes_iwan.report.diagnosis.page import write_diagnosis_page
 from bayes_iwan.report.provenance import provenance
 
 T, N = 4, 64

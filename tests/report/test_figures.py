@@ -13,8 +13,8 @@ from matplotlib.text import Text
 
 from bayes_iwan import report
 from bayes_iwan.comparison.frequencies import compare_frequencies
-from bayes_iwan.report import laws, loops, marginals, sampling, trends
-from bayes_iwan.report.frequencies import alone_loops_figure
+from bayes_iwan.report.identification import laws, loops, marginals, sampling, trends
+from bayes_iwan.report.identification.frequencies import alone_loops_figure
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import save
 

@@ -9,8 +9,8 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.quantities import loop_quantities
-from bayes_iwan.report.loops import test_name
-from bayes_iwan.report.predictive import Predictive
+from bayes_iwan.report.identification.loops import test_name
+from bayes_iwan.report.identification.predictive import Predictive
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.quantities import LoopQuantities, loop_quantities
 from bayes_iwan.physics import sine_motion
-from bayes_iwan.report.predictive import Predictive, predict
+from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.style import band, points, series, styled, subplots, ticked
 
 _WHAT = (

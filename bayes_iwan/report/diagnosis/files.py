@@ -17,8 +17,8 @@ from bayes_iwan.gap.where import along_cycle
 from bayes_iwan.gap.words import listed
 from bayes_iwan.inference.config import Config, diagnose_settings_of
 from bayes_iwan.inference.settings import DiagnoseSettings
-from bayes_iwan.report import budget_figures, gap_figures
-from bayes_iwan.report.diagnosis_page import write_diagnosis_page
+from bayes_iwan.report.diagnosis import budget_figures, gap_figures
+from bayes_iwan.report.diagnosis.page import write_diagnosis_page
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.style import relabel
 

@@ -12,10 +12,11 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.frequencies import Frequencies
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.quantities import loop_quantities
-from bayes_iwan.report.loops import test_name
-from bayes_iwan.report.marginals import interval, number, symbol_of
+from bayes_iwan.report.identification.loops import test_name
+from bayes_iwan.report.identification.marginals import interval, number, symbol_of
+from bayes_iwan.report.identification.tables import spread
 from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, styled, subplots, ticked
-from bayes_iwan.report.tables import Cell, Table, spread
+from bayes_iwan.report.table import Cell, Table
 
 
 def _draws(posterior: Posterior, name: str) -> Array:

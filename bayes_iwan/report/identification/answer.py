@@ -10,9 +10,9 @@ from markupsafe import Markup, escape
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.remarks import LARGE_MISFIT
 from bayes_iwan.physics import Model
-from bayes_iwan.report import marginals
-from bayes_iwan.report.compared_loops import Compared, LoopRow
-from bayes_iwan.report.marginals import OPEN, contraction, interval, number, reported, symbol_of
+from bayes_iwan.report.identification import marginals
+from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
+from bayes_iwan.report.identification.marginals import OPEN, contraction, interval, number, reported, symbol_of
 from bayes_iwan.report.page import Section
 
 #: what a customer asks of the model first, and in words that need no paper

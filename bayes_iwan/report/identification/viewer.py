@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.report.loops import test_name
+from bayes_iwan.report.identification.loops import test_name
+from bayes_iwan.report.identification.predictive import Predictive, measured_cycles
 from bayes_iwan.report.page import Page, Section, asset, template
-from bayes_iwan.report.predictive import Predictive, measured_cycles
 
 DRAWS, CYCLES = 16, 8
 

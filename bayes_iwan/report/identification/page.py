@@ -9,18 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
+from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.remarks import LARGE_MISFIT
+from bayes_iwan.inference.results import load
 from bayes_iwan.inference.rows import ConvergenceRow
 from bayes_iwan.physics import Model
-from bayes_iwan.report import checks, frequencies, laws, loops, sampling, tables, trends
-from bayes_iwan.report.compared_loops import LoopRow, compared_loops
-from bayes_iwan.report.identification_answer import determined, identification_answer
-from bayes_iwan.report.marginals import number, paper_symbol, reported
+from bayes_iwan.report.identification import checks, frequencies, laws, loops, sampling, tables, trends
+from bayes_iwan.report.identification.answer import determined, identification_answer
+from bayes_iwan.report.identification.compared_loops import LoopRow, compared_loops
+from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
+from bayes_iwan.report.identification.predictive import Predictive, predict
+from bayes_iwan.report.identification.viewer import add_viewer
 from bayes_iwan.report.page import Page, Section
-from bayes_iwan.report.predictive import Predictive, predict
 from bayes_iwan.report.provenance import provenance
-from bayes_iwan.report.viewer import add_viewer
 
 
 def identification_report(
@@ -67,6 +69,27 @@ def identification_report(
     if pdf:
         page.write_pdf(out / "report.pdf")
     return page.write(out / "report.html")
+
+
+def report_run(
+    folder: str | os.PathLike[str],
+    *,
+    campaign: str | os.PathLike[str] | None = None,
+    pdf: bool = False,
+    per_frequency: bool = False,
+    simulator: str | os.PathLike[str] | None = None,
+) -> Path:
+    """report.html (and report.pdf) of a folder that `identify` wrote; returns the page's path.
+
+    campaign : the campaign's folder if it has moved. simulator : the Python file of the model of one's own that was
+    identified; its code is run. per_frequency : identify each frequency alone by short runs
+    where the folder has no per_test results; else quick estimates stand in.
+    """
+    posterior = load(folder, campaign, simulator)
+    with owned(folder) as out:
+        found = compare_frequencies(posterior, out, run=per_frequency)
+        clear(out, "report.html", "report.pdf", "tables")
+        return identification_report(posterior, out, by_frequency=found, pdf=pdf)
 
 
 #: searches whose best log posteriors differ by more have not found the same maximum

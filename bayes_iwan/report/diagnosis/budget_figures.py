@@ -12,7 +12,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.gap.budget import NAMED, GapBudget
 from bayes_iwan.gap.diagnosis import Moved
 from bayes_iwan.gap.words import title
-from bayes_iwan.report.gap_figures import panels
+from bayes_iwan.report.diagnosis.gap_figures import panels
 from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, styled, subplots
 
 

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.gap.words import listed, title
-from bayes_iwan.report.cells import digits, force_range, newton, percent
-from bayes_iwan.report.diagnosis_answer import diagnosis_answer, put_figures
+from bayes_iwan.report.diagnosis.answer import diagnosis_answer, put_figures
+from bayes_iwan.report.diagnosis.cells import digits, force_range, newton, percent
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import Provenance
 

@@ -1,0 +1,1 @@
+"""diagnosis.html: a diagnosis' figures, page and files."""

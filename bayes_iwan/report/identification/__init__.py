@@ -1,0 +1,1 @@
+"""report.html: an identification's figures, tables and page."""
