@@ -29,7 +29,7 @@ import numpy as np
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.inference.point import find_point, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.quantities import sampled_and_paper
+from bayes_iwan.inference.quantities import sampled_and_derived
 from bayes_iwan.inference.settings import IdentifySettings
 from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import sample
@@ -45,7 +45,7 @@ MOST_STEPS, THIN = 200_000, 50
 
 def numbers(problem: Problem, z: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     """Reported numbers (n, len(names)) at z (n, ndim)."""
-    named = sampled_and_paper(problem, z)
+    named = sampled_and_derived(problem, z)
     return np.stack([named[name].values for name in names], axis=1)
 
 
@@ -162,7 +162,7 @@ def main() -> None:
     point = find_point(problem, args.seed, settings.search)
     population = starting_population(problem, point, args.seed, 512)
     found = time.perf_counter() - began - read
-    names = tuple(n for n, q in sampled_and_paper(problem, population).items() if np.ptp(q.values) > 0)
+    names = tuple(n for n, q in sampled_and_derived(problem, population).items() if np.ptp(q.values) > 0)
     mine = ours(problem, population, names, settings, args.limit_s, args.seed)
     say("package", mine)
     theirs = baseline(problem, population, names, args.baseline_s, args.seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 from pathlib import Path
 
@@ -70,9 +71,15 @@ def test_folds_and_coverage(posterior):
     assert len(untested.figure({"15 Hz": p}).axes) == 1
 
 
-@pytest.mark.parametrize("name", ["per_frequency", "compare_models"])
-def test_scripts_load(name):
-    assert script(name).__doc__.count("python analyses/") == 1
+SCRIPTS = sorted(p.stem for p in (Path(__file__).parents[2] / "analyses").glob("*.py"))
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_every_script_finds_what_it_takes_from_the_package_and_says_how_it_is_run(name, monkeypatch):
+    folder = Path(__file__).parents[2] / "analyses"
+    monkeypatch.syspath_prepend(str(folder))
+    runs = "__main__" in (folder / f"{name}.py").read_text(encoding="utf-8")
+    assert runs == (f"analyses/{name}.py" in importlib.import_module(name).__doc__)
 
 
 def test_loops_of_table_1_tell_the_product_alone(tmp_path):
