@@ -187,7 +187,7 @@ def test_ctrl_c_keeps_what_was_drawn(folder, tmp_path, monkeypatch):
         calls["left"] = 300
         identify_campaign(folder, tmp_path / "early", config=long, seed=1, progress=False)
     assert (tmp_path / "early" / "chains.ckpt").exists()
-    calls["left"] = 6000
+    calls["left"] = 2500
     late = identify_campaign(folder, tmp_path / "late", config=long, seed=1, progress=False)
     assert late.interrupted and not late.converged and (tmp_path / "late" / "summary.csv").exists()
 
@@ -207,14 +207,14 @@ def test_resuming_something_else_is_refused(run, folder, change, part):
         identify_campaign(folder, out, config=SMALL | change, seed=1, resume=True, progress=False)
 
 
-def test_each_frequency_alone(run, tmp_path, small_loops):
-    groups = by_frequency(small_loops)
+def test_each_frequency_alone(run, tmp_path):
+    groups = by_frequency(run[0].loops)
     assert {k: [x.file for x in v] for k, v in groups.items()} == {
         "f10Hz": ["f10_a0.3.csv", "f10_a1.csv"],
         "f15Hz": ["f15_a0.6.csv"],
         "f20Hz": ["f20_a1.csv"],
     }
-    assert by_frequency([replace(x, role="held-out") for x in small_loops]) == {}
+    assert by_frequency([replace(x, role="held-out") for x in run[0].loops]) == {}
     loose = replace(run[0].settings.sampling, r_hat=1.2, ess=40.0, taus=5.0, draws=400)
     search = replace(run[0].settings.search, second_opinion=False)
     joint = replace(run[0], settings=replace(run[0].settings, sampling=loose, search=search), loops=run[0].loops[:3])
