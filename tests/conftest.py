@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numba
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 from bayes_iwan.campaign import Campaign, Record, average, write_campaign
 from bayes_iwan.inference.problem import make_problem
@@ -101,6 +102,16 @@ os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
 
 # figures as files cost more than most tests that write a page: those about files ask for them
 page.FILES = ()
+
+
+@pytest.fixture(scope="module")
+def no_pictures():
+    """Pages with their words and tables, figures made but not drawn: half a page's time, for tests of other things."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "settle", lambda figure: figure)
+        patch.setattr(page, "_svg", lambda figure, name, alt: Markup("<svg></svg>"))
+        patch.setattr(page, "_png", lambda figure, alt, dpi: Markup("<img>"))
+        yield
 
 
 @pytest.fixture

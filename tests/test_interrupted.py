@@ -10,6 +10,7 @@ import pytest
 from bayes_iwan.cli import main
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_signal_ends_a_run_and_resume_gives_the_same_answer(
     tmp_path, made_up_campaign, short_config, short_adaptation
 ):

@@ -16,8 +16,13 @@ from bayes_iwan.sampling.checkpoint import NAME
 ONE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _words_alone(no_pictures):
+    """For every page here."""
+
+
 @pytest.fixture(scope="module")
-def quick(made_up_campaign, tmp_path_factory):
+def quick(made_up_campaign, tmp_path_factory, _words_alone):
     out = tmp_path_factory.mktemp("quick")
     return bi.identify(made_up_campaign, out, config=ONE, seed=1, quick=True, progress=False), out
 

@@ -133,7 +133,9 @@ def test_a_result_is_loaded_again(run):
     again = results.load(out)
     np.testing.assert_array_equal(again.z, posterior.z)
     np.testing.assert_array_equal(again.log_prob, posterior.log_prob)
-    assert again.converged == posterior.converged and again.convergence == posterior.convergence
+    for name in ("walkers", "thin", "seed", "converged", "message", "stop", "settings", "versions", "timings"):
+        assert getattr(again, name) == getattr(posterior, name), name
+    assert again.convergence == posterior.convergence and again.simulator_file == posterior.simulator_file
     assert again.point.goal == posterior.point.goal and again.names == posterior.names
     assert [r.mean for r in again.summary()] == [r.mean for r in posterior.summary()]
 

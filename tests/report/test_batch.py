@@ -33,6 +33,11 @@ CONFIG = {
 }
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _quick(no_pictures, short_adaptation):
+    """For every batch here."""
+
+
 @pytest.fixture(scope="module")
 def folder(made_up_campaign, tmp_path_factory):
     """Three specimens of parallel springs and forces that differ by a known factor, one broken, one folder of none."""
@@ -50,7 +55,7 @@ def folder(made_up_campaign, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def done(folder, tmp_path_factory, short_adaptation):
+def done(folder, tmp_path_factory, _quick):
     out = tmp_path_factory.mktemp("batch") / "out"
     return batch(folder, out, config=CONFIG, seed=3, progress=False), out
 
@@ -74,7 +79,6 @@ def test_what_is_finished_what_failed_and_the_files(done):
     assert population.typical[1] < 5.5 < population.typical[2] and population.spread[1] < 0.1 < population.spread[2]
 
 
-@pytest.mark.usefixtures("short_adaptation")
 def test_the_answer_is_that_of_the_specimen_alone(done, folder, tmp_path):
     _, out = done
     bayes_iwan.identify(folder / "b", tmp_path / "b", config=CONFIG, seed=3, progress=False)
