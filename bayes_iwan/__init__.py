@@ -1,12 +1,12 @@
 """Identify the generalized Iwan model of a friction vibration isolator from measured loops, with what is known of it.
 
-Example::
+In a notebook (each command line's answer is an object here):
 
     import bayes_iwan as bi
     posterior = bi.identify("data/rope_spring", out="results", seed=1)
-    posterior                                                    # values, intervals and misfit on one screen
-    posterior.predict(frequency_hz=12.0, amplitude_mm=0.5)       # loops with bands
-    bi.diagnose("data/rope_spring", out="diagnosis", quick=True) # what the model misses, and why
+    posterior                                               # values, intervals and misfit on one screen
+    posterior.predict(frequency_hz=12.0, amplitude_mm=0.5)  # loops with bands
+    bi.diagnose("data/rope_spring", quick=True)             # what the model misses, and why
 """
 
 from __future__ import annotations

@@ -3,7 +3,9 @@
 import ast
 import csv
 import importlib
+import inspect
 import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +38,26 @@ def test_what_a_checker_sees_is_what_is_imported():
         assert getattr(bi, name) is getattr(importlib.import_module(module), name)
     with pytest.raises(AttributeError, match="nothing_such"):
         getattr(bi, "nothing_such")  # noqa: B009
+
+
+def sections(text):
+    return {a.strip() for a, b in pairwise((text or "").splitlines()) if b.strip() and set(b.strip()) == {"-"}}
+
+
+@pytest.mark.parametrize("name", sorted(set(bi.__all__) - {"__version__"}))
+def test_what_is_handed_out_says_what_it_takes_and_shows_it(name):
+    """numpydoc's sections; results are shown where they are made, errors need a sentence."""
+    found = getattr(bi, name)
+    there = sections(found.__doc__)
+    if not isinstance(found, type):
+        returns = set() if inspect.signature(found).return_annotation in ("None", None) else {"Returns"}
+        wanted = {"Parameters", "Examples"} | returns | ({"Raises"} if name != "sine_motion" else set())
+    elif issubclass(found, Exception):
+        wanted = set()
+    else:
+        assert there & {"Parameters", "Attributes"}
+        wanted = {"Examples"} if name not in ("Comparison", "Diagnosis") else set()
+    assert wanted <= there and len(found.__doc__.strip()) > 30
 
 
 def test_check_shows_itself(made_up_campaign):

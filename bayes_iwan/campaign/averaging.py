@@ -167,6 +167,20 @@ class Loop:
         (n_blocks, H + 1).
     record
         the test as recorded.
+
+    References
+    ----------
+    Noise of a periodic measurement from the frequencies beside its harmonics: Pintelon & Schoukens, System
+    Identification: A Frequency Domain Approach, Wiley (2012).
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, 0.4, cycles=6)], seed=1).write(folder)
+    >>> (loop,) = bi.read_campaign(folder).loops()
+    >>> loop.n_cycles, loop.displacement_mm.shape, loop.harmonics_N.shape, bool(abs(loop.amplitude_mm - 0.4) < 0.01)
+    (5, (128,), (51,), True)
     """
 
     file: str

@@ -55,6 +55,20 @@ class Campaign:
         whether the displacement was integrated from an accelerometer's channel.
     limits
         what the rig can do, as [rig] states it.
+
+    Raises
+    ------
+    CampaignError
+        from :meth:`loops`.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> campaign = bi.read_campaign(folder)
+    >>> campaign.units.force, [loop.force_N.shape for loop in campaign.loops(n_phase=64, n_harmonics=20)]
+    ('N', [(64,), (64,)])
     """
 
     name: str

@@ -31,6 +31,12 @@ class Scales:
         secant stiffness of the largest amplitude.
     stiff_N_mm
         stiffness after reversals, at least.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> bi.Scales(1.0, 0.063, 10.0, 1.2, 6.0, 14.0).reference.length_mm
+    1.0
     """
 
     length_mm: float  # largest amplitude
