@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import os
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,6 +24,7 @@ from bayes_iwan.campaign.checks import (
 )
 from bayes_iwan.campaign.limits import RigLimits, limits_of
 from bayes_iwan.campaign.records import ROLES, CampaignError, Record, shown
+from bayes_iwan.campaign.stated import LARGEST_NUMBER, number_of, only, positive, read_toml
 from bayes_iwan.campaign.table import header_has, read_table
 from bayes_iwan.campaign.units import ACCELERATIONS, DISPLACEMENTS, FORCES, TIMES, Units
 
@@ -33,10 +33,6 @@ CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz"}
 #: numbers that a user may expect to be applied to a record; none is, so they are not taken for a property of the test
 NOT_APPLIED = re.compile(r"(gain|scale|factor|offset|sign|sensitivity|delay|calibration)($|_)", re.IGNORECASE)
 TYPO = 0.88  # likeness from which a key of a test is taken for a known one misspelt
-
-# a campaign is data from anywhere: nothing in it may cost more than it is worth
-LARGEST_TOML = 1_000_000  # bytes
-LARGEST_NUMBER = 1e30  # in mm, N or s: far beyond any instrument, far below where squares overflow
 
 
 @dataclass(frozen=True)
@@ -195,56 +191,10 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
     return campaign, tuple(in_band(replace(loop, record=record)) for loop, record in zip(loops, records))
 
 
-def read_toml(path: Path, hint: str) -> dict[str, Any]:
-    """A TOML file's tables. Raises CampaignError; `hint` says what should have been there."""
-    try:
-        if path.exists() and not path.is_file():
-            raise CampaignError(f"{path}: not a file; {hint}")
-        with path.open("rb") as file:
-            raw = file.read(LARGEST_TOML + 1)
-        if len(raw) > LARGEST_TOML:
-            raise CampaignError(f"{path}: more than {LARGEST_TOML:,} bytes; records belong in files of their own")
-        return tomllib.loads(raw.decode("utf-8-sig"))
-    except FileNotFoundError:
-        raise CampaignError(f"{path}: not found; {hint}") from None
-    except OSError as error:
-        raise CampaignError(f"{path}: cannot be read ({error.strerror})") from None
-    except CampaignError:
-        raise
-    except RecursionError:
-        raise CampaignError(f"{path}: its tables are nested too deep") from None
-    except ValueError as error:  # of TOML, of its encoding, of an integer with thousands of digits
-        raise CampaignError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
-
-
 def _table(stated: Mapping[str, Any], name: str) -> dict[str, Any]:
     if not isinstance(stated.get(name), dict):
         raise CampaignError(f"campaign.toml: the table [{name}] is missing")
     return dict(stated[name])
-
-
-def only(table: Mapping[str, object], known: set[str], where: str) -> None:
-    """Refuse a key that is not known, naming the one that was probably meant."""
-    for key in table:
-        if key not in known:
-            near = difflib.get_close_matches(key, known, 1)
-            hint = f"; did you mean {near[0]}?" if near else f"; known are {', '.join(sorted(known))}"
-            raise CampaignError(f"{where}: unknown key {shown(key)}{hint}")
-
-
-def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST_NUMBER:
-        raise CampaignError(f"{where} must be a finite number, not {shown(value)}")
-    return float(value)
-
-
-def _positive(value: object, where: str) -> float:
-    number = _number(value, where)
-    if number <= 0:
-        raise CampaignError(f"{where} must be positive, not {shown(value)}")
-    if number < 1 / LARGEST_NUMBER:
-        raise CampaignError(f"{where} = {number:g} is smaller than any instrument shows")
-    return number
 
 
 @dataclass(frozen=True)
@@ -285,7 +235,7 @@ def _channels(stated: dict[str, Any]) -> _Channels:
         stated.get("displacement"),
         stated.get("acceleration"),
         stated.get("time"),
-        None if rate is None else _positive(rate, f"{where}: sample_rate_hz"),
+        None if rate is None else positive(rate, f"{where}: sample_rate_hz"),
     )
 
 
@@ -307,7 +257,7 @@ def _test(entry: dict[str, Any], number: int, units: Units) -> _Test:
             raise CampaignError(
                 f"{where}: {key} is missing" + (f"; did you mean {near[0]} to be {key}?" if near else "")
             )
-        _positive(entry[key], f"{where}: {key}")
+        positive(entry[key], f"{where}: {key}")
     if not isinstance(entry.get("role", "fit"), str) or entry.get("role", "fit") not in ROLES:
         raise CampaignError(f"{where}: role must be one of {', '.join(ROLES)}, not {shown(entry['role'])}")
     extras = {}
@@ -315,7 +265,7 @@ def _test(entry: dict[str, Any], number: int, units: Units) -> _Test:
         if key in sizes:
             raise CampaignError(f"{where}: {key} stands beside {amplitude}; keep one of them")
         _not_meant(key, where, known)
-        extras[key] = _number(entry[key], f"{where}: {shown(key) if not key.isprintable() else key}")
+        extras[key] = number_of(entry[key], f"{where}: {shown(key) if not key.isprintable() else key}")
     return _Test(
         file,
         float(entry["frequency_hz"]),

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, NullLocator
+from matplotlib.typing import LineStyleType
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
@@ -35,7 +36,7 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
 )
 MEASURED, MODEL, PRIOR = BLACK, BLUE, "#8A8A8A"
 _SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)
-_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+_DASHES: tuple[LineStyleType, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 _MARKERS = "osD^vPX"
 
 RC: Any = {
@@ -124,7 +125,7 @@ def band(
     draws: Array,
     color: str = MODEL,
     levels: Sequence[float] = (0.9, 0.5),
-    line: Any = "-",
+    line: LineStyleType = "-",
     label: str | None = None,
     median: bool = True,
 ) -> None:

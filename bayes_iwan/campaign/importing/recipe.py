@@ -29,10 +29,10 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from bayes_iwan.campaign.folder import only, read_toml
 from bayes_iwan.campaign.importing.text import Layout
 from bayes_iwan.campaign.importing.units import ROLES
 from bayes_iwan.campaign.records import CampaignError, shown
+from bayes_iwan.campaign.stated import only, read_toml
 
 SPECIMEN = ("name", "description", "source", "licence")
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -86,7 +87,7 @@ def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = Tr
 
 
 def _key(figure: Figure, entries: Sequence[tuple[str, dict[str, Any]]]) -> None:
-    handles: list[Any] = [
+    handles: list[Artist] = [
         Patch(label=label, **style) if "alpha" in style else Line2D([], [], label=label, **style)
         for label, style in entries
     ]
