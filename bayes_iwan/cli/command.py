@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, TextIO
 
@@ -55,12 +57,15 @@ def seed(text: str) -> int:
 
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
 OUT = argument("--out", metavar="DIR", required=True, help="folder for the results; made if need be")
-WORKERS = argument("--workers", metavar="N", type=int, default=1, help="processes, one core each (default: 1)")
-DASK = argument(
-    "--dask",
-    metavar="ADDRESS",
-    help="work on a Dask cluster whose scheduler is at ADDRESS (tcp://host:port) and whose workers see the same "
-    "folders; needs bayes-iwan[dask]",
+#: where pieces of work run; :func:`executor_of` opens what they say
+ELSEWHERE = (
+    argument("--workers", metavar="N", type=int, default=1, help="processes, one core each (default: 1)"),
+    argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="work on a Dask cluster whose scheduler is at ADDRESS (tcp://host:port) and whose workers see the same "
+        "folders; needs bayes-iwan[dask]",
+    ),
 )
 SIMULATOR = argument(
     "--simulator",
@@ -69,3 +74,10 @@ SIMULATOR = argument(
 )
 CONFIG = argument("--config", metavar="FILE", help="TOML file with what differs from the defaults")
 SEED = argument("--seed", metavar="N", type=seed, default=0, help="seed of all random numbers (default: 0)")
+
+
+def executor_of(args: argparse.Namespace) -> AbstractContextManager[Executor | None]:
+    """The executor that --workers and --dask ask for, open within a `with`."""
+    from bayes_iwan.executors import opened
+
+    return opened(args.workers, args.dask)

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 import argparse
 
-from bayes_iwan.cli.command import CAMPAIGN, CONFIG, DASK, OUT, SEED, SIMULATOR, WORKERS, argument, command, say
+from bayes_iwan.cli.command import (
+    CAMPAIGN,
+    CONFIG,
+    ELSEWHERE,
+    OUT,
+    SEED,
+    SIMULATOR,
+    argument,
+    command,
+    executor_of,
+    say,
+)
 
 
 @command(
@@ -23,14 +34,12 @@ from bayes_iwan.cli.command import CAMPAIGN, CONFIG, DASK, OUT, SEED, SIMULATOR,
     argument("--effects", metavar="FILE", help="Python file with effects of your own; its code is run"),
     SIMULATOR,
     argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
-    WORKERS,
-    DASK,
+    *ELSEWHERE,
 )
 def run_diagnose(args: argparse.Namespace) -> None:
-    from bayes_iwan.executors import opened
     from bayes_iwan.report.diagnosis.files import diagnose_campaign
 
-    with opened(args.workers, args.dask) as executor:
+    with executor_of(args) as executor:
         answer = diagnose_campaign(
             args.campaign,
             args.out,

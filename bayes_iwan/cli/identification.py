@@ -4,7 +4,18 @@ from __future__ import annotations
 
 import argparse
 
-from bayes_iwan.cli.command import CAMPAIGN, CONFIG, DASK, OUT, SEED, SIMULATOR, WORKERS, argument, command, say
+from bayes_iwan.cli.command import (
+    CAMPAIGN,
+    CONFIG,
+    ELSEWHERE,
+    OUT,
+    SEED,
+    SIMULATOR,
+    argument,
+    command,
+    executor_of,
+    say,
+)
 
 
 @command(
@@ -23,17 +34,16 @@ from bayes_iwan.cli.command import CAMPAIGN, CONFIG, DASK, OUT, SEED, SIMULATOR,
     ),
     argument("--quick", action="store_true", help="optimum and Laplace intervals in seconds, not sampled"),
     SIMULATOR,
-    WORKERS,
-    DASK,
+    *ELSEWHERE,
 )
 def run_identify(args: argparse.Namespace) -> int:
     import warnings
 
-    from bayes_iwan import Model, NotConverged, executors, identify
+    from bayes_iwan import Model, NotConverged, identify
 
     warnings.simplefilter("ignore", NotConverged)  # said below
 
-    with executors.opened(args.workers, args.dask) as executor:
+    with executor_of(args) as executor:
         posterior = identify(
             args.campaign,
             args.out,
@@ -104,13 +114,12 @@ def run_report(args: argparse.Namespace) -> None:
         help="rank by single data left out (ArviZ "
         "LOO), by whole tests left out, or by the first where its Pareto k hold (auto)",
     ),
-    WORKERS,
-    DASK,
+    *ELSEWHERE,
 )
 def run_compare(args: argparse.Namespace) -> None:
-    from bayes_iwan import compare, executors
+    from bayes_iwan import compare
 
-    with executors.opened(args.workers, args.dask) as executor:
+    with executor_of(args) as executor:
         result = compare(
             args.campaign,
             args.out,
@@ -135,13 +144,12 @@ def run_compare(args: argparse.Namespace) -> None:
     argument("--quick", action="store_true", help="identify and diagnose by their quick ways, in seconds"),
     CONFIG,
     argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
-    WORKERS,
-    DASK,
+    *ELSEWHERE,
 )
 def run_batch(args: argparse.Namespace) -> int:
-    from bayes_iwan import batch, executors
+    from bayes_iwan import batch
 
-    with executors.opened(args.workers, args.dask) as executor:
+    with executor_of(args) as executor:
         result = batch(
             args.folder,
             args.out,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from bayes_iwan.cli.command import DASK, OUT, SEED, WORKERS, argument, command, say
+from bayes_iwan.cli.command import ELSEWHERE, OUT, SEED, argument, command, executor_of, say
 
 DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld make` wrote")
 
@@ -19,14 +19,12 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     argument("--laws", choices=("catalogue", "other", "all"), default="all", help="laws of the causes (default: all)"),
     argument("--leave-out-law", metavar="NAME:LAW", action="append", default=[], help="a law that is not drawn"),
     argument("--leave-out-outside", metavar="NAME", action="append", default=[], help="an unlisted cause not drawn"),
-    WORKERS,
-    DASK,
+    *ELSEWHERE,
 )
 def run_make(args: argparse.Namespace) -> None:
-    from bayes_iwan.executors import opened
     from bayes_iwan.validation.sealed import make
 
-    with opened(args.workers, args.dask) as executor:
+    with executor_of(args) as executor:
         truth = make(
             args.n,
             args.out,
@@ -46,11 +44,9 @@ def run_make(args: argparse.Namespace) -> None:
     SEED,
     argument("--out", metavar="DIR", help="folder for the answers (default: DIR/answers)"),
     argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
-    WORKERS,
-    DASK,
+    *ELSEWHERE,
 )
 def run_answer(args: argparse.Namespace) -> None:
-    from bayes_iwan.executors import opened
     from bayes_iwan.files import owned
     from bayes_iwan.gap.answer import diagnose_case
     from bayes_iwan.validation.answering import answer
@@ -59,7 +55,7 @@ def run_answer(args: argparse.Namespace) -> None:
     if not available():
         say("this machine cannot close the truths to the answering processes (it has no Landlock)")
     out = args.out or os.path.join(args.directory, "answers")
-    with owned(out), opened(args.workers, args.dask) as executor:
+    with owned(out), executor_of(args) as executor:
         path = answer(args.directory, diagnose_case, out=out, seed=args.seed, quick=args.quick, executor=executor)
     say(f"answers are in {path}")
 
