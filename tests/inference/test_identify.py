@@ -186,7 +186,7 @@ def test_ctrl_c_keeps_what_was_drawn(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(Problem, "log_prob", counted)
     long = SMALL | {"sampling": SMALL["sampling"] | {"ess": 1e6}}
     with pytest.raises(KeyboardInterrupt):
-        calls["left"] = 150
+        calls["left"] = 300
         identify_campaign(folder, tmp_path / "early", config=long, seed=1, progress=False)
     assert (tmp_path / "early" / "chains.ckpt").exists()
     calls["left"] = 800
