@@ -171,21 +171,33 @@ def in_child(work: Callable[[], int], said: Path, limit: int | None = None) -> i
         os._exit(code)
 
 
-def ended(pid: int, seconds: float | None, number: int) -> int:
-    """Wait for a process, for so long at most, then signal it; its exit code, negative for a signal."""
-    end = None if seconds is None else time.monotonic() + seconds
+def used_s(pid: int) -> float:
+    """Processor seconds so far of a process that we started, and of all that it started."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        below = [int(x) for t in Path(f"/proc/{pid}/task").iterdir() for x in (t / "children").read_text().split()]
+    except OSError:  # it ended meanwhile
+        return 0.0
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK") + sum(map(used_s, below))
+
+
+def ended(pid: int, processor_s: float | None, number: int) -> int:
+    """Wait for a process, for so many processor seconds at most, then signal it; its exit code, negative for a signal.
+
+    Processor time, since a busy machine stretches a run, and a kill would come at another place of it.
+    """
     while True:
         done, status = os.waitpid(pid, os.WNOHANG)
         if done:
             return os.waitstatus_to_exitcode(status)
-        if end is not None and time.monotonic() > end:
+        if processor_s is not None and used_s(pid) > processor_s:
             os.kill(pid, number)
             if number != signal.SIGKILL:
-                end = None  # it ends in its own time
+                processor_s = None  # it ends in its own time
                 continue
             _, status = os.waitpid(pid, 0)
             return os.waitstatus_to_exitcode(status)
-        time.sleep(0.002)
+        time.sleep(0.005)
 
 
 def whole(out: Path) -> list[str]:
@@ -263,20 +275,21 @@ def killed(
 ) -> Tally:
     """So many kills of one command, and the comparison with a run left alone.
 
-    mean : time from its start to a kill, as a share of how long it takes alone; a short one for commands that keep
-    finished pieces, so that kills strike all over their length.
+    mean : processor time from its start to a kill, as a share of what it takes alone; a short one for commands that
+    keep finished pieces, so that kills strike all over their length.
     """
     reference, out = tmp / f"{name}-whole", tmp / f"{name}-cut"
-    began = time.monotonic()
+    before = sum(os.times()[2:4])
     code = ended(in_child(lambda: start(reference), tmp / "said.txt"), None, 0)
-    alone = time.monotonic() - began
+    alone = sum(os.times()[2:4]) - before
+    (tmp / f"{name}-alone").write_text(str(alone))
     if code not in (0, 3):
         raise SystemExit(f"{name}: the run that nobody disturbs ends with {code}: {(tmp / 'said.txt').read_text()}")
     (tmp / "said.txt").unlink()
     tally, expected = Tally(), results(reference)
     while tally.kills < kills:
         trial(lambda: start(out), out, expected, tally, rng, mean * alone, kills)
-    told(name, tally, f"{alone:.1f} s when left alone")
+    told(name, tally, f"{alone:.1f} processor s when left alone")
     return tally
 
 
@@ -302,12 +315,12 @@ def starved(start: Callable[[Path], int], times: int, rng: np.random.Generator, 
 def damaged(start: Callable[[Path], int], times: int, rng: np.random.Generator, tmp: Path) -> Tally:
     """Checkpoints cut short or with a byte changed, then gone on from."""
     tally, expected = Tally(), results(tmp / "identify-whole")
-    out, said = tmp / "damaged", tmp / "said.txt"
+    out, said, alone = tmp / "damaged", tmp / "said.txt", float((tmp / "identify-alone").read_text())
     for i in range(times):
         path = out / CHECKPOINT
         while not path.exists():
             shutil.rmtree(out, ignore_errors=True)
-            ended(in_child(lambda: start(out), said), float(rng.uniform(0.6, 1.0)) * tally_alone(tmp), signal.SIGKILL)
+            ended(in_child(lambda: start(out), said), float(rng.uniform(0.3, 0.9)) * alone, signal.SIGKILL)
         whole_file = path.read_bytes()
         at = int(rng.integers(len(whole_file)))
         changed = whole_file[:at] + (b"" if i % 2 else bytes([whole_file[at] ^ 255]) + whole_file[at + 1 :])
@@ -325,10 +338,6 @@ def damaged(start: Callable[[Path], int], times: int, rng: np.random.Generator, 
         said.unlink()
     told("damaged checkpoint", tally, f"{tally.kills} refused in one line")
     return tally
-
-
-def tally_alone(tmp: Path) -> float:
-    return float((tmp / "alone").read_text())
 
 
 def crowded(start: Callable[[Path], int], times: int, tmp: Path) -> Tally:
@@ -470,11 +479,6 @@ def main() -> None:
             continue
         at = time.monotonic()
         tallies[name] = killed(name, start, round(share * args.kills), mean, rng, tmp)
-        if name == "identify":
-            again = time.monotonic()
-            ended(in_child(lambda: identify(tmp / "timed"), tmp / "said.txt"), None, 0)
-            (tmp / "alone").write_text(str(time.monotonic() - again))
-            (tmp / "said.txt").unlink()
         print(f"    {time.monotonic() - at:.0f} s", flush=True)
     if not args.only:
         tallies["full disk"] = starved(identify, args.others, rng, tmp)
