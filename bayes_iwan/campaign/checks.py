@@ -25,6 +25,7 @@ LATE = 0.3  # below minus this the delay is so long that no loop is left to iden
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
 FLAT = 0.01  # of the force's height: what counts as its top
 FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a sliding specimen's top takes at most
+THROUGH = 0.04  # of the stroke after the motion has turned: friction and springs have let go of the top by then
 CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force bends long before
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
@@ -199,7 +200,8 @@ def _flat_tops(loop: Loop) -> list[str]:
         stroke = float(np.ptp(u[a:b]) / np.ptp(u))
         run = max(float(u[a] - u[a - width]), 1e-9 * float(np.ptp(u)))
         slope = float(force[a] - force[a - width]) / run / float(np.ptp(force) / np.ptp(u))
-        if stroke > FLAT_STROKE and slope > (CORNER if stroke < LONG_STROKE else 2 * CORNER):
+        through = float(np.max(u[a:b]) - u[b - 1]) > THROUGH * float(np.ptp(u))
+        if stroke > FLAT_STROKE and slope > (CORNER if through or stroke < LONG_STROKE else 2 * CORNER):
             notes.append(
                 f"the {side} of the force's loop is flat over {stroke:.0%} of the stroke, with a corner before it: "
                 "clipped, "

@@ -1,6 +1,7 @@
 """A fixed sample of the fuzzing of `check`: no traceback, no hang, and no silent change that can be seen."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,16 @@ def test_a_fault_that_can_be_seen_is_refused_or_said(sound, fault):
         silent += not said and fuzz_campaigns.changed(base, changed)
     # a force scaled by less than its amplitude and frequency explain looks like another specimen
     assert silent <= (4 if fault.__name__ == "force_scaled" else 0)
+
+
+@pytest.mark.parametrize("share", [0.45, 0.55, 0.65, 0.75])
+def test_clipping_under_noise_is_said_however_long_the_flat_top_is(sound, share):
+    """A top that stays flat after the motion has turned is no friction's: found by fuzzing (seed 0, fault 66)."""
+    for record, _ in sound:
+        top = share * np.abs(record.force_N).max()
+        noise = 0.003 * np.std(record.force_N) * np.random.default_rng(1).standard_normal(record.force_N.size)
+        changed, _ = check_record(replace(record, force_N=np.clip(record.force_N, -top, top) + noise))
+        assert any("clipped" in w for w in changed.warnings), record.file
 
 
 def test_each_kind_of_damage_changes_bytes():
