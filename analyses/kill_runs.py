@@ -197,7 +197,7 @@ def ended(pid: int, processor_s: float | None, number: int) -> int:
                 continue
             _, status = os.waitpid(pid, 0)
             return os.waitstatus_to_exitcode(status)
-        time.sleep(0.005)
+        time.sleep(0.02)
 
 
 def whole(out: Path) -> list[str]:

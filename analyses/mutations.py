@@ -21,7 +21,7 @@ HOSTILE = (
     b"nan", b"inf", b"-inf", b"1e999", b"1e308", b"-1e300", b"5e-324", b"0", b"-0.0", b"true", b"null", b"[]", b"{}",
     b'""', b"9" * 400, b"9" * 5000, b"[" * 3000, b"{" * 3000, b"1979-05-27T07:32:00Z", b"\x00", b"\xff\xfe", b"\r\r\n",
     b"\x1b[2J", b"../../etc/passwd", b"<script>", b"${x}", b"$x^{$", b"0x7fffffffffffffff", b"1_000", b"1,5", b";",
-    b"'",
+    b"9**9**9**9", b"m^9^9^9", b"a" * 5000, b"'",
     b'"', b"\n\n\n",
 )  # fmt: skip
 NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
