@@ -18,6 +18,17 @@ def test_every_command_has_help(capsys):
         assert end.value.code == 0 and command.help.split()[0] in capsys.readouterr().out
 
 
+def test_what_runs_a_user_s_code_says_so():
+    said = {}
+    for command in cli.COMMANDS:
+        for argument in command.arguments:
+            if {"--effects", "--simulator", "--allow-effects-file"} & set(argument.flags):
+                said[command.name, argument.flags[0]] = argument.options["help"]
+    assert {flag for _, flag in said} == {"--effects", "--simulator", "--allow-effects-file"} and len(said) >= 5
+    for where, text in said.items():
+        assert "code" in text and "run" in text, where
+
+
 def test_no_command_and_unknown_command(capsys):
     for arguments in ([], ["identfy"]):
         with pytest.raises(SystemExit) as end:

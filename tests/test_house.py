@@ -59,3 +59,24 @@ def test_nothing_imports_the_command_line():
 def test_matplotlib_is_imported_in_report_alone():
     found = {p.parts[0] for p in FILES if any(name.split(".")[0] == "matplotlib" for name in imports_of(p))}
     assert found == {"report"}
+
+
+def called(path: Path) -> set[str]:
+    """Names of functions that are called, as they are written before the bracket."""
+    tree = ast.parse((PACKAGE / path).read_text(encoding="utf-8"))
+    return {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+
+
+def test_no_file_that_is_read_can_run_as_code():
+    """No pickle and its like, no eval, no shell; Python files are run by the one door that a user opens by name."""
+    modules = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "yaml", "code", "runpy"}
+    loaders = set()
+    for path in FILES:
+        text = (PACKAGE / path).read_text(encoding="utf-8")
+        assert not modules & {name.split(".")[0] for name in imports_of(path)}, path
+        names = called(path)
+        assert not {"eval", "exec", "compile", "__import__", "os.system", "os.popen"} & names, path
+        assert "allow_pickle=True" not in text and "shell=True" not in text, path
+        if any(name.endswith("exec_module") for name in names):
+            loaders.add(str(path))
+    assert loaders == {"inference/user_file.py"}

@@ -5,6 +5,7 @@ import csv
 import importlib
 import inspect
 import warnings
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -116,6 +117,24 @@ def test_a_prior_that_excludes_the_truth_and_a_wrong_fixed_value_are_said(made_u
     config.write_text(model + "[parameters.k1_N_mm]\nfixed = 2.0\n")
     assert main([*arguments, "--out", str(tmp_path / "wrong")]) == 0
     assert "misses the friction force by" in capsys.readouterr().out
+
+
+def test_a_static_load_far_beyond_the_signal_moves_no_other_number(made_up_campaign):
+    """The mean force is solved for: 10 N and 10 kN on a signal of 5 N; 100 kN lie beyond its prior, and that is said."""
+    sound = bi.read_campaign(made_up_campaign)
+    rows, said = {}, {}
+    for load in (0.0, 10.0, 1e4, 1e5):
+        tests = tuple(replace(r, force_N=r.force_N + load) for r in sound.tests)
+        posterior = bi.identify(replace(sound, tests=tests), config=ONE, quick=True, seed=1, progress=False)
+        rows[load], said[load] = {r.name: r for r in posterior.summary()}, repr(posterior)
+    for load in (10.0, 1e4, 1e5):
+        for name in ("kp_N_mm", "k1_N_mm", "mean_slip_force_N"):
+            here, there = rows[load][name], rows[0.0][name]
+            assert abs(here.mean - there.mean) < 0.3 * there.sd and here.sd < 1.3 * there.sd, (load, name)
+        assert "force_zero_N lies at the upper end of its prior" in said[load]
+        zero = rows[load]["force_zero_N"]
+        assert load == 1e5 or abs(zero.mean - load) < 4.0 * zero.sd
+    assert "upper end" not in said[0.0]
 
 
 def test_out_is_looked_at_before_anything_is_computed(tmp_path, made_up_campaign, monkeypatch):

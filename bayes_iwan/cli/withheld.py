@@ -70,7 +70,7 @@ def run_answer(args: argparse.Namespace) -> None:
     argument(
         "--left-out", metavar="NAME", action="append", default=[], help="law (NAME:LAW) or kind not calibrated on"
     ),
-    argument("--allow-effects-file", action="store_true", help="run the Python files that answers name"),
+    argument("--allow-effects-file", action="store_true", help="run the code of the Python files that answers name"),
 )
 def run_score(args: argparse.Namespace) -> None:
     from bayes_iwan.report.scores import write_score

@@ -17,7 +17,7 @@ from bayes_iwan.gap.answer import effects_described, to_dict
 from bayes_iwan.gap.budget import Kind
 from bayes_iwan.gap.findings import GapPictures
 from bayes_iwan.gap.where import Statistic
-from bayes_iwan.report.diagnosis import budget_figures, gap_figures
+from bayes_iwan.report.diagnosis import budget_figures, files, gap_figures
 from bayes_iwan.report.diagnosis.files import diagnosis_figures
 from bayes_iwan.report.diagnosis.page import write_diagnosis_page
 from bayes_iwan.report.provenance import provenance
@@ -303,6 +303,21 @@ def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found, 
         "figures",
         "fits.json",
     ]
+
+
+def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_page(tmp_path, found, monkeypatch):
+    monkeypatch.setattr(files, "diagnosis_figures", lambda found: {})
+    out = tmp_path / "out"
+    found.write(out)
+    assert {"diagnosis.json", "diagnosis.html", "fits.json"} <= {x.name for x in out.iterdir()}
+
+    def killed(*a, **k):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files, "write_diagnosis_page", killed)
+    with pytest.raises(KeyboardInterrupt):
+        found.write(out)
+    assert not [x.name for x in out.iterdir() if x.suffix in (".json", ".html")]
 
 
 def test_many_tests_and_single_blocks_draw():

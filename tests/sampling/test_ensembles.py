@@ -105,6 +105,12 @@ def test_steps_and_time_limits_are_said_plainly():
     assert not late.converged and "time budget" in late.message and late.draws.shape[1] >= 8
 
 
+@pytest.mark.parametrize("most", [1, 8, 30])
+def test_very_few_steps_are_an_end_too(most):
+    few = sample(banana, population(), names=NAMES, seed=1, max_steps=most, **SHORT | {"target_ess": 1e6})
+    assert not few.converged and "stopped at" in few.message
+
+
 def test_a_clock_changes_nothing_but_the_end_or_says_so(tmp_path, monkeypatch):
     """Time is counted in evaluations, so that budgets end runs at many places; gone on with, each draws the same."""
     settings = SHORT | dict(target_ess=1e9, max_steps=900)
