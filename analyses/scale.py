@@ -138,7 +138,7 @@ def searched(data: GapData, effects: int | None = None, executor: Executor | Non
 def candidates(quick: bool) -> dict[str, object]:
     """The search for two planted causes against the number of effects that it may name."""
     data = two_faults(4)
-    sizes = [3, 6, 12, 30] if not quick else [2, 4]
+    sizes = [2, 5, 11, 23] if not quick else [2, 4]
     times = []
     for n in sizes:
         began = time.process_time()

@@ -120,7 +120,7 @@ def test_a_prior_that_excludes_the_truth_and_a_wrong_fixed_value_are_said(made_u
 
 
 def test_a_static_load_far_beyond_the_signal_moves_no_other_number(made_up_campaign):
-    """The mean force is solved for: 10 N and 10 kN on a signal of 5 N; 100 kN lie beyond its prior, and that is said."""
+    """The mean force is solved for: 10 N and 10 kN beside 5 N of signal; 100 kN are beyond its prior, which is said."""
     sound = bi.read_campaign(made_up_campaign)
     rows, said = {}, {}
     for load in (0.0, 10.0, 1e4, 1e5):
