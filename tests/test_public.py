@@ -20,8 +20,8 @@ ONE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _words_alone(no_pictures):
-    """For every page here."""
+def _words_alone(no_pictures, short_adaptation):
+    """For every page and run here."""
 
 
 @pytest.fixture(scope="module")

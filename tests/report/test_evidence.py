@@ -84,7 +84,7 @@ def test_left_out_tests_by_weights_and_by_moves(posterior, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def comparison(posterior):
+def comparison(posterior, short_adaptation):
     return compare_families(
         posterior.problem.loops, ["constant_grip", "gamma1"], config=TINY, seed=2, by="tests", progress=False
     )

@@ -165,6 +165,7 @@ def test_uniform_ranks_pass_and_bent_ones_do_not(study):
     assert max(bent.values()) < 0.01
 
 
+@pytest.mark.usefixtures("short_adaptation")
 def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(
@@ -194,7 +195,7 @@ def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch):
     assert (tmp_path / "sbc.png").stat().st_size > 5000
 
 
-@pytest.mark.usefixtures("small_design")
+@pytest.mark.usefixtures("small_design", "short_adaptation")
 def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["coverage_rig.py", "--cases", "1", "--budget", "2", "--out", str(tmp_path)])
     study("coverage_rig").main()
