@@ -189,7 +189,7 @@ def test_ctrl_c_keeps_what_was_drawn(folder, tmp_path, monkeypatch):
         calls["left"] = 300
         identify_campaign(folder, tmp_path / "early", config=long, seed=1, progress=False)
     assert (tmp_path / "early" / "chains.ckpt").exists()
-    calls["left"] = 800
+    calls["left"] = 1000
     late = identify_campaign(folder, tmp_path / "late", config=long, seed=1, progress=False)
     assert late.interrupted and not late.converged and (tmp_path / "late" / "summary.csv").exists()
 
