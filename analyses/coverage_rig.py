@@ -131,10 +131,10 @@ def judged(problem: Problem, at: Array, found: dict[str, Array], truth: dict[str
     out = {}
     for name, true in truth.items():
         x, w = found[name], widened[name]
-        w = w if np.all(x > 0.0) else replace(w, relative=False, between_sd=w.between_sd * true)
-        alone = replace(w, between_sd=float("nan"), unreached_sd=0.0)
+        w = w if np.all(x > 0.0) else replace(w.alone(), relative=False)
+        alone = w.alone()
         row = {"alone": needed(alone, x, true), "reported": needed(w, x, true)}
-        row["error"] = float(np.median(x) / true - 1.0)
+        row["error"] = float(w.centre(x) / true - 1.0)
         for which, widening in (("alone", alone), ("reported", w)):
             low, high = widening.interval(x)
             row[f"width_{which}"] = (high - low) / true

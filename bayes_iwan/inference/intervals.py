@@ -1,12 +1,15 @@
 """The intervals that are reported: the posterior's, wider by what the posterior cannot know.
 
-Three variances add up. The posterior's own is right if the model is. How far the tests disagree, the between-test
-variance (:mod:`.jackknife`), is seen without that. And some quantities are not reached by any loop: elements that slip
-within the finest step that the trusted harmonics resolve after a reversal, and elements that never slip at the largest
-amplitude, are extrapolated by the family of slip forces alone. Of the elements that slip before anything is
-resolved there is taken to be a share that is known no better than to itself, as large as if the first quarter of all
-elements were evenly spread (the family's own tail would say that there are next to none): it goes into k(1) and into
-the slip forces' quantiles. Chosen on 24 specimens of the virtual rig, counted on others (analyses/coverage_rig.py).
+Variances add up. The posterior's own is right if the model is. Where the model's form may bend (:mod:`.bent`), the bent
+form's numbers stand beside the plain one's, and what is reported is of both, averaged by their evidence: the centre
+moves towards the bent form's, the widths are theirs, and how far the two are apart adds to them. How far the tests
+disagree, the between-test variance (:mod:`.jackknife`), is seen without that. And some numbers are not reached by any
+loop: elements that slip within the finest step that the trusted harmonics resolve after a reversal, and elements that
+never slip at the largest amplitude, are extrapolated by the family of slip forces alone. Of the elements that slip
+before anything is resolved there is taken to be a share that is known no better than to itself, as large as if the
+first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it goes
+into k(1) and into the slip forces' quantiles. Chosen on 24 specimens of the virtual rig, counted on others
+(analyses/coverage_rig.py).
 
 Tests of one amplitude share much of their misfit (its correlation over frequency is 0.68 on the rig, over amplitude
 0.08), so leaving one of them out understates how far all of them may be off. The jackknife's standard deviation is
@@ -20,14 +23,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.bent import bent_form
 from bayes_iwan.inference.jackknife import jackknife_variance, left_out_optima
+from bayes_iwan.inference.point import laplace_scale
 from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.quantities import SLIP_SHARES, quantities
 from bayes_iwan.physics import Model
@@ -35,8 +40,22 @@ from bayes_iwan.physics import Model
 #: factor of the jackknife's standard deviation; like the share above chosen on those 24 specimens. n tests correlated
 #: by ρ would need √((1 + (n − 1)ρ)/(1 − ρ)): 2.3 for two, 2.7 for three of one amplitude, 1 for independent ones
 SHARED = 2.0
-#: a larger share of unresolved elements is said beside the quantities that depend on it
+#: step of the central differences, in prior standard deviations
+_STEP = 1e-4
+#: a larger share of unresolved elements is said beside the numbers that depend on it
 _WORTH_SAYING = 0.01
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the bent form says of one number. weight : its probability by evidence; shift : of the centre; ratio : of
+    the posterior's standard deviation; spread : standard deviation between the two forms. As in :class:`Widening`
+    relative or not."""
+
+    weight: float = 0.0
+    shift: float = 0.0
+    ratio: float = 1.0
+    spread: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -44,8 +63,9 @@ class Widening:
     """What adds to the posterior's interval of one number, beside the draws' own spread.
 
     between_sd : standard deviation between tests, in the number's unit, NaN for a single test; unreached_sd : that of
-    what no loop reaches; freedom : degrees of freedom of between_sd, its tests less one. Both are relative to the
-    number where `relative`. reach : empty, or why the quantity is extrapolated and what determines it.
+    what no loop reaches; freedom : degrees of freedom of between_sd, its tests less one; form : what the bent form
+    says. All are relative to the number where `relative`. reach : empty, or why the number is extrapolated and what
+    determines it.
     """
 
     between_sd: float
@@ -53,24 +73,36 @@ class Widening:
     freedom: int
     relative: bool
     reach: str
+    form: Form = Form()
+
+    def alone(self) -> Widening:
+        """Nothing that widens: the interval of the draws (n,) themselves."""
+        return replace(self, between_sd=float("nan"), unreached_sd=0.0, form=Form())
+
+    def centre(self, draws: Array) -> float:
+        """The median that is reported of draws (n,)."""
+        middle = float(np.median(draws))
+        return middle * math.exp(self.form.shift) if self.relative else middle + self.form.shift
 
     def interval(self, draws: Array, level: float = 0.9) -> tuple[float, float]:
-        """Central interval (low, high) of the draws (n,) with all three variances."""
+        """Central interval (low, high) of the draws (n,) with all variances."""
         tail = 0.5 * (1.0 - level)
         x = np.log(draws) if self.relative else draws
         low, middle, high = np.quantile(x, [tail, 0.5, 1.0 - tail])
+        below, above = (self.form.ratio * (middle - low), self.form.ratio * (high - middle))
+        middle = middle + self.form.shift
         between = 0.0 if math.isnan(self.between_sd) else self.between_sd
         normal = float(stats.norm.isf(tail))
-        own = (high - low) / (2.0 * normal)
-        total = own**2 + between**2 + self.unreached_sd**2
+        others = between**2 + self.unreached_sd**2 + self.form.spread**2
+        total = ((below + above) / (2.0 * normal)) ** 2 + others
         if total == 0.0 or not math.isfinite(total):
             return float(np.quantile(draws, tail)), float(np.quantile(draws, 1.0 - tail))
         freedom = self.freedom * total**2 / between**4 if between > 0.0 else math.inf
         student = float(stats.t.isf(tail, freedom)) if math.isfinite(freedom) else normal
-        added = (between**2 + self.unreached_sd**2) * normal**2
+        added = others * normal**2
         factor = student / normal
-        below = middle - factor * math.hypot(middle - low, added**0.5)
-        above = middle + factor * math.hypot(high - middle, added**0.5)
+        below = middle - factor * math.hypot(below, added**0.5)
+        above = middle + factor * math.hypot(above, added**0.5)
         return (math.exp(below), math.exp(above)) if self.relative else (float(below), float(above))
 
 
@@ -118,18 +150,59 @@ def _step_mm(loop: Loop) -> float:
 def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -> dict[str, Widening]:
     """By name, for every reported quantity of the tests `loops`, at the most probable point z (ndim,)."""
     tests = len(problem.loops)
-    without = left_out_optima(problem, z) if tests > 1 else z[None]
-    found = quantities(problem, np.concatenate([z[None], without]), loops)
+    plain, bent = _judged(problem, z, loops), bent_form(problem, z)
+    beside = None if bent is None else _judged(bent.problem, bent.z, loops)
+    weight = 0.0 if bent is None else bent.weight
     reach = reach_of(problem, z)
     unreached = {} if reach is None else _unreached(problem, z, reach)
     out = {}
-    for name, quantity in found.items():
-        values = quantity.values
-        relative = bool(np.all(values > 0.0))
-        x = np.log(values) if relative else values
-        between = SHARED * float(np.sqrt(jackknife_variance(x[1:]))) if tests > 1 else float("nan")
+    for name, own in plain.items():
+        other = own if beside is None else beside[name]
+        relative = own.relative and other.relative
+        a, b = (x if relative else x.plain() for x in (own, other))
+        between = math.sqrt((1.0 - weight) * a.between_sd**2 + weight * b.between_sd**2)
+        form = Form(
+            weight,
+            weight * (b.value - a.value),
+            math.sqrt(1.0 - weight + weight * (b.sd / a.sd) ** 2) if a.sd > 0.0 else 1.0,
+            math.sqrt(weight * (1.0 - weight)) * abs(b.value - a.value),
+        )
         sd, why = unreached.get(name, (0.0, ""))
-        out[name] = Widening(between, sd if relative else sd * float(values[0]), max(tests - 1, 1), relative, why)
+        sd = sd if relative else sd * own.plain().value
+        out[name] = Widening(between, sd, max(tests - 1, 1), relative, why, form)
+    return out
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """One number at an optimum: its value, standard deviation to first order and between tests; of its logarithm
+    where `relative`."""
+
+    value: float
+    sd: float
+    between_sd: float
+    relative: bool
+
+    def plain(self) -> _Judged:
+        """The same of the number itself."""
+        if not self.relative:
+            return self
+        value = math.exp(self.value)
+        return _Judged(value, self.sd * value, self.between_sd * value, False)
+
+
+def _judged(problem: Problem, z: Array, loops: Sequence[Loop] | None) -> dict[str, _Judged]:
+    """Every reported quantity at the most probable point z (ndim,)."""
+    tests, n, root = len(problem.loops), problem.ndim, laplace_scale(problem, z)
+    without = left_out_optima(problem, z) if tests > 1 else z[None]
+    found = quantities(problem, np.concatenate([z[None], z + _STEP * np.eye(n), z - _STEP * np.eye(n), without]), loops)
+    out = {}
+    for name, quantity in found.items():
+        relative = bool(np.all(quantity.values > 0.0))
+        x = np.log(quantity.values) if relative else quantity.values
+        sd = float(np.linalg.norm(root.T @ (x[1 : n + 1] - x[n + 1 : 2 * n + 1]) / (2.0 * _STEP)))
+        between = SHARED * float(np.sqrt(jackknife_variance(x[2 * n + 1 :]))) if tests > 1 else float("nan")
+        out[name] = _Judged(float(x[0]), sd, between, relative)
     return out
 
 

@@ -64,7 +64,7 @@ class Posterior:
     >>> bi.simulate_campaign(plan, seed=1).write(folder)
     >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
     >>> spring = next(row for row in posterior.summary() if row.name == "kp_N_mm")
-    >>> spring.unit, bool(spring.low_90 < spring.q50 < spring.high_90)
+    >>> spring.unit, bool(spring.low_90 < spring.value < spring.high_90)
     ('N/mm', True)
     >>> posterior.to_dataframe()["kp_N_mm"].shape == (posterior.flat_z().shape[0],)
     True
@@ -173,11 +173,11 @@ class Posterior:
 
     @cached_property
     def widenings(self) -> dict[str, Widening]:
-        """What adds to the posterior's interval of each reported quantity: between-test variance and reach."""
+        """What adds to the posterior's interval of each quantity: a bent form, between-test variance, reach."""
         return widenings(self.problem, self.point.z, self.loops)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
-        """The interval that is reported of a quantity: the posterior's with the between-test variance and reach.
+        """The interval that is reported of a quantity: with a bent form, between-test variance and reach.
 
         Parameters
         ----------
@@ -196,12 +196,21 @@ class Posterior:
         KeyError
             no quantity of this name.
         """
-        values = self.quantities()[name].values
-        kept = values[np.isfinite(values)]
-        widening = self.widenings[name]
-        if not len(kept) or (widening.relative and np.any(kept <= 0.0)):
-            widening = replace(widening, relative=False, between_sd=float("nan"), unreached_sd=0.0)
+        kept, widening = self._reported(name)
         return widening.interval(kept, level) if len(kept) else (float("nan"), float("nan"))
+
+    def centre(self, name: str) -> float:
+        """The value that is reported of a quantity: the median, moved as far as a bent form moves it."""
+        kept, widening = self._reported(name)
+        return widening.centre(kept) if len(kept) else float("nan")
+
+    def _reported(self, name: str) -> tuple[Array, Widening]:
+        """A quantity's finite draws (n,), and what widens their interval; nothing where logarithms cannot be taken."""
+        values = self.quantities()[name].values
+        kept, widening = values[np.isfinite(values)], self.widenings[name]
+        if widening.relative and np.any(kept <= 0.0):
+            widening = replace(widening.alone(), relative=False)
+        return kept, widening
 
     def by_steps(self, values: Array) -> Array:
         """Values (n,) in the order of flat_z() as (chains, steps, walkers), as the diagnostics take them."""
@@ -221,9 +230,9 @@ class Posterior:
         Returns
         -------
         tuple of SummaryRow
-            name, unit, mean, sd, q05, q50, q95 of the draws; low_90, high_90, which also count what
-            differs between tests (:mod:`bayes_iwan.inference.intervals`); R-hat and effective sizes, nan for what is
-            fixed.
+            name, unit, mean, sd, q05, q50, q95 of the draws; value, low_90, high_90, which also count what a bent form
+            says and what differs between tests (:mod:`bayes_iwan.inference.intervals`); R-hat and effective sizes, nan
+            for what is fixed.
         """
         rows = []
         d = self.diagnostics
@@ -243,6 +252,7 @@ class Posterior:
                     float(d.ess_tail[i]),
                     float(d.r_hat[i]),
                     self.widenings[name].between_sd * (float(middle) if self.widenings[name].relative else 1.0),
+                    self.centre(name),
                     *self.interval(name),
                     self.widenings[name].reach,
                 )

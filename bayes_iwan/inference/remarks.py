@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
 #: share of the friction force above which a misfit is called large
 LARGE_MISFIT = 0.03
+#: probability of the bent form above which it is said to be favoured
+LIKELY_BENT = 0.5
 #: prior standard scores beyond which a median is said to lie at the end of its prior
 AT_THE_END = 3.0
 #: ... or that its 90 % interval ends so near a bound of the prior, over the interval's width
@@ -24,6 +26,12 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
         out.append("Quick: Laplace's approximation about the most probable point, not sampled; a first result only.")
     elif not posterior.converged:
         out.append(f"The chains have not converged ({posterior.message}); read every interval as too narrow.")
+    weight = max((w.form.weight for w in posterior.widenings.values()), default=0.0)
+    if weight > LIKELY_BENT:
+        out.append(
+            f"The loops favour a model whose form bends a little (probability {min(weight, 0.999):.2g}): the values "
+            "and intervals reported count it by that, draws and their quantiles are the plain model's."
+        )
     misfit = posterior.misfit()
     if misfit.share > LARGE_MISFIT:
         out.append(

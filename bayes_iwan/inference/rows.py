@@ -21,8 +21,9 @@ class SummaryRow:
     """One line of summary.csv.
 
     q05, q50, q95 : the posterior's own quantiles. between_sd : standard deviation between tests, each left out in turn.
-    low_90, high_90 : the 90 % interval with the between-test variance, and with what no loop reaches; reach : why a
-    value is extrapolated, and what determines it (see :mod:`.intervals`).
+    value, low_90, high_90 : median and 90 % interval that are reported, with what a bent form says, the between-test
+    variance and what no loop reaches; reach : why a number is extrapolated, and what determines it
+    (see :mod:`.intervals`).
     """
 
     name: str
@@ -36,6 +37,7 @@ class SummaryRow:
     ess_tail: float
     r_hat: float
     between_sd: float
+    value: float
     low_90: float
     high_90: float
     reach: str

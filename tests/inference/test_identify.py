@@ -96,7 +96,7 @@ def test_files_are_what_was_promised(run):
     posterior, out = run
     with open(out / "summary.csv", newline="") as file:
         table = list(csv.reader(file))
-    columns = "name,unit,mean,sd,q05,q50,q95,ess_bulk,ess_tail,r_hat,between_sd,low_90,high_90,reach"
+    columns = "name,unit,mean,sd,q05,q50,q95,ess_bulk,ess_tail,r_hat,between_sd,value,low_90,high_90,reach"
     assert table[0] == columns.split(",")
     names = [row[0] for row in table[1:]]
     energies = [f"dissipated_energy_mJ[{x.file}]" for x in posterior.loops]

@@ -4,10 +4,22 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference.intervals import SHARED, Widening, between_draws, reach_of, widenings, with_between_tests
+from bayes_iwan.inference.bent import bent_form
+from bayes_iwan.inference.discrepancy import on_phases
+from bayes_iwan.inference.intervals import (
+    SHARED,
+    Form,
+    Widening,
+    between_draws,
+    reach_of,
+    widenings,
+    with_between_tests,
+)
 from bayes_iwan.inference.jackknife import jackknife_variance, left_out_optima
 from bayes_iwan.inference.point import most_probable
 from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.physics import Model
+from bayes_iwan.physics.embedded import NAMES, TILT_NAMES
 
 SIMPLE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
 
@@ -100,3 +112,50 @@ def test_every_quantity_is_widened_and_the_low_tail_is_extrapolated(simple):
     assert found["k1_N_mm"].unreached_sd == pytest.approx(reach_of(problem, z).share)
     assert found["slip_force_q05_N"].unreached_sd > found["slip_force_q50_N"].unreached_sd
     assert found["kp_N_mm"].unreached_sd == 0.0 and found["kp_N_mm"].reach == ""
+
+
+def test_two_forms_are_averaged_as_a_mixture_of_two_normals():
+    """Centre and variance of a mixture: w·δ, and the mean variance plus w(1 − w)·δ²."""
+    w, sd, other, apart = 0.3, 1.0, 2.0, 1.5
+    form = Form(w, w * apart, np.sqrt(1.0 - w + w * (other / sd) ** 2), np.sqrt(w * (1.0 - w)) * apart)
+    x = 10.0 + stats.norm.ppf((np.arange(9999) + 0.5) / 9999)
+    widening = Widening(0.0, 0.0, 3, False, "", form)
+    total = np.sqrt((1.0 - w) * sd**2 + w * other**2 + w * (1.0 - w) * apart**2)
+    np.testing.assert_allclose(widening.interval(x), 10.0 + w * apart + total * stats.norm.ppf([0.05, 0.95]), atol=0.01)
+    assert widening.centre(x) == pytest.approx(10.0 + w * apart)
+    assert widening.alone().interval(x) == pytest.approx(tuple(np.quantile(x, [0.05, 0.95])), abs=1e-3)
+
+
+def with_noise(problem, force_N, seed):
+    """The same problem on other loops, with noise as the records' repeatability says."""
+    rng = np.random.default_rng(seed)
+    noise = np.array([np.where(np.isfinite(x.noise_N), x.noise_N, 0.0) for x in problem.loops])
+    parts = rng.standard_normal((2, *noise.shape)) * noise
+    return problem.with_force(force_N + on_phases(parts, force_N.shape[-1]))
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.25])
+def test_a_bent_specimen_is_told_from_a_straight_one(simple, tilt):
+    """Loops of slip forces that are no gamma's: the bent form is the likely one, and moves numbers towards the truth."""
+    problem, z = simple
+    model = Model(problem.scales.reference, "gamma1", "constant", "constant", embedded=True)
+    values = {k: v for k, v in problem.parameter_values(z[None]).items()}
+    truth = values | {name: np.zeros(1) for name in NAMES} | {TILT_NAMES[1]: np.full(1, tilt)}
+    made = with_noise(problem, model.force(truth, problem.motion)[0], 4)
+    optimum = most_probable(made, z[None])[0][0]
+    bent, found = bent_form(made, optimum), widenings(made, optimum)
+    kp = truth["kp_N_mm"][0]
+    plain = made.parameter_values(optimum[None])["kp_N_mm"]
+    if tilt:
+        assert bent.weight > 0.99
+        assert abs(found["kp_N_mm"].centre(plain) / kp - 1.0) < 0.5 * abs(plain[0] / kp - 1.0)
+    else:
+        assert bent.weight < 0.5
+        assert abs(found["kp_N_mm"].centre(plain) / kp - 1.0) < 1e-3
+
+
+def test_only_a_plain_iwan_model_has_a_bent_form(simple):
+    problem, z = simple
+    bent = bent_form(problem, z)
+    assert bent.problem.ndim == problem.ndim + len(NAMES)
+    assert bent_form(bent.problem, bent.z) is None

@@ -158,11 +158,12 @@ def determined(section: Section, posterior: Posterior) -> None:
         if n in posterior.widenings
     ]
     section.table(
-        ("quantity", "median", "90 % from", "to", "posterior alone", "reach"),
+        ("quantity", "value", "90 % from", "to", "posterior alone", "reach"),
         rows,
-        "Quantities that the loops determine, as in summary.csv. The interval to quote adds to the posterior's how far "
-        "the value moves when one test after the other is left out (delete-one-test jackknife) and, for what is "
-        "extrapolated, the share of contacts that no loop resolves.",
+        "Quantities that the loops determine, as in summary.csv. Value and interval to quote are of two models, the "
+        "one that was sampled and one whose form may bend a little, averaged by how well they explain the loops. The "
+        "interval adds how far the number moves when one test after the other is left out (delete-one-test jackknife) "
+        "and, for numbers that are extrapolated, the share of contacts that no loop resolves.",
     )
     bends = _bends(posterior)
     section.figure(

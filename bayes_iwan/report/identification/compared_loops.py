@@ -15,11 +15,11 @@ from bayes_iwan.report.identification.predictive import Predictive
 
 @dataclass(frozen=True)
 class Compared:
-    """One quantity of a test: measured, predicted (median and the interval of summary.csv), and the 90 % range in which
+    """One quantity of a test: measured, predicted (value and interval of summary.csv), and the 90 % range in which
     a repeated measurement is expected."""
 
     measured: float
-    median: float
+    value: float
     low_90: float
     high_90: float
     repeat_q05: float
@@ -58,7 +58,7 @@ def compared_loops(posterior: Posterior, p: Predictive) -> tuple[LoopRow, ...]:
     def compared(name: str, seen: Array, repeated: Array, t: int) -> Compared:
         at = f"{name}[{p.loops[t].file}]"
         repeat = (float(q) for q in np.quantile(repeated[:, t], [0.05, 0.95]))
-        return Compared(float(seen[t]), float(np.median(found[at].values)), *posterior.interval(at), *repeat)
+        return Compared(float(seen[t]), posterior.centre(at), *posterior.interval(at), *repeat)
 
     return tuple(
         LoopRow(

@@ -48,10 +48,9 @@ def interval(draws: Array, level: float = 0.9) -> tuple[str, str, str]:
 
 
 def reported(posterior: Posterior, name: str) -> tuple[str, str, str]:
-    """Median and the reported 90 % interval of a quantity, as in summary.csv, with the digits that it deserves."""
+    """The reported value and 90 % interval of a quantity, as in summary.csv, with the digits that it deserves."""
     low, high = posterior.interval(name)
-    values = posterior.quantities()[name].values
-    middle = float(np.median(values[np.isfinite(values)])) if np.any(np.isfinite(values)) else float("nan")
+    middle = posterior.centre(name)
     return number(middle, high - low), number(low, high - low), number(high, high - low)
 
 
@@ -79,7 +78,7 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
         text = "{} [{}, {}] {}".format(*reported(posterior, p.name), p.unit if p.unit != "-" else "")
         side.text(0.0, i, text, va="center", fontsize=7.5)
         side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", fontsize=7.5, color=color)
-    side.text(0.0, -1.0, "median [reported 90 % interval]", va="center", fontsize=7.5, weight="bold")
+    side.text(0.0, -1.0, "value [90 % interval], as reported", va="center", fontsize=7.5, weight="bold")
     side.text(1.0, -1.0, "contraction", va="center", ha="right", fontsize=7.5, weight="bold")
     side.set_xlim(0, 1)
     side.axis("off")

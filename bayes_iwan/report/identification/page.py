@@ -236,7 +236,7 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, tests: Sequen
             width = x.high_90 - x.low_90
             cells += [
                 number(x.measured, width),
-                f"{number(x.median, width)} [{number(x.low_90, width)}, {number(x.high_90, width)}]",
+                f"{number(x.value, width)} [{number(x.low_90, width)}, {number(x.high_90, width)}]",
             ]
         shown.append((*cells, f"{100 * row.residual_share:.2f} %"))
     section.table(
@@ -358,7 +358,7 @@ def _priors(section: Section, posterior: Posterior) -> None:
     if not derived:
         return
     section.table(
-        ("parameter", "unit", "median", "90 % from", "to"),
+        ("parameter", "unit", "value", "90 % from", "to"),
         [(paper_symbol(name), x.unit, *reported(posterior, name)) for name, x in derived.items()],
         "The paper's parameters (single gamma components and k̃ₙ, λ near β = 0 are hardly determined one by one)"
         if isinstance(posterior.problem.model, Model)

@@ -44,13 +44,25 @@ def parameters_table(posterior: Posterior) -> Table:
             p.unit,
             p.description,
             *spread(values[p.name]),
+            posterior.centre(p.name),
             *posterior.interval(p.name),
             p.prior_text(),
             float(c),
         )
         for p, c in zip(prior.free, shrunk)
     )
-    columns = ("name", "symbol", "unit", "description", *_STATISTICS, "low_90", "high_90", "prior", "contraction")
+    columns = (
+        "name",
+        "symbol",
+        "unit",
+        "description",
+        *_STATISTICS,
+        "value",
+        "low_90",
+        "high_90",
+        "prior",
+        "contraction",
+    )
     return Table("parameters", "Sampled parameters", columns, rows)
 
 
@@ -67,17 +79,18 @@ def quantities_table(posterior: Posterior) -> Table:
             name,
             q.unit,
             *spread(np.asarray(q.values, dtype=float)),
+            posterior.centre(name),
             *posterior.interval(name),
             posterior.widenings[name].reach,
         )
         for name, q in posterior.quantities().items()
     )
-    columns = ("name", "unit", *_STATISTICS, "low_90", "high_90", "reach")
+    columns = ("name", "unit", *_STATISTICS, "value", "low_90", "high_90", "reach")
     return Table("quantities", "Reported quantities", columns, rows)
 
 
 def loops_table(loops: Sequence[LoopRow]) -> Table:
-    """Per test: energy, stiffness and loss factor measured, predicted (median and the interval of summary.csv) and
+    """Per test: energy, stiffness and loss factor measured, predicted (value and interval of summary.csv) and
     where a repeated measurement is expected; RMS residual."""
     columns = ["file", "test", "role", "rms_residual_N", "residual_share_of_friction"]
     for name in ("energy_mJ", "stiffness_N_mm", "loss_factor"):
