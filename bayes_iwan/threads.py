@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, partial
+from typing import TypeVar
 
 import numba as nb
 
@@ -14,6 +15,9 @@ import numba as nb
 CHUNK = 1 << 16
 #: fewer samples than this are not worth a second thread
 ALONE = 1 << 14
+
+
+Result = TypeVar("Result")
 
 
 @cache
@@ -37,3 +41,22 @@ def over_draws(work: Callable[[slice], None], draws: int, samples: int) -> None:
             work(part)
     else:
         deque(_pool(threads, os.getpid()).map(work, parts), maxlen=0)
+
+
+@cache
+def _side_by_side(threads: int, process: int) -> ThreadPoolExecutor:
+    """Threads whose own calls of :func:`over_draws` stay on one thread."""
+    alone = partial(nb.set_num_threads, 1)
+    return ThreadPoolExecutor(threads, thread_name_prefix="blocks", initializer=alone)
+
+
+def side_by_side(work: Callable[[slice], Result], rows: int, size: int) -> Sequence[Result]:
+    """work(part) for parts of range(rows), `size` rows each but the last, in their order.
+
+    The parts, and with them every rounding, are the same however many threads there are.
+    """
+    parts = [slice(first, min(first + size, rows)) for first in range(0, rows, size)]
+    threads = nb.get_num_threads()
+    if threads == 1 or len(parts) == 1:
+        return [work(part) for part in parts]
+    return list(_side_by_side(threads, os.getpid()).map(work, parts))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +15,10 @@ from bayes_iwan.inference.problem import Problem
 from bayes_iwan.inference.quantities import sampled_and_derived
 from bayes_iwan.inference.settings import SamplingSettings
 from bayes_iwan.physics.parameter import Z_LIMIT
+from bayes_iwan.sampling.branches import Optimum
+from bayes_iwan.sampling.checkpoint import read_checkpoint
 from bayes_iwan.sampling.ensembles import Chains, sample
-from bayes_iwan.sampling.importance import Optimum, sample_independently
+from bayes_iwan.sampling.importance import METHOD, sample_independently
 from bayes_iwan.sampling.run import CROWD, POWERS
 from bayes_iwan.sampling.walkers import enough_walkers
 
@@ -38,7 +42,16 @@ def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Arr
     return names, parameter_values if names else None
 
 
-def independent_chains(problem: Problem, point: Point, s: SamplingSettings, seed: int, progress: bool) -> Chains | None:
+def independent_chains(
+    problem: Problem,
+    point: Point,
+    s: SamplingSettings,
+    seed: int,
+    checkpoint: Path | None,
+    origin: Mapping[str, str],
+    resume: bool,
+    progress: bool,
+) -> Chains | None:
     """Independent proposals about the maxima that were found; None where they do not fit this posterior."""
     held, coarse = problem.noise_columns, problem.coarser()
     optima = []
@@ -61,6 +74,9 @@ def independent_chains(problem: Problem, point: Point, s: SamplingSettings, seed
         seed=seed,
         quantities=parameter_values,
         quantity_names=names,
+        checkpoint=checkpoint,
+        fingerprint=problem.fingerprint() | dict(origin),
+        resume=resume,
         n_chains=s.ensembles,
         budget_s=s.budget_s,
         max_steps=s.max_steps,
@@ -103,3 +119,31 @@ def ensemble_chains(
         progress=progress,
         resume=resume,
     )
+
+
+def sampled(
+    problem: Problem,
+    point: Point,
+    s: SamplingSettings,
+    seed: int,
+    checkpoint: Path | None,
+    origin: Mapping[str, str],
+    resume: bool,
+    progress: bool,
+) -> Chains:
+    """Independent proposals where they fit, else ensembles, in the time that is left; a checkpoint is gone on from by
+    the way of sampling that wrote it."""
+    began = time.monotonic()
+    ours = checkpoint is None or not checkpoint.exists() or _independent(checkpoint)
+    if s.method == "auto" and ours:
+        chains = independent_chains(problem, point, s, seed, checkpoint, origin, resume, progress)
+        if chains is not None:
+            return chains
+    left = replace(s, budget_s=max(s.budget_s - (time.monotonic() - began), 0.0))
+    return ensemble_chains(problem, point, left, seed, checkpoint, origin, resume, progress)
+
+
+def _independent(checkpoint: Path) -> bool:
+    """Was this checkpoint written by independent proposals?"""
+    stored, _, _ = read_checkpoint(checkpoint, ())
+    return METHOD.items() <= stored.items()

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 from bayes_iwan import executors
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.inference import results
-from bayes_iwan.inference.chains import ensemble_chains, independent_chains
+from bayes_iwan.inference.chains import sampled
 from bayes_iwan.inference.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.point import Point, find_point, laplace_scale
 from bayes_iwan.inference.posterior import Posterior
@@ -246,12 +246,8 @@ def identify_problem(
     located = time.monotonic()
     # threads do nothing for the small matrices of a sampler's step but wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
-        chains = None
-        if settings.sampling.method == "auto" and not (checkpoint is not None and checkpoint.exists()):
-            chains = independent_chains(problem, point, settings.sampling, seed, progress)
-        if chains is None:
-            origin = _origin(settings.search, simulator_file)
-            chains = ensemble_chains(problem, point, settings.sampling, seed, checkpoint, origin, resume, progress)
+        origin = _origin(settings.search, simulator_file)
+        chains = sampled(problem, point, settings.sampling, seed, checkpoint, origin, resume, progress)
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
     timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}

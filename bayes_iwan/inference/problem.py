@@ -21,6 +21,7 @@ from bayes_iwan.inference.scales import scales_of
 from bayes_iwan.inference.settings import ModelSettings
 from bayes_iwan.physics import Model, ModelError, Motion, Scales, Simulator
 from bayes_iwan.physics.motion import motion_of
+from bayes_iwan.physics.parameter import Z_LIMIT
 from bayes_iwan.physics.simulator import FORCE_ZERO, OUTER, Station, force_zero, inner_effects, offered, recorded_force
 
 #: samples of a loop that a proposal needs; with 64 it is worth as much as with 128
@@ -154,16 +155,19 @@ class Problem:
     def log_prob_of_noise(self, z: Array, noise: Array) -> Array:
         """Log posterior density (draws, count) with noise parameters (draws, count, noise) in the place of z's own;
         the prediction of each z serves all of them."""
-        draws, count, _ = noise.shape
-        every = np.repeat(z, count, axis=0)
-        every[:, self.noise_columns] = noise.reshape(draws * count, -1)
-        values = {p.name: p.value(every[:, i]) for i, p in enumerate(self.prior.free) if i in self.noise_columns}
-        fixed = {p.name: p for p in self.likelihood.parameters if p.name not in values}
-        values |= {name: np.repeat(x, count) for name, x in self.prior.values(z).items() if name in fixed}
+        still = z.copy()
+        still[:, self.noise_columns] = 0.0
+        prior = self.prior.log_density(still)[:, None] - 0.5 * np.sum(noise**2, axis=2)
+        prior[np.any(np.abs(noise) > Z_LIMIT, axis=2)] = -np.inf
+        drawn = {self.names[i]: noise[:, :, k] for k, i in enumerate(self.noise_columns)}
+        held, values = self.prior.values(z), {}
+        for p in self.likelihood.parameters:
+            source = self.prior[p.name].tied or p.name
+            own = held[p.name][:, None] + np.zeros(noise.shape[:2])
+            values[p.name] = self.prior[source].value(drawn[source]) if source in drawn else own
         with np.errstate(all="ignore"):
-            residual = np.repeat(self.residual(z), count, axis=0)
-            value = self.likelihood.log_likelihood(residual, values) + self.prior.log_density(every)
-        return np.where(np.isfinite(value), value, -np.inf).reshape(draws, count)
+            value = prior + self.likelihood.log_likelihoods(self.residual(z), values)
+        return np.where(np.isfinite(value), value, -np.inf)
 
     def pointwise(self, z: Array) -> Array:
         """Log-likelihood by datum, (draws, points)."""

@@ -16,6 +16,7 @@ A map belongs to one branch: the places that are reached from its optimum. An x 
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -30,7 +31,7 @@ Residuals = Callable[[Array], Array]
 _STEP, TOLERANCE = 1e-6, 1e-3
 _ITERATIONS, _LEAST_PART = 250, 1e-4
 _LONGEST = 1.0  # step of any coordinate
-_SLOW = 0.5  # a step that is off its promise by more than this share of it asks for a fresh Jacobian
+_SLOW = 3.0  # a step that is off its promise by more than this many times its length asks for a fresh Jacobian
 _TUBE = 1.0  # by how much of x a step may be off its promise, on the way
 _TOGETHER = 512  # rows evaluated at a time
 
@@ -55,7 +56,7 @@ class ResidualMap:
     def __init__(self, residuals: Residuals, whiten: Array, optimum: Array, held: NDArray[np.int64]) -> None:
         self._residuals, self.optimum = residuals, optimum
         self.free = np.setdiff1d(np.arange(len(optimum)), held)
-        self.n_evaluations = 0
+        self.n_evaluations, self._lock = 0, threading.Lock()
         _, slope = self._jacobian(optimum[None], residuals)
         q, r = np.linalg.qr(np.concatenate([whiten.T @ slope[0], np.eye(len(self.free))]))
         sign = np.where(np.diag(r) < 0.0, -1.0, 1.0)
@@ -65,7 +66,8 @@ class ResidualMap:
 
     def values(self, z: Array) -> Array:
         """QᵀF (n, free) at z (n, ndim)."""
-        self.n_evaluations += len(z)
+        with self._lock:
+            self.n_evaluations += len(z)
         parts = [self._values(z[i : i + _TOGETHER]) for i in range(0, len(z), _TOGETHER)]
         return np.concatenate(parts) if parts else np.empty((0, len(self.free)))
 

@@ -136,7 +136,7 @@ def with_noise(problem, force_N, seed):
 
 @pytest.mark.parametrize("tilt", [0.0, 0.25])
 def test_a_bent_specimen_is_told_from_a_straight_one(simple, tilt):
-    """Loops of slip forces that are no gamma's: the bent form is the likely one, and moves numbers towards the truth."""
+    """Loops of slip forces that are no gamma's: the bent form is the likely one, and moves kp towards the truth."""
     problem, z = simple
     model = Model(problem.scales.reference, "gamma1", "constant", "constant", embedded=True)
     values = {k: v for k, v in problem.parameter_values(z[None]).items()}

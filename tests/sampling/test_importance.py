@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from bayes_iwan.sampling.branches import Optimum
 from bayes_iwan.sampling.ensembles import Stop
-from bayes_iwan.sampling.importance import Optimum, sample_independently
+from bayes_iwan.sampling.importance import sample_independently
 from bayes_iwan.sampling.residual_map import ResidualMap
 
 NONE = np.empty(0, dtype=np.int64)
