@@ -2,6 +2,7 @@
 
 import csv
 import json
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import write_campaign
-from bayes_iwan.inference import results
+from bayes_iwan.inference import chains, results
 from bayes_iwan.inference.config import ConfigError, settings_of
 from bayes_iwan.inference.identify import (
     FrequencyError,
@@ -22,7 +23,7 @@ from bayes_iwan.inference.identify import (
 from bayes_iwan.inference.point import find_point, goal_share, starting_population
 from bayes_iwan.inference.problem import Problem, make_problem
 from bayes_iwan.inference.results import ResultsError
-from bayes_iwan.inference.settings import SearchSettings
+from bayes_iwan.inference.settings import SamplingSettings, SearchSettings
 from bayes_iwan.physics import Model
 from bayes_iwan.sampling.checkpoint import CheckpointError
 
@@ -308,3 +309,35 @@ def test_each_search_has_a_population_and_a_maximum_of_its_own(run):
     assert not np.array_equal(point.each_z[0], point.each_z[1])
     stored = json.loads((out / "point.json").read_text())
     assert len(stored["most_probable"]["best_log_prob_of_each_search"]) == 2
+
+
+def test_independent_proposals_go_on_from_their_checkpoint(small_loops, tmp_path):
+    """Stopped by the clock after the first block and resumed: the draws of an uninterrupted run, to the bit."""
+    sampling = SMALL["sampling"] | {"method": "auto", "ess": 500}
+    settings = SMALL | {"sampling": sampling}
+    problem = make_problem(small_loops, settings)
+    whole = identify_problem(problem, 1, config=settings, progress=False)
+    short = SMALL | {"sampling": sampling | {"budget_s": 1e-3}}
+    cut = identify_problem(problem, 1, config=short, out=tmp_path, progress=False)
+    assert not cut.converged and "time budget" in cut.message and whole.converged
+    with pytest.raises(CheckpointError, match="method was independent"):
+        identify_problem(problem, 1, config=SMALL, out=tmp_path, resume=True, progress=False)
+    again = identify_problem(problem, 1, config=settings, out=tmp_path, resume=True, progress=False)
+    np.testing.assert_array_equal(again.z, whole.z)
+    assert again.message == whole.message
+
+
+def test_ensembles_get_the_time_that_independent_proposals_left(small_loops, monkeypatch):
+    problem = make_problem(small_loops, SMALL)
+    given = []
+
+    def given_up(*args):
+        time.sleep(0.3)
+
+    def ensembles(problem, point, s, *args):
+        given.append(s.budget_s)
+
+    monkeypatch.setattr(chains, "independent_chains", given_up)
+    monkeypatch.setattr(chains, "ensemble_chains", ensembles)
+    chains.sampled(problem, None, SamplingSettings(budget_s=10.0), 0, None, {}, False, False)
+    assert 9.0 < given[0] <= 9.7

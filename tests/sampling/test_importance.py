@@ -1,9 +1,11 @@
 """Draws by importance from residual maps, on posteriors whose moments a grid gives."""
 
+import numba as nb
 import numpy as np
 import pytest
 
-from bayes_iwan.sampling.branches import Optimum
+from bayes_iwan.sampling.branches import Optimum, Source
+from bayes_iwan.sampling.checkpoint import CheckpointError
 from bayes_iwan.sampling.ensembles import Stop
 from bayes_iwan.sampling.importance import sample_independently
 from bayes_iwan.sampling.residual_map import ResidualMap
@@ -29,9 +31,8 @@ def drawn(residuals, optima, **options):
         NONE,
         limit=7.0,
         names=tuple(f"z{i}" for i in range(len(optima[0]))),
-        seed=3,
         progress=False,
-        **options,
+        **{"seed": 3, **options},
     )
     return chains, None if chains is None else chains.flat()
 
@@ -164,3 +165,74 @@ def test_a_map_leads_back_to_where_it_came_from():
         (place.coordinates((z + step * e)[None]).x - place.coordinates((z - step * e)[None]).x)[0] for e in np.eye(3)
     ]
     assert back.log_det[0] == pytest.approx(np.log(np.linalg.det(np.array(slope) / (2.0 * step))), abs=1e-3)
+
+
+def bent(z):
+    return np.stack([40.0 * (z[:, 1] - z[:, 0] ** 2), 0.5 * (z[:, 0] - 0.3)], axis=1)
+
+
+def test_a_run_that_goes_on_draws_what_an_uninterrupted_one_does(tmp_path):
+    """Stopped by the clock after a block, killed in the middle of writing one, resumed: the same to the bit."""
+    whole, _ = drawn(bent, [[0.05, 0.0025]], target_ess=1500)
+    assert whole.n_steps >= 512
+    file = tmp_path / "chains.ckpt"
+    cut, _ = drawn(bent, [[0.05, 0.0025]], target_ess=1500, checkpoint=file, max_steps=256)
+    assert cut.n_steps == 256
+    file.write_bytes(file.read_bytes()[:-100])  # the last block is lost, the one before is not
+    shorter, _ = drawn(bent, [[0.05, 0.0025]], target_ess=1500, checkpoint=file, resume=True, max_steps=128)
+    assert shorter.n_steps == 128
+    again, _ = drawn(bent, [[0.05, 0.0025]], target_ess=1500, checkpoint=file, resume=True)
+    np.testing.assert_array_equal(again.draws, whole.draws)
+    np.testing.assert_array_equal(again.log_prob, whole.log_prob)
+    assert again.message == whole.message
+    with pytest.raises(CheckpointError, match="seed was 3, is 4"):
+        drawn(bent, [[0.05, 0.0025]], checkpoint=file, resume=True, seed=4)
+
+
+def test_a_run_that_is_given_up_leaves_no_checkpoint(tmp_path):
+    """One draw in hundreds carries the weight: the noise is far from where the optimum says."""
+
+    def held_log_prob(z, held):
+        return -0.5 * np.sum(bent(z) ** 2, axis=1)[:, None] - 0.5 * np.sum(z * z, axis=1)[:, None] + 6.0 * z[:, :1]
+
+    file = tmp_path / "chains.ckpt"
+    optimum = Optimum(np.array([0.05, 0.0025]), 0.0, np.eye(2), np.empty((0, 0)))
+    at = dict(limit=7.0, names=("a", "b"), seed=1, progress=False, checkpoint=file, target_ess=1e5)
+    assert sample_independently(bent, held_log_prob, [optimum], NONE, **at) is None
+    assert not file.exists()
+
+
+def test_proposals_learn_where_the_posterior_is_not_standard_normal():
+    """A posterior that is tilted beside its residuals: the weights of learnt proposals are evener, their mean stays."""
+
+    def residuals(z):
+        return np.stack([np.sinh(z[:, 0]), z[:, 1] + 0.8 * z[:, 0] ** 2 - 1.0], axis=1)
+
+    def log_prob(z, held):
+        return (1.5 * z[:, 0] - 0.5 * np.sum(residuals(z) ** 2, axis=1) - 0.5 * np.sum(z * z, axis=1))[:, None]
+
+    start = np.array([0.0, 0.5])
+    source = Source.of(residuals, log_prob, [Optimum(start, 0.0, np.eye(2), np.empty((0, 0)))], NONE, 7.0)
+
+    def worth(rng):
+        w = np.exp(source.draw(4000, rng)[2])
+        return w.sum() ** 2 / np.sum(w**2) / len(w), w.mean()
+
+    source.heavy = [np.inf]
+    before, evidence = worth(np.random.default_rng(0))
+    assert source.pilot(5)
+    after, again = worth(np.random.default_rng(1))
+    assert after > 1.5 * before
+    assert again == pytest.approx(evidence, rel=0.1)  # the weights' mean, the evidence, is what it was
+
+
+def test_threads_change_nothing():
+    threads = nb.get_num_threads()
+    try:
+        found = []
+        for n in (1, threads):
+            nb.set_num_threads(n)
+            found.append(drawn(bent, [[0.05, 0.0025]])[1])
+    finally:
+        nb.set_num_threads(threads)
+    np.testing.assert_array_equal(*found)
