@@ -53,7 +53,6 @@ def compared_loops(posterior: Posterior, p: Predictive) -> tuple[LoopRow, ...]:
     measured, again = loop_quantities(p.displacement_mm, p.measured_N), loop_quantities(p.displacement_mm, p.loop_N)
     rms = np.std(p.residual_N(), axis=1)
     share = rms / np.std(p.measured_N - p.spring_N, axis=1)
-    found = posterior.quantities()
 
     def compared(name: str, seen: Array, repeated: Array, t: int) -> Compared:
         at = f"{name}[{p.loops[t].file}]"
