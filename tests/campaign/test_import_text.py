@@ -141,6 +141,15 @@ def test_a_very_long_cell_is_refused_at_once(tmp_path, cell):
     assert time.process_time() - began < 5.0
 
 
+@pytest.mark.parametrize("rest", ["0,{{", "0,1;0,", "x"])
+def test_a_last_line_that_is_cut_in_its_first_cell_is_left_out(tmp_path, rest):
+    """Found by fuzzing: the column had been taken for text on account of that line alone."""
+    whole = "t;x;F\n" + rows(";", ",")
+    recording = read(tmp_path, whole + rest)
+    same(recording, ["t", "x", "F"])
+    assert any("cut off" in note for note in recording.notes)
+
+
 def test_a_wrong_layout_is_refused(tmp_path):
     for layout, words in (
         ({"encoding": "utf-99"}, "utf-99"),

@@ -205,6 +205,9 @@ def _numbers(
     for column in text:
         if column == 0 and table[column].map(lambda x: isinstance(x, str) and bool(DATE.fullmatch(x.strip()))).all():
             continue
+        if all(_is_number(x, decimal) for x in table[column]):  # what was none of them went with the last line
+            table[column] = [float(str(x).replace(decimal, ".")) for x in table[column]]
+            continue
         if not any(_is_number(x, decimal) for x in table[column]):
             table[column] = np.nan  # a column of remarks
             continue
