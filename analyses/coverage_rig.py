@@ -197,8 +197,8 @@ def figure(cases: list[dict[str, Any]], names: list[str]) -> Figure:
 
 def table_of(cases: list[dict[str, Any]], form: str) -> dict[str, Any]:
     """Coverage and widths of one form, printed line by line."""
-    late = sum(not c["converged"] for c in cases)
-    print(f"{form}: {len(cases)} cases, {late} posteriors short of convergence")
+    late, walked = sum(not c["converged"] for c in cases), sum(not c.get("independent", True) for c in cases)
+    print(f"{form}: {len(cases)} cases, {late} posteriors short of convergence, {walked} sampled by ensembles")
     table: dict[str, Any] = {"short_of_convergence": late}
     for name in NAMES:
         rows = rows_of(cases, name)
@@ -221,7 +221,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--forms", nargs="+", choices=FORMS, default=["plain"])
-    parser.add_argument("--budget", type=float, default=20.0, help="seconds of sampling for each posterior, at most")
+    parser.add_argument("--budget", type=float, default=60.0, help="seconds of sampling for each posterior, at most")
     parser.add_argument("--laplace", action="store_true", help="normal approximation at the most probable point")
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--out", type=Path, default=Path("coverage"))

@@ -16,9 +16,9 @@ import pytest
 from markupsafe import Markup
 from pypdf import PdfReader
 
+from bayes_iwan.inference.remarks import searches_said
 from bayes_iwan.report import latex_table
 from bayes_iwan.report.identification.marginals import reported
-from bayes_iwan.report.identification.page import searches_said
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import save, subplots
 
@@ -288,5 +288,6 @@ def test_searches_that_disagree_are_said(posterior):
     for gap, agree in ((5.0, False), (0.1, True)):
         point = replace(posterior.point, each_z=np.stack([z, other]), each_log_prob=np.array([0.0, -gap]))
         said, same = searches_said(replace(posterior, point=point))
+        assert (said in replace(posterior, point=point).warnings()) == (not agree)
         assert same == agree and ("kp_N_mm" in said) == (not agree)
     assert "One search only" in searches_said(posterior)[0]

@@ -11,7 +11,7 @@ import numpy as np
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
 from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.remarks import LARGE_MISFIT
+from bayes_iwan.inference.remarks import LARGE_MISFIT, searches_said
 from bayes_iwan.inference.results import load
 from bayes_iwan.inference.rows import ConvergenceRow
 from bayes_iwan.physics import Model
@@ -90,10 +90,6 @@ def report_run(
         found = compare_frequencies(posterior, out, run=per_frequency)
         clear(out, "report.html", "report.pdf", "tables")
         return identification_report(posterior, out, by_frequency=found, pdf=pdf)
-
-
-#: searches whose best log posteriors differ by more have not found the same maximum
-MISSED_NATS = 2.0
 
 
 def _subtitle(posterior: Posterior) -> str:
@@ -323,28 +319,6 @@ def _sampling(
             f"{t.get('steps', 0):.0f} steps of {way}, {t.get('evaluations', 0):.3g} evaluations; point estimate "
             f"{t.get('point_s', 0):.3g} s, sampling {t['sampling_s']:.3g} s."
         )
-
-
-def searches_said(posterior: Posterior) -> tuple[str, bool]:
-    """Whether independent searches found the same maximum, in words, and whether they did."""
-    point = posterior.point
-    count = len(point.each_log_prob)
-    if count < 2:
-        return "One search only: a maximum that it missed would not be seen.", False
-    if point.missed_nats < MISSED_NATS:
-        return (
-            f"{count} searches with populations of their own ended in the same maximum (their best log posteriors "
-            f"differ by {point.missed_nats:.1g})."
-        ), True
-    best, poorest = (point.each_z[int(f(point.each_log_prob))] for f in (np.argmax, np.argmin))
-    values = posterior.problem.prior.values(np.stack([best, poorest]))
-    furthest = [posterior.names[i] for i in np.argsort(-np.abs(best - poorest))[:3]]
-    told = ", ".join(f"{n} {values[n][0]:.4g} against {values[n][1]:.4g}" for n in furthest)
-    return (
-        f"The searches disagree: of {count}, each with a population of its own, one stayed {point.missed_nats:.3g} "
-        f"below the best log posterior, furthest apart in {told}. There are several maxima; another search may find "
-        "one more; the chains started from all that were found."
-    ), False
 
 
 def _priors(section: Section, posterior: Posterior) -> None:
