@@ -191,7 +191,10 @@ class SteepLowpass(ForceLowpass):
 
 class ForceClipping(Effect):
     name = "force_clipping"
-    law = "F/(1 + |F/F_max|^p)^(1/p), softness s = 1/p; s → 0: hard; s = ½: an amplifier's soft saturation"
+    law = (
+        "F/(1 + |F/F_max|^p)^(1/p), softness s = 1/p; s → 0: hard; s = ½: an amplifier's soft saturation; the limit of "
+        "pulling is F_max·e^b, that of pushing F_max·e^−b"
+    )
     strength = ("inverse_limit_1_N", "1/F_max", "1/N", "inverse of the largest force that the channel passes")
     spread = 0.15  # a limit far above the largest force is none
     sudden = True
@@ -210,13 +213,17 @@ class ForceClipping(Effect):
         return {
             "softness": ExtraParameter(
                 "s", "-", "0: hard, ½: soft saturation", stats.lognorm(s=1.0, scale=0.03), 2e-3, 1.0, scan=False
-            )
+            ),
+            "unequal": ExtraParameter(
+                "b", "-", "0: both signs limited alike; else an offset range", about(0.0, 0.2), -1.0, 1.0, scan=False
+            ),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         inverse, soft = self.get(parameter_values, "inverse_limit_1_N"), self.get(parameter_values, "softness")
+        wider = np.exp(np.sign(force_N) * self.get(parameter_values, "unequal"))
         with np.errstate(divide="ignore"):
-            log_ratio = np.log(np.abs(force_N) * inverse)
+            log_ratio = np.log(np.abs(force_N) * inverse / wider)
         over = np.logaddexp(0.0, log_ratio / soft)  # ln(1 + |F/F_max|^p)
         return force_N * np.exp(-soft * over)
 
@@ -224,6 +231,7 @@ class ForceClipping(Effect):
         return {
             "limit_N": (1.0 / values[self.strength_name], "N"),
             "softness": (values[f"{self.name}.softness"], "-"),
+            "unequal": (values[f"{self.name}.unequal"], "-"),
         }
 
 

@@ -9,11 +9,17 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
 from bayes_iwan.effects.spanning import about, power_of
 
+#: damping ratio of the mount of a moving mass
+MOUNT_DAMPING = 0.1
+
 
 class ViscousDamping(Effect):
     name = "viscous_damping"
     # p = 2 is left out: the drag of fluid pushed through a gap is another mechanism
-    law = "c·v_ref·|v/v_ref|^p·sgn v, v_ref the campaign's largest speed; p = 1: a force proportional to velocity"
+    law = (
+        "c·v_ref·|v/v_ref|^p·(sgn v + s), v_ref the campaign's largest speed; p = 1: a force proportional to velocity, "
+        "s = ±1: a valve that damps one way only"
+    )
     strength = ("c_N_s_mm", "c", "N·s/mm", "viscous coefficient (secant, at the campaign's largest speed)")
     physics = (
         "A force that grows with velocity beside the friction: oil, grease, squeezed air, or the matrix of the "
@@ -21,7 +27,8 @@ class ViscousDamping(Effect):
     )
     reference = (
         "Inman, Engineering Vibration, §1.3 (p = 1); Symans & Constantinou, ISET J. Earthq. Technol. 35 (1998) 185; "
-        "Lee & Taylor, Struct. Des. Tall Build. 10 (2001) 311 (fluid dampers are built with p = 0.3 to 1.95)"
+        "Lee & Taylor, Struct. Des. Tall Build. 10 (2001) 311 (fluid dampers are built with p = 0.3 to 1.95); Dixon, "
+        "The Shock Absorber Handbook, ch. 7 (bump and rebound damp differently)"
     )
     signature = "quadrature force at the fundamental ∝ frequency × amplitude; loops grow fatter with frequency"
     look_alikes = ("maxwell_branch", "channel_delay", "force_lowpass", "rate_strengthening", "integration_highpass")
@@ -35,13 +42,17 @@ class ViscousDamping(Effect):
         return {
             "exponent": ExtraParameter(
                 "p", "-", "power of the speed", stats.lognorm(s=0.25, scale=1.0), 0.3, 1.65, scan=False
-            )
+            ),
+            "one_way": ExtraParameter(
+                "s", "-", "difference of rising and falling u over their sum", about(0.0, 0.25), -1.0, 1.0, scan=False
+            ),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         top = self.scales.speed_m_s
         grown = power_of(motion.speed_m_s / top, self.get(parameter_values, "exponent"))
-        return force_N + (self.get(parameter_values, "c_N_s_mm") * 1e3 * top) * np.sign(motion.velocity_m_s) * grown
+        way = np.sign(motion.velocity_m_s) + self.get(parameter_values, "one_way")
+        return force_N + (self.get(parameter_values, "c_N_s_mm") * 1e3 * top) * way * grown
 
 
 class MaxwellBranch(Effect):
@@ -100,14 +111,14 @@ class MaxwellBranch(Effect):
 
 class MovingMass(Effect):
     name = "moving_mass"
-    law = "m·ü"
+    law = "m·ü/(1 − r² + 2iζr), r = f/f_m of the mount that holds the mass, ζ = 0.1; f_m → ∞: m·ü of a rigid one"
     strength = ("m_kg", "m", "kg", "mass between specimen and force cell")
     order = 1
     physics = (
         "Whatever moves between the specimen and the cell's sensing element, fixture and part of the specimen "
         "included, needs a force m·ü that the cell reads as if the specimen made it."
     )
-    reference = "Ewins, Modal Testing, §3.4 (mass cancellation)"
+    reference = "Ewins, Modal Testing, §3.4 (mass cancellation); Inman, Engineering Vibration, §2.4 (base excitation)"
     signature = "in-phase force falling with frequency squared; no work"
     look_alikes = ("maxwell_branch",)
     bench = "a run of the bare fixture; a known mass added"
@@ -116,13 +127,32 @@ class MovingMass(Effect):
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N * self.scales.length_mm * 1e-3 / self.scales.speed_m_s**2
 
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        top_hz = 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm)
+        return {
+            "period_s": ExtraParameter(
+                "1/f_m", "s", "natural period of the mass on its mount", stats.halfnorm(scale=0.25 / top_hz)
+            )
+        }
+
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        return force_N + self.get(parameter_values, "m_kg") * motion.acceleration_m_s2
+        period = self.get(parameter_values, "period_s")
+
+        def response(f: Array) -> Array:
+            r = f * period
+            return 1.0 / (1.0 - r * r + 2j * MOUNT_DAMPING * r)
+
+        return force_N + self.get(parameter_values, "m_kg") * filtered(
+            motion.acceleration_m_s2, motion.frequency_hz, response
+        )
 
 
 class QuadraticStiffness(Effect):
     name = "quadratic_stiffness"
-    law = "k₂·ℓ²·|u/ℓ|^n, ℓ the campaign's largest amplitude; n = 2: quadratic"
+    law = (
+        "k₂·ℓ²·|u/ℓ|^n·(1 + b·sgn u), ℓ the campaign's largest amplitude; n = 2: quadratic, b = ±1: on one side alone, "
+        "n → 1: two slopes"
+    )
     strength = ("k2_N_mm2", "k₂", "N/mm²", "quadratic stiffness (the force at u = ℓ over ℓ²)")
     signed = True
     physics = "The parallel spring is asymmetric: coils that touch on one side, or a preload off the middle."
@@ -136,12 +166,18 @@ class QuadraticStiffness(Effect):
         return 0.1 * self.scales.slip_N / self.scales.length_mm**2
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        return {"exponent": ExtraParameter("n", "-", "power of |u|", about(2.0, 0.4), 1.05, 2.95, scan=False)}
+        return {
+            "exponent": ExtraParameter("n", "-", "power of |u|", about(2.0, 0.4), 1.05, 2.95, scan=False),
+            "one_sided": ExtraParameter(
+                "b", "-", "0: both sides alike, ±1: one side alone", about(0.0, 0.4), -1.2, 1.2, scan=False
+            ),
+        }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        length = self.scales.length_mm
-        grown = power_of(motion.displacement_mm / length, self.get(parameter_values, "exponent"))
-        return force_N + (self.get(parameter_values, "k2_N_mm2") * length**2) * grown
+        length, u = self.scales.length_mm, motion.displacement_mm
+        grown = power_of(u / length, self.get(parameter_values, "exponent"))
+        side = 1.0 + self.get(parameter_values, "one_sided") * np.sign(u)
+        return force_N + (self.get(parameter_values, "k2_N_mm2") * length**2) * grown * side
 
 
 class CubicStiffness(Effect):
@@ -171,14 +207,15 @@ class CubicStiffness(Effect):
 
 
 class _Contact(Effect):
-    """A contact beyond a clearance: k·p·(d/p)^e of the way d into it, its secant stiffness k at d = p, a tenth of ℓ."""
+    """A contact beyond a clearance: k·p·(d/p)^e·(1 + λ ḋ) of the way d into it, its secant stiffness k at d = p, a
+    tenth of ℓ."""
 
     name = "end_stop"
     sudden = True
     physics = "Beyond a displacement the moving part meets a stop, a coil closes, or the rope's end is reached."
     reference = (
         "Shaw & Holmes, J. Sound Vib. 90 (1983) 129 (e = 1); Johnson, Contact Mechanics, ch. 4, and Hunt & Crossley, "
-        "J. Appl. Mech. 42 (1975) 440 (e = 3/2 for round bodies)"
+        "J. Appl. Mech. 42 (1975) 440 (e = 3/2 for round bodies; the loss)"
     )
     look_alikes = ("cubic_stiffness", "quadratic_stiffness")
     bench = "amplitudes just below and above the clearance"
@@ -207,16 +244,25 @@ class _Contact(Effect):
                 2.5,
                 scan=False,
             ),
+            "loss_s_m": ExtraParameter(
+                "λ",
+                "s/m",
+                "loss of the contact: its force grows by λ times the speed into it",
+                stats.halfnorm(scale=0.5 / self.scales.speed_m_s),
+                scan=False,
+            ),
         }
 
-    def push_N(self, into_mm: Array, parameter_values: ParameterValues) -> Array:
-        """Force of the contact without its sign, `into_mm` beyond the clearance (negative: none)."""
+    def push_N(self, into_mm: Array, speed_m_s: Array, parameter_values: ParameterValues) -> Array:
+        """Force of the contact without its sign, `into_mm` beyond the clearance (negative: none) at a speed into it;
+        a contact does not pull."""
         scale = 0.1 * self.scales.length_mm
-        return scale * power_of(np.maximum(into_mm, 0.0) / scale, self.get(parameter_values, "exponent"))
+        push = scale * power_of(np.maximum(into_mm, 0.0) / scale, self.get(parameter_values, "exponent"))
+        return push * np.maximum(1.0 + self.get(parameter_values, "loss_s_m") * speed_m_s, 0.0)
 
 
 class EndStop(_Contact):
-    law = "a contact on one side, k·p·(d/p)^e beyond the clearance; e = 1: a linear spring, 3/2: Hertz"
+    law = "a contact on one side, k·p·(d/p)^e·(1 + λḋ) beyond the clearance; e = 1: a spring, 3/2: Hertz"
     strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contact; negative: the stop is on the side u < −clearance")
     signed = True
     signature = "nothing below the clearance; beyond it a one-sided force, all harmonics in phase, at all frequencies"
@@ -224,19 +270,19 @@ class EndStop(_Contact):
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         k = self.get(parameter_values, "k_N_mm")
         side = np.where(k < 0.0, -1.0, 1.0)
-        return force_N + k * self.push_N(
-            side * motion.displacement_mm - self.get(parameter_values, "clearance_mm"), parameter_values
-        )
+        into = side * motion.displacement_mm - self.get(parameter_values, "clearance_mm")
+        return force_N + k * self.push_N(into, side * motion.velocity_m_s, parameter_values)
 
 
 class EndStops(_Contact):
-    law = "contacts on both sides, k·p·(d/p)^e beyond the clearance on each; e = 1: linear springs, 3/2: Hertz"
+    law = "contacts on both sides, k·p·(d/p)^e·(1 + λḋ) beyond the clearance on each; e = 1: springs, 3/2: Hertz"
     strength = ("k_N_mm", "k_s", "N/mm", "stiffness of the contacts")
     signature = "nothing in mid-stroke; beyond the clearance odd harmonics in phase, at every frequency alike"
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         u = motion.displacement_mm
-        push = self.push_N(np.abs(u) - self.get(parameter_values, "clearance_mm"), parameter_values)
+        into = np.abs(u) - self.get(parameter_values, "clearance_mm")
+        push = self.push_N(into, np.sign(u) * motion.velocity_m_s, parameter_values)
         return force_N + self.get(parameter_values, "k_N_mm") * np.sign(u) * push
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -12,7 +12,8 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.gap.data import GapData
-from bayes_iwan.gap.evidence import FIRST, Fit, Rows, extended
+from bayes_iwan.gap.evidence import Fit, Rows, extended
+from bayes_iwan.gap.rest import FIRST, RestSize
 from bayes_iwan.inference.problem import Problem
 
 #: z of the strength, signed or not, and of extra parameters at which an effect is tried
@@ -41,7 +42,7 @@ def candidates(data: GapData, smaller: Fit, effects: Mapping[str, tuple[Effect, 
     """All effects (each law) that the records allow on top of a smaller fit, the most promising first."""
     out = []
     optima = np.concatenate([smaller.z[None], smaller.optima[1:2]])
-    at = max(smaller.share, LEAST_SHARE), smaller.length, max(smaller.along, FIRST[2])
+    at = replace(smaller.size, share=max(smaller.size.share, LEAST_SHARE), along=max(smaller.size.along, FIRST.along))
     for some in effects.values():
         for effect in some:
             if not effect.possible(data):
@@ -49,9 +50,9 @@ def candidates(data: GapData, smaller: Fit, effects: Mapping[str, tuple[Effect, 
             problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
             rows = Rows(data, problem)
             points = start_points(effect, problem, optima, smaller.problem.names)
-            starts, gain = promising(rows, points, smaller, *at, EFFECT_STARTS)
+            starts, gain = promising(rows, points, smaller, at, EFFECT_STARTS)
             if effect.strength_name not in problem.names:  # a number for each test: nothing of it is in any start
-                gain = stepped(rows, points[0], smaller, *at)
+                gain = stepped(rows, points[0], smaller, at)
             out.append(Candidate(effect, problem, starts, gain))
     return sorted(out, key=lambda c: -c.gain)
 
@@ -73,7 +74,7 @@ def failing(data: GapData, smaller: Fit, effect: Effect) -> str:
 def cheapest(data: GapData, problem: Problem, z: Array, most: int) -> Array:
     """(most, ndim) those of the points z (n, ndim) that cost least."""
     rows = Rows(data, problem)
-    cost = np.sum((rows.residual(z) / rows.sd(0.05, FIRST[1], FIRST[2])) ** 2, axis=1) + np.sum(z * z, axis=1)
+    cost = np.sum((rows.residual(z) / rows.sd(replace(FIRST, share=0.05))) ** 2, axis=1) + np.sum(z * z, axis=1)
     return z[np.argsort(np.where(np.isfinite(cost), cost, np.inf))[:most]]
 
 
@@ -103,18 +104,16 @@ def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Se
     return np.array(out)
 
 
-def promising(
-    rows: Rows, points: Array, smaller: Fit, share: float, length: float, along: float, most: int
-) -> tuple[Array, float]:
+def promising(rows: Rows, points: Array, smaller: Fit, size: RestSize, most: int) -> tuple[Array, float]:
     """The `most` points whose cost is least after one step of the smaller model's parameters, and the promised gain
     in nats of the best over the smaller model."""
     names = rows.problem.names
     at = [names.index(n) for n in smaller.problem.names]
-    variance = smaller.linear.variance(share, length, along)
+    variance = smaller.linear.variance(size)
     j = smaller.linear.jacobian / np.sqrt(variance)[:, None]
     n_shared = len(variance)
     with np.errstate(all="ignore"):
-        r = rows.residual(points) / rows.sd(share, length, along)
+        r = rows.residual(points) / rows.sd(size)
     good = np.all(np.isfinite(r), axis=1)
     r = np.where(good[:, None], r, 0.0)
     shared, rest = r[:, :n_shared], r[:, n_shared:]
@@ -125,26 +124,26 @@ def promising(
     cost = np.sum(shared**2, axis=1) + np.sum(rest**2, axis=1) + np.sum(points**2, axis=1) - gain
     cost = np.where(good, cost, np.inf)
     order = np.argsort(cost)
-    return points[order[:most]], _cost(rows, smaller, share, length, along) - 0.5 * float(cost[order[0]])
+    return points[order[:most]], _cost(rows, smaller, size) - 0.5 * float(cost[order[0]])
 
 
-def stepped(rows: Rows, point: Array, smaller: Fit, share: float, length: float, along: float) -> float:
+def stepped(rows: Rows, point: Array, smaller: Fit, size: RestSize) -> float:
     """The gain in nats over the smaller model that one Gauss–Newton step of all parameters promises from a point, less
     what so many parameters cost (the evidence's Occam factor)."""
     linear = rows.linear(point)
-    sd = rows.sd(share, length, along)
+    sd = rows.sd(size)
     j, r = linear.jacobian / sd[:, None], linear.residual / sd
     b = j.T @ r - point
     precision = j.T @ j + np.eye(len(point))
     after = r @ r + point @ point - b @ np.linalg.solve(precision, b)
-    mine = smaller.linear.jacobian / np.sqrt(smaller.linear.variance(share, length, along))[:, None]
+    mine = smaller.linear.jacobian / np.sqrt(smaller.linear.variance(size))[:, None]
     occam = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(mine.T @ mine + np.eye(mine.shape[1]))[1]
-    return _cost(rows, smaller, share, length, along) - 0.5 * float(after + occam)
+    return _cost(rows, smaller, size) - 0.5 * float(after + occam)
 
 
-def _cost(rows: Rows, smaller: Fit, share: float, length: float, along: float) -> float:
+def _cost(rows: Rows, smaller: Fit, size: RestSize) -> float:
     """Half the squared residuals of a smaller model at its optimum, in the rows of a larger one."""
-    mine = smaller.linear.residual / np.sqrt(smaller.linear.variance(share, length, along))
+    mine = smaller.linear.residual / np.sqrt(smaller.linear.variance(size))
     theirs = Rows(rows.data, smaller.problem)
-    missed = 0.0 if theirs.evolving or not rows.evolving else theirs.missed(along)
+    missed = 0.0 if theirs.evolving or not rows.evolving else theirs.missed(size.along)
     return 0.5 * float(mine @ mine + smaller.z @ smaller.z) + missed

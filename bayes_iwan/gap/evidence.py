@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect, effects_of
 from bayes_iwan.gap.data import GapData, predicted
+from bayes_iwan.gap.rest import ALONG_SHARES, FIRST, LENGTHS, SHARES, Linear, Rest, RestSize, Stepped
 from bayes_iwan.inference.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.problem import Problem, iwan_model, make_problem
 from bayes_iwan.inference.scales import Scales
@@ -26,21 +26,16 @@ from bayes_iwan.inference.settings import DiagnoseSettings, IdentifySettings, Li
 from bayes_iwan.optimize.least_squares import LeastSquaresFit, least_squares_batch
 from bayes_iwan.physics import Model, Simulator
 
-#: grid of the discrepancy: RMS share of the friction level, and correlation length in cycles
-SHARES = np.geomspace(5e-4, 0.4, 12)
-LENGTHS = np.array([0.03, 0.1])
-#: shares of the friction level by which the rest may change along the record
-ALONG_SHARES = np.array([0.0, 0.004, 0.016, 0.064, 0.256])
-#: the point of the grid at which models are fitted first
-FIRST = (0.01, 0.05, 0.004)
 #: relative change of a cost of some hundreds at which a refit ends: a tenth of a nat
 TOLERANCE = 2e-4
 #: z of every parameter stays within these prior standard deviations
 Z_BOX = 5.0
+#: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
+OTHER_WEIGHTS = 0.25
 _FIXED_NOISE = {
     "noise_scale": ParameterChange(fixed=1.0),
-    "discrepancy_share": ParameterChange(fixed=FIRST[0]),
-    "discrepancy_length": ParameterChange(fixed=FIRST[1]),
+    "discrepancy_share": ParameterChange(fixed=FIRST.share),
+    "discrepancy_length": ParameterChange(fixed=FIRST.length),
 }
 
 
@@ -54,18 +49,16 @@ class Fit:
 
     z : (ndim,) optimum at the grid's best point; log_z : (shares, lengths) ln evidence over the grid, the change of
         the rest along the record averaged over
-    share, length, along : the best point; covariance : (ndim, ndim) of z there
-    residual : (m,) measured − predicted and jacobian (m, ndim), d predicted / dz, both rotated but not whitened, in
-        units of the noise; eigen : (m,) variance of the discrepancy per unit a² · spectrum; order : (m,) harmonic
+    size : of the rest at the best point; covariance : (ndim, ndim) of z there
+    rest_share : the rest's size as a share of the friction force: median and 90 % interval of its posterior
     optima : (k, ndim) distinct optima found, best first
     """
 
     problem: Problem
     z: Array
     log_z: Array
-    share: float
-    length: float
-    along: float
+    size: RestSize
+    rest_share: tuple[float, float, float]
     covariance: Array
     optima: Array
     linear: Linear
@@ -88,68 +81,6 @@ class Fit:
     def log_evidence(self) -> float:
         """ln ∫ Z(a, ℓ) p(a, ℓ), p flat in ln a and over the lengths."""
         return float(np.logaddexp.reduce(self.log_z.ravel()) - np.log(self.log_z.size))
-
-    @cached_property
-    def rest_share(self) -> tuple[float, float, float]:
-        """The rest's size as a share of the friction level: median and 90 % interval of its posterior."""
-        weight = np.exp(np.logaddexp.reduce(self.log_z, axis=1) - np.logaddexp.reduce(self.log_z.ravel()))
-        below = np.cumsum(weight) - 0.5 * weight
-        low, middle, high = np.exp(np.interp([0.05, 0.5, 0.95], below, np.log(SHARES)))
-        return float(middle), float(low), float(high)
-
-
-@dataclass(frozen=True)
-class Rest:
-    """How noise and rest add up in rows that are scaled by the noise: variance = 1 + a² S_order(ℓ) eigen.
-
-    eigen (m,), order (m,) the harmonic, changing (m,) rows of the change along the record, whose share is b instead
-    of a; rows with eigen = 0 (lines of the mains) carry none.
-    """
-
-    eigen: Array
-    order: NDArray[np.int64]
-    changing: NDArray[np.bool_]
-
-    def variance(self, share: float, length: float, along: float) -> Array:
-        """(m,) variance of each row at shares a and b and length ℓ (cycles); changes are as smooth as they get."""
-        return self.variances(np.array([share]), np.array([length]), along)[0]
-
-    def variances(self, share: Array, length: Array, along: float) -> Array:
-        """(draws, m) the same for several a and ℓ, (draws,) each."""
-        top = int(self.order.max(initial=0)) + 1
-        loop = discrepancy_spectrum(share, length, top)[:, self.order]
-        change = discrepancy_spectrum(np.array([along]), LENGTHS[-1:], top)[0, self.order]
-        return 1.0 + np.where(self.changing, change, loop) * self.eigen
-
-
-@dataclass(frozen=True)
-class Linear:
-    """Residual and Jacobian at an optimum in coordinates in which noise and discrepancy are both diagonal.
-
-    residual (m,), jacobian (m, ndim) in units of the noise. z (ndim,): the point of linearisation.
-    """
-
-    residual: Array
-    jacobian: Array
-    rest: Rest
-    z: Array
-
-    def variance(self, share: float, length: float, along: float) -> Array:
-        """(m,) see :meth:`Rest.variance`."""
-        return self.rest.variance(share, length, along)
-
-    def evidence(self, share: float, length: float, along: float) -> tuple[float, tuple[Array, Array]]:
-        """ln evidence at one grid point by one Gauss–Newton step from z; also the stepped z and its precision."""
-        variance = self.variance(share, length, along)
-        j = self.jacobian / np.sqrt(variance)[:, None]
-        r = self.residual / np.sqrt(variance)
-        precision = j.T @ j + np.eye(len(self.z))
-        factor = np.linalg.cholesky(precision)
-        target = j.T @ (r + j @ self.z)  # minimise |r − J(z' − z)|² + |z'|²
-        z = np.linalg.solve(precision, target)
-        left = r - j @ (z - self.z)
-        log_z = -0.5 * (left @ left + z @ z) - 0.5 * np.sum(np.log(variance)) - np.sum(np.log(np.diagonal(factor)))
-        return float(log_z), (np.asarray(z), np.asarray(precision))
 
 
 def base_model(settings: DiagnoseSettings, scales: Scales) -> Model:
@@ -203,15 +134,16 @@ class Rows:
                 np.r_[loop.changing, changing.changing, np.zeros(lines, dtype=bool)],
             )
         else:  # a steady model misses all changes and lines: what that costs, whatever its numbers
-            logdet = [0.5 * float(np.sum(np.log(changing.variance(0.0, LENGTHS[-1], b)))) for b in ALONG_SHARES]
-            cost = [-self.missed(float(b)) - d for b, d in zip(ALONG_SHARES, logdet)]
+            sizes = [RestSize(0.0, LENGTHS[-1], b) for b in ALONG_SHARES]
+            logdet = [0.5 * float(np.sum(np.log(changing.variance(size)))) for size in sizes]
+            cost = [-self.missed(size.along) - d for size, d in zip(sizes, logdet)]
             self.constant = float(np.logaddexp.reduce(cost) - np.log(len(cost)))
 
     def missed(self, along: float) -> float:
         """Half the squares of all changes along the record and lines, in units of noise and rest: a steady model's."""
         change = (self.data.trend_N / self.data.trend_noise_N)[self._trend]
         lines = np.abs(self.data.mains_N[self._line] / self.data.mains_noise_N[self._line]) ** 2
-        square = np.r_[change.real, change.imag] ** 2 / self._changing().variance(0.0, LENGTHS[-1], along)
+        square = np.r_[change.real, change.imag] ** 2 / self._changing().variance(RestSize(0.0, LENGTHS[-1], along))
         return 0.5 * float(square.sum() + lines.sum())
 
     def _changing(self) -> Rest:
@@ -246,13 +178,13 @@ class Rows:
         jacobian = (r[n + 1 :] - r[1 : n + 1]).T / (2.0 * step)
         return Linear(r[0], jacobian, self.rest, z.copy())
 
-    def sd(self, share: float, length: float, along: float) -> Array:
+    def sd(self, size: RestSize) -> Array:
         """(m,) what the rows are divided by, so that they are white."""
-        return np.sqrt(self.rest.variance(share, length, along))
+        return np.sqrt(self.rest.variance(size))
 
-    def fit(self, starts: Array, share: float, length: float, along: float, iterations: int) -> LeastSquaresFit:
+    def fit(self, starts: Array, size: RestSize, iterations: int) -> LeastSquaresFit:
         """Least squares from all starts at one size of the rest."""
-        sd = self.sd(share, length, along)
+        sd = self.sd(size)
 
         def rows(z: Array) -> Array:
             with np.errstate(all="ignore"):
@@ -268,23 +200,24 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     Raises FitError where no start reaches a finite cost: the model has no force there.
     """
     rows = Rows(data, problem)
-    found = rows.fit(starts, *FIRST, iterations)
+    found = rows.fit(starts, FIRST, iterations)
     cost = np.where(np.isfinite(found.cost), found.cost, np.inf)
     order = np.argsort(cost)
     if not np.isfinite(cost[order[0]]):
         raise FitError(f"{'+'.join(e.name for e in effects_of(problem)) or 'the base model'}: no finite force")
     optima = _distinct(found.x[order], cost[order])
     grid = _grid(rows.linear(optima[0]))
-    if abs(np.log(grid.best[0] / FIRST[0])) > 0.5:
-        near = np.stack([*optima, np.clip(grid.z, -Z_BOX, Z_BOX)])  # the best there may be another one
-        again = rows.fit(near, *grid.best, iterations)
+    if np.sqrt(np.mean(np.log(rows.sd(grid.best.size) / rows.sd(FIRST)) ** 2)) > OTHER_WEIGHTS:
+        near = np.stack([*optima, np.clip(grid.best.z, -Z_BOX, Z_BOX)])  # the best there may be another one
+        again = rows.fit(near, grid.best.size, iterations)
         grid = _grid(rows.linear(again.x[again.best]))
     return Fit(
         problem,
         grid.linear.z,
         grid.log_z + rows.constant,
-        *grid.best,
-        grid.covariance,
+        grid.best.size,
+        grid.rest_share,
+        np.asarray(np.linalg.inv(grid.best.precision)),
         optima,
         grid.linear,
         bool(found.converged[order[0]]),
@@ -293,31 +226,39 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
 
 @dataclass(frozen=True)
 class _Grid:
-    """ln evidence (shares, lengths) over the rest's grid; the best point and the step to its optimum z there."""
+    """ln evidence (shares, lengths) over the rest's grid, the best point's, and the rest's share of the friction."""
 
     linear: Linear
     log_z: Array
-    z: Array
-    covariance: Array
-    best: tuple[float, float, float]
+    best: Stepped
+    rest_share: tuple[float, float, float]
 
 
 def _grid(linear: Linear) -> _Grid:
     along, change = ALONG_SHARES[0], 0.0
     if linear.rest.changing.any():  # the change along the record has its own size, found where the loops' is best
-        share = max(SHARES[::2], key=lambda a: linear.evidence(float(a), LENGTHS[-1], FIRST[2])[0])
-        by_change = np.array([linear.evidence(float(share), LENGTHS[-1], float(b))[0] for b in ALONG_SHARES])
+        share = max(SHARES[::2], key=lambda a: linear.evidence(float(a), LENGTHS[-1], FIRST.along).log_z)
+        by_change = np.array([linear.evidence(float(share), LENGTHS[-1], float(b)).log_z for b in ALONG_SHARES])
         along = ALONG_SHARES[int(np.argmax(by_change))]
         change = float(np.logaddexp.reduce(by_change) - np.log(len(by_change)) - by_change.max())
-    log_z = np.empty((len(SHARES), len(LENGTHS)))
-    kept: dict[tuple[int, int], tuple[Array, Array]] = {}
-    for i, share in enumerate(SHARES):
-        for k, length in enumerate(LENGTHS):
-            log_z[i, k], kept[i, k] = linear.evidence(float(share), float(length), float(along))
-    i, k = divmod(int(np.argmax(log_z)), len(LENGTHS))
-    z, precision = kept[i, k]
-    covariance = np.asarray(np.linalg.inv(precision))
-    return _Grid(linear, log_z + change, z, covariance, (float(SHARES[i]), float(LENGTHS[k]), float(along)))
+    steps = [[linear.evidence(float(a), float(n), float(along)) for n in LENGTHS] for a in SHARES]
+    log_z = np.array([[s.log_z for s in row] for row in steps])
+    best = steps[int(np.argmax(log_z.max(axis=1)))][int(np.argmax(log_z.max(axis=0)))]
+    return _Grid(linear, log_z + change, best, _whole_share(linear.rest.orders, steps, log_z))
+
+
+def _whole_share(orders: int, steps: Sequence[Sequence[Stepped]], log_z: Array) -> tuple[float, float, float]:
+    """Median and 90 % interval of the rest's RMS share of the friction force, the λ of its harmonics included."""
+    sizes = [s.size for row in steps for s in row]
+    power = [
+        float(np.sum(discrepancy_spectrum(np.array([x.share]), np.array([x.length]), orders)[0] * x.factors(orders)))
+        for x in sizes
+    ]
+    at = np.argsort(power)
+    weight = np.exp(log_z.ravel() - np.logaddexp.reduce(log_z.ravel()))[at]
+    below = np.cumsum(weight) - 0.5 * weight
+    low, middle, high = np.exp(np.interp([0.05, 0.5, 0.95], below, 0.5 * np.log(np.array(power)[at])))
+    return float(middle), float(low), float(high)
 
 
 def _distinct(x: Array, cost: Array, most: int = 4) -> Array:

@@ -145,8 +145,9 @@ def ceiling_N(residual: Residual) -> float:
     value, noise = residual.value, residual.noise
     steady = np.flatnonzero(residual.kind <= MEAN)
     smooth = np.zeros_like(noise)
-    spectrum = discrepancy_spectrum(np.array([residual.fit.share]), np.array([residual.fit.length]), len(steady))[0]
-    smooth[:, steady] = residual.data.level_N[:, None] ** 2 * spectrum
+    size = residual.fit.size
+    spectrum = discrepancy_spectrum(np.array([size.share]), np.array([size.length]), len(steady))[0]
+    smooth[:, steady] = residual.data.level_N[:, None] ** 2 * spectrum * size.factors(len(steady))
     for kind in (ALONG, MAINS):
         at = residual.kind == kind
         there = at & (residual.weight > 0.0)

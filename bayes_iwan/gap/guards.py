@@ -46,6 +46,7 @@ class Figures:
     rivals: dict[str, float]
     fitted: float
     unseen: float
+    alone: float
     differs: float
     moved: float
     gap: float
@@ -58,7 +59,8 @@ def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, 
         return ()
     data, whole = search.data, search.fit(search.chosen)
     without = {n: search.fit(set(search.chosen) - {n}) for n in search.chosen}
-    models = {f.names: f for f in (whole, *without.values())}
+    single = {n: search.fit({n}) for n in search.chosen}
+    models = {f.names: f for f in (whole, *without.values(), *single.values(), search.base)}
     unseen = [u for u in left_out(list(models.values()), data) if u.by != HELD_OUT]
     differs = _differences(whole, data)
     moved = moved_shares(whole, data)
@@ -87,7 +89,8 @@ def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, 
                 min(gain, -max(others, default=-np.inf)),
                 rivals,
                 fitted,
-                _judged(whole, name, unseen, fitted),
+                _judged(whole, name, unseen, whole.names, fitted),
+                _judged(whole, name, unseen, frozenset({name}), fitted),
                 differs.get(name, 0.0),
                 moved[name],
                 gap[less.names] / level,
@@ -106,12 +109,13 @@ def borne_out(nats: float, more_N: float, before_N: float, alike: bool) -> float
     return max(nats, -NATS_OF_GAP * more)
 
 
-def _judged(whole: Fit, name: str, unseen: list[Unseen], fitted: float) -> float:
-    """Shrink by one effect on tests left out; parameters of single tests (a mains line) no other test can judge."""
+def _judged(whole: Fit, name: str, unseen: list[Unseen], names: frozenset[str], fitted: float) -> float:
+    """Shrink on tests left out by one effect of some; parameters of single tests (a mains line) no other test can
+    judge."""
     effect = next(e for e in whole.effects if e.name == name)
     if effect.strength_name not in whole.problem.names or not unseen:
         return fitted
-    found = [u.shrink(whole.names - {name}, whole.names) for u in unseen]
+    found = [u.shrink(names - {name}, names) for u in unseen]
     found = [x for x in found if np.isfinite(x)]
     return float(np.mean(found)) if found else fitted
 

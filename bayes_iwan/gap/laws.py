@@ -14,6 +14,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.residuals import LOOP, Residual
+from bayes_iwan.gap.rest import RestSize
 
 ORDERS = (1, 2, 3, 4, 5)
 FREQUENCY_POWERS = np.arange(-2.0, 3.01, 0.25)
@@ -63,7 +64,7 @@ class LawSearch:
         shape = (f / f.max())[None, None] ** self.f_powers[:, None, None]
         shape = (shape * (a / a.max())[None, None] ** self.a_powers[None, :, None]).reshape(-1, len(f))
         linear, z = residual.fit.linear, residual.fit.z
-        sd = np.sqrt(linear.variance(typical_misfit, LENGTH, 0.0))
+        sd = np.sqrt(linear.variance(RestSize(typical_misfit, LENGTH, 0.0)))
         # the prior's rows stand below the data's: a law may cost the specimen's parameters something too
         q, _ = np.linalg.qr(np.concatenate([linear.jacobian / sd[:, None], np.eye(len(z))]))
 

@@ -66,10 +66,9 @@ def refitted(fit: Fit, data: GapData) -> Fit:
     problem = for_loops(fit.problem, data.loops, data)
     rows = Rows(data, problem)
     at = [fit.problem.names.index(n) for n in problem.names]
-    size = fit.share, fit.length, fit.along
-    found = rows.fit(fit.z[None, at], *size, ITERATIONS)
+    found = rows.fit(fit.z[None, at], fit.size, ITERATIONS)
     linear = rows.linear(found.x[0])
-    _, (_, precision) = linear.evidence(*size)
+    _, precision, _ = linear.step(fit.size)
     return replace(
         fit,
         problem=problem,

@@ -16,6 +16,7 @@ from bayes_iwan.gap.calibration import calibration
 from bayes_iwan.gap.candidates import extra_points
 from bayes_iwan.gap.data import GapData
 from bayes_iwan.gap.evidence import Fit, Rows, extended
+from bayes_iwan.gap.rest import RestSize
 from bayes_iwan.inference.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.loop_error import harmonics_of
 from bayes_iwan.physics import sine_motion
@@ -35,9 +36,9 @@ PLANNED_HARMONICS = 9
 def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, ...]]) -> dict[str, float]:
     """Expected ln evidence for each effect, were it present at its typical size: half the squared signature that is
     left, in units of noise and of a specimen's usual misfit, once the base has refitted itself."""
-    share, length = calibration().usual[0], 0.05
+    size = RestSize(calibration().usual[0], 0.05, 0.0)
     linear = base.linear
-    variance = linear.variance(share, length, 0.0)
+    variance = linear.variance(size)
     j = linear.jacobian / np.sqrt(variance)[:, None]
     precision = j.T @ j + np.eye(len(base.z))
     out = {}
@@ -60,7 +61,7 @@ def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, .
                 z[own[0] if single else own] = 0.0 if effect.signed or not single else -8.0
                 off.append(z)
             s = rows.residual(np.array(on)) - rows.residual(np.array(off))
-            s = s / rows.sd(share, length, 0.0)
+            s = s / rows.sd(size)
             shared = s[:, : len(variance)]
             b = shared @ j
             left = np.sum(s * s, axis=1) - np.einsum("ni,ni->n", b, np.linalg.solve(precision, b.T).T)

@@ -95,7 +95,7 @@ class Residual:
         """What remains of small changes of the data (draws, T, M) once the model has been fitted again."""
         if not self.refitted:
             return change
-        sd = np.sqrt(self.fit.linear.variance(self.fit.share, self.fit.length, self.fit.along))
+        sd = np.sqrt(self.fit.linear.variance(self.fit.size))
         moved = (self.rows_of(change) / sd) @ self._gain.T
         return change - np.einsum("dn,ntm->dtm", moved, self.slope)
 
@@ -111,7 +111,7 @@ class Residual:
     @cached_property
     def _gain(self) -> Array:
         """(ndim, rows) d ẑ / d whitened data."""
-        sd = np.sqrt(self.fit.linear.variance(self.fit.share, self.fit.length, self.fit.along))
+        sd = np.sqrt(self.fit.linear.variance(self.fit.size))
         return self.fit.covariance @ (self.fit.linear.jacobian / sd[:, None]).T
 
     def rows_of(self, change: np.ndarray) -> Array:

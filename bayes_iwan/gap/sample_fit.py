@@ -11,7 +11,8 @@ from scipy import stats
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.calibration import calibration
 from bayes_iwan.gap.data import GapData
-from bayes_iwan.gap.evidence import LENGTHS, Fit, Rows
+from bayes_iwan.gap.evidence import Fit, Rows
+from bayes_iwan.gap.rest import LENGTHS
 from bayes_iwan.inference.parameters import Z_LIMIT
 from bayes_iwan.sampling.ensembles import sample
 from bayes_iwan.sampling.walkers import enough_walkers
@@ -25,7 +26,7 @@ class Target:
 
     def __init__(self, data: GapData, fit: Fit) -> None:
         self.rows = Rows(data, fit.problem)
-        self.ndim, self.along = len(fit.z) + 2, fit.along
+        self.ndim, self.size = len(fit.z) + 2, fit.size
         self.share_prior = stats.lognorm(s=1.2, scale=4.0 * calibration().usual[0])
 
     def log_prob(self, points: Array) -> Array:
@@ -36,7 +37,7 @@ class Target:
         length = np.clip(np.sqrt(LENGTHS[0] * LENGTHS[-1]) * np.exp(0.5 * z[:, -1]), 0.01, 0.5)
         with np.errstate(all="ignore"):
             r = self.rows.residual(z[:, :-2])
-            variance = self.rows.rest.variances(share, length, self.along)
+            variance = self.rows.rest.variances(share, length, self.size)
             value = -0.5 * np.sum(r * r / variance + np.log(variance), axis=1) - 0.5 * np.sum(points**2, axis=1)
         return np.where(inside & np.isfinite(value), value, -np.inf)
 
@@ -48,7 +49,7 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
     rng = np.random.default_rng([seed, 3])
     n = len(fit.z)
     root = np.linalg.cholesky(fit.covariance)
-    share = (np.log(fit.share) - np.log(4.0 * calibration().usual[0])) / 1.2 + 0.3 * rng.standard_normal((512, 1))
+    share = (np.log(fit.size.share) - np.log(4.0 * calibration().usual[0])) / 1.2 + 0.3 * rng.standard_normal((512, 1))
     start = np.concatenate(
         [fit.z + 1.5 * rng.standard_normal((512, n)) @ root.T, share, 0.5 * rng.standard_normal((512, 1))], axis=1
     )

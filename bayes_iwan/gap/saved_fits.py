@@ -20,16 +20,17 @@ from bayes_iwan.effects.user_file import load_effects
 from bayes_iwan.files import write_json
 from bayes_iwan.gap.budget import shapley
 from bayes_iwan.gap.data import GapData, gap_data
-from bayes_iwan.gap.evidence import Fit, Linear, Rest, base_model, base_problem, extended
+from bayes_iwan.gap.evidence import Fit, base_model, base_problem, extended
 from bayes_iwan.gap.gap_size import gap_power_N2
 from bayes_iwan.gap.residuals import residual_of
+from bayes_iwan.gap.rest import Linear, Rest, RestSize
 from bayes_iwan.inference.config import diagnose_settings_of
 from bayes_iwan.inference.scales import Scales
 from bayes_iwan.inference.settings import DiagnoseSettings
 from bayes_iwan.inference.user_file import load_simulator
 from bayes_iwan.physics import ModelError
 
-SCHEMA = 2
+SCHEMA = 3
 #: phases, harmonics and blocks of cycles that diagnoses work on
 LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
 
@@ -54,15 +55,13 @@ class SavedEffect:
 
 @dataclass(frozen=True)
 class SavedFit:
-    """One fit: names and z (ndim,) of its parameters, their covariance, and size, length and change of its rest."""
+    """One fit: names and z (ndim,) of its parameters, their covariance, and the size of its rest."""
 
     effects: tuple[SavedEffect, ...]
     names: tuple[str, ...]
     z: Array
     covariance: Array
-    share: float
-    length: float
-    along: float
+    size: RestSize
 
 
 @dataclass(frozen=True)
@@ -87,9 +86,10 @@ def _plain(fit: Fit) -> dict[str, Any]:
         "names": list(fit.problem.names),
         "z": fit.z.tolist(),
         "covariance": fit.covariance.tolist(),
-        "share": fit.share,
-        "length": fit.length,
-        "along": fit.along,
+        "share": fit.size.share,
+        "length": fit.size.length,
+        "along": fit.size.along,
+        "spectrum": list(fit.size.spectrum),
     }
 
 
@@ -141,8 +141,9 @@ def _fit(stored: dict[str, Any]) -> SavedFit:
     z, covariance = np.array(stored["z"], float), np.array(stored["covariance"], float)
     if len(z) != len(stored["names"]) or covariance.shape != (len(z), len(z)):
         raise ValueError("names, z and covariance do not agree")
-    size = (float(stored[k]) for k in ("share", "length", "along"))
-    return SavedFit(effects, tuple(map(str, stored["names"])), z, covariance, *size)
+    share, length, along = (float(stored[k]) for k in ("share", "length", "along"))
+    size = RestSize(share, length, along, tuple(map(float, stored["spectrum"])))
+    return SavedFit(effects, tuple(map(str, stored["names"])), z, covariance, size)
 
 
 def _damaged(path: Path, error: Exception) -> SavedFitsError:
@@ -204,5 +205,5 @@ def _rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
     none = Rest(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))
     linear = Linear(np.zeros(0), np.zeros((0, len(z))), none, z)
     return Fit(
-        problem, z, np.zeros((1, 1)), one.share, one.length, one.along, covariance, z[None], linear, converged=True
+        problem, z, np.zeros((1, 1)), one.size, (one.size.share,) * 3, covariance, z[None], linear, converged=True
     )

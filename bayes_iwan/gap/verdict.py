@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,16 +57,36 @@ class Weighed:
 
 
 def weighed(search: Search, seed: int) -> Weighed:
-    """Figures of the chosen effects, fits and gaps of all their subsets."""
+    """Figures of the chosen effects that remove anything, fits and gaps of all their subsets."""
     fits = fits_of_subsets(search)
     before = gap_size(residual_of(search.data, fits[frozenset()]), seed)
     sizes = {
         k: before if not k else gap_size(residual_of(search.data, f), seed, friction_N=before.friction_N)
         for k, f in fits.items()
     }
+    kept = _removing(search.chosen, {k: s.all.rms_N for k, s in sizes.items()})
+    search = replace(search, chosen=kept, fits=dict(search.fits) | fits)
+    fits = {k: f for k, f in fits.items() if k <= frozenset(kept)}
+    sizes = {k: s for k, s in sizes.items() if k in fits}
     share = {n: s.value for n, s in shares(search.chosen, sizes).items()} if search.chosen else {}
     said = tuple(f for f in guard_figures(search, share) if f.name not in LAST or f.gap >= LEAST_GAP)
     return Weighed(search, said, fits, sizes, float(np.max(search.data.subharmonic, initial=0.0)))
+
+
+def _removing(chosen: Sequence[str], gap_N: Mapping[frozenset[str], float]) -> tuple[str, ...]:
+    """The chosen effects less those that remove next to nothing of the gap, neither alone nor beside the others: what
+    raises the evidence without that is the difference between two laws, and clouds what is said of the others."""
+    kept, least = list(chosen), LEAST_SHARE * gap_N[frozenset()]
+    while kept:
+        whole = frozenset(kept)
+        most = {
+            n: max(gap_N[frozenset()] - gap_N[frozenset({n})], gap_N[whole - {n}] - gap_N[whole]) - least for n in kept
+        }
+        worst = min(kept, key=lambda n: most[n])
+        if most[worst] >= 0.0:
+            break
+        kept.remove(worst)
+    return tuple(kept)
 
 
 def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:

@@ -17,10 +17,10 @@ from scipy import fft
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.calibration import calibration
 from bayes_iwan.gap.data import MAINS_HZ
-from bayes_iwan.gap.evidence import LENGTHS
 from bayes_iwan.gap.gap_size import LEVEL
 from bayes_iwan.gap.laws import GrowthLaw, LawSearch
 from bayes_iwan.gap.residuals import ALONG, LOOP, MAINS, MEAN, Residual
+from bayes_iwan.gap.rest import LENGTHS
 from bayes_iwan.inference.loop_error import harmonics_of
 from bayes_iwan.physics import Model
 from bayes_iwan.physics.simulator import inner_effects
