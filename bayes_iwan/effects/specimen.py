@@ -9,9 +9,6 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
 from bayes_iwan.effects.spanning import about, power_of
 
-#: damping ratio of the mount of a moving mass
-MOUNT_DAMPING = 0.1
-
 
 class ViscousDamping(Effect):
     name = "viscous_damping"
@@ -90,9 +87,8 @@ class MaxwellBranch(Effect):
                 "a",
                 "-",
                 "fractional order: 1 one relaxation time, less a spread",
-                about(1.0, 0.2),
-                0.3,
-                1.7,
+                # not beyond 1: such a branch would ring as a mass does
+                stats.truncnorm(-3.5, 0.0, loc=1.0, scale=0.2),
                 scan=False,
             ),
         }
@@ -111,7 +107,7 @@ class MaxwellBranch(Effect):
 
 class MovingMass(Effect):
     name = "moving_mass"
-    law = "m·ü/(1 − r² + 2iζr), r = f/f_m of the mount that holds the mass, ζ = 0.1; f_m → ∞: m·ü of a rigid one"
+    law = "m·ü/(1 − r² + 2iζr), r = f/f_m of the mount that holds the mass, ζ its damping; f_m → ∞: m·ü"
     strength = ("m_kg", "m", "kg", "mass between specimen and force cell")
     order = 1
     physics = (
@@ -132,15 +128,18 @@ class MovingMass(Effect):
         return {
             "period_s": ExtraParameter(
                 "1/f_m", "s", "natural period of the mass on its mount", stats.halfnorm(scale=0.25 / top_hz)
-            )
+            ),
+            "damping": ExtraParameter(
+                "ζ", "-", "damping ratio of the mount", stats.lognorm(s=0.8, scale=0.12), 0.0, 1.0, scan=False
+            ),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        period = self.get(parameter_values, "period_s")
+        period, damping = self.get(parameter_values, "period_s"), self.get(parameter_values, "damping")
 
         def response(f: Array) -> Array:
             r = f * period
-            return 1.0 / (1.0 - r * r + 2j * MOUNT_DAMPING * r)
+            return 1.0 / (1.0 - r * r + 2j * damping * r)
 
         return force_N + self.get(parameter_values, "m_kg") * filtered(
             motion.acceleration_m_s2, motion.frequency_hz, response

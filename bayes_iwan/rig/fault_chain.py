@@ -273,6 +273,12 @@ def _soft_knee(x: Array, p: Parameters) -> Array:
     return np.asarray(x / (1.0 + np.abs(x) ** n) ** (1.0 / n))
 
 
+def _compressed(x: Array, p: Parameters) -> Array:
+    """An amplifier that runs out of range gradually: beyond the limit the reading grows with the logarithm."""
+    over = np.maximum(np.abs(x), 1.0)
+    return np.asarray(np.where(np.abs(x) < 1.0, x, np.sign(x) * (1.0 + 0.3 * np.log(over))))
+
+
 def _unequal(p: Parameters) -> Acting:
     """The lower limit cuts less off the peak than the upper one does."""
     lower = p["peak_N"] - p["lower_share"] * (p["peak_N"] - p["limit_N"])
@@ -287,6 +293,7 @@ CLIPPING = FaultKind(
         Law("hard", _clipped(lambda x, p: np.clip(x, -1.0, 1.0))),
         Law("soft", _clipped(_soft_knee), lambda g, s: {"sharpness": float(g.uniform(4.0, 12.0))},
             strongest=lambda s, strength: s.force_peak_N * 0.3 / strength),
+        Law("compressed", _clipped(_compressed)),
         Law("one_side", _clipped(lambda x, p: np.minimum(x, 1.0))),
         Law("unequal", _unequal,
             lambda g, s: {"lower_share": float(g.uniform(0.3, 0.8)), "peak_N": s.force_peak_N}),

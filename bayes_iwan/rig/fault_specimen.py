@@ -41,6 +41,13 @@ def _valve_damping(p: Parameters) -> Acting:
     return Acting(speed_force=lambda v: c * np.where(v > 0.0, v, ratio * v))
 
 
+def _blow_off(p: Parameters) -> Acting:
+    """A relief valve opens at a speed: beyond it the force grows at a fifth of its pace."""
+    c, opens = p["c_N_s_mm"], p["opens_mm_s"]
+    return {"speed_force": lambda v: c * np.sign(v) * (np.minimum(np.abs(v), opens)
+                                                        + 0.2 * np.maximum(np.abs(v) - opens, 0.0))}  # fmt: skip
+
+
 VISCOUS = FaultKind(
     "viscous_damping",
     "c_N_s_mm",
@@ -50,6 +57,7 @@ VISCOUS = FaultKind(
         Law("power", _power_damping, _draw_power),
         Law("shear_thinning", _thinning_damping,
             lambda g, s: {"thinning_mm_s": float(g.uniform(0.2, 0.6)) * s.speed_mm_s}),
+        Law("blow_off", _blow_off, lambda g, s: {"opens_mm_s": float(g.uniform(0.25, 0.6)) * s.speed_mm_s}),
         Law("one_way_valve", _valve_damping, lambda g, s: {"return_ratio": float(g.uniform(0.3, 0.7))}),
     ),
 )  # fmt: skip
