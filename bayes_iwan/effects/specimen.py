@@ -127,7 +127,7 @@ class MovingMass(Effect):
         top_hz = 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm)
         return {
             "period_s": ExtraParameter(
-                "1/f_m", "s", "natural period of the mass on its mount", stats.halfnorm(scale=0.25 / top_hz)
+                "1/f_m", "s", "natural period of the mass on its mount", stats.lognorm(s=1.1, scale=0.07 / top_hz)
             ),
             "damping": ExtraParameter(
                 "ζ", "-", "damping ratio of the mount", stats.lognorm(s=0.8, scale=0.12), 0.0, 1.0, scan=False
@@ -247,7 +247,7 @@ class _Contact(Effect):
                 "λ",
                 "s/m",
                 "loss of the contact: its force grows by λ times the speed into it",
-                stats.halfnorm(scale=0.5 / self.scales.speed_m_s),
+                stats.lognorm(s=1.2, scale=0.1 / self.scales.speed_m_s),
                 scan=False,
             ),
         }

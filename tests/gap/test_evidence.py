@@ -2,44 +2,25 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 
-from bayes_iwan.gap.evidence import LENGTHS, SHARES, Linear, Rest, Rows, _distinct, _grid, extended, fit_model
-from bayes_iwan.inference.discrepancy import discrepancy_spectrum
+from bayes_iwan.gap.evidence import Rows, _distinct, _grid, extended, fit_model
+from bayes_iwan.gap.rest import LENGTHS, SHARES, Linear, Rest
 
 
-@pytest.fixture
-def toy():
-    """A linear model with Gaussian noise: residual at an arbitrary point of linearisation."""
+def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record():
     rng = np.random.default_rng(5)
-    m, n = 30, 4
-    jacobian, z = 3.0 * rng.standard_normal((m, n)), rng.standard_normal(n)
-    rest = Rest(rng.uniform(0.0, 400.0, m), rng.integers(0, 6, m), np.arange(m) >= 24)
-    return Linear(rng.standard_normal(m), jacobian, rest, z)
-
-
-@pytest.mark.parametrize("share, length, along", [(5e-4, 0.03, 0.0), (0.02, 0.1, 0.05), (0.4, 0.03, 0.01)])
-def test_linear_gaussian_evidence_is_exact(toy, share, length, along):
-    data = toy.residual + toy.jacobian @ toy.z  # what a model at z = 0 misses
-    loops = discrepancy_spectrum(np.array([share]), np.array([length]), 6)[0][toy.rest.order]
-    change = discrepancy_spectrum(np.array([along]), LENGTHS[-1:], 6)[0][toy.rest.order]
-    variance = 1.0 + np.where(toy.rest.changing, change, loops) * toy.rest.eigen
-    covariance = np.diag(variance) + toy.jacobian @ toy.jacobian.T
-    exact = stats.multivariate_normal(cov=covariance).logpdf(data) + 0.5 * len(data) * np.log(2.0 * np.pi)
-    log_z, (z, precision) = toy.evidence(share, length, along)
-    assert log_z == pytest.approx(exact, rel=1e-9)
-    prior_side = np.linalg.inv(precision) @ toy.jacobian.T @ (data / variance)
-    np.testing.assert_allclose(z, prior_side, rtol=1e-8)
-
-
-def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record(toy):
+    rest = Rest(rng.uniform(0.0, 400.0, 30), rng.integers(0, 6, 30), np.arange(30) >= 24)
+    toy = Linear(rng.standard_normal(30), 3.0 * rng.standard_normal((30, 4)), rest, rng.standard_normal(4))
     grid = _grid(toy)
     assert grid.log_z.shape == (len(SHARES), len(LENGTHS))
-    share, length, along = grid.best
-    one = np.array([[toy.evidence(a, b, along)[0] for b in LENGTHS] for a in SHARES])
+    along = grid.best.size.along
+    one = np.array([[toy.evidence(a, b, along).log_z for b in LENGTHS] for a in SHARES])
     np.testing.assert_allclose(np.ptp(grid.log_z - one), 0.0, atol=1e-9)  # the average is one constant
-    assert toy.evidence(share, length, along)[0] == one.max()
-    np.testing.assert_array_equal(grid.z, toy.evidence(share, length, along)[1][0])
+    assert grid.best.log_z == one.max()
+    i, k = np.unravel_index(np.argmax(one), one.shape)
+    assert (grid.best.size.share, grid.best.size.length) == (SHARES[i], LENGTHS[k])
+    low, middle, high = sorted(grid.rest_share)
+    assert grid.rest_share == (middle, low, high) and low < high
 
 
 def test_evidence_is_the_mean_over_the_grid_and_the_rest_has_its_size(kit):
