@@ -145,11 +145,67 @@ def test_contacts_are_linear_or_hertzian_on_one_side_or_both(e, kit):
     deep = np.maximum(np.abs(at.displacement_mm[0]) - 0.5, 0.0)
     scale = 0.1 * kit.scales.length_mm
     hertz = 6.0 * scale * (deep / scale) ** e
-    both = added(made(kit, "EndStops"), at, k_N_mm=6.0, clearance_mm=0.5, exponent=e)
+    both = added(made(kit, "EndStops"), at, k_N_mm=6.0, clearance_mm=0.5, exponent=e, loss_s_m=0.0)
     np.testing.assert_allclose(both, np.sign(at.displacement_mm[0]) * hertz, rtol=1e-9, atol=1e-12)
-    low = added(made(kit, "EndStop"), at, k_N_mm=-6.0, clearance_mm=0.5, exponent=e)
+    low = added(made(kit, "EndStop"), at, k_N_mm=-6.0, clearance_mm=0.5, exponent=e, loss_s_m=0.0)
     np.testing.assert_allclose(low, np.where(at.displacement_mm[0] < 0.0, -hertz, 0.0), rtol=1e-9, atol=1e-12)
     assert np.abs(both[1]).max() < 1e-200  # 0.3 mm reaches neither
+
+
+@pytest.mark.parametrize("s", [-1.0, 0.3])
+def test_a_one_way_damper_damps_as_much_in_all(s, kit):
+    at, c = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=4096), 0.003
+    force = added(made(kit, "ViscousDamping"), at, c_N_s_mm=c, exponent=1.0, one_way=s)[0]
+    rising = at.velocity_m_s[0, 0] > 0.0
+    np.testing.assert_allclose(force[rising], c * 1e3 * at.velocity_m_s[0, 0, rising] * (1.0 + s), rtol=1e-9)
+    np.testing.assert_allclose(force[~rising], c * 1e3 * at.velocity_m_s[0, 0, ~rising] * (1.0 - s), rtol=1e-9)
+    assert work(force[None], at)[0] == pytest.approx(np.pi * c * OMEGA * A_MM**2, rel=1e-6)
+
+
+@pytest.mark.parametrize("f_m, zeta", [(37.0, 0.05), (70.0, 0.3), (400.0, 0.1)])
+def test_a_mass_on_a_mount_pushes_as_the_mounts_equation_says(f_m, zeta, kit):
+    """m(ÿ + ü) = −k y − c ẏ for the mass's way y on a base that moves by u; the spring of the mount pushes by k y."""
+    at, m = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM), 0.02
+    force = added(made(kit, "MovingMass"), at, m_kg=m, period_s=1.0 / f_m, damping=zeta)
+    w0, a0 = 2.0 * np.pi * f_m, -(OMEGA**2) * (-1j * A_MM * 1e-3)  # u = A sin, so u ~ −iA
+    y = -a0 / (w0**2 - OMEGA**2 + 2j * zeta * w0 * OMEGA)
+    assert complex_harmonics(force)[0, 1] == pytest.approx(-m * w0**2 * y, rel=1e-9)
+
+
+def test_a_rigidly_held_mass_is_the_limit(kit):
+    at, m = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM), 0.02
+    force = added(made(kit, "MovingMass"), at, m_kg=m, period_s=1e-6)
+    np.testing.assert_allclose(force[0], m * at.acceleration_m_s2[0, 0], rtol=1e-4, atol=1e-4)
+
+
+def test_a_spring_that_acts_on_one_side(kit):
+    at, k2 = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=256), 0.4
+    u = at.displacement_mm[0, 0]
+    force = added(made(kit, "QuadraticStiffness"), at, k2_N_mm2=k2, exponent=2.0, one_sided=-1.0)[0]
+    np.testing.assert_allclose(force, np.where(u < 0.0, 2.0 * k2 * u**2, 0.0), rtol=1e-9, atol=1e-12)
+
+
+def test_a_contact_that_loses_energy_is_hunt_and_crossleys(kit):
+    at = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=4096)
+    k, gap, loss = 6.0, 0.5, 2.0
+    force = added(made(kit, "EndStop"), at, k_N_mm=k, clearance_mm=gap, exponent=1.0, loss_s_m=loss)
+    u, v = at.displacement_mm[0, 0], at.velocity_m_s[0, 0]
+    np.testing.assert_allclose(force[0], k * np.maximum(u - gap, 0.0) * (1.0 + loss * v), rtol=1e-9, atol=1e-12)
+    # ∮ k λ d v du over the way in and out: 2 k λ ∫ (u − g) v du, v = ω √(A² − u²)
+    lost = integrate.quad(lambda x: (x - gap) * OMEGA * 1e-3 * np.sqrt(A_MM**2 - x**2), gap, A_MM)[0]
+    assert work(force, at)[0] == pytest.approx(2.0 * k * loss * lost, rel=1e-5)
+    hard = added(made(kit, "EndStop"), at, k_N_mm=k, clearance_mm=gap, exponent=1.0, loss_s_m=200.0)
+    assert hard.min() == 0.0  # a contact does not pull
+
+
+def test_limits_of_an_offset_range_are_unequal(kit):
+    at = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM)
+    force_N = 10.0 * at.displacement_mm[None] / A_MM
+    given = parameter_values_of(
+        made(kit, "ForceClipping"), inverse_limit_1_N=1.0 / 5.0, softness=2e-3, unequal=np.log(1.4)
+    )
+    seen = made(kit, "ForceClipping").force(force_N, at, given)
+    assert seen.max() == pytest.approx(7.0, rel=1e-2) and seen.min() == pytest.approx(-5.0 / 1.4, rel=1e-2)
 
 
 # ---- on the friction

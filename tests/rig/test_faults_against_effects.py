@@ -23,7 +23,14 @@ SIZES = {"normal_force_lag": 0.02}
 #: a number of the effect from the main number of the fault, where it is not the same one
 STRENGTH = {"force_lowpass": lambda corner: 1 / (2 * np.pi * corner), "force_clipping": lambda limit: 1 / limit}
 #: an effect's law is a family: the extra parameters at which it is the law that the rig has too
-CLASSICAL = {"end_stop.exponent": 1.0, "force_lowpass.second": 0.0, "force_clipping.softness": 2e-3}
+CLASSICAL = {
+    "end_stop.exponent": 1.0,
+    "end_stop.loss_s_m": 0.0,
+    "force_lowpass.second": 0.0,
+    "force_clipping.softness": 2e-3,
+    "maxwell_branch.spread": 0.999,
+    "moving_mass.period_s": 0.0,
+}
 
 
 @pytest.fixture(scope="module")
