@@ -160,7 +160,7 @@ def write_answer(
 ) -> dict[str, Any]:
     """Write `diagnosis.json` and `fits.json`; returns what the first holds."""
     answer = finite(to_dict(d))
-    named = {k: f for k, f in d.found.fits.items() if k <= set(d.verdict.names)}
+    named = {k: f for k, f in d.found.in_newtons.items() if k <= set(d.verdict.names)}
     files = (None if f is None else str(Path(f).resolve()) for f in (effects_file, simulator_file))
     write_fits(out / "fits.json", named, d.search.scales, d.settings, *files)
     write_json(out / "diagnosis.json", answer)

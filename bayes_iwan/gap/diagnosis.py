@@ -220,11 +220,15 @@ def _reported(
     """Everything that is said beside the verdict."""
     base, named = found.fits[frozenset()], frozenset(verdict.names)
     fit = found.fits[named]
-    residual, before, after = residual_of(data, base), found.sizes[frozenset()], found.sizes[named]
+    residual, before, after = (
+        residual_of(data, found.in_newtons[frozenset()]),
+        found.sizes[frozenset()],
+        found.sizes[named],
+    )
     found_where = where(residual, seed)
     if not quick:
         fit = sampled_fit(data, fit, seed, report)
-    left = residual_of(data, fit)
+    left = residual_of(data, found.in_newtons[named])
     places = where_sentences(found_where if not named else where(left, seed)) if verdict.unknown_rest else []
     outside = [f for f in found.figures if f.name in NO_CAUSE]
     looks_like = max(outside, key=lambda f: f.gain).name if outside and verdict.unknown_rest else None

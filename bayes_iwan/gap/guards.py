@@ -53,20 +53,25 @@ class Figures:
     before: float
 
 
-def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, ...]:
-    """The figures of every effect of the chosen set; share : of the gap, by effect (:func:`.budget.shares`)."""
+def guard_figures(
+    search: Search, nearest: Mapping[frozenset[str], Fit], share: Mapping[str, float]
+) -> tuple[Figures, ...]:
+    """The figures of every effect of the chosen set.
+
+    nearest : by subset of it, the fit that misses least in newtons; share : of the gap, by effect
+    (:func:`.budget.shares`)
+    """
     if not search.chosen:
         return ()
     data, whole = search.data, search.fit(search.chosen)
     without = {n: search.fit(set(search.chosen) - {n}) for n in search.chosen}
-    single = {n: search.fit({n}) for n in search.chosen}
-    models = {f.names: f for f in (whole, *without.values(), *single.values(), search.base)}
-    unseen = [u for u in left_out(list(models.values()), data) if u.by != HELD_OUT]
+    sets = dict.fromkeys((whole.names, *(f.names for f in without.values()), *map(_only, search.chosen), frozenset()))
+    unseen = [u for u in left_out([nearest[k] for k in sets], data) if u.by != HELD_OUT]
     differs = _differences(whole, data)
     moved = moved_shares(whole, data)
     level = float(np.sqrt(np.mean(data.level_N**2)))
-    gap = {k: gap_rms_N(data, f) for k, f in models.items()}
-    before = gap_rms_N(data, search.base)
+    gap = {k: gap_rms_N(data, nearest[k]) for k in sets}
+    before = gap[frozenset()]
     out = []
     for name in search.chosen:
         less = without[name]
@@ -90,7 +95,7 @@ def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, 
                 rivals,
                 fitted,
                 _judged(whole, name, unseen, whole.names, fitted),
-                _judged(whole, name, unseen, frozenset({name}), fitted),
+                _judged(whole, name, unseen, _only(name), fitted),
                 differs.get(name, 0.0),
                 moved[name],
                 gap[less.names] / level,
@@ -98,6 +103,10 @@ def guard_figures(search: Search, share: Mapping[str, float]) -> tuple[Figures, 
             )
         )
     return tuple(out)
+
+
+def _only(name: str) -> frozenset[str]:
+    return frozenset({name})
 
 
 def borne_out(nats: float, more_N: float, before_N: float, alike: bool) -> float:

@@ -19,7 +19,7 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import BUILT_IN, FORM, Maker
 from bayes_iwan.gap.candidates import Candidate, candidates, cheapest, failing
 from bayes_iwan.gap.data import GapData
-from bayes_iwan.gap.evidence import Fit, base_problem, extended, fit_model
+from bayes_iwan.gap.evidence import Fit, base_problem, extended, fit_model, in_newtons
 from bayes_iwan.gap.gap_size import gap_size
 from bayes_iwan.gap.refits import Refit, Refits
 from bayes_iwan.gap.residuals import residual_of
@@ -117,6 +117,7 @@ class _Explorer:
     ) -> None:
         self.data, self.rng, self.report = data, rng, report
         self.fits: dict[frozenset[str], Fit] = {}
+        self._gaps: dict[tuple[frozenset[str], float], float] = {}
         self._left: set[tuple[frozenset[str], str, float]] = set()
         self.failed: dict[str, str] = {}
         report("base model")
@@ -278,29 +279,33 @@ class _Explorer:
         best = self.plainest(less.names, same_size)
         return best if best.log_evidence > current.log_evidence + 1.0 else current
 
+    def gap_N(self, fit: Fit) -> float:
+        """See :func:`gap_rms_N`; found once for each fit."""
+        at = (fit.names, fit.log_evidence)
+        if at not in self._gaps:
+            self._gaps[at] = gap_rms_N(self.data, fit)
+        return self._gaps[at]
+
     def pruned(self, current: Fit) -> Fit:
         """Less what the others of the set stand in for: one of two effects that look alike, unless both are needed
         (what bends the base first, which names no cause), and what leaves the gap as it is or larger."""
         weakest_first = sorted(current.names, key=lambda n: -self.without(current, n).log_evidence)
-        base, whole = gap_rms_N(self.data, self.fits[frozenset()]), gap_rms_N(self.data, current)
+        base, whole = self.gap_N(self.fits[frozenset()]), self.gap_N(current)
         removes = {
-            n: (gap_rms_N(self.data, self.without(current, n)) - whole) / base if base > 0.0 else 0.0
-            for n in weakest_first
+            n: (self.gap_N(self.without(current, n)) - whole) / base if base > 0.0 else 0.0 for n in weakest_first
         }
         for name in sorted(weakest_first, key=lambda n: n not in LAST):
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
             alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
             opposed = (
-                alone is not None and gap_rms_N(self.data, alone) > base
+                alone is not None and self.gap_N(alone) > base
             )  # one is held by the other, that moves as much back
             cheap = less.log_evidence > current.log_evidence - BESIDE_ALIKE
             if alike and ((cheap and removes[name] < ALIKE_SHARE) or (opposed and removes[name] < 2.0 * ALIKE_SHARE)):
                 return self.pruned(less)
         for name in weakest_first:
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
-            stood_in = (
-                alone is not None and removes[name] < STOOD_IN and base - gap_rms_N(self.data, alone) > ALONE * base
-            )
+            stood_in = alone is not None and removes[name] < STOOD_IN and base - self.gap_N(alone) > ALONE * base
             if name not in LAST and (removes[name] < 0.0 or stood_in):
                 return self.pruned(less)
         return current
@@ -376,8 +381,8 @@ def search(
 
 
 def gap_rms_N(data: GapData, fit: Fit) -> float:
-    """RMS gap that a fit leaves, N."""
-    return gap_size(residual_of(data, fit), draws=DRAWS).all.rms_N
+    """RMS gap that a fit's model leaves where it misses least, N."""
+    return gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS).all.rms_N
 
 
 def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:

@@ -23,7 +23,7 @@ from bayes_iwan.gap.budget import (
     unseen_shares,
 )
 from bayes_iwan.gap.calibration import Calibration
-from bayes_iwan.gap.evidence import Fit
+from bayes_iwan.gap.evidence import Fit, in_newtons
 from bayes_iwan.gap.gap_size import GapSize, gap_size
 from bayes_iwan.gap.guards import Figures, guard_figures
 from bayes_iwan.gap.leave_out import HELD_OUT, Unseen, left_out
@@ -40,13 +40,15 @@ LEAST_GAP = 0.01
 class Weighed:
     """Everything behind a verdict but the calibration's constants.
 
-    figures : of every effect of the chosen set that may be named; fits, sizes : by every subset of it; subharmonic :
-    the largest power of a line at half a test's frequency over its background
+    figures : of every effect of the chosen set that may be named; by every subset of it: fits; in_newtons, the same
+    models where they miss least in newtons, and sizes, what they miss there. subharmonic : the largest power of a line
+    at half a test's frequency over its background
     """
 
     search: Search
     figures: tuple[Figures, ...]
     fits: Mapping[frozenset[str], Fit]
+    in_newtons: Mapping[frozenset[str], Fit]
     sizes: Mapping[frozenset[str], GapSize]
     subharmonic: float
 
@@ -59,18 +61,21 @@ class Weighed:
 def weighed(search: Search, seed: int) -> Weighed:
     """Figures of the chosen effects that remove anything, fits and gaps of all their subsets."""
     fits = fits_of_subsets(search)
-    before = gap_size(residual_of(search.data, fits[frozenset()]), seed)
+    nearest = {k: in_newtons(search.data, f) for k, f in fits.items()}
+    before = gap_size(residual_of(search.data, nearest[frozenset()]), seed)
     sizes = {
         k: before if not k else gap_size(residual_of(search.data, f), seed, friction_N=before.friction_N)
-        for k, f in fits.items()
+        for k, f in nearest.items()
     }
     kept = _removing(search.chosen, {k: s.all.rms_N for k, s in sizes.items()})
     search = replace(search, chosen=kept, fits=dict(search.fits) | fits)
     fits = {k: f for k, f in fits.items() if k <= frozenset(kept)}
     sizes = {k: s for k, s in sizes.items() if k in fits}
     share = {n: s.value for n, s in shares(search.chosen, sizes).items()} if search.chosen else {}
-    said = tuple(f for f in guard_figures(search, share) if f.name not in LAST or f.gap >= LEAST_GAP)
-    return Weighed(search, said, fits, sizes, float(np.max(search.data.subharmonic, initial=0.0)))
+    said = tuple(f for f in guard_figures(search, nearest, share) if f.name not in LAST or f.gap >= LEAST_GAP)
+    return Weighed(
+        search, said, fits, {k: nearest[k] for k in fits}, sizes, float(np.max(search.data.subharmonic, initial=0.0))
+    )
 
 
 def _removing(chosen: Sequence[str], gap_N: Mapping[frozenset[str], float]) -> tuple[str, ...]:
@@ -155,7 +160,7 @@ def _causes(
         return ()
     keys = subsets(named)
     share = shares(named, {k: found.sizes[k] for k in keys})
-    unseen = left_out([found.fits[k] for k in keys], found.search.data, held_out)
+    unseen = left_out([found.in_newtons[k] for k in keys], found.search.data, held_out)
     judges: tuple[Unseen, ...] = tuple(u for u in unseen if u.by == HELD_OUT) or unseen
     predicted = unseen_shares(named, judges) if judges else {}
     whole = found.fits[frozenset(named)]
