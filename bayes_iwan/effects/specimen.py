@@ -87,8 +87,9 @@ class MaxwellBranch(Effect):
                 "a",
                 "-",
                 "fractional order: 1 one relaxation time, less a spread",
-                # not beyond 1: such a branch would ring as a mass does
-                stats.truncnorm(-3.5, 0.0, loc=1.0, scale=0.2),
+                about(1.0, 0.2),
+                0.3,
+                1.0,  # beyond it such a branch would ring as a mass does
                 scan=False,
             ),
         }
