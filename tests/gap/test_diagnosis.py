@@ -138,7 +138,7 @@ def test_stored_fits_predict_as_the_live_ones_do(viscous, folder, further):
     named = frozenset(viscous.verdict.names)
     gap = [
         float(np.sqrt(max(gap_power_N2(residual_of(data, f, refitted=False)).mean(), 0.0)))
-        for f in (viscous.found.fits[frozenset()], viscous.found.fits[named])
+        for f in (viscous.found.in_newtons[frozenset()], viscous.found.in_newtons[named])
     ]
     whole, parts = find_shares(folder, further)
     assert whole == pytest.approx(1.0 - gap[1] / gap[0], abs=1e-9) and whole > 0.6
