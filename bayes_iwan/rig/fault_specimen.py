@@ -44,8 +44,11 @@ def _valve_damping(p: Parameters) -> Acting:
 def _blow_off(p: Parameters) -> Acting:
     """A relief valve opens at a speed: beyond it the force grows at a fifth of its pace."""
     c, opens = p["c_N_s_mm"], p["opens_mm_s"]
-    return {"speed_force": lambda v: c * np.sign(v) * (np.minimum(np.abs(v), opens)
-                                                        + 0.2 * np.maximum(np.abs(v) - opens, 0.0))}  # fmt: skip
+
+    def force(v: Array) -> Array:
+        return c * np.sign(v) * (np.minimum(np.abs(v), opens) + 0.2 * np.maximum(np.abs(v) - opens, 0.0))
+
+    return Acting(speed_force=force)
 
 
 VISCOUS = FaultKind(
