@@ -46,8 +46,8 @@ class RigCompliance(Effect):
             "soft_N": ExtraParameter(
                 "F₁",
                 "N",
-                "force over which a soft first part closes",
-                stats.lognorm(s=0.7, scale=0.4 * self.scales.force_N),
+                "force over which a soft first part closes",  # over much less it is a play with soft ends
+                stats.lognorm(s=0.35, scale=0.4 * self.scales.force_N),
                 scan=False,
             ),
         }

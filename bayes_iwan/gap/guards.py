@@ -16,7 +16,7 @@ from bayes_iwan.gap.data import GapData
 from bayes_iwan.gap.evidence import Fit
 from bayes_iwan.gap.gap_size import moved_shares
 from bayes_iwan.gap.leave_out import HELD_OUT, Unseen, halves, left_out, refitted
-from bayes_iwan.gap.search import TIED_NATS, Search, gap_rms_N, look_alike
+from bayes_iwan.gap.search import LAST, TIED_NATS, Search, gap_rms_N, look_alike
 
 #: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:
 #: nature's law is not quite the catalogue's
@@ -80,7 +80,7 @@ def guard_figures(
                 f.log_evidence - whole.log_evidence,
                 gap_rms_N(data, f) - gap[whole.names],
                 before,
-                look_alike(search.effects, name, n),
+                n in LAST or look_alike(search.effects, name, n),
             )
             for n, f in search.rivals(name).items()
         }
@@ -111,7 +111,8 @@ def _only(name: str) -> frozenset[str]:
 
 def borne_out(nats: float, more_N: float, before_N: float, alike: bool) -> float:
     """Nats by which a rival is ahead or behind (negative): no more behind than NATS_OF_GAP for what it leaves more of
-    the gap; a look-alike that is ahead by less than TIED_NATS is tied, since the search took the simpler story."""
+    the gap; a look-alike, or what bends the base's own form, that is ahead by less than TIED_NATS is tied, since the
+    search took the simpler story."""
     if nats >= 0.0:
         return 0.0 if alike and nats < TIED_NATS else nats
     more = max(more_N, 0.0) / before_N if before_N > 0.0 else np.inf

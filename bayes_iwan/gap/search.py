@@ -274,10 +274,12 @@ class _Explorer:
         return current
 
     def best_beside(self, less: Fit, current: Fit) -> Fit:
-        """The current fit, or a clearly better one of as many effects that has those of a smaller one."""
+        """The current fit, or a clearly better one of as many effects that has those of a smaller one, or the simpler
+        story of two that look alike and are all but tied."""
         same_size = [f for k, f in self.fits.items() if less.names < k and len(k) == len(current.names)]
-        best = self.plainest(less.names, same_size)
-        return best if best.log_evidence > current.log_evidence + 1.0 else current
+        better = [f for f in same_size if f.log_evidence > current.log_evidence + 1.0]
+        top = max(better, key=lambda f: f.log_evidence, default=current)
+        return self.plainest(less.names, [top, *(f for f in same_size if f.log_evidence < top.log_evidence)])
 
     def gap_N(self, fit: Fit) -> float:
         """See :func:`gap_rms_N`; found once for each fit."""
