@@ -22,16 +22,12 @@ from bayes_iwan.gap.guards import Figures
 CALIBRATION = Path(__file__).with_name("calibration.json")
 #: nats up to which evidence counts in full; beyond, by its logarithm
 LINEAR_NATS = 10.0
-#: a share of the gap below which all are alike
-LEAST_SHARE = 0.01
-#: an effect that moves more than so many times the gap is held by another that moves as much the other way
-MOVED_MOST = 3.0
 #: share of the friction force that the rest is compared with: a sound specimen's usual difference from the model
 USUAL_REST = 0.002
 #: no answer claims more
 SUREST = 0.99
 #: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
-EFFECT_FIGURES = ("gain", "share", "unseen", "steady", "spare")
+EFFECT_FIGURES = ("gain", "unseen", "steady")
 REST_FIGURES = ("size", "left", "unlisted", "subharmonic")
 
 
@@ -72,16 +68,9 @@ class Calibration:
 
 
 def effect_figures(f: Figures) -> Array:
-    """(5,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES."""
-    return np.array(
-        [
-            np.arcsinh(f.gain / LINEAR_NATS),
-            np.log(np.clip(f.fitted, LEAST_SHARE, 1.0)),
-            f.unseen,
-            -min(f.differs, 5.0),
-            -max(np.log(max(f.moved, 1e-3) / (MOVED_MOST * max(f.before, 1e-6))), 0.0),
-        ]
-    )
+    """(3,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES: its evidence, what it
+    removes on tests left out (the mean of first and last effect of the set), the steadiness of its strength."""
+    return np.array([np.arcsinh(f.gain / LINEAR_NATS), 0.5 * (f.unseen + f.alone), -min(f.differs, 5.0)])
 
 
 def rest_figures(share: float, left: float, unlisted: float, subharmonic: float) -> Array:
