@@ -49,8 +49,8 @@ _WORTH_SAYING = 0.01
 @dataclass(frozen=True)
 class Form:
     """What the bent form says of one number. weight : its probability by evidence; shift : of the centre; ratio : of
-    the posterior's standard deviation; spread : standard deviation between the two forms. As in :class:`Widening`
-    relative or not."""
+    the posterior's standard deviation, at most 1; spread : standard deviation that adds, between the two forms and
+    where the bent one is wider. As in :class:`Widening` relative or not."""
 
     weight: float = 0.0
     shift: float = 0.0
@@ -161,16 +161,24 @@ def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -
         relative = own.relative and other.relative
         a, b = (x if relative else x.plain() for x in (own, other))
         between = math.sqrt((1.0 - weight) * a.between_sd**2 + weight * b.between_sd**2)
-        form = Form(
-            weight,
-            weight * (b.value - a.value),
-            math.sqrt(1.0 - weight + weight * (b.sd / a.sd) ** 2) if a.sd > 0.0 else 1.0,
-            math.sqrt(weight * (1.0 - weight)) * abs(b.value - a.value),
-        )
+        form = _form(weight, b.value - a.value, a.sd, b.sd)
         sd, why = unreached.get(name, (0.0, ""))
         sd = sd if relative else sd * own.plain().value
         out[name] = Widening(between, sd, max(tests - 1, 1), relative, why, form)
     return out
+
+
+def _form(weight: float, apart: float, sd: float, other_sd: float) -> Form:
+    """Mean and variance of a mixture of the two forms, `apart` from each other. Where the bent form is the wider one
+    its variance adds, so that a posterior wider than its normal approximation is not stretched."""
+    more = weight * (other_sd**2 - sd**2)
+    form = Form(
+        weight,
+        weight * apart,
+        math.sqrt(1.0 + more / sd**2) if more < 0.0 else 1.0,
+        math.sqrt(weight * (1.0 - weight) * apart**2 + max(more, 0.0)),
+    )
+    return form if math.isfinite(form.shift) and math.isfinite(form.spread) else Form(weight)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from bayes_iwan.inference.bent import bent_form
 from bayes_iwan.inference.discrepancy import on_phases
 from bayes_iwan.inference.intervals import (
     SHARED,
-    Form,
     Widening,
+    _form,
     between_draws,
     reach_of,
     widenings,
@@ -114,16 +114,24 @@ def test_every_quantity_is_widened_and_the_low_tail_is_extrapolated(simple):
     assert found["kp_N_mm"].unreached_sd == 0.0 and found["kp_N_mm"].reach == ""
 
 
-def test_two_forms_are_averaged_as_a_mixture_of_two_normals():
+@pytest.mark.parametrize("other", [2.0, 0.4])
+def test_two_forms_are_averaged_as_a_mixture_of_two_normals(other):
     """Centre and variance of a mixture: w·δ, and the mean variance plus w(1 − w)·δ²."""
-    w, sd, other, apart = 0.3, 1.0, 2.0, 1.5
-    form = Form(w, w * apart, np.sqrt(1.0 - w + w * (other / sd) ** 2), np.sqrt(w * (1.0 - w)) * apart)
+    w, sd, apart = 0.3, 1.0, 1.5
     x = 10.0 + stats.norm.ppf((np.arange(9999) + 0.5) / 9999)
-    widening = Widening(0.0, 0.0, 3, False, "", form)
+    widening = Widening(0.0, 0.0, 3, False, "", _form(w, apart, sd, other))
     total = np.sqrt((1.0 - w) * sd**2 + w * other**2 + w * (1.0 - w) * apart**2)
     np.testing.assert_allclose(widening.interval(x), 10.0 + w * apart + total * stats.norm.ppf([0.05, 0.95]), atol=0.01)
     assert widening.centre(x) == pytest.approx(10.0 + w * apart)
     assert widening.alone().interval(x) == pytest.approx(tuple(np.quantile(x, [0.05, 0.95])), abs=1e-3)
+
+
+def test_a_form_that_says_nothing_finite_moves_nothing():
+    widening = Widening(0.0, 0.0, 3, False, "", _form(1.0, np.nan, 1.0, 1.0))
+    assert widening.centre(np.array([1.0, 2.0, 3.0])) == 2.0
+    constant = Widening(0.0, 0.0, 3, False, "", _form(1.0, 0.5, 0.0, 0.2))  # what the plain form holds, the bent moves
+    low, high = constant.interval(np.full(9, 1.0))
+    assert (low, high) == pytest.approx((1.5 - 0.329, 1.5 + 0.329), abs=1e-3)
 
 
 def with_noise(problem, force_N, seed):
