@@ -36,7 +36,7 @@ METHOD = {"method": "independent"}
 _STAGE = "proposals"
 _BATCH = 128  # proposals of a chain that are solved for together
 _FIRST_CHECK = 256
-_GIVE_UP, _GIVE_UP_SHARE = 768, 0.25  # steps at which the least effective size must be this share of its target
+_GIVE_UP, _GIVE_UP_SHARE = 768, 0.1  # steps at which the least effective size must be this share of its target
 
 
 def sample_independently(
