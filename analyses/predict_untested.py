@@ -1,6 +1,7 @@
 """Predict tests that were not fitted, and see whether the intervals hold what was then measured.
 
     python analyses/predict_untested.py CAMPAIGN --out predict.png
+    python analyses/predict_untested.py --rig 10 --seed 17 --by frequency
 
 Each frequency, and each amplitude, is held out in turn (where others remain); the rest is identified by a short run
 and predicts it. Shown: the residual of every held-out loop within its 50 and 90 % bands, and the coverage.
@@ -85,21 +86,56 @@ def figure(predicted):
     return made
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("campaign", metavar="CAMPAIGN")
-    parser.add_argument("--by", choices=("frequency", "amplitude", "both"), default="both")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", default="predict.png")
-    args = parser.parse_args()
-    every = bi.read_campaign(args.campaign).loops()
-    what = {"frequency": ("frequency_hz",), "amplitude": ("amplitude_mm",), "both": ("frequency_hz", "amplitude_mm")}
-    predicted = {name: held_out(every, files, args.seed) for name, files in folds(every, what[args.by]).items()}
-    print(f"{'held out':>10s}  {'points in 50 %':>14s}  {'in 90 %':>8s}  {'energies, stiffnesses in 90 %':>30s}")
+HEADER = f"{'held out':>20s}  {'points in 50 %':>14s}  {'in 90 %':>8s}  {'energies, stiffnesses in 90 %':>30s}"
+
+
+def table(predicted):
+    """Line by line what the bands of each held-out group hold."""
     for name, p in predicted.items():
         half, most = coverage(p, 0.5), coverage(p, 0.9)
         print(
-            f"{name:>10s}  {100 * half.points:13.0f}%  {100 * most.points:7.0f}%  {100 * most.parameter_values:29.0f}%"
+            f"{name:>20s}  {100 * half.points:13.0f}%  {100 * most.points:7.0f}%  {100 * most.parameter_values:29.0f}%",
+            flush=True,
         )
-    save(figure(predicted), args.out)
-    print(args.out)
+
+
+def on_the_rig(count, seed, what):
+    """Sound specimens of the virtual rig: each held-out group, and over all of them the means."""
+    from coverage_rig import simulated
+
+    print(HEADER)
+    every = {}
+    for index in range(count):
+        loops = simulated(seed, index)["loops"]
+        for name, files in folds(loops, what).items():
+            every[f"{index}: {name}"] = held_out(loops, files, index)
+            table({f"{index}: {name}": every[f"{index}: {name}"]})
+    for level in (0.5, 0.9):
+        found = [coverage(p, level) for p in every.values()]
+        points, others = (np.mean([getattr(f, x) for f in found]) for x in ("points", "parameter_values"))
+        print(
+            f"{count} specimens, {len(every)} groups left out: {100 * level:g} % bands hold {100 * points:.0f} % of "
+            f"points, {100 * others:.0f} % of energies and stiffnesses"
+        )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("campaign", metavar="CAMPAIGN", nargs="?")
+    parser.add_argument("--by", choices=("frequency", "amplitude", "both"), default="both")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", default="predict.png")
+    parser.add_argument("--rig", type=int, metavar="N", help="N sound specimens of the virtual rig, not a campaign")
+    args = parser.parse_args()
+    what = {"frequency": ("frequency_hz",), "amplitude": ("amplitude_mm",), "both": ("frequency_hz", "amplitude_mm")}
+    if args.rig:
+        on_the_rig(args.rig, args.seed, what[args.by])
+    else:
+        if args.campaign is None:
+            parser.error("name a campaign, or give --rig N")
+        every = bi.read_campaign(args.campaign).loops()
+        predicted = {name: held_out(every, files, args.seed) for name, files in folds(every, what[args.by]).items()}
+        print(HEADER)
+        table(predicted)
+        save(figure(predicted), args.out)
+        print(args.out)
