@@ -26,14 +26,16 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import average
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_whole
-from bayes_iwan.gap.budget import NO_CAUSE, contributing, rest_figures_of, shapley, shares, subsets
+from bayes_iwan.gap.budget import NO_CAUSE, contributing, left_unnamed, shapley, shares, subsets
 from bayes_iwan.gap.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
     REST_FIGURES,
+    USUAL_REST,
     Calibration,
     calibration,
     effect_figures,
+    rest_figures,
 )
 from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.diagnosis import searched
@@ -90,7 +92,7 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
         "noise_N": found.sizes[frozenset()].all.noise_N,
         "figures": [asdict(f) for f in found.figures],
         "gap_N": {key(k): v for k, v in found.gap_N.items()},
-        "rest_share": {key(k): f.rest_share[0] for k, f in found.fits.items()},
+        "gap_share": {key(k): s.all.share for k, s in found.sizes.items()},
         "share": {key(k): {n: s.value for n, s in shares(k, found.sizes).items()} for k in found.fits if k},
         "subharmonic": found.subharmonic,
         "cpu_s": took,
@@ -196,9 +198,14 @@ def named_in(case: dict[str, Any], c: Calibration) -> frozenset[str]:
 
 def rest_row(case: dict[str, Any], c: Calibration) -> np.ndarray:
     """(figures,) of what is left beside the effects that these constants name."""
-    places = {f.name: c.contributes(f) for f in figures_of(case)}
-    size, gap = sets(case["rest_share"]), sets(case["gap_N"])
-    return rest_figures_of(named_in(case, c), size, gap, places, case["subharmonic"])
+    return rest_figures(left_unnamed(named_in(case, c), sets(case["gap_share"])), case["subharmonic"])
+
+
+def rest_is_real(case: dict[str, Any], c: Calibration) -> bool:
+    """Does a true effect, listed or not, that these constants do not name make a part of the gap that can be seen?"""
+    gap, named = sets(case["gap_N"])[frozenset()], named_in(case, c)
+    least = max(case["noise_N"], USUAL_REST * case["truth"]["friction_rms_N"])
+    return any(share * gap > least for n, share in case["true_share"].items() if n not in named)
 
 
 def fitted(cases: Sequence[dict[str, Any]]) -> Calibration:
@@ -208,7 +215,7 @@ def fitted(cases: Sequence[dict[str, Any]]) -> Calibration:
     within = within_fit(cases)
     half = Calibration(effect, bias, old.rest, old.rest_bias, within, APART, old.usual)
     rest = np.array([rest_row(case, half) for case in cases])
-    weights, rest_bias = logistic_fit(rest, np.array([float(has_outside(case)) for case in cases]))
+    weights, rest_bias = logistic_fit(rest, np.array([float(rest_is_real(case, half)) for case in cases]))
     return Calibration(effect, bias, weights, rest_bias, within, APART, old.usual)
 
 
@@ -229,10 +236,8 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         named = {n for n in named_in(case, c) if n not in LAST}
         apart = {n for f in given if f.name in named for n, v in f.rivals.items() if v > -c.apart}
         flagged = c.unknown_rest(rest_row(case, c)) >= 0.5
-        visible = {
-            e["name"] for e in case["truth"]["effects"]
-            if e["size"] * e["visible_share"] * case["truth"]["friction_rms_N"] > case["noise_N"]
-        }  # fmt: skip
+        gap = sets(case["gap_N"])[frozenset()]
+        visible = {n for n, share in case["true_share"].items() if share * gap > case["noise_N"]}
         listed = {n for n in visible if n not in rig_cases.OUTSIDE}
         false = {n for n in named - true if not ({r for f in given if f.name == n for r, v in f.rivals.items()
                                                   if v > -c.apart} & true)}  # fmt: skip
@@ -243,7 +248,10 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         if kind == "single" and listed:
             count("single, visible: named", true <= named)
             count("single, visible: named or in the set", true <= named | apart)
-            count("single, visible: rest flagged", flagged)
+            if named:
+                count("single, visible: something named, a rest flagged beside it", flagged)
+            else:
+                count("single, visible: nothing named, called unknown", flagged)
         if kind in ("pair", "triple"):
             for n in listed:
                 count("pairs and triples: visible effect found", n in named)
@@ -278,7 +286,7 @@ def reliability(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration
                 stated.append(value)
                 right.append(name in true)
         stated.append(c.unknown_rest(rest_row(case, c)))
-        right.append(has_outside(case))
+        right.append(rest_is_real(case, c))
     x, y = np.array(stated), np.array(right, float)
     bins = np.digitize(x, [0.1, 0.3, 0.5, 0.7, 0.9])
     lines, error = [], 0.0

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.catalogue import UNLISTED
-from bayes_iwan.gap.calibration import Calibration, rest_figures
+from bayes_iwan.gap.calibration import Calibration
 from bayes_iwan.gap.evidence import Fit, FitError, extended, fit_model
 from bayes_iwan.gap.gap_size import Gap, GapSize
 from bayes_iwan.gap.guards import Figures
@@ -238,15 +238,7 @@ def contributing(given: Iterable[Figures], c: Calibration) -> tuple[dict[str, fl
     return p, places
 
 
-def rest_figures_of(
-    named: frozenset[str], rest_share: Mapping[frozenset[str], float], gap: Mapping[frozenset[str], float],
-    places: Mapping[str, float], subharmonic: float,
-) -> Array:  # fmt: skip
-    """(4,) the figures that :meth:`Calibration.unknown_rest` weighs; rest_share : the rest's size over the friction
-    level, gap : RMS, by set of effects. What causes in the base's own form explain (:data:`LAST`) is a specimen's usual
-    difference from the model and no rest."""
-    explained = named | (max(gap, key=len) & LAST)
-    before = gap[frozenset()]
-    left = gap[explained] / before if before > 0.0 else 1.0
-    outside = max((p for n, p in places.items() if n in NO_CAUSE), default=0.0)
-    return rest_figures(rest_share[explained], left, outside, subharmonic)
+def left_unnamed(named: frozenset[str], gap: Mapping[frozenset[str], float]) -> float:
+    """The gap beside the named effects, of gaps by set of effects. What causes in the base's own form explain
+    (:data:`LAST`) is a specimen's usual difference from the model and not left."""
+    return gap[named | (max(gap, key=len) & LAST)]

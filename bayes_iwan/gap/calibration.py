@@ -22,13 +22,13 @@ from bayes_iwan.gap.guards import Figures
 CALIBRATION = Path(__file__).with_name("calibration.json")
 #: nats up to which evidence counts in full; beyond, by its logarithm
 LINEAR_NATS = 10.0
-#: share of the friction force that the rest is compared with: a sound specimen's usual difference from the model
-USUAL_REST = 0.002
+#: share of the friction force that what is left is compared with: a sound specimen's usual gap
+USUAL_REST = 0.004
 #: no answer claims more
 SUREST = 0.99
 #: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
 EFFECT_FIGURES = ("gain", "unseen", "steady")
-REST_FIGURES = ("size", "left", "unlisted", "subharmonic")
+REST_FIGURES = ("left", "subharmonic")
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Calibration:
         return {n: float(w / total) for n, w in weight.items()}
 
     def unknown_rest(self, figures: Array) -> float:
-        """Probability that the rest has a cause without a name; figures (4,) in the order of REST_FIGURES."""
+        """Probability that the rest has a cause without a name; figures (2,) in the order of REST_FIGURES."""
         return logistic(float(np.dot(self.rest, figures)) + self.rest_bias)
 
     def save(self, path: Path = CALIBRATION) -> None:
@@ -73,18 +73,10 @@ def effect_figures(f: Figures) -> Array:
     return np.array([np.arcsinh(f.gain / LINEAR_NATS), 0.5 * (f.unseen + f.alone), -min(f.differs, 5.0)])
 
 
-def rest_figures(share: float, left: float, unlisted: float, subharmonic: float) -> Array:
-    """(4,) figures of the rest: its size over the friction force, the part of the gap that is left beside all named
-    causes, the probability that a cause outside the catalogue contributes, and the power of a line at half the test
-    frequency over its background."""
-    return np.array(
-        [
-            np.log(max(share, 1e-5) / USUAL_REST),
-            np.log(np.clip(left, 0.02, 1.0)),
-            unlisted,
-            np.log1p(max(subharmonic - 5.0, 0.0)),
-        ]
-    )
+def rest_figures(left: float, subharmonic: float) -> Array:
+    """(2,) figures of the rest: the gap left beside all named causes as a share of the friction force, and the power of
+    a line at half the test frequency over its background."""
+    return np.array([np.log(max(left, 1e-5) / USUAL_REST), np.log1p(max(subharmonic - 5.0, 0.0))])
 
 
 def logistic(x: float) -> float:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.gap.budget import (
     NAMED,
@@ -17,12 +16,12 @@ from bayes_iwan.gap.budget import (
     Verdict,
     contributing,
     fits_of_subsets,
-    rest_figures_of,
+    left_unnamed,
     shares,
     subsets,
     unseen_shares,
 )
-from bayes_iwan.gap.calibration import Calibration
+from bayes_iwan.gap.calibration import Calibration, rest_figures
 from bayes_iwan.gap.evidence import Fit, in_newtons
 from bayes_iwan.gap.gap_size import GapSize, gap_size
 from bayes_iwan.gap.guards import Figures, guard_figures
@@ -123,18 +122,16 @@ def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
     return tuple(kept)
 
 
-def rest_of(found: Weighed, named: Sequence[str], c: Calibration) -> tuple[Array, float]:
-    """Figures of what is left beside the named effects, and the probability that it has a cause of its own."""
-    _, places = contributing(found.figures, c)
-    size = {k: f.rest_share[0] for k, f in found.fits.items()}
-    at = rest_figures_of(frozenset(named), size, found.gap_N, places, found.subharmonic)
-    return at, c.unknown_rest(at)
+def unknown_rest(found: Weighed, named: Sequence[str], c: Calibration) -> float:
+    """Probability that what is left beside the named effects has a cause of its own."""
+    left = left_unnamed(frozenset(named), {k: s.all.share for k, s in found.sizes.items()})
+    return c.unknown_rest(rest_figures(left, found.subharmonic))
 
 
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
     """Name causes, give each its share of the gap, and say whether the rest needs a cause of its own."""
     named = helping(found, named_by(found.figures, c))
-    _, rest = rest_of(found, named, c)
+    rest = unknown_rest(found, named, c)
     p, places = contributing(found.figures, c)
     probabilities = {n: 0.0 for n in found.search.effects if n not in NO_CAUSE} | {
         n: v for n, v in p.items() if n not in NO_CAUSE

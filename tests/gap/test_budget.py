@@ -87,9 +87,9 @@ def test_rivals_share_their_places_probability():
 
 def test_a_larger_rest_is_likelier_to_have_a_cause():
     c = calibration()
-    p = [c.unknown_rest(rest_figures(share, 1.0, 0.0, 1.0)) for share in (0.0005, 0.005, 0.05)]
+    p = [c.unknown_rest(rest_figures(share, 1.0)) for share in (0.0005, 0.005, 0.05)]
     assert p[0] < 0.5 < p[2] and p == sorted(p)
-    assert c.unknown_rest(rest_figures(0.004, 0.5, 0.0, 800.0)) >= c.unknown_rest(rest_figures(0.004, 0.5, 0.0, 1.0))
+    assert c.unknown_rest(rest_figures(0.004, 800.0)) >= c.unknown_rest(rest_figures(0.004, 1.0))
 
 
 def test_shipped_constants_have_one_sign_and_one_weight_for_each_figure():
@@ -102,6 +102,6 @@ def test_shipped_constants_have_one_sign_and_one_weight_for_each_figure():
 def test_saved_constants_are_read_back(tmp_path):
     import json
 
-    c = Calibration((1.0, 2.0, 0.5), -1.5, (1.0, 0.0, 2.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5))
+    c = Calibration((1.0, 2.0, 0.5), -1.5, (1.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5))
     c.save(tmp_path / "constants.json")
     assert from_json(json.loads((tmp_path / "constants.json").read_text())) == c
