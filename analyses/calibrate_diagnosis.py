@@ -92,7 +92,7 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
         "noise_N": found.sizes[frozenset()].all.noise_N,
         "figures": [asdict(f) for f in found.figures],
         "gap_N": {key(k): v for k, v in found.gap_N.items()},
-        "gap_share": {key(k): s.all.share for k, s in found.sizes.items()},
+        "gap_share": {key(k): s.all.resolved_share for k, s in found.sizes.items()},
         "share": {key(k): {n: s.value for n, s in shares(k, found.sizes).items()} for k in found.fits if k},
         "subharmonic": found.subharmonic,
         "cpu_s": took,

@@ -40,6 +40,11 @@ class Gap:
     noise_N: float
     residual_N: float
 
+    @property
+    def resolved_share(self) -> float:
+        """The share where its interval leaves zero out, else 0: what can be said to be there."""
+        return self.share if self.low_N > 0.0 else 0.0
+
 
 @dataclass(frozen=True)
 class GapSize:

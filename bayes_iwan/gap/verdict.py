@@ -124,7 +124,7 @@ def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
 
 def unknown_rest(found: Weighed, named: Sequence[str], c: Calibration) -> float:
     """Probability that what is left beside the named effects has a cause of its own."""
-    left = left_unnamed(frozenset(named), {k: s.all.share for k, s in found.sizes.items()})
+    left = left_unnamed(frozenset(named), {k: s.all.resolved_share for k, s in found.sizes.items()})
     return c.unknown_rest(rest_figures(left, found.subharmonic))
 
 
