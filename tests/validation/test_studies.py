@@ -110,6 +110,7 @@ def made_case(rng, kind, name, law, strong):
         "rivals": {name: 0.0, "other": -20.0 if true else -0.5},
         "fitted": 0.8 if true else 0.1,
         "unseen": 0.7 if true else -0.2,
+        "alone": 0.7 if true else -0.2,
         "differs": 0.5 if true else 3.0,
         "moved": 0.05 if true else 0.004,
         "gap": 0.05,
@@ -133,7 +134,8 @@ def made_case(rng, kind, name, law, strong):
         "noise_N": 0.005,
         "figures": [figures],
         "gap_N": {"": 0.05 if kind != "none" else 0.001, name: 0.01 if true else 0.045},
-        "rest_share": {"": 0.05 if kind != "none" else 0.0006, name: 0.001 if true else 0.04},
+        "gap_share": {"": 0.05 if kind != "none" else 0.001, name: 0.004 if true else 0.045},
+        "true_share": {e["name"]: 0.95 for e in effects},
         "subharmonic": 1.0,
         "share": {name: {name: 0.95 if true else 0.1}},
     }
