@@ -17,6 +17,7 @@ from bayes_iwan.gap.calibration import (
     rest_figures,
 )
 from bayes_iwan.gap.guards import Figures, borne_out
+from bayes_iwan.gap.words import title
 
 
 def test_subsets_are_all_of_them_the_empty_one_first():
@@ -105,3 +106,9 @@ def test_saved_constants_are_read_back(tmp_path):
     c = Calibration((1.0, 2.0, 0.5), -1.5, (1.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5))
     c.save(tmp_path / "constants.json")
     assert from_json(json.loads((tmp_path / "constants.json").read_text())) == c
+
+
+def test_titles_are_running_text():
+    assert title("channel_delay") == "a delay between the channels" and title("end_stop") == "end stop"
+    assert title("slip_forces_follows_pressure_bar") == "slip forces that follow pressure_bar"
+    assert title("stiffness_follows_temperature_C") == "stiffness that follows temperature_C"
