@@ -27,8 +27,9 @@ TITLES = {
 def title(name: str) -> str:
     """An effect's name in running text."""
     what, follows, condition = name.partition("_follows_")
-    if follows:  # slip forces follow, a stiffness follows
-        return f"{what.replace('_', ' ')} that follow{'' if what.endswith('s') and what != 'stiffness' else 's'} {condition}"
+    if follows:
+        verb = "follow" if what == "slip_forces" else "follows"
+        return f"{what.replace('_', ' ')} that {verb} {condition}"
     return TITLES.get(name, name.replace("_", " "))
 
 
