@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bayes_iwan.effects.catalogue import UNLISTED
 from bayes_iwan.gap.budget import NO_CAUSE, Cause, Kind
 from bayes_iwan.gap.gap_size import Gap
@@ -113,7 +115,8 @@ def _strength(parameters: Mapping[str, EffectParameter]) -> str:
     name, p = next(iter(parameters.items()))
     unit = "" if p.unit in ("-", "") else f" {p.unit}"
     what = name.split("[")[0].rsplit("_", name.count("_") if len(name.split("_")) > 2 else 1)[0].replace("_", " ")
-    return f" of {p.mean:.3g} ± {p.sd:.1g}{unit}" if unit else f" ({what} {p.mean:.3g} ± {p.sd:.1g})"
+    number = f"{p.mean:.3g} ± {np.format_float_positional(float(f'{p.sd:.1g}'), trim='-')}"
+    return f" of {number}{unit}" if unit else f" ({what} {number})"
 
 
 def _rest(d: Diagnosis) -> list[str]:

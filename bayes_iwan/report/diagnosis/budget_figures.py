@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,7 +23,7 @@ def _waterfall(ax: Axes, budget: GapBudget) -> None:
     rows: list[tuple[str, float, float, str, tuple[float, float] | None]] = [("gap", 0.0, 1.0, BLACK, None)]
     top = 1.0
     for c in budget.causes:
-        rows.append((c.name.replace("_", " "), top - c.share.value, c.share.value, BLUE, (c.share.low, c.share.high)))
+        rows.append((fill(title(c.name), 22), top - c.share.value, c.share.value, BLUE, (c.share.low, c.share.high)))
         top -= c.share.value
     rest = budget.rest.share
     flagged = budget.rest.probability >= 0.5
@@ -35,10 +36,14 @@ def _waterfall(ax: Axes, budget: GapBudget) -> None:
         ax.barh(k, min(width, 1.15), 0.62, left=left, color=colour, alpha=0.88)
         text = f"{100 * width:.0f} %" + (f"  ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})" if interval else "")
         end = min(max(left + width, left), 1.15)
-        inside = end > 0.62
-        ax.annotate(text, (left if inside else end, k), xytext=(-3 if inside and left > 0.3 else 3, 0),
-                    textcoords="offset points", va="center", ha="right" if inside and left > 0.3 else "left",
-                    fontsize=7.5, color="white" if inside and left <= 0.3 else "black")  # fmt: skip
+        if width >= 0.4:  # room inside the bar
+            at, side, shift, colour = left, "left", 3, "white"
+        elif end > 0.62:
+            at, side, shift, colour = left, "right", -3, "black"
+        else:
+            at, side, shift, colour = end, "left", 3, "black"
+        ax.annotate(text, (at, k), xytext=(shift, 0), textcoords="offset points", va="center", ha=side, fontsize=7.5,
+                    color=colour)  # fmt: skip
     for k, (_, left, _, _, _) in zip(y[1:-1], rows[1:-1]):
         ax.plot([left, left], [k - 1.31, k + 0.31], color="#888888", linewidth=0.6, zorder=0)
     ax.set_yticks(y, [r[0] for r in rows])
