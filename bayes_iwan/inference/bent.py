@@ -31,10 +31,15 @@ class Bent:
     weight: float
 
 
+def may_bend(problem: Problem) -> bool:
+    """Is there a form beside the sampled one: is it the Iwan model, not bent yet and without effects?"""
+    return isinstance(problem.model, Model) and not problem.model.embedded and not problem.effects
+
+
 def bent_form(problem: Problem, z: Array) -> Bent | None:
     """The bent form of a plain problem with the most probable point z (ndim,); None where there is no form to bend."""
     model = problem.model
-    if not isinstance(model, Model) or model.embedded or problem.effects:
+    if not may_bend(problem) or not isinstance(model, Model):
         return None
     prior = Prior((*problem.prior.parameters, *embedded_parameters()))
     bent = replace(problem, model=replace(model, embedded=True), prior=prior)

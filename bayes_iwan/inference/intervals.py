@@ -214,15 +214,6 @@ def _judged(problem: Problem, z: Array, loops: Sequence[Loop] | None) -> dict[st
     return out
 
 
-def with_between_tests(draws: Array, without: Array, level: float = 0.9) -> tuple[float, float]:
-    """Central interval of draws (n,) of any number, wider by its variance between tests.
-
-    without : (tests,) the value found without each test in turn.
-    """
-    between = SHARED * float(np.sqrt(jackknife_variance(without))) if len(without) > 1 else float("nan")
-    return Widening(between, 0.0, max(len(without) - 1, 1), False, "").interval(draws, level)
-
-
 def between_draws(without: Array, draws: int, rng: np.random.Generator) -> Array:
     """(draws, …) N(0, between-test covariance) of any array, e.g. forces; without (tests, …): it without each test."""
     tests = len(without)

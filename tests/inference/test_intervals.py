@@ -13,7 +13,6 @@ from bayes_iwan.inference.intervals import (
     between_draws,
     reach_of,
     widenings,
-    with_between_tests,
 )
 from bayes_iwan.inference.jackknife import jackknife_variance, left_out_optima
 from bayes_iwan.inference.point import most_probable
@@ -66,14 +65,6 @@ def test_interval_of_between_test_variance_alone_is_students():
     """Draws that all agree: ± t(T − 1) standard deviations between tests."""
     low, high = Widening(0.2, 0.0, 3, False, "").interval(np.full(50, 5.0))
     np.testing.assert_allclose([low, high], 5.0 + 0.2 * stats.t.ppf([0.05, 0.95], 3), rtol=1e-9)
-
-
-def test_any_number_is_widened_by_what_it_is_without_each_test():
-    without = np.array([1.0, 1.2, 0.9, 1.1])
-    sd = SHARED * np.sqrt(0.75 * np.sum((without - 1.05) ** 2))
-    ends = with_between_tests(np.full(50, 1.0), without)
-    np.testing.assert_allclose(ends, 1.0 + sd * stats.t.ppf([0.05, 0.95], 3), rtol=1e-9)
-    assert with_between_tests(np.arange(101.0), np.array([1.0])) == (5.0, 95.0)
 
 
 def test_draws_between_tests_have_the_jackknifes_covariance():

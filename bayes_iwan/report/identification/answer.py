@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup, escape
 
+from bayes_iwan.inference.bent import may_bend
 from bayes_iwan.inference.posterior import Posterior
 from bayes_iwan.inference.remarks import LARGE_MISFIT
 from bayes_iwan.physics import Model
@@ -56,8 +57,13 @@ def identification_answer(section: Section, posterior: Posterior, loops: Sequenc
     section.text(
         f"From {len(fitted)} test{'s' if len(fitted) != 1 else ''}"
         + (f" ({held} more held out)" if held else "")
-        + ". Intervals hold the posterior's spread and how far a value moves when one test after the other is left "
-        "out; the same are in summary.csv."
+        + (
+            ". Values and intervals are those of the sampled model and of one whose laws may bend a little, averaged "
+            "by their evidence; intervals also hold"
+            if may_bend(posterior.problem)
+            else ". Intervals hold the posterior's spread and"
+        )
+        + " how far a value moves when one test after the other is left out; the same are in summary.csv."
     )
     for text in posterior.warnings():
         section.note(text, "warning")
