@@ -116,7 +116,7 @@ class MovingMass(Effect):
         "included, needs a force m·ü that the cell reads as if the specimen made it."
     )
     reference = "Ewins, Modal Testing, §3.4 (mass cancellation); Inman, Engineering Vibration, §2.4 (base excitation)"
-    signature = "in-phase force falling with frequency squared; no work if held rigidly, some near the mount's resonance"
+    signature = "in-phase force falling with frequency squared; no work unless its mount damps"
     look_alikes = ("maxwell_branch",)
     bench = "a run of the bare fixture; a known mass added"
     remedy = "Take m·ü of the bare fixture off the force, or put the cell on the side that rests."
