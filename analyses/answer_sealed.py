@@ -14,7 +14,7 @@ import shutil
 from pathlib import Path
 
 from bayes_iwan import executors
-from bayes_iwan.gap.answer import diagnose_case
+from bayes_iwan.gap.telling.answer import diagnose_case
 from bayes_iwan.validation.answering import answer
 from bayes_iwan.validation.answers import read_answer
 

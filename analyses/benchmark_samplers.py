@@ -29,9 +29,9 @@ import numpy as np
 from scipy import special
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.inference.config import settings_of
-from bayes_iwan.inference.point import find_point, starting_population
-from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.setup.config import settings_of
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.solving.point import find_point, starting_population
 from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import sample
 

@@ -27,10 +27,10 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.inference.point import find_point, starting_population
-from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.quantities import sampled_and_derived
-from bayes_iwan.inference.settings import IdentifySettings
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.setup.quantities import sampled_and_derived
+from bayes_iwan.inference.setup.settings import IdentifySettings
+from bayes_iwan.inference.solving.point import find_point, starting_population
 from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import sample
 from bayes_iwan.sampling.moves import StretchMove

@@ -26,8 +26,10 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import average
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_whole
-from bayes_iwan.gap.budget import NO_CAUSE, contributing, left_unnamed, shapley, shares, subsets
-from bayes_iwan.gap.calibration import (
+from bayes_iwan.gap.diagnosis import searched
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.judging.budget import NO_CAUSE, contributing, left_unnamed, shapley, shares, subsets
+from bayes_iwan.gap.judging.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
     REST_FIGURES,
@@ -37,14 +39,12 @@ from bayes_iwan.gap.calibration import (
     effect_figures,
     rest_figures,
 )
-from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.diagnosis import searched
-from bayes_iwan.gap.guards import Figures
-from bayes_iwan.gap.saved_fits import LOOPS
-from bayes_iwan.gap.search import LAST, fit_base, gap_rms_N
-from bayes_iwan.gap.verdict import least_share, named_by, weighed
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.inference.settings import DiagnoseSettings
+from bayes_iwan.gap.judging.guards import Figures
+from bayes_iwan.gap.judging.verdict import least_share, named_by, weighed
+from bayes_iwan.gap.searching.search import LAST, fit_base, gap_rms_N
+from bayes_iwan.gap.telling.saved_fits import LOOPS
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.rig import cases as rig_cases
 
 #: nats within which rivals for one place cannot be told apart

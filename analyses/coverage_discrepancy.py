@@ -19,9 +19,9 @@ import argparse
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.inference.loop_error import friction_level_N
-from bayes_iwan.inference.point import laplace_scale, most_probable
-from bayes_iwan.inference.problem import Problem, make_problem
+from bayes_iwan.inference.setup.loop_error import friction_level_N
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.solving.point import laplace_scale, most_probable
 from point_recovery import known_loops
 
 SHARE = 0.02

@@ -28,11 +28,11 @@ from scipy import stats
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.averaging import average, in_band
 from bayes_iwan.files import write_json
-from bayes_iwan.inference.intervals import Widening, widenings
-from bayes_iwan.inference.point import laplace_scale, most_probable
-from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.quantities import quantities
-from bayes_iwan.inference.scales import loop_energy_mJ
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.setup.quantities import quantities
+from bayes_iwan.inference.setup.scales import loop_energy_mJ
+from bayes_iwan.inference.solving.intervals import Widening, widenings
+from bayes_iwan.inference.solving.point import laplace_scale, most_probable
 from bayes_iwan.rig import cases as rig_cases
 from bayes_iwan.rig import simulate as rig
 from bayes_iwan.validation.estimates import share

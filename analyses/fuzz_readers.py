@@ -20,14 +20,14 @@ from bayes_iwan.campaign.importing import Recipe, import_tests, read_recipe
 from bayes_iwan.effects.user_file import load_effects
 from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.gap import saved_fits
-from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.evidence import base_model, base_problem
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.fitting.evidence import base_model, base_problem
 from bayes_iwan.inference import netcdf, results
-from bayes_iwan.inference.config import diagnose_settings_of, settings_of
 from bayes_iwan.inference.identify import identify_campaign
-from bayes_iwan.inference.problem import make_problem
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.inference.setup.config import diagnose_settings_of, settings_of
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.report.batch import Batch, populations, stored_specimen
 from bayes_iwan.sampling import checkpoint
 from bayes_iwan.sampling import run as sampling_run

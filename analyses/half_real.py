@@ -23,9 +23,9 @@ from scipy import interpolate, signal
 from bayes_iwan.campaign import Campaign, Record, read_campaign
 from bayes_iwan.executors import Failure, opened, run
 from bayes_iwan.files import write_json
-from bayes_iwan.gap.answer import to_dict
 from bayes_iwan.gap.diagnosis import diagnose_loops
-from bayes_iwan.gap.saved_fits import LOOPS
+from bayes_iwan.gap.telling.answer import to_dict
+from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.validation.estimates import share
 
 #: campaign folder and the tests taken (None: all). The seal's pressures are different normal forces, each on its own

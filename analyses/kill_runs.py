@@ -35,7 +35,7 @@ from bayes_iwan import cli
 from bayes_iwan import report as report_room
 from bayes_iwan.campaign import Record, read_campaign, write_campaign
 from bayes_iwan.files import write_json
-from bayes_iwan.inference.results import load
+from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.physics import Model, Reference, sine_motion
 from bayes_iwan.report.diagnosis import files as diagnosis_room
 from bayes_iwan.report.page import Page

@@ -18,8 +18,8 @@ import numpy as np
 
 from bayes_iwan.campaign import Campaign, Record, write_campaign
 from bayes_iwan.effects.catalogue import BUILT_IN
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import Simulator, sine_motion
 from bayes_iwan.physics.simulator import recorded_force
 

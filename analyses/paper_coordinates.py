@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.inference.problem import Problem
+from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.physics import Model
 from bayes_iwan.physics.normal_force import from_paper_hunt_crossley, paper_hunt_crossley
 from bayes_iwan.physics.slip_force import Gammas

@@ -16,9 +16,9 @@ import time
 import numpy as np
 
 from bayes_iwan.campaign import Loop, Record, average
-from bayes_iwan.inference.point import find_point
-from bayes_iwan.inference.problem import make_problem
-from bayes_iwan.inference.settings import SearchSettings
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.setup.settings import SearchSettings
+from bayes_iwan.inference.solving.point import find_point
 from bayes_iwan.physics import Model, Reference, sine_motion
 from bayes_iwan.physics.normal_force import from_paper_hunt_crossley
 from bayes_iwan.physics.stiffness import from_paper_stiffness

@@ -17,7 +17,7 @@ import numpy as np
 
 import bayes_iwan as bi
 from bayes_iwan.comparison.families import SHORT
-from bayes_iwan.inference.quantities import loop_quantities
+from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import predict
 from bayes_iwan.report.style import BLACK, band, save, styled, subplots

@@ -26,12 +26,12 @@ from threadpoolctl import threadpool_limits
 
 from bayes_iwan.campaign import average, read_campaign
 from bayes_iwan.files import write_json
-from bayes_iwan.inference.chains import sampled
-from bayes_iwan.inference.likelihood import KINDS
-from bayes_iwan.inference.point import Point, most_probable
-from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.quantities import loop_quantities
-from bayes_iwan.inference.settings import SamplingSettings
+from bayes_iwan.inference.setup.likelihood import KINDS
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.setup.quantities import loop_quantities
+from bayes_iwan.inference.setup.settings import SamplingSettings
+from bayes_iwan.inference.solving.chains import sampled
+from bayes_iwan.inference.solving.point import Point, most_probable
 from runs import each
 
 #: draws of each posterior among which the truth is ranked: ranks 0 to 63 make equal bins

@@ -30,12 +30,12 @@ from bayes_iwan import executors
 from bayes_iwan.campaign import Loop, Record, average, read_campaign
 from bayes_iwan.effects import catalogue
 from bayes_iwan.files import write_json, write_whole
-from bayes_iwan.gap.data import GapData, gap_data
-from bayes_iwan.gap.search import Search, search
-from bayes_iwan.inference.population import SpecimenDraws, population
-from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.inference.settings import DiagnoseSettings
+from bayes_iwan.gap.fitting.data import GapData, gap_data
+from bayes_iwan.gap.searching.search import Search, search
+from bayes_iwan.inference.results.population import SpecimenDraws, population
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
 from bayes_iwan.rig.sizing import size_fault, surroundings
 from bayes_iwan.rig.specimen import paper_specimen

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from bayes_iwan import executors
 from bayes_iwan.files import write_json
-from bayes_iwan.gap.answer import diagnose_case
-from bayes_iwan.gap.saved_fits import find_shares
+from bayes_iwan.gap.telling.answer import diagnose_case
+from bayes_iwan.gap.telling.saved_fits import find_shares
 from bayes_iwan.report.score_figures import figures
 from bayes_iwan.validation import scoring
 from bayes_iwan.validation.answering import answer

@@ -16,14 +16,14 @@ import numpy as np
 
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.effects.conditions import conditions_of, following
-from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.evidence import Fit, extended, fit_model
-from bayes_iwan.gap.gap_size import gap_size
-from bayes_iwan.gap.residuals import residual_of
-from bayes_iwan.gap.search import fit_base
-from bayes_iwan.gap.strength import calibrated
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.inference.settings import DiagnoseSettings
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.fitting.evidence import Fit, extended, fit_model
+from bayes_iwan.gap.fitting.gap_size import gap_size
+from bayes_iwan.gap.fitting.residuals import residual_of
+from bayes_iwan.gap.searching.search import fit_base
+from bayes_iwan.gap.searching.strength import calibrated
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
 
 SEAL = Path(__file__).parents[2] / "shared" / "data" / "pneumatic_seal"
 #: z of the strength at which a refit starts, beside the base's optimum

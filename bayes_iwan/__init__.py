@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from bayes_iwan.comparison.families import Comparison as Comparison
     from bayes_iwan.effects.base import Effect as Effect
     from bayes_iwan.gap.diagnosis import Diagnosis as Diagnosis
-    from bayes_iwan.inference.config import ConfigError as ConfigError
-    from bayes_iwan.inference.config import settings_of as settings_of
     from bayes_iwan.inference.identify import NotConverged as NotConverged
     from bayes_iwan.inference.identify import identify_problem as identify_problem
-    from bayes_iwan.inference.posterior import Posterior as Posterior
-    from bayes_iwan.inference.problem import Problem as Problem
-    from bayes_iwan.inference.problem import make_problem as make_problem
-    from bayes_iwan.inference.results import load as load
-    from bayes_iwan.inference.settings import DiagnoseSettings as DiagnoseSettings
-    from bayes_iwan.inference.settings import IdentifySettings as IdentifySettings
+    from bayes_iwan.inference.results.posterior import Posterior as Posterior
+    from bayes_iwan.inference.results.run_files import load as load
+    from bayes_iwan.inference.setup.config import ConfigError as ConfigError
+    from bayes_iwan.inference.setup.config import settings_of as settings_of
+    from bayes_iwan.inference.setup.problem import Problem as Problem
+    from bayes_iwan.inference.setup.problem import make_problem as make_problem
+    from bayes_iwan.inference.setup.settings import DiagnoseSettings as DiagnoseSettings
+    from bayes_iwan.inference.setup.settings import IdentifySettings as IdentifySettings
     from bayes_iwan.physics import Model as Model
     from bayes_iwan.physics import Motion as Motion
     from bayes_iwan.physics import Parameter as Parameter
@@ -58,12 +58,12 @@ _FROM = {
     "comparison.families": ("Comparison",),
     "effects.base": ("Effect",),
     "gap.diagnosis": ("Diagnosis",),
-    "inference.config": ("ConfigError", "settings_of"),
+    "inference.setup.config": ("ConfigError", "settings_of"),
     "inference.identify": ("NotConverged", "identify_problem"),
-    "inference.posterior": ("Posterior",),
-    "inference.problem": ("Problem", "make_problem"),
-    "inference.results": ("load",),
-    "inference.settings": ("DiagnoseSettings", "IdentifySettings"),
+    "inference.results.posterior": ("Posterior",),
+    "inference.setup.problem": ("Problem", "make_problem"),
+    "inference.results.run_files": ("load",),
+    "inference.setup.settings": ("DiagnoseSettings", "IdentifySettings"),
     "physics": ("Model", "Motion", "Parameter", "Scales", "Simulator", "sine_motion"),
     "public": ("Check", "check", "compare", "diagnose", "identify"),
     "report.batch": ("batch",),

@@ -18,11 +18,11 @@ from bayes_iwan.comparison.families import Comparison, compare_families
 from bayes_iwan.drawing import draw
 from bayes_iwan.files import clear, owned
 from bayes_iwan.gap.diagnosis import Diagnosis, diagnose_folder, diagnose_loops
-from bayes_iwan.inference.config import Config, ConfigError, diagnose_settings_of
 from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.settings import DiagnoseSettings
-from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import Simulator
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 
@@ -301,7 +301,7 @@ def diagnose(
         )
         return found
     from bayes_iwan.effects.user_file import load_effects
-    from bayes_iwan.gap.saved_fits import LOOPS
+    from bayes_iwan.gap.telling.saved_fits import LOOPS
 
     read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
     model = simulator if isinstance(simulator, Simulator) or simulator is None else load_simulator(simulator)

@@ -13,9 +13,9 @@ import pytest
 from markupsafe import Markup
 
 from bayes_iwan.campaign import Campaign, Record, average, write_campaign
-from bayes_iwan.inference.problem import make_problem
-from bayes_iwan.inference.scales import Scales
-from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.setup.scales import Scales
+from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model, Reference, paper, sine_motion
 from bayes_iwan.physics.normal_force import from_paper_hunt_crossley
 from bayes_iwan.physics.stiffness import from_paper_stiffness

@@ -110,9 +110,9 @@ def test_the_report_holds_the_frequencies_alone(tmp_path, made_up_campaign, shor
     import bayes_iwan.inference.identify as room
     from bayes_iwan.campaign import write_campaign
     from bayes_iwan.comparison.frequencies import compare_frequencies
-    from bayes_iwan.inference.problem import make_problem
-    from bayes_iwan.inference.results import load
-    from bayes_iwan.inference.settings import ParameterChange
+    from bayes_iwan.inference.results.run_files import load
+    from bayes_iwan.inference.setup.problem import make_problem
+    from bayes_iwan.inference.setup.settings import ParameterChange
 
     slow = [x.record for x in room.read_campaign(made_up_campaign).loops()]
     # the same loops at twice the speed; a rate-independent specimen, and noise of their own: no copies

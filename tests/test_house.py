@@ -21,6 +21,8 @@ STREET = (
     "validation",
     "report",
 )
+#: the order within the two largest rooms
+INNER = {"inference": ("setup", "solving", "results"), "gap": ("fitting", "searching", "judging", "telling")}
 #: what every room may use, and what the two rooms that know no friction, and the independent rig, may use besides
 OPEN = {"arrays", "drawing", "executors", "files", "terminal", "threads"}
 ALONE = {"optimize": set(), "sampling": set(), "rig": {"campaign"}}
@@ -48,6 +50,15 @@ def test_a_room_imports_from_rooms_to_its_left_only(path):
     assert room in STREET, f"{room} is not on the street"
     used = {name.split(".")[1] for name in imports_of(path) if name.startswith("bayes_iwan.")}
     allowed = ALONE.get(room, set(STREET[: STREET.index(room)])) | OPEN | {room, "__version__"}
+    assert used <= allowed, f"{path} imports {sorted(used - allowed)}"
+
+
+@pytest.mark.parametrize("path", [p for p in FILES if p.parts[0] in INNER and len(p.parts) > 2], ids=str)
+def test_within_a_room_too(path):
+    room, part = path.parts[:2]
+    used = {name.split(".")[2] for name in imports_of(path) if name.startswith(f"bayes_iwan.{room}.")}
+    allowed = set(INNER[room][: INNER[room].index(part) + 1])
+    allowed |= {"diagnosis"} if part == "telling" else set()  # the type of what is told, under TYPE_CHECKING
     assert used <= allowed, f"{path} imports {sorted(used - allowed)}"
 
 
@@ -79,4 +90,4 @@ def test_no_file_that_is_read_can_run_as_code():
         assert "allow_pickle=True" not in text and "shell=True" not in text, path
         if any(name.endswith("exec_module") for name in names):
             loaders.add(str(path))
-    assert loaders == {"inference/user_file.py"}
+    assert loaders == {"inference/setup/user_file.py"}

@@ -48,7 +48,7 @@ def run_make(args: argparse.Namespace) -> None:
 )
 def run_answer(args: argparse.Namespace) -> None:
     from bayes_iwan.files import owned
-    from bayes_iwan.gap.answer import diagnose_case
+    from bayes_iwan.gap.telling.answer import diagnose_case
     from bayes_iwan.validation.answering import answer
     from bayes_iwan.validation.confinement import available
 

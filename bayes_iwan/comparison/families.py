@@ -17,11 +17,11 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
 from bayes_iwan.drawing import draw
-from bayes_iwan.inference.config import Config, settings_of
 from bayes_iwan.inference.identify import identify_problem
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.settings import IdentifySettings, ModelSettings, SamplingSettings, SearchSettings
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.setup.config import Config, settings_of
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.setup.settings import IdentifySettings, ModelSettings, SamplingSettings, SearchSettings
 from bayes_iwan.physics import Simulator
 from bayes_iwan.physics.bouc_wen import RIVALS
 

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.identify import by_frequency, identify_problem
-from bayes_iwan.inference.likelihood import make_likelihood
-from bayes_iwan.inference.parameters import Z_LIMIT
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.quantities import quantities
-from bayes_iwan.inference.results import ResultsError, load
-from bayes_iwan.inference.settings import IdentifySettings, SamplingSettings, SearchSettings
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.run_files import ResultsError, load
+from bayes_iwan.inference.setup.likelihood import make_likelihood
+from bayes_iwan.inference.setup.parameters import Z_LIMIT
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.setup.quantities import quantities
+from bayes_iwan.inference.setup.settings import IdentifySettings, SamplingSettings, SearchSettings
 
 #: settings of the short runs for one frequency alone; results of `identify(..., per_test=True)` come first
 SHORT = IdentifySettings(

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.inference.likelihood import make_likelihood
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.problem import Problem
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.setup.likelihood import make_likelihood
+from bayes_iwan.inference.setup.problem import Problem
 
 #: Pareto's k below which importance weights may be trusted
 TRUSTED = 0.7

@@ -6,7 +6,7 @@ the file to `bayes-iwan diagnose --effects FILE` (`analyses/own_effect.py` is an
 
 Priors of strengths are not in physical units: a strength is given the prior share of the friction force that it moves
 (:data:`TYPICAL_SHARE`), and turned into the effect's own unit on the fitted base model
-(:mod:`bayes_iwan.gap.strength`). So no effect is favoured because its unit happens to suit the specimen.
+(:mod:`bayes_iwan.gap.searching.strength`). So no effect is favoured because its unit happens to suit the specimen.
 
 Nature follows no one's formula. So an effect's law is a family: extra parameters, with priors about the classical law,
 span what the literature uses and what lies between; where one number cannot, several classes share one `name`. The
@@ -24,9 +24,9 @@ import numpy as np
 from scipy import fft, stats
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.inference.parameters import Parameter
-from bayes_iwan.inference.problem import Problem
-from bayes_iwan.inference.scales import Scales
+from bayes_iwan.inference.setup.parameters import Parameter
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.physics import Motion
 from bayes_iwan.physics.parameter import Distribution
 from bayes_iwan.physics.simulator import INNER, OUTER
@@ -97,7 +97,7 @@ class Effect:
         files of the fitted tests, for effects with a parameter of their own in each.
     strength_value
         median size of the strength, in its unit, for a typical share of the friction force; None until
-        :func:`bayes_iwan.gap.strength.calibrated` has found it on a fitted base model.
+        :func:`bayes_iwan.gap.searching.strength.calibrated` has found it on a fitted base model.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class Effect:
         raise NotImplementedError
 
     def possible(self, data: Records) -> bool:
-        """Do the records allow it at all? data : the campaign's :class:`bayes_iwan.gap.data.GapData`."""
+        """Do the records allow it at all? data : the campaign's :class:`bayes_iwan.gap.fitting.data.GapData`."""
         return True
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
@@ -299,7 +299,7 @@ class Effect:
         """What the effect adds along whole records, as block harmonics (draws, tests, blocks, H + 1), or None.
 
         For what does not repeat with the cycle (`evolving`): a drift, a line of the mains.
-        data : :class:`bayes_iwan.gap.data.GapData`.
+        data : :class:`bayes_iwan.gap.fitting.data.GapData`.
         """
         return None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bayes_iwan.effects.base import Effect, EffectError
-from bayes_iwan.inference.user_file import classes_in
+from bayes_iwan.inference.setup.user_file import classes_in
 
 
 def load_effects(path: str | Path) -> tuple[type[Effect], ...]:

@@ -20,22 +20,22 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.conditions import conditions_of
 from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.effects.user_file import load_effects
-from bayes_iwan.gap.budget import NO_CAUSE, GapBudget, Kind, RestOfGap, Share, Verdict, rest_share
-from bayes_iwan.gap.calibration import Calibration, calibration
-from bayes_iwan.gap.data import GapData, gap_data
-from bayes_iwan.gap.evidence import Fit, base_model
-from bayes_iwan.gap.findings import where_sentences
-from bayes_iwan.gap.gap_size import GapSize
-from bayes_iwan.gap.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
-from bayes_iwan.gap.residuals import Residual, residual_of
-from bayes_iwan.gap.sample_fit import sampled_fit
-from bayes_iwan.gap.saved_fits import LOOPS
-from bayes_iwan.gap.search import MOST_EFFECTS, Report, Search, search, silent
-from bayes_iwan.gap.verdict import Weighed, verdict_of, weighed
-from bayes_iwan.gap.where import Where, where
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
-from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.gap.fitting.data import GapData, gap_data
+from bayes_iwan.gap.fitting.evidence import Fit, base_model
+from bayes_iwan.gap.fitting.gap_size import GapSize
+from bayes_iwan.gap.fitting.residuals import Residual, residual_of
+from bayes_iwan.gap.judging.budget import NO_CAUSE, GapBudget, Kind, RestOfGap, Share, Verdict, rest_share
+from bayes_iwan.gap.judging.calibration import Calibration, calibration
+from bayes_iwan.gap.judging.sample_fit import sampled_fit
+from bayes_iwan.gap.judging.verdict import Weighed, verdict_of, weighed
+from bayes_iwan.gap.searching.search import MOST_EFFECTS, Report, Search, search, silent
+from bayes_iwan.gap.telling.findings import where_sentences
+from bayes_iwan.gap.telling.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
+from bayes_iwan.gap.telling.saved_fits import LOOPS
+from bayes_iwan.gap.telling.where import Where, where
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
+from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import Simulator
 from bayes_iwan.terminal import plain
 
@@ -127,7 +127,7 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """What `diagnosis.json` holds."""
-        from bayes_iwan.gap.answer import to_dict
+        from bayes_iwan.gap.telling.answer import to_dict
 
         return to_dict(self)
 

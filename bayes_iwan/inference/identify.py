@@ -20,15 +20,15 @@ from threadpoolctl import threadpool_limits
 
 from bayes_iwan import executors
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
-from bayes_iwan.inference import results
-from bayes_iwan.inference.chains import sampled
-from bayes_iwan.inference.config import Config, ConfigError, settings_of
-from bayes_iwan.inference.point import Point, find_point, laplace_scale
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.rows import ConvergenceRow
-from bayes_iwan.inference.settings import IdentifySettings, SearchSettings
-from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.inference.results import run_files
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.rows import ConvergenceRow
+from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
+from bayes_iwan.inference.setup.user_file import load_simulator
+from bayes_iwan.inference.solving.chains import sampled
+from bayes_iwan.inference.solving.point import Point, find_point, laplace_scale
 from bayes_iwan.physics import Scales, Simulator
 from bayes_iwan.physics.parameter import Z_LIMIT
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
@@ -88,7 +88,7 @@ def identify_campaign(
         quick=quick,
     )
     if out is not None:
-        results.write(posterior, Path(out))
+        run_files.write(posterior, Path(out))
     if per_test and not posterior.interrupted:
         identify_frequencies(posterior, Path(str(out)), resume=resume, progress=progress)
     return posterior
@@ -163,7 +163,7 @@ def _one_frequency(shared: _Alone, piece: tuple[str, tuple[Loop, ...]]) -> None:
         progress=shared.progress,
         simulator_file=shared.simulator_file,
     )
-    results.write(part, folder)
+    run_files.write(part, folder)
     if part.interrupted:  # or the next frequency would start in the face of Ctrl-C
         raise KeyboardInterrupt
 

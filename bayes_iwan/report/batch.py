@@ -23,11 +23,11 @@ import bayes_iwan
 from bayes_iwan import executors
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import owned, write_whole
-from bayes_iwan.inference.config import NOISE, Config, settings_of
-from bayes_iwan.inference.population import DRAWS, Population, SpecimenDraws, population
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.quantities import quantities
-from bayes_iwan.inference.settings import DiagnoseSettings, IdentifySettings
+from bayes_iwan.inference.results.population import DRAWS, Population, SpecimenDraws, population
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.setup.config import NOISE, Config, settings_of
+from bayes_iwan.inference.setup.quantities import quantities
+from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings
 from bayes_iwan.report.diagnosis.files import diagnose_campaign
 from bayes_iwan.report.identification.marginals import identifiable
 from bayes_iwan.report.provenance import of_folder

@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from bayes_iwan.inference.scales import Scales
+from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.physics import Model
 from bayes_iwan.physics.sampled import default_parameters
 from bayes_iwan.report.identification.answer import QUANTILES

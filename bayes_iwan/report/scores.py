@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from bayes_iwan.files import write_whole
-from bayes_iwan.gap.saved_fits import find_shares
+from bayes_iwan.gap.telling.saved_fits import find_shares
 from bayes_iwan.report.score_figures import figures
 from bayes_iwan.report.style import save
 from bayes_iwan.validation.scoring import score

@@ -10,7 +10,7 @@ import pytest
 from bayes_iwan.effects.base import Effect, EffectError
 from bayes_iwan.effects.catalogue import variants
 from bayes_iwan.effects.user_file import load_effects
-from bayes_iwan.inference.scales import Scales
+from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.physics import Model, sine_motion
 from bayes_iwan.physics.simulator import recorded_force
 

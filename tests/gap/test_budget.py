@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_iwan.gap.budget import shapley, subsets
-from bayes_iwan.gap.calibration import (
+from bayes_iwan.gap.judging.budget import shapley, subsets
+from bayes_iwan.gap.judging.calibration import (
     EFFECT_FIGURES,
     REST_FIGURES,
     SUREST,
@@ -16,8 +16,8 @@ from bayes_iwan.gap.calibration import (
     from_json,
     rest_figures,
 )
-from bayes_iwan.gap.guards import Figures, borne_out
-from bayes_iwan.gap.words import title
+from bayes_iwan.gap.judging.guards import Figures, borne_out
+from bayes_iwan.gap.telling.words import title
 
 
 def test_subsets_are_all_of_them_the_empty_one_first():

@@ -5,8 +5,8 @@ Viscous damping and a delay between the channels are named in `test_search.py`; 
 
 import pytest
 
-from bayes_iwan.gap.budget import Kind
 from bayes_iwan.gap.diagnosis import diagnose_loops
+from bayes_iwan.gap.judging.budget import Kind
 
 PLANTED = (
     "moving_mass",

@@ -7,9 +7,9 @@ import pytest
 
 from bayes_iwan.campaign.averaging import TRUSTED_BAND
 from bayes_iwan.effects.along_record import ForceDrift, ForceDriftByTest, MainsHum
-from bayes_iwan.gap.data import MAINS_HZ, TREND_HARMONICS, gap_data, predicted
-from bayes_iwan.gap.evidence import base_problem, extended
-from bayes_iwan.inference.scales import scales_of
+from bayes_iwan.gap.fitting.data import MAINS_HZ, TREND_HARMONICS, gap_data, predicted
+from bayes_iwan.gap.fitting.evidence import base_problem, extended
+from bayes_iwan.inference.setup.scales import scales_of
 
 TESTS = [(8.0, 0.4), (8.0, 0.9), (20.0, 0.4), (20.0, 0.9)]
 

@@ -11,14 +11,14 @@ from bayes_iwan.campaign import read_campaign, write_campaign
 from bayes_iwan.effects.base import EffectError
 from bayes_iwan.effects.catalogue import NAMES
 from bayes_iwan.files import finite, write_json
-from bayes_iwan.gap.answer import effects_described, to_dict, write_answer
-from bayes_iwan.gap.data import gap_data
 from bayes_iwan.gap.diagnosis import BASES, diagnose_loops
-from bayes_iwan.gap.gap_size import gap_power_N2
-from bayes_iwan.gap.residuals import residual_of
-from bayes_iwan.gap.saved_fits import LOOPS, SavedFitsError, find_shares
-from bayes_iwan.inference.problem import iwan_model
-from bayes_iwan.inference.settings import DiagnoseSettings
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.fitting.gap_size import gap_power_N2
+from bayes_iwan.gap.fitting.residuals import residual_of
+from bayes_iwan.gap.telling.answer import effects_described, to_dict, write_answer
+from bayes_iwan.gap.telling.saved_fits import LOOPS, SavedFitsError, find_shares
+from bayes_iwan.inference.setup.problem import iwan_model
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.physics import Model
 
 

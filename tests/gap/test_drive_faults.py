@@ -10,10 +10,10 @@ import pytest
 
 from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
 from bayes_iwan.campaign.corners import CORNERS_GAP
-from bayes_iwan.gap.budget import Kind
-from bayes_iwan.gap.calibration import calibration
 from bayes_iwan.gap.diagnosis import diagnose_folder, diagnose_loops
-from bayes_iwan.gap.verdict import verdict_of
+from bayes_iwan.gap.judging.budget import Kind
+from bayes_iwan.gap.judging.calibration import calibration
+from bayes_iwan.gap.judging.verdict import verdict_of
 from bayes_iwan.rig import drive as dr
 from bayes_iwan.rig.simulate import Setup, with_noise
 from bayes_iwan.rig.specimen import paper_specimen

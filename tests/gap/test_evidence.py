@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_iwan.gap.evidence import Rows, _distinct, _grid, extended, fit_model
-from bayes_iwan.gap.rest import LENGTHS, SHARES, Linear, Rest
+from bayes_iwan.gap.fitting.evidence import Rows, _distinct, _grid, extended, fit_model
+from bayes_iwan.gap.fitting.rest import LENGTHS, SHARES, Linear, Rest
 
 
 def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record():

@@ -3,9 +3,9 @@
 import numpy as np
 
 from bayes_iwan.effects.along_record import MainsHum
-from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.evidence import extended
-from bayes_iwan.gap.leave_out import for_loops, groups_of, halves, refitted
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.fitting.evidence import extended
+from bayes_iwan.gap.fitting.leave_out import for_loops, groups_of, halves, refitted
 
 
 def test_groups_are_tests_of_one_frequency_or_amplitude(kit):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign.limits import RigLimits
-from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.next_test import TESTABLE_NATS, next_test, plans_of, visible_nats
-from bayes_iwan.gap.search import fit_base
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.searching.search import fit_base
+from bayes_iwan.gap.telling.next_test import TESTABLE_NATS, next_test, plans_of, visible_nats
 from bayes_iwan.physics import sine_motion
 
 CHOSEN = ("viscous_damping", "moving_mass", "rig_compliance", "friction_fade")

@@ -12,10 +12,10 @@ from bayes_iwan.effects.catalogue import variants
 from bayes_iwan.effects.channels import ChannelDelay, ForceHighpass
 from bayes_iwan.effects.friction import StribeckWeakening
 from bayes_iwan.gap.diagnosis import diagnose_loops
-from bayes_iwan.inference.problem import make_problem
-from bayes_iwan.inference.results import load
-from bayes_iwan.inference.scales import loop_energy_mJ
-from bayes_iwan.inference.user_file import load_simulator
+from bayes_iwan.inference.results.run_files import load
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.setup.scales import loop_energy_mJ
+from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import ModelError, record_motion, sine_motion
 from bayes_iwan.physics.bouc_wen import RIVALS
 from bayes_iwan.physics.simulator import inner_effects, recorded_force

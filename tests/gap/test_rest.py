@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from bayes_iwan.gap.rest import LENGTHS, LN_SPECTRUM, SPECTRUM_SD, Linear, Rest, RestSize
-from bayes_iwan.inference.discrepancy import discrepancy_spectrum
+from bayes_iwan.gap.fitting.rest import LENGTHS, LN_SPECTRUM, SPECTRUM_SD, Linear, Rest, RestSize
+from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
 
 
 def toy(orders: int, rows: int = 30, changing: bool = True) -> Linear:

@@ -8,14 +8,14 @@ import pytest
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.paper import missing_terms
-from bayes_iwan.gap.budget import NO_CAUSE, Kind
-from bayes_iwan.gap.candidates import candidates, start_points
-from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.evidence import Rows, extended
-from bayes_iwan.gap.search import LAST, SINGLE_MOST, fit_base, search
-from bayes_iwan.gap.strength import calibrated
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.fitting.evidence import Rows, extended
+from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
+from bayes_iwan.gap.searching.candidates import candidates, start_points
+from bayes_iwan.gap.searching.search import LAST, SINGLE_MOST, fit_base, search
+from bayes_iwan.gap.searching.strength import calibrated
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model
 
 FOUND = {"viscous_damping": "c_N_s_mm", "channel_delay": "delay_s"}
@@ -96,8 +96,8 @@ def test_sudden_effects_are_always_refitted(kit):
 def test_strengths_are_brought_to_the_specimens_scale(kit):
     """At its median strength an effect moves the prior share of the friction force."""
     from bayes_iwan.effects.base import TYPICAL_SHARE
-    from bayes_iwan.gap.strength import friction_rms_N
-    from bayes_iwan.inference.loop_error import harmonics_of
+    from bayes_iwan.gap.searching.strength import friction_rms_N
+    from bayes_iwan.inference.setup.loop_error import harmonics_of
 
     found = kit.diagnosed(None).search
     for name in ("viscous_damping", "moving_mass", "cubic_stiffness", "stribeck_weakening", "channel_delay"):

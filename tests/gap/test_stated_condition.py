@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from bayes_iwan.effects.conditions import conditions_of, following
-from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.search import fit_base
-from bayes_iwan.gap.strength import calibrated
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.searching.search import fit_base
+from bayes_iwan.gap.searching.strength import calibrated
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model, sine_motion
 
 PRESSURES = (1.0, 2.0, 3.5, 6.0)

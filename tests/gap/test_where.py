@@ -9,15 +9,15 @@ import pytest
 
 from bayes_iwan.campaign import Record, average
 from bayes_iwan.effects.specimen import ViscousDamping
-from bayes_iwan.gap.data import gap_data
-from bayes_iwan.gap.evidence import extended, fit_model
-from bayes_iwan.gap.findings import pictures, where_json, where_sentences
-from bayes_iwan.gap.gap_size import gap_size, shrink
-from bayes_iwan.gap.residuals import residual_of
-from bayes_iwan.gap.search import fit_base
-from bayes_iwan.gap.where import where
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.inference.settings import DiagnoseSettings, ModelSettings
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.fitting.evidence import extended, fit_model
+from bayes_iwan.gap.fitting.gap_size import gap_size, shrink
+from bayes_iwan.gap.fitting.residuals import residual_of
+from bayes_iwan.gap.searching.search import fit_base
+from bayes_iwan.gap.telling.findings import pictures, where_json, where_sentences
+from bayes_iwan.gap.telling.where import where
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model, Reference, sine_motion
 
 SETTINGS = DiagnoseSettings(ModelSettings(slip="gamma1", grip="constant", stiffness="constant"))
@@ -87,7 +87,7 @@ def test_a_perfect_model_reads_zero_within_its_interval(plain):
 
 
 def fit_base_like(fit, data):
-    from bayes_iwan.gap.evidence import base_problem
+    from bayes_iwan.gap.fitting.evidence import base_problem
 
     return base_problem(data, SETTINGS, fit.problem.scales)
 
@@ -191,8 +191,8 @@ def test_small_misfits_of_the_typical_size_are_false_alarms_in_one_of_twenty_at_
     """Data drawn as the statistics suppose: the largest of all must exceed its bound in about 5 % of them."""
     from dataclasses import replace
 
-    from bayes_iwan.gap.calibration import calibration
-    from bayes_iwan.gap.where import simulated
+    from bayes_iwan.gap.judging.calibration import calibration
+    from bayes_iwan.gap.telling.where import simulated
 
     residual = residual_of(*plain)
     draws = simulated(residual, 20, np.random.default_rng(9), calibration().usual[0])

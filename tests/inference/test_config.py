@@ -4,10 +4,10 @@ import datetime
 
 import pytest
 
-from bayes_iwan.inference.config import ConfigError, diagnose_settings_of, settings_of
-from bayes_iwan.inference.parameters import ParameterError
-from bayes_iwan.inference.problem import make_problem
-from bayes_iwan.inference.settings import ModelSettings, ParameterChange, SamplingSettings
+from bayes_iwan.inference.setup.config import ConfigError, diagnose_settings_of, settings_of
+from bayes_iwan.inference.setup.parameters import ParameterError
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.setup.settings import ModelSettings, ParameterChange, SamplingSettings
 
 
 def test_defaults_are_filled_in():

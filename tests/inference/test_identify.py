@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import write_campaign
-from bayes_iwan.inference import chains, results
-from bayes_iwan.inference.config import ConfigError, settings_of
 from bayes_iwan.inference.identify import (
     FrequencyError,
     by_frequency,
@@ -20,10 +18,13 @@ from bayes_iwan.inference.identify import (
     identify_frequencies,
     identify_problem,
 )
-from bayes_iwan.inference.point import find_point, goal_share, starting_population
-from bayes_iwan.inference.problem import Problem, make_problem
-from bayes_iwan.inference.results import ResultsError
-from bayes_iwan.inference.settings import SamplingSettings, SearchSettings
+from bayes_iwan.inference.results import run_files
+from bayes_iwan.inference.results.run_files import ResultsError
+from bayes_iwan.inference.setup.config import ConfigError, settings_of
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.setup.settings import SamplingSettings, SearchSettings
+from bayes_iwan.inference.solving import chains
+from bayes_iwan.inference.solving.point import find_point, goal_share, starting_population
 from bayes_iwan.physics import Model
 from bayes_iwan.sampling.checkpoint import CheckpointError
 
@@ -131,7 +132,7 @@ def test_files_are_what_was_promised(run):
 
 def test_a_result_is_loaded_again(run):
     posterior, out = run
-    again = results.load(out)
+    again = run_files.load(out)
     np.testing.assert_array_equal(again.z, posterior.z)
     np.testing.assert_array_equal(again.log_prob, posterior.log_prob)
     for name in ("walkers", "thin", "seed", "converged", "message", "stop", "settings", "versions", "timings"):
@@ -154,12 +155,12 @@ def test_arviz_reads_the_result(run):
 def test_a_result_without_its_campaign_is_refused(run, tmp_path, small_loops):
     _, out = run
     with pytest.raises(ResultsError, match="not found"):
-        results.load(tmp_path)
+        run_files.load(tmp_path)
     other = tmp_path / "other"
     records = [replace(x.record, force_N=1.01 * x.record.force_N) for x in small_loops]
     write_campaign(other, name="made up", description="", tests=records, compress=False)
     with pytest.raises(ResultsError, match="its data is not"):
-        results.load(out, campaign=other)
+        run_files.load(out, campaign=other)
 
 
 def test_the_same_seed_gives_the_same_draws_and_resuming_them(run, folder):
@@ -229,7 +230,7 @@ def test_each_frequency_alone(run, tmp_path):
     one, other = (f / "per_test" / "f15Hz" / "summary.csv" for f in (tmp_path, tmp_path / "elsewhere"))
     assert one.read_bytes() == other.read_bytes()
     for name in ("f10Hz", "f15Hz"):
-        part = results.load(tmp_path / "per_test" / name, campaign=run[0].campaign.path)
+        part = run_files.load(tmp_path / "per_test" / name, campaign=run[0].campaign.path)
         kp = part.values()["kp_N_mm"]
         assert abs(kp.mean() - 5.5) < 5 * kp.std() and [x.file for x in part.loops] == [x.file for x in groups[name]]
     with pytest.raises(FrequencyError, match="f10Hz alone: CheckpointError"):  # what is there is of these runs

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference.bent import bent_form
-from bayes_iwan.inference.discrepancy import on_phases
-from bayes_iwan.inference.intervals import (
+from bayes_iwan.inference.setup.discrepancy import on_phases
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.solving.bent import bent_form
+from bayes_iwan.inference.solving.intervals import (
     SHARED,
     Widening,
     _form,
@@ -14,9 +15,8 @@ from bayes_iwan.inference.intervals import (
     reach_of,
     widenings,
 )
-from bayes_iwan.inference.jackknife import jackknife_variance, left_out_optima
-from bayes_iwan.inference.point import most_probable
-from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.inference.solving.jackknife import jackknife_variance, left_out_optima
+from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.physics import Model
 from bayes_iwan.physics.embedded import NAMES, TILT_NAMES
 

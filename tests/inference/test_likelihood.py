@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference import discrepancy, likelihood
-from bayes_iwan.inference.discrepancy import Correlated, between_tests, discrepancy_spectrum
-from bayes_iwan.inference.likelihood import KINDS, make_likelihood
-from bayes_iwan.inference.loop_error import friction_level_N, goal_function, harmonics_of, paper_weights
-from bayes_iwan.inference.point import laplace_scale
-from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.inference.setup import discrepancy, likelihood
+from bayes_iwan.inference.setup.discrepancy import Correlated, between_tests, discrepancy_spectrum
+from bayes_iwan.inference.setup.likelihood import KINDS, make_likelihood
+from bayes_iwan.inference.setup.loop_error import friction_level_N, goal_function, harmonics_of, paper_weights
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.solving.point import laplace_scale
 
 
 def test_weights_of_eq_9():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference.population import SpecimenDraws, population
+from bayes_iwan.inference.results.population import SpecimenDraws, population
 
 
 def drawn(rng, n, middle, spread, error, prior=(0.0, 3.0)):

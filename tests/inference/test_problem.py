@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.inference.setup.problem import make_problem
 
 
 def test_known_numbers_explain_their_loops(problem, known):

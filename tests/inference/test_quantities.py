@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.inference.problem import make_problem
-from bayes_iwan.inference.quantities import loop_quantities, quantities, slip_quantiles
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.setup.quantities import loop_quantities, quantities, slip_quantiles
 from bayes_iwan.physics import sine_motion
 from bayes_iwan.physics.slip_force import Gammas
 
@@ -62,7 +62,7 @@ def test_every_quantity_at_known_numbers(problem, known):
 def test_quantities_in_chunks_and_for_other_tests(problem, monkeypatch):
     z = problem.prior.draw(np.random.default_rng(0), 50)
     whole = quantities(problem, z)
-    monkeypatch.setattr("bayes_iwan.inference.quantities.CHUNK", 7)
+    monkeypatch.setattr("bayes_iwan.inference.setup.quantities.CHUNK", 7)
     pieces = quantities(problem, z, loops=problem.loops[:1])
     assert set(pieces) < set(whole)
     for name, x in pieces.items():

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Campaign, Record, average
-from bayes_iwan.inference.config import settings_of
-from bayes_iwan.inference.point import Point, laplace_scale, most_probable
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.problem import make_problem
-from bayes_iwan.inference.rows import ConvergenceRow
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.rows import ConvergenceRow
+from bayes_iwan.inference.setup.config import settings_of
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.solving.point import Point, laplace_scale, most_probable
 from bayes_iwan.physics import Model, Reference, sine_motion
 from bayes_iwan.sampling.convergence import convergence_of
 

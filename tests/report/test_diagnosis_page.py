@@ -13,10 +13,10 @@ import pytest
 
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import finite
-from bayes_iwan.gap.answer import effects_described, to_dict
-from bayes_iwan.gap.budget import Kind
-from bayes_iwan.gap.findings import GapPictures
-from bayes_iwan.gap.where import Statistic
+from bayes_iwan.gap.judging.budget import Kind
+from bayes_iwan.gap.telling.answer import effects_described, to_dict
+from bayes_iwan.gap.telling.findings import GapPictures
+from bayes_iwan.gap.telling.where import Statistic
 from bayes_iwan.report.diagnosis import budget_figures, files, gap_figures
 from bayes_iwan.report.diagnosis.files import diagnosis_figures
 from bayes_iwan.report.diagnosis.page import write_diagnosis_page

@@ -12,7 +12,7 @@ from bayes_iwan.comparison import frequencies as per_frequency
 from bayes_iwan.comparison import loo
 from bayes_iwan.comparison.families import SHORT, CompareError, compare_families
 from bayes_iwan.comparison.frequencies import compare_frequencies
-from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.report.comparison import comparison_report, ranking_figure
 from bayes_iwan.report.identification.checks import loo_pit
 from bayes_iwan.report.identification.frequencies import frequencies_table, wander_figure, wander_rows

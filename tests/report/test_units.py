@@ -15,8 +15,8 @@ from bayes_iwan.campaign import read_campaign, write_campaign
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.comparison.families import FAMILIES, Comparison, Entry
 from bayes_iwan.comparison.loo import Loo
-from bayes_iwan.inference.config import settings_of
-from bayes_iwan.inference.problem import make_problem
+from bayes_iwan.inference.setup.config import settings_of
+from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.report import batch, comparison_report
 from bayes_iwan.report.batch_page import write_batch_page
 from bayes_iwan.report.page import Page

@@ -8,10 +8,10 @@ import pytest
 
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.effects import catalogue
-from bayes_iwan.gap.data import gap_data, predicted
-from bayes_iwan.gap.evidence import base_problem, extended, fit_model
-from bayes_iwan.inference.scales import scales_of
-from bayes_iwan.inference.settings import DiagnoseSettings
+from bayes_iwan.gap.fitting.data import gap_data, predicted
+from bayes_iwan.gap.fitting.evidence import base_problem, extended, fit_model
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.rig.faults import CATALOGUE, KINDS, MAIN_PARAMETER
 from bayes_iwan.rig.simulate import PlannedTest, Setup, records, simulate_tests
 from bayes_iwan.rig.sizing import size_fault

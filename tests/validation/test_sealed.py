@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.gap.saved_fits import SCHEMA, find_shares
-from bayes_iwan.inference.scales import Scales
+from bayes_iwan.gap.telling.saved_fits import SCHEMA, find_shares
+from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.report import scores
 from bayes_iwan.rig import cases as rig_cases
 from bayes_iwan.rig.simulate import simulate_test

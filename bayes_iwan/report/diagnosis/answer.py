@@ -8,7 +8,7 @@ from typing import Any
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from bayes_iwan.gap.words import listed, title
+from bayes_iwan.gap.telling.words import listed, title
 from bayes_iwan.report.diagnosis.cells import percent, percent_range
 from bayes_iwan.report.page import Section
 

@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.gap.budget import NAMED, GapBudget
 from bayes_iwan.gap.diagnosis import Moved
-from bayes_iwan.gap.words import title
+from bayes_iwan.gap.judging.budget import NAMED, GapBudget
+from bayes_iwan.gap.telling.words import title
 from bayes_iwan.report.diagnosis.gap_figures import panels
 from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, styled, subplots
 

@@ -10,13 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.files import clear, finite, owned
-from bayes_iwan.gap.answer import effects_described, to_dict, write_answer
 from bayes_iwan.gap.diagnosis import BASES, Diagnosis, diagnose_folder
-from bayes_iwan.gap.findings import pictures
-from bayes_iwan.gap.where import along_cycle
-from bayes_iwan.gap.words import listed
-from bayes_iwan.inference.config import Config, diagnose_settings_of
-from bayes_iwan.inference.settings import DiagnoseSettings
+from bayes_iwan.gap.telling.answer import effects_described, to_dict, write_answer
+from bayes_iwan.gap.telling.findings import pictures
+from bayes_iwan.gap.telling.where import along_cycle
+from bayes_iwan.gap.telling.words import listed
+from bayes_iwan.inference.setup.config import Config, diagnose_settings_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis.page import write_diagnosis_page
 from bayes_iwan.report.provenance import provenance

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.units import Units
-from bayes_iwan.gap.words import listed, title
+from bayes_iwan.gap.telling.words import listed, title
 from bayes_iwan.report.diagnosis.answer import diagnosis_answer, put_figures
 from bayes_iwan.report.diagnosis.cells import digits, force_range, newton, percent
 from bayes_iwan.report.page import Page, Section

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup, escape
 
-from bayes_iwan.inference.bent import may_bend
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.remarks import LARGE_MISFIT
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.remarks import LARGE_MISFIT
+from bayes_iwan.inference.solving.bent import may_bend
 from bayes_iwan.physics import Model
 from bayes_iwan.report.identification import marginals
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.quantities import loop_quantities
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive
 
@@ -31,7 +31,7 @@ class LoopRow:
     """One test, measured and predicted.
 
     residual_share : the RMS residual over the RMS friction force. energy_mJ, stiffness_N_mm, loss_factor : as in
-    :class:`bayes_iwan.inference.quantities.LoopQuantities`.
+    :class:`bayes_iwan.inference.setup.quantities.LoopQuantities`.
     """
 
     file: str

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.comparison.frequencies import Frequencies
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.quantities import loop_quantities
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.marginals import interval, number, symbol_of
 from bayes_iwan.report.identification.tables import spread

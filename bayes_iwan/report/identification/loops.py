@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.identification.predictive import Predictive, measured_cycles, predict
 from bayes_iwan.report.style import BLACK, MODEL, band, series, styled, subplots, ticked
 

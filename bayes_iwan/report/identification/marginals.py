@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.frequencies import determined_names
-from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, styled, subplots
 
 #: below this contraction the data have hardly said anything of a number

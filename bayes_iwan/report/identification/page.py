@@ -10,10 +10,10 @@ import numpy as np
 
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
 from bayes_iwan.files import clear, owned
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.remarks import LARGE_MISFIT, searches_said
-from bayes_iwan.inference.results import load
-from bayes_iwan.inference.rows import ConvergenceRow
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.remarks import LARGE_MISFIT, searches_said
+from bayes_iwan.inference.results.rows import ConvergenceRow
+from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.physics import Model
 from bayes_iwan.report.identification import checks, frequencies, laws, loops, sampling, tables, trends
 from bayes_iwan.report.identification.answer import determined, identification_answer

@@ -9,10 +9,10 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference.intervals import between_draws
-from bayes_iwan.inference.jackknife import left_out_optima
-from bayes_iwan.inference.likelihood import make_likelihood
-from bayes_iwan.inference.posterior import Posterior
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.setup.likelihood import make_likelihood
+from bayes_iwan.inference.solving.intervals import between_draws
+from bayes_iwan.inference.solving.jackknife import left_out_optima
 from bayes_iwan.physics.motion import motion_of
 from bayes_iwan.physics.simulator import FORCE_ZERO, straight_part
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
-from bayes_iwan.inference.posterior import Posterior
-from bayes_iwan.inference.rows import ConvergenceRow
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.rows import ConvergenceRow
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
 from bayes_iwan.report.identification.marginals import contraction, paper_symbol, reported
 from bayes_iwan.report.table import Cell, Rows, Table

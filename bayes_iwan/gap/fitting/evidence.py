@@ -1,0 +1,286 @@
+"""Evidence of one model for a campaign's data: refit from several starts, Laplace's approximation, and a grid over the
+rest that stands beside every model.
+
+measured = simulator(base + effects) + rest + noise. The rest is Gaussian, smooth along the loop and between tests, of
+share a of the friction force (:class:`bayes_iwan.inference.setup.discrepancy.Correlated`), and changes along the
+record by a share b. Its sizes are inferred for every set of effects and need not be small: the prior over a is flat
+in ln a, so a cause may explain a part of the gap and leave the rest without a name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.effects.base import Effect, effects_of
+from bayes_iwan.gap.fitting.data import GapData, predicted
+from bayes_iwan.gap.fitting.rest import ALONG_SHARES, FIRST, LENGTHS, SHARES, Linear, Rest, RestSize, Stepped
+from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
+from bayes_iwan.inference.setup.problem import Problem, iwan_model, make_problem
+from bayes_iwan.inference.setup.scales import Scales
+from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings, LikelihoodSettings, ParameterChange
+from bayes_iwan.optimize.least_squares import LeastSquaresFit, least_squares_batch
+from bayes_iwan.physics import Model, Simulator
+
+#: relative change of a cost of some hundreds at which a refit ends: a tenth of a nat
+TOLERANCE = 2e-4
+#: z of every parameter stays within these prior standard deviations
+Z_BOX = 5.0
+#: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
+OTHER_WEIGHTS = 0.25
+_FIXED_NOISE = {
+    "noise_scale": ParameterChange(fixed=1.0),
+    "discrepancy_share": ParameterChange(fixed=FIRST.share),
+    "discrepancy_length": ParameterChange(fixed=FIRST.length),
+}
+
+
+class FitError(ValueError):
+    """A model that has no finite force for these tests."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One model refitted to the data.
+
+    z : (ndim,) optimum at the grid's best point; log_z : (shares, lengths) ln evidence over the grid, the change of
+        the rest along the record averaged over
+    size : of the rest at the best point; covariance : (ndim, ndim) of z there
+    rest_share : the rest's size as a share of the friction force: median and 90 % interval of its posterior
+    optima : (k, ndim) distinct optima found, best first
+    """
+
+    problem: Problem
+    z: Array
+    log_z: Array
+    size: RestSize
+    rest_share: tuple[float, float, float]
+    covariance: Array
+    optima: Array
+    linear: Linear
+    converged: bool
+
+    @property
+    def name(self) -> str:
+        return "+".join(e.name for e in self.effects) or "none"
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return effects_of(self.problem)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the effects in the model."""
+        return frozenset(e.name for e in self.effects)
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """ln ∫ Z(a, ℓ) p(a, ℓ), p flat in ln a and over the lengths."""
+        return float(np.logaddexp.reduce(self.log_z.ravel()) - np.log(self.log_z.size))
+
+
+def base_model(settings: DiagnoseSettings, scales: Scales) -> Model:
+    """The Iwan model that a diagnosis starts from, on a campaign's scales; the gap's effects are what bends it."""
+    return iwan_model(scales, replace(settings.model, embedded=False))
+
+
+def base_problem(
+    data: GapData, settings: DiagnoseSettings, scales: Scales, simulator: Simulator | None = None
+) -> Problem:
+    """The base model (a simulator, or the Iwan model of the settings), noise fixed, for the loops of `data`."""
+    chosen = IdentifySettings(
+        likelihood=LikelihoodSettings("matern"), parameters={**settings.parameters, **_FIXED_NOISE}
+    )
+    model = base_model(settings, scales) if simulator is None else simulator
+    return make_problem(data.loops, chosen, model, scales)
+
+
+def extended(problem: Problem, effects: Sequence[Effect]) -> Problem:
+    """The same problem with these effects and no others."""
+    return problem.with_effects(effects)
+
+
+class Rows:
+    """Residual rows of a model in units of the noise, and what is needed to whiten them by any rest."""
+
+    def __init__(self, data: GapData, problem: Problem) -> None:
+        self.data, self.problem = data, problem
+        self.turn, values, there, _ = data.likelihood.rotation
+        self.there = there.astype(bool)
+        self.used = len(self.turn)
+        order = np.broadcast_to(np.arange(self.used)[:, None], self.there.shape)
+        real, imaginary = self.there, self.there & (order > 0)
+        self.evolving = any(e.evolving for e in effects_of(problem))
+        self._masks = real, imaginary
+        self._trend = np.isfinite(data.trend_noise_N)
+        self._line = np.isfinite(data.mains_noise_N)
+        loop = Rest(
+            np.r_[values[real], values[imaginary]],
+            np.r_[order[real], order[imaginary]].astype(np.int64),
+            np.zeros(int(real.sum() + imaginary.sum()), dtype=bool),
+        )
+        self.rest = loop
+        self.constant = 0.0
+        changing = self._changing()
+        if self.evolving:
+            lines = 2 * int(self._line.sum())
+            self.rest = Rest(
+                np.r_[loop.eigen, changing.eigen, np.zeros(lines)],
+                np.r_[loop.order, changing.order, np.zeros(lines, dtype=np.int64)],
+                np.r_[loop.changing, changing.changing, np.zeros(lines, dtype=bool)],
+            )
+        else:  # a steady model misses all changes and lines: what that costs, whatever its numbers
+            sizes = [RestSize(0.0, LENGTHS[-1], b) for b in ALONG_SHARES]
+            logdet = [0.5 * float(np.sum(np.log(changing.variance(size)))) for size in sizes]
+            cost = [-self.missed(size.along) - d for size, d in zip(sizes, logdet)]
+            self.constant = float(np.logaddexp.reduce(cost) - np.log(len(cost)))
+
+    def missed(self, along: float) -> float:
+        """Half the squares of all changes along the record and lines, in units of noise and rest: a steady model's."""
+        change = (self.data.trend_N / self.data.trend_noise_N)[self._trend]
+        lines = np.abs(self.data.mains_N[self._line] / self.data.mains_noise_N[self._line]) ** 2
+        square = np.r_[change.real, change.imag] ** 2 / self._changing().variance(RestSize(0.0, LENGTHS[-1], along))
+        return 0.5 * float(square.sum() + lines.sum())
+
+    def _changing(self) -> Rest:
+        """The rest in the contrasts along the record: each as large as its test's friction level times b."""
+        level = np.broadcast_to(self.data.level_N[:, None, None], self.data.trend_noise_N.shape)[self._trend]
+        eigen = (level / self.data.trend_noise_N[self._trend]) ** 2
+        order = np.broadcast_to(np.arange(self._trend.shape[2]), self._trend.shape)[self._trend].astype(np.int64)
+        return Rest(np.r_[eigen, eigen], np.r_[order, order], np.ones(2 * len(order), dtype=bool))
+
+    def residual(self, z: Array) -> Array:
+        """Measured − predicted in units of the noise, rotated, (draws, m)."""
+        data = self.data
+        mean, trend, lines = predicted(data, self.problem, z)
+        c = (data.harmonics_N[:, : self.used] - mean[..., : self.used]).transpose(2, 0, 1)
+        turn = self.turn.transpose(0, 2, 1)
+        parts = [
+            (c.real @ turn).transpose(1, 0, 2)[:, self._masks[0]],
+            (c.imag @ turn).transpose(1, 0, 2)[:, self._masks[1]],
+        ]
+        if self.evolving:
+            r = ((data.trend_N - trend) / data.trend_noise_N)[:, self._trend]
+            line = np.zeros((len(z), *data.mains_N.shape)) if lines is None else lines
+            q = ((data.mains_N - line) / data.mains_noise_N)[:, self._line]
+            parts += [r.real, r.imag, q.real, q.imag]
+        return np.concatenate(parts, axis=1)
+
+    def linear(self, z: Array, step: float = 1e-4) -> Linear:
+        """Residual and central-difference Jacobian at z (ndim,), in one batch call."""
+        n = len(z)
+        points = np.concatenate([z[None], z + step * np.eye(n), z - step * np.eye(n)])
+        r = self.residual(points)
+        jacobian = (r[n + 1 :] - r[1 : n + 1]).T / (2.0 * step)
+        return Linear(r[0], jacobian, self.rest, z.copy())
+
+    def sd(self, size: RestSize) -> Array:
+        """(m,) what the rows are divided by, so that they are white."""
+        return np.sqrt(self.rest.variance(size))
+
+    def fit(self, starts: Array, size: RestSize, iterations: int) -> LeastSquaresFit:
+        """Least squares from all starts at one size of the rest."""
+        sd = self.sd(size)
+
+        def rows(z: Array) -> Array:
+            with np.errstate(all="ignore"):
+                return np.concatenate([self.residual(z) / sd, z], axis=1)
+
+        box = np.tile([-Z_BOX, Z_BOX], (starts.shape[1], 1))
+        return least_squares_batch(rows, starts, box, max_iterations=iterations, ftol=TOLERANCE, xtol=1e-4, gtol=1e-5)
+
+
+def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 40) -> Fit:
+    """Fit a model from all starts, tabulate its evidence over the rest's grid, refit at the best point.
+
+    Raises FitError where no start reaches a finite cost: the model has no force there.
+    """
+    rows = Rows(data, problem)
+    found = rows.fit(starts, FIRST, iterations)
+    cost = np.where(np.isfinite(found.cost), found.cost, np.inf)
+    order = np.argsort(cost)
+    if not np.isfinite(cost[order[0]]):
+        raise FitError(f"{'+'.join(e.name for e in effects_of(problem)) or 'the base model'}: no finite force")
+    optima = _distinct(found.x[order], cost[order])
+    grid = _grid(rows.linear(optima[0]))
+    if np.sqrt(np.mean(np.log(rows.sd(grid.best.size) / rows.sd(FIRST)) ** 2)) > OTHER_WEIGHTS:
+        near = np.stack([*optima, np.clip(grid.best.z, -Z_BOX, Z_BOX)])  # the best there may be another one
+        again = rows.fit(near, grid.best.size, iterations)
+        grid = _grid(rows.linear(again.x[again.best]))
+    return Fit(
+        problem,
+        grid.linear.z,
+        grid.log_z + rows.constant,
+        grid.best.size,
+        grid.rest_share,
+        np.asarray(np.linalg.inv(grid.best.precision)),
+        optima,
+        grid.linear,
+        bool(found.converged[order[0]]),
+    )
+
+
+def in_newtons(data: GapData, fit: Fit, iterations: int = 15) -> Fit:
+    """The model of a fit where it misses least in newtons: refitted beside a rest that is alike in every harmonic.
+
+    What an effect does is judged by evidence, which follows the harmonics that are quiet; how large a gap is, and which
+    share of it an effect removes, is asked in newtons.
+    """
+    if fit.size.length == 0.0:
+        return fit
+    rows, size = Rows(data, fit.problem), RestSize(fit.rest_share[0], 0.0, fit.size.along)
+    found = rows.fit(np.concatenate([fit.z[None], fit.optima[:1]]), size, iterations)
+    linear = rows.linear(found.x[found.best])
+    _, precision, _ = linear.step(size)
+    covariance = np.asarray(np.linalg.inv(precision))
+    return replace(fit, z=linear.z, size=size, covariance=covariance, optima=linear.z[None], linear=linear)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """ln evidence (shares, lengths) over the rest's grid, the best point's, and the rest's share of the friction."""
+
+    linear: Linear
+    log_z: Array
+    best: Stepped
+    rest_share: tuple[float, float, float]
+
+
+def _grid(linear: Linear) -> _Grid:
+    along, change = ALONG_SHARES[0], 0.0
+    if linear.rest.changing.any():  # the change along the record has its own size, found where the loops' is best
+        share = max(SHARES[::2], key=lambda a: linear.evidence(float(a), LENGTHS[-1], FIRST.along).log_z)
+        by_change = np.array([linear.evidence(float(share), LENGTHS[-1], float(b)).log_z for b in ALONG_SHARES])
+        along = ALONG_SHARES[int(np.argmax(by_change))]
+        change = float(np.logaddexp.reduce(by_change) - np.log(len(by_change)) - by_change.max())
+    steps = [[linear.evidence(float(a), float(n), float(along)) for n in LENGTHS] for a in SHARES]
+    log_z = np.array([[s.log_z for s in row] for row in steps])
+    best = steps[int(np.argmax(log_z.max(axis=1)))][int(np.argmax(log_z.max(axis=0)))]
+    return _Grid(linear, log_z + change, best, _whole_share(linear.rest.orders, steps, log_z))
+
+
+def _whole_share(orders: int, steps: Sequence[Sequence[Stepped]], log_z: Array) -> tuple[float, float, float]:
+    """Median and 90 % interval of the rest's RMS share of the friction force, the λ of its harmonics included."""
+    sizes = [s.size for row in steps for s in row]
+    power = [
+        float(np.sum(discrepancy_spectrum(np.array([x.share]), np.array([x.length]), orders)[0] * x.factors(orders)))
+        for x in sizes
+    ]
+    at = np.argsort(power)
+    weight = np.exp(log_z.ravel() - np.logaddexp.reduce(log_z.ravel()))[at]
+    below = np.cumsum(weight) - 0.5 * weight
+    low, middle, high = np.exp(np.interp([0.05, 0.5, 0.95], below, 0.5 * np.log(np.array(power)[at])))
+    return float(middle), float(low), float(high)
+
+
+def _distinct(x: Array, cost: Array, most: int = 4) -> Array:
+    """Different optima, best first: those that lie apart in z and cost less than 50 more than the best."""
+    kept = [x[0]]
+    for one, value in zip(x[1:], cost[1:]):
+        if value < cost[0] + 50.0 and all(np.max(np.abs(one - k)) > 0.3 for k in kept) and len(kept) < most:
+            kept.append(one)
+    return np.array(kept)

@@ -1,0 +1,113 @@
+"""Models refitted without some of the tests, and what they then miss on those: whole frequencies or amplitudes left
+out, or tests that were held out from the start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.effects.base import effects_of
+from bayes_iwan.gap.fitting.data import GapData, gap_data
+from bayes_iwan.gap.fitting.evidence import Fit, Rows
+from bayes_iwan.gap.fitting.gap_size import gap_power_N2
+from bayes_iwan.gap.fitting.residuals import residual_of
+from bayes_iwan.inference.setup.problem import Problem
+
+#: tests whose frequencies (amplitudes) differ by less than this share are of one frequency (amplitude)
+SAME = 0.05
+#: iterations of a refit that starts at the optimum of all tests
+ITERATIONS = 8
+HELD_OUT = "held-out tests"
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Squared gaps on tests that a fit has not seen.
+
+    by : "one frequency left out", "one amplitude left out" or "held-out tests"; files (n,) of these tests
+    power_N2 : by set of effects, (n,) squared gap of each test, noise taken off (may be negative)
+    """
+
+    by: str
+    files: tuple[str, ...]
+    power_N2: dict[frozenset[str], Array]
+
+    def gap_N(self, names: Iterable[str]) -> float:
+        """RMS gap over these tests with a set of effects in the model."""
+        return float(np.sqrt(max(self.power_N2[frozenset(names)].mean(), 0.0)))
+
+    def shrink(self, smaller: Iterable[str], larger: Iterable[str]) -> float:
+        """1 − gap with the larger set / gap with the smaller one, in −1 … 1; nan where there is no gap."""
+        before, after = self.gap_N(smaller), self.gap_N(larger)
+        return float(np.clip(1.0 - after / before, -1.0, 1.0)) if before > 0.0 else float("nan")
+
+
+def groups_of(loops: Sequence[Loop], name: str) -> list[list[int]]:
+    """Indices of tests grouped by "frequency_hz" or "amplitude_mm"."""
+    values = np.log([getattr(x, name) for x in loops])
+    order = np.argsort(values, kind="stable")
+    cuts = np.flatnonzero(np.diff(values[order]) > SAME) + 1
+    return [sorted(part.tolist()) for part in np.split(order, cuts)]
+
+
+def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem:
+    """The same model and priors for other tests (a mains line's parameters go with its tests)."""
+    files = tuple(x.file for x in loops)
+    effects = tuple(replace(e, tests=files) for e in effects_of(problem))
+    return replace(problem, loops=tuple(loops), likelihood=data.likelihood).with_effects(effects)
+
+
+def refitted(fit: Fit, data: GapData) -> Fit:
+    """A fit's model refitted to some of its tests from its own optimum, beside a rest of the same size."""
+    problem = for_loops(fit.problem, data.loops, data)
+    rows = Rows(data, problem)
+    at = [fit.problem.names.index(n) for n in problem.names]
+    found = rows.fit(fit.z[None, at], fit.size, ITERATIONS)
+    linear = rows.linear(found.x[0])
+    _, precision, _ = linear.step(fit.size)
+    return replace(
+        fit,
+        problem=problem,
+        z=linear.z,
+        covariance=np.asarray(np.linalg.inv(precision)),
+        optima=linear.z[None],
+        linear=linear,
+    )
+
+
+def left_out(fits: Sequence[Fit], data: GapData, held_out: Sequence[Loop] = ()) -> tuple[Unseen, ...]:
+    """Gaps of several models on tests left out of their fit: one frequency after another, then one amplitude after
+    another, where there are several; and on tests with role "held-out"."""
+    out = []
+    if held_out:
+        other = gap_data(held_out)
+        power = {f.names: gap_power_N2(residual_of(other, f, refitted=False)) for f in fits}
+        out.append(Unseen(HELD_OUT, tuple(x.file for x in held_out), power))
+    for name, by in (("frequency_hz", "one frequency left out"), ("amplitude_mm", "one amplitude left out")):
+        parts = groups_of(data.loops, name)
+        if len(parts) < 2:
+            continue
+        found: dict[frozenset[str], list[Array]] = {f.names: [] for f in fits}
+        for part in parts:
+            rest, left = data.part([i for i in range(data.tests) if i not in part]), data.part(part)
+            for fit in fits:
+                found[fit.names].append(gap_power_N2(residual_of(left, refitted(fit, rest), refitted=False)))
+        files = tuple(data.loops[i].file for part in parts for i in part)
+        out.append(Unseen(by, files, {k: np.concatenate(v) for k, v in found.items()}))
+    return tuple(out)
+
+
+def halves(data: GapData) -> list[tuple[list[int], list[int]]]:
+    """The tests in two halves, by frequency and by amplitude, where there are several."""
+    out = []
+    for name in ("frequency_hz", "amplitude_mm"):
+        parts = groups_of(data.loops, name)
+        if len(parts) > 1:
+            sizes = np.cumsum([len(p) for p in parts])
+            cut = int(np.argmin(np.abs(sizes[:-1] - 0.5 * data.tests))) + 1
+            out.append(([i for p in parts[:cut] for i in p], [i for p in parts[cut:] for i in p]))
+    return out

@@ -1,0 +1,1 @@
+"""From fits to a verdict: guards, calibrated probabilities, the budget of shares."""

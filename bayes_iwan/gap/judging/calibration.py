@@ -1,0 +1,96 @@
+"""From a few figures to probabilities: does an effect contribute, which of its rivals is it, has the rest a cause?
+
+Three logistic laws, each with few weights, fitted to cases from the virtual rig whose laws and outside causes were left
+out in turn (`analyses/calibrate_diagnosis.py`). Every weight but the intercepts is of one sign by construction: more
+evidence, more shrink on unseen tests and a steadier strength never make a cause less probable.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.files import write_whole
+from bayes_iwan.gap.judging.guards import Figures
+
+CALIBRATION = Path(__file__).with_name("calibration.json")
+#: nats up to which evidence counts in full; beyond, by its logarithm
+LINEAR_NATS = 10.0
+#: share of the friction force that what is left is compared with: a sound specimen's usual gap
+USUAL_REST = 0.004
+#: no answer claims more
+SUREST = 0.99
+#: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
+EFFECT_FIGURES = ("gain", "unseen", "steady")
+REST_FIGURES = ("left", "subharmonic")
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Weights of the logistic laws.
+
+    effect : of EFFECT_FIGURES, effect_bias their intercept; rest, rest_bias : the same of REST_FIGURES
+    within : power of the evidence among rivals for one place; apart : nats within which rivals cannot be told apart
+    usual : median and sd of ln share of a sound specimen's difference from the model
+    """
+
+    effect: tuple[float, ...]
+    effect_bias: float
+    rest: tuple[float, ...]
+    rest_bias: float
+    within: float
+    apart: float
+    usual: tuple[float, float]
+
+    def contributes(self, f: Figures) -> float:
+        """Probability that something of this effect's kind contributes to the gap."""
+        return logistic(float(np.dot(self.effect, effect_figures(f))) + self.effect_bias)
+
+    def among(self, f: Figures) -> dict[str, float]:
+        """Probability of each rival for one place, given that something contributes there."""
+        weight = {n: np.exp(self.within * v) for n, v in f.rivals.items()}
+        total = sum(weight.values())
+        return {n: float(w / total) for n, w in weight.items()}
+
+    def unknown_rest(self, figures: Array) -> float:
+        """Probability that the rest has a cause without a name; figures (2,) in the order of REST_FIGURES."""
+        return logistic(float(np.dot(self.rest, figures)) + self.rest_bias)
+
+    def save(self, path: Path = CALIBRATION) -> None:
+        """Write the constants as JSON."""
+        write_whole(path, json.dumps(asdict(self), indent=1) + "\n")
+
+
+def effect_figures(f: Figures) -> Array:
+    """(3,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES: its evidence, what it
+    removes on tests left out (the mean of first and last effect of the set), the steadiness of its strength."""
+    return np.array([np.arcsinh(f.gain / LINEAR_NATS), 0.5 * (f.unseen + f.alone), -min(f.differs, 5.0)])
+
+
+def rest_figures(left: float, subharmonic: float) -> Array:
+    """(2,) figures of the rest: the gap left beside all named causes as a share of the friction force, and the power of
+    a line at half the test frequency over its background."""
+    return np.array([np.log(max(left, 1e-5) / USUAL_REST), np.log1p(max(subharmonic - 5.0, 0.0))])
+
+
+def logistic(x: float) -> float:
+    """1/(1 + e^−x), kept within 1 − SUREST … SUREST."""
+    return float(np.clip(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))), 1.0 - SUREST, SUREST))
+
+
+def from_json(stored: Mapping[str, object]) -> Calibration:
+    """Constants from what :meth:`Calibration.save` wrote."""
+    values = {k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()}
+    return Calibration(**values)  # type: ignore[arg-type]
+
+
+@cache
+def calibration() -> Calibration:
+    """The constants shipped with the package."""
+    return from_json(json.loads(CALIBRATION.read_text()))

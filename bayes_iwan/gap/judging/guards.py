@@ -1,0 +1,146 @@
+"""What tells an effect that contributes from one that merely absorbs: a few figures for each effect of the chosen set.
+
+A flexible rest and a wrong law together invite effects that absorb what is not theirs. So evidence alone names nothing:
+the shrink on whole frequencies and amplitudes left out, the constancy of the effect's strength between halves of the
+tests, and its lead over effects of another kind speak with it (:mod:`bayes_iwan.gap.judging.calibration` weighs them).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_iwan.gap.fitting.data import GapData
+from bayes_iwan.gap.fitting.evidence import Fit
+from bayes_iwan.gap.fitting.gap_size import moved_shares
+from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, halves, left_out, refitted
+from bayes_iwan.gap.searching.search import LAST, TIED_NATS, Search, gap_rms_N, look_alike
+
+#: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:
+#: nature's law is not quite the catalogue's
+LOOSE = 0.2
+#: nats that a rival may be behind for each share of the base's gap that it leaves more: evidence counts every harmonic
+#: by its noise, and between two laws that are both a little off it counts differences that no newton bears out
+NATS_OF_GAP = 600.0
+
+
+@dataclass(frozen=True)
+class Figures:
+    """One effect of the chosen set.
+
+    gain : nats over the set without it; lead : nats over the best effect of another kind in its place (no look-alike)
+    rivals : ln evidence of each effect in its place, itself included, less its own, as far as the gap bears it out
+    fitted : share of the whole gap that it removes (Shapley value in the chosen set), on the fitted tests; unseen :
+        share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
+        fitted one where no test can judge it)
+    differs : by how many standard deviations its strength differs between halves of the tests (larger split)
+    moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
+        the base's own
+    """
+
+    name: str
+    gain: float
+    lead: float
+    rivals: dict[str, float]
+    fitted: float
+    unseen: float
+    alone: float
+    differs: float
+    moved: float
+    gap: float
+    before: float
+
+
+def guard_figures(
+    search: Search, nearest: Mapping[frozenset[str], Fit], share: Mapping[str, float]
+) -> tuple[Figures, ...]:
+    """The figures of every effect of the chosen set.
+
+    nearest : by subset of it, the fit that misses least in newtons; share : of the gap, by effect
+    (:func:`.budget.shares`)
+    """
+    if not search.chosen:
+        return ()
+    data, whole = search.data, search.fit(search.chosen)
+    without = {n: search.fit(set(search.chosen) - {n}) for n in search.chosen}
+    sets = dict.fromkeys((whole.names, *(f.names for f in without.values()), *map(_only, search.chosen), frozenset()))
+    unseen = [u for u in left_out([nearest[k] for k in sets], data) if u.by != HELD_OUT]
+    differs = _differences(whole, data)
+    moved = moved_shares(whole, data)
+    level = float(np.sqrt(np.mean(data.level_N**2)))
+    gap = {k: gap_rms_N(data, nearest[k]) for k in sets}
+    before = gap[frozenset()]
+    out = []
+    for name in search.chosen:
+        less = without[name]
+        rivals = {
+            n: borne_out(
+                f.log_evidence - whole.log_evidence,
+                gap_rms_N(data, f) - gap[whole.names],
+                before,
+                n in LAST or look_alike(search.effects, name, n),
+            )
+            for n, f in search.rivals(name).items()
+        }
+        others = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
+        fitted = float(np.clip(share[name], -1.0, 1.0))
+        gain = whole.log_evidence - less.log_evidence
+        out.append(
+            Figures(
+                name,
+                gain,
+                min(gain, -max(others, default=-np.inf)),
+                rivals,
+                fitted,
+                _judged(whole, name, unseen, whole.names, fitted),
+                _judged(whole, name, unseen, _only(name), fitted),
+                differs.get(name, 0.0),
+                moved[name],
+                gap[less.names] / level,
+                before / level,
+            )
+        )
+    return tuple(out)
+
+
+def _only(name: str) -> frozenset[str]:
+    return frozenset({name})
+
+
+def borne_out(nats: float, more_N: float, before_N: float, alike: bool) -> float:
+    """Nats by which a rival is ahead or behind (negative): no more behind than NATS_OF_GAP for what it leaves more of
+    the gap; a look-alike, or what bends the base's own form, that is ahead by less than TIED_NATS is tied, since the
+    search took the simpler story."""
+    if nats >= 0.0:
+        return 0.0 if alike and nats < TIED_NATS else nats
+    more = max(more_N, 0.0) / before_N if before_N > 0.0 else np.inf
+    return max(nats, -NATS_OF_GAP * more)
+
+
+def _judged(whole: Fit, name: str, unseen: list[Unseen], names: frozenset[str], fitted: float) -> float:
+    """Shrink on tests left out by one effect of some; parameters of single tests (a mains line) no other test can
+    judge."""
+    effect = next(e for e in whole.effects if e.name == name)
+    if effect.strength_name not in whole.problem.names or not unseen:
+        return fitted
+    found = [u.shrink(names - {name}, names) for u in unseen]
+    found = [x for x in found if np.isfinite(x)]
+    return float(np.mean(found)) if found else fitted
+
+
+def _differences(whole: Fit, data: GapData) -> dict[str, float]:
+    """By how many standard deviations each strength differs between halves of the tests, the largest of the splits."""
+    out: dict[str, float] = {}
+    for split in halves(data):
+        parts = [refitted(whole, data.part(sorted(part))) for part in split]
+        for effect in whole.effects:
+            name = effect.strength_name
+            if name not in whole.problem.names:
+                continue
+            at = [f.problem.names.index(name) for f in parts]
+            z = [float(f.z[i]) for f, i in zip(parts, at)]
+            variance = sum(float(f.covariance[i, i]) for f, i in zip(parts, at)) + LOOSE**2
+            out[effect.name] = max(out.get(effect.name, 0.0), abs(z[0] - z[1]) / float(np.sqrt(variance)))
+    return out

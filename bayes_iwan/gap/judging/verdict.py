@@ -1,0 +1,179 @@
+"""From a finished search to a verdict: which effects are named, how sure, and whether the rest has its own cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_iwan.campaign import Loop
+from bayes_iwan.gap.fitting.evidence import Fit, in_newtons
+from bayes_iwan.gap.fitting.gap_size import GapSize, gap_size
+from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, left_out
+from bayes_iwan.gap.fitting.residuals import residual_of
+from bayes_iwan.gap.judging.budget import (
+    NAMED,
+    NO_CAUSE,
+    Cause,
+    Kind,
+    Verdict,
+    contributing,
+    fits_of_subsets,
+    left_unnamed,
+    shares,
+    subsets,
+    unseen_shares,
+)
+from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
+from bayes_iwan.gap.judging.guards import Figures, guard_figures
+from bayes_iwan.gap.searching.search import LAST, Search
+
+#: share of the gap that an effect must remove to be named, and more where it is so flexible that it always removes some
+LEAST_SHARE, LEAST_FLEXIBLE = 0.02, 0.2
+#: gap over the friction force below which no flexible effect is named: so much every specimen differs from the family
+LEAST_GAP = 0.01
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Everything behind a verdict but the calibration's constants.
+
+    figures : of every effect of the chosen set that may be named; by every subset of it: fits; in_newtons, the same
+    models where they miss least in newtons, and sizes, what they miss there. subharmonic : the largest power of a line
+    at half a test's frequency over its background
+    """
+
+    search: Search
+    figures: tuple[Figures, ...]
+    fits: Mapping[frozenset[str], Fit]
+    in_newtons: Mapping[frozenset[str], Fit]
+    sizes: Mapping[frozenset[str], GapSize]
+    subharmonic: float
+
+    @property
+    def gap_N(self) -> dict[frozenset[str], float]:
+        """RMS gap by set of effects."""
+        return {k: s.all.rms_N for k, s in self.sizes.items()}
+
+
+def weighed(search: Search, seed: int) -> Weighed:
+    """Figures of the chosen effects that remove anything, fits and gaps of all their subsets."""
+    fits = fits_of_subsets(search)
+    nearest = {k: in_newtons(search.data, f) for k, f in fits.items()}
+    before = gap_size(residual_of(search.data, nearest[frozenset()]), seed)
+    sizes = {
+        k: before if not k else gap_size(residual_of(search.data, f), seed, friction_N=before.friction_N)
+        for k, f in nearest.items()
+    }
+    kept = _removing(search.chosen, {k: s.all.rms_N for k, s in sizes.items()})
+    search = replace(search, chosen=kept, fits=dict(search.fits) | fits)
+    fits = {k: f for k, f in fits.items() if k <= frozenset(kept)}
+    sizes = {k: s for k, s in sizes.items() if k in fits}
+    share = {n: s.value for n, s in shares(search.chosen, sizes).items()} if search.chosen else {}
+    said = tuple(f for f in guard_figures(search, nearest, share) if f.name not in LAST or f.gap >= LEAST_GAP)
+    return Weighed(
+        search, said, fits, {k: nearest[k] for k in fits}, sizes, float(np.max(search.data.subharmonic, initial=0.0))
+    )
+
+
+def _removing(chosen: Sequence[str], gap_N: Mapping[frozenset[str], float]) -> tuple[str, ...]:
+    """The chosen effects less those that remove next to nothing of the gap, neither alone nor beside the others: what
+    raises the evidence without that is the difference between two laws, and clouds what is said of the others."""
+    kept, least = list(chosen), LEAST_SHARE * gap_N[frozenset()]
+    while kept:
+        whole = frozenset(kept)
+        most = {
+            n: max(gap_N[frozenset()] - gap_N[frozenset({n})], gap_N[whole - {n}] - gap_N[whole]) - least for n in kept
+        }
+        worst = min(kept, key=lambda n: most[n])
+        if most[worst] >= 0.0:
+            break
+        kept.remove(worst)
+    return tuple(kept)
+
+
+def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
+    """Effects that probably contribute: the likeliest rival of each place where probably something does."""
+    out = []
+    for f in given:
+        among = c.among(f)
+        if f.name not in NO_CAUSE and c.contributes(f) * among[f.name] >= NAMED * max(among.values()):
+            out.append(f.name)
+    return tuple(out)
+
+
+def least_share(name: str) -> float:
+    """Share of the gap that an effect must remove to be named."""
+    return LEAST_FLEXIBLE if name in LAST else LEAST_SHARE
+
+
+def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
+    """The named effects less those that do not make the gap smaller: evidence weighs every harmonic by its noise and
+    may rise where the force in newtons is missed by more. The least helpful goes first, the rest is judged anew."""
+    kept = list(named)
+    while kept:
+        share = shares(kept, {k: found.sizes[k] for k in subsets(kept)})
+        short = {n: share[n].value - least_share(n) for n in kept}
+        worst = min(kept, key=lambda n: short[n])
+        if short[worst] >= 0.0:
+            break
+        kept.remove(worst)
+    return tuple(kept)
+
+
+def unknown_rest(found: Weighed, named: Sequence[str], c: Calibration) -> float:
+    """Probability that what is left beside the named effects has a cause of its own."""
+    left = left_unnamed(frozenset(named), {k: s.all.resolved_share for k, s in found.sizes.items()})
+    return c.unknown_rest(rest_figures(left, found.subharmonic))
+
+
+def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
+    """Name causes, give each its share of the gap, and say whether the rest needs a cause of its own."""
+    named = helping(found, named_by(found.figures, c))
+    rest = unknown_rest(found, named, c)
+    p, places = contributing(found.figures, c)
+    probabilities = {n: 0.0 for n in found.search.effects if n not in NO_CAUSE} | {
+        n: v for n, v in p.items() if n not in NO_CAUSE
+    }
+    unnamed = np.prod([1.0 - v for n, v in places.items() if n not in NO_CAUSE])
+    probabilities |= {"none": float(unnamed * (1.0 - rest)), "unknown": rest}
+    causes = _causes(found, named, probabilities, c, held_out)
+    flagged = rest >= 0.5
+    kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
+    loops = found.search.data.loops
+    cornered, theirs = tuple(x.file for x in loops if x.corners_gap), max(x.corners_gap for x in loops)
+    if kind is not Kind.NONE and found.sizes[frozenset()].all.share <= theirs:
+        none = probabilities["none"]
+        sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
+        return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
+    return Verdict(kind, causes, flagged, probabilities, cornered, theirs)
+
+
+def _causes(
+    found: Weighed, named: Sequence[str], probabilities: Mapping[str, float], c: Calibration, held_out: Sequence[Loop]
+) -> tuple[Cause, ...]:
+    if not named:
+        return ()
+    keys = subsets(named)
+    share = shares(named, {k: found.sizes[k] for k in keys})
+    unseen = left_out([found.in_newtons[k] for k in keys], found.search.data, held_out)
+    judges: tuple[Unseen, ...] = tuple(u for u in unseen if u.by == HELD_OUT) or unseen
+    predicted = unseen_shares(named, judges) if judges else {}
+    whole = found.fits[frozenset(named)]
+    out = []
+    for f in found.figures:
+        if f.name not in named:
+            continue
+        effect = next(e for e in whole.effects if e.name == f.name)
+        predicts = effect.strength_name in whole.problem.names
+        apart = tuple(
+            n
+            for n, v in sorted(f.rivals.items(), key=lambda nv: -nv[1])
+            if n != f.name and n not in NO_CAUSE and v > -c.apart
+        )
+        by = " and ".join(dict.fromkeys(u.by for u in judges)) if predicts else ""
+        held = predicted.get(f.name) if predicts else None
+        law = str(getattr(effect, "law", ""))
+        out.append(Cause(f.name, law, probabilities[f.name], share[f.name], held, by, apart, f))
+    return tuple(sorted(out, key=lambda x: -x.share.value))

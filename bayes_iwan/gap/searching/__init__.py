@@ -1,0 +1,1 @@
+"""Which sets of effects are tried, refitted and kept."""

@@ -1,0 +1,149 @@
+"""Effects on top of a fitted model, not yet refitted: where to start, and what one Gauss–Newton step promises."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.catalogue import ordered
+from bayes_iwan.gap.fitting.data import GapData
+from bayes_iwan.gap.fitting.evidence import Fit, Rows, extended
+from bayes_iwan.gap.fitting.rest import FIRST, RestSize
+from bayes_iwan.inference.setup.problem import Problem
+
+#: z of the strength, signed or not, and of extra parameters at which an effect is tried
+STRENGTHS = {False: (-2.0, -1.0, -0.2, 0.6, 1.4, 2.2), True: (-1.2, -0.4, 0.4, 1.2)}
+EXTRAS = (-1.6, -0.8, 0.0, 0.8, 1.6)
+EFFECT_STARTS = 2
+#: smallest share of the friction level at which a step is judged
+LEAST_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect on a smaller model: where its refit starts, (starts, ndim), and the nats that one step promises."""
+
+    effect: Effect
+    problem: Problem
+    starts: Array
+    gain: float
+
+    @property
+    def name(self) -> str:
+        return self.effect.name
+
+
+def candidates(data: GapData, smaller: Fit, effects: Mapping[str, tuple[Effect, ...]]) -> list[Candidate]:
+    """All effects (each law) that the records allow on top of a smaller fit, the most promising first."""
+    out = []
+    optima = np.concatenate([smaller.z[None], smaller.optima[1:2]])
+    at = replace(smaller.size, share=max(smaller.size.share, LEAST_SHARE), along=max(smaller.size.along, FIRST.along))
+    for some in effects.values():
+        for effect in some:
+            if not effect.possible(data):
+                continue
+            problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
+            rows = Rows(data, problem)
+            points = start_points(effect, problem, optima, smaller.problem.names)
+            starts, gain = promising(rows, points, smaller, at, EFFECT_STARTS)
+            if effect.strength_name not in problem.names:  # a number for each test: nothing of it is in any start
+                gain = stepped(rows, points[0], smaller, at)
+            out.append(Candidate(effect, problem, starts, gain))
+    return sorted(out, key=lambda c: -c.gain)
+
+
+def failing(data: GapData, smaller: Fit, effect: Effect) -> str:
+    """Why an effect cannot be used on these tests, "" where it can: its force at its typical strength is not finite."""
+    if effect.strength_value is not None and not np.isfinite(effect.strength_value):
+        return "its strength could not be calibrated: no strength gives a finite change of the force"
+    if not effect.possible(data):
+        return ""
+    problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
+    z = np.zeros((1, problem.ndim))
+    z[0, [problem.names.index(n) for n in smaller.problem.names]] = smaller.z
+    with np.errstate(all="ignore"):
+        finite = bool(np.all(np.isfinite(Rows(data, problem).residual(z))))
+    return "" if finite else "its force is not finite (NaN or infinite) at its typical strength"
+
+
+def cheapest(data: GapData, problem: Problem, z: Array, most: int) -> Array:
+    """(most, ndim) those of the points z (n, ndim) that cost least."""
+    rows = Rows(data, problem)
+    cost = np.sum((rows.residual(z) / rows.sd(replace(FIRST, share=0.05))) ** 2, axis=1) + np.sum(z * z, axis=1)
+    return z[np.argsort(np.where(np.isfinite(cost), cost, np.inf))[:most]]
+
+
+def extra_points(extras: int) -> list[tuple[float, ...]]:
+    """z of an effect's extra parameters at which it is tried: fewer values of each where there are several."""
+    return list(product(EXTRAS if extras == 1 else EXTRAS[::2], repeat=extras))
+
+
+def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Sequence[str]) -> Array:
+    """Trial points (n, ndim) of an extended problem: each optimum of the smaller model with the effect switched on."""
+    own = [problem.names.index(p.name) for p in effect.parameters if p.free and p.name in problem.names]
+    at = [problem.names.index(n) for n in base_names]
+    single = effect.strength_name in problem.names
+    grid = [(0.0,) * len(own)]
+    if single:
+        tried = [problem.names.index(n) for n in (effect.strength_name, *effect.scanned) if n in problem.names]
+        grid = []
+        for s, rest in product(STRENGTHS[effect.signed], extra_points(len(tried) - 1)):
+            at_trial = dict(zip(tried, (s, *rest)))
+            grid.append(tuple(at_trial.get(i, 0.0) for i in own))
+    out = []
+    for optimum, values in product(optima, grid):
+        z = np.zeros(problem.ndim)
+        z[at] = optimum
+        z[own] = values
+        out.append(z)
+    return np.array(out)
+
+
+def promising(rows: Rows, points: Array, smaller: Fit, size: RestSize, most: int) -> tuple[Array, float]:
+    """The `most` points whose cost is least after one step of the smaller model's parameters, and the promised gain
+    in nats of the best over the smaller model."""
+    names = rows.problem.names
+    at = [names.index(n) for n in smaller.problem.names]
+    variance = smaller.linear.variance(size)
+    j = smaller.linear.jacobian / np.sqrt(variance)[:, None]
+    n_shared = len(variance)
+    with np.errstate(all="ignore"):
+        r = rows.residual(points) / rows.sd(size)
+    good = np.all(np.isfinite(r), axis=1)
+    r = np.where(good[:, None], r, 0.0)
+    shared, rest = r[:, :n_shared], r[:, n_shared:]
+    precision = j.T @ j + np.eye(len(at))
+    z0 = points[:, at]
+    b = shared @ j - z0  # minimise |r − J d|² + |z0 + d|²
+    gain = np.einsum("ni,ni->n", b, np.linalg.solve(precision, b.T).T)
+    cost = np.sum(shared**2, axis=1) + np.sum(rest**2, axis=1) + np.sum(points**2, axis=1) - gain
+    cost = np.where(good, cost, np.inf)
+    order = np.argsort(cost)
+    return points[order[:most]], _cost(rows, smaller, size) - 0.5 * float(cost[order[0]])
+
+
+def stepped(rows: Rows, point: Array, smaller: Fit, size: RestSize) -> float:
+    """The gain in nats over the smaller model that one Gauss–Newton step of all parameters promises from a point, less
+    what so many parameters cost (the evidence's Occam factor)."""
+    linear = rows.linear(point)
+    sd = rows.sd(size)
+    j, r = linear.jacobian / sd[:, None], linear.residual / sd
+    b = j.T @ r - point
+    precision = j.T @ j + np.eye(len(point))
+    after = r @ r + point @ point - b @ np.linalg.solve(precision, b)
+    mine = smaller.linear.jacobian / np.sqrt(smaller.linear.variance(size))[:, None]
+    occam = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(mine.T @ mine + np.eye(mine.shape[1]))[1]
+    return _cost(rows, smaller, size) - 0.5 * float(after + occam)
+
+
+def _cost(rows: Rows, smaller: Fit, size: RestSize) -> float:
+    """Half the squared residuals of a smaller model at its optimum, in the rows of a larger one."""
+    mine = smaller.linear.residual / np.sqrt(smaller.linear.variance(size))
+    theirs = Rows(rows.data, smaller.problem)
+    missed = 0.0 if theirs.evolving or not rows.evolving else theirs.missed(size.along)
+    return 0.5 * float(mine @ mine + smaller.z @ smaller.z) + missed

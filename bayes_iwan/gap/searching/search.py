@@ -1,0 +1,397 @@
+"""Which set of effects, together with the base model, explains the data best: refits from several starts, grown effect
+by effect, with exchanges and drops.
+
+A missed optimum of the base is the commonest false gap, so the base starts from many points and again from the
+optima of the best extended models. An effect starts from the smaller model's optima at several strengths and extra
+parameters: those that promise most once the smaller model's own parameters may move (one Gauss–Newton step).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.catalogue import BUILT_IN, FORM, Maker
+from bayes_iwan.gap.fitting.data import GapData
+from bayes_iwan.gap.fitting.evidence import Fit, base_problem, extended, fit_model, in_newtons
+from bayes_iwan.gap.fitting.gap_size import gap_size
+from bayes_iwan.gap.fitting.residuals import residual_of
+from bayes_iwan.gap.searching.candidates import Candidate, candidates, cheapest, failing
+from bayes_iwan.gap.searching.refits import Refit, Refits
+from bayes_iwan.gap.searching.strength import calibrated
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.inference.setup.scales import Scales
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.physics import Simulator
+
+BASE_POINTS, BASE_STARTS = 600, 16
+#: single effects are refitted if they are among so many most promising ones or promise PROMISE nats, or are sudden
+SINGLE_MOST = 7
+#: a further effect is refitted if one Gauss–Newton step promises so many nats, and at most so many are
+PROMISE, FURTHER_MOST = 3.0, 4
+#: laws of one effect that are refitted, the most promising first
+LAWS_MOST = 2
+#: an effect is taken in if it gains so many nats, and dropped again below half of that
+WORTH_NATS = 3.0
+#: and so many, or this share of the base's gap, where one that looks alike is in the set: nature seldom has both
+BESIDE_ALIKE, ALIKE_SHARE = 25.0, 0.1
+#: rivals refitted in the place of each effect of the chosen set
+RIVALS_MOST = 3
+#: and only those whose first step promises this share of what the effect itself gains there
+RIVAL_SHARE = 0.3
+#: look-alikes that differ by no more are tied
+TIED_NATS = 5.0
+#: rounds in which a better rival takes its place
+EXCHANGES_MOST = 2
+#: effects in a set, at most; those of LAST beside them are not counted
+MOST_EFFECTS = 4
+#: an effect is dropped if the gap without it is larger by at most this share of the base's gap, though alone it would
+#: remove ALONE of it: the others of the set stand in for it, and nats beyond that are the difference between two laws
+STOOD_IN, ALONE = 0.05, 0.2
+#: draws of the noise behind each gap
+DRAWS = 100
+
+#: causes in the base's own form, and others so flexible that they are sought only beside what the rest explains
+LAST = frozenset(e.name for e in (*FORM, *(e for e in BUILT_IN if e.flexible)))
+
+Report = Callable[[str], None]
+
+
+def silent(what: str) -> None:
+    """No progress shown."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """All fits of one campaign.
+
+    fits : the best fit of every set of effects that was refitted, the base under the empty set
+    chosen : the set that explains most for its size, the effect that gains most first
+    effects : every law on offer by effect; failed : effects without a finite force or calibration, and why
+    """
+
+    data: GapData
+    scales: Scales
+    settings: DiagnoseSettings
+    fits: Mapping[frozenset[str], Fit]
+    chosen: tuple[str, ...]
+    effects: Mapping[str, tuple[Effect, ...]]
+    failed: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def base(self) -> Fit:
+        return self.fits[frozenset()]
+
+    def fit(self, names: Iterable[str]) -> Fit:
+        """The best fit of a set of effects. Raises KeyError where it was not refitted."""
+        return self.fits[frozenset(names)]
+
+    def rivals(self, name: str) -> dict[str, Fit]:
+        """Fits with one effect of the chosen set exchanged, by what stands in its place (itself included)."""
+        others = frozenset(self.chosen) - {name}
+        return {
+            next(iter(key - others)): fit
+            for key, fit in self.fits.items()
+            if others < key and len(key) == len(others) + 1
+        }
+
+
+class _Explorer:
+    """The fits found so far, and the steps that find more."""
+
+    def __init__(
+        self,
+        data: GapData,
+        scales: Scales,
+        settings: DiagnoseSettings,
+        kinds: Mapping[str, tuple[Maker, ...]],
+        rng: np.random.Generator,
+        report: Report,
+        simulator: Simulator | None,
+        executor: Executor | None,
+    ) -> None:
+        self.data, self.rng, self.report = data, rng, report
+        self.fits: dict[frozenset[str], Fit] = {}
+        self._gaps: dict[tuple[frozenset[str], float], float] = {}
+        self._left: set[tuple[frozenset[str], str, float]] = set()
+        self.failed: dict[str, str] = {}
+        report("base model")
+        base = fit_base(data, settings, scales, rng, simulator)
+        self.fits[frozenset()] = base
+        self.effects: dict[str, tuple[Effect, ...]] = {}
+        for name, classes in kinds.items():
+            some = tuple(calibrated(k, scales, data, base.problem, base.z) for k in classes)
+            wrong = [w for w in (failing(data, base, e) for e in some) if w]
+            if wrong and len(wrong) == len(some):
+                self.failed[name] = wrong[0]
+            else:
+                self.effects[name] = some
+        self.refits = Refits(executor, data, base.problem, [e for some in self.effects.values() for e in some])
+
+    def keep(self, problem: Problem, starts: Array, iterations: int = 15) -> Fit | None:
+        """Fit a model; remember it if it is the best of its set. None where it has no finite force."""
+        (fit,) = self.refits([Refit(problem, starts, starts[:0], iterations)])
+        return self._kept(fit)
+
+    def _kept(self, fit: Fit | None) -> Fit | None:
+        if fit is None:
+            return None
+        old = self.fits.get(fit.names)
+        if old is None or fit.log_evidence > old.log_evidence:
+            self.fits[fit.names] = fit
+        return self.fits[fit.names]
+
+    def add(self, some: Sequence[Candidate], smaller: Fit) -> None:
+        """Refit candidates, from where each promised most and from where it was best beside the base alone."""
+        found = self.refits([self._start(one, smaller) for one in some])
+        for one in some:
+            self.report("+".join((*sorted(smaller.names), one.name)))
+            self._kept(next(found))
+
+    def _start(self, one: Candidate, smaller: Fit) -> Refit:
+        starts, draws = one.starts, one.starts[:0]
+        alone = self.fits.get(frozenset({one.name}))
+        if smaller.effects and alone is not None:
+            z = dict(zip(smaller.problem.names, smaller.z)) | dict(zip(alone.problem.names, alone.z))
+            starts = np.concatenate([starts, np.array([[z.get(n, 0.0) for n in one.problem.names]])])
+        if one.effect.sudden and not smaller.effects:  # the base may have bent too far to lead there
+            draws = one.problem.prior.draw(self.rng, BASE_POINTS)
+        return Refit(one.problem, starts, draws)
+
+    def offered(self, smaller: Fit, last: bool = False) -> list[Candidate]:
+        """Candidates on top of a fit, LAST alone or all others, LAWS_MOST laws of each effect, the most promising
+        first."""
+        on_offer = {n: e for n, e in self.effects.items() if n not in smaller.names and (n in LAST) == last}
+        seen: dict[str, int] = {}
+        out = []
+        for one in candidates(self.data, smaller, on_offer):
+            seen[one.name] = seen.get(one.name, 0) + 1
+            if seen[one.name] <= LAWS_MOST:
+                out.append(one)
+        return out
+
+    def singles(self) -> None:
+        """Every single effect that promises anything."""
+        base = self.fits[frozenset()]
+        ranked: dict[str, int] = {}
+        chosen = []
+        for one in self.offered(base):
+            rank = ranked.setdefault(one.name, len(ranked))
+            if rank < SINGLE_MOST or one.gain > PROMISE or one.effect.sudden:
+                chosen.append(one)
+        self.add(chosen, base)
+
+    def base_again(self) -> bool:
+        """The base from its part of the best extended optima: had it missed its optimum?"""
+        base = self.fits[frozenset()]
+        leaders = sorted((f for f in self.fits.values() if f.effects), key=lambda f: -f.log_evidence)[:4]
+        starts = [_part(f, base.problem) for f in leaders]
+        before = base.log_evidence
+        better = self.keep(base.problem, np.array([base.z, *starts]), 40)
+        return better is not None and better.log_evidence > before + 1.0
+
+    def without(self, fit: Fit, name: str) -> Fit:
+        """The fit of the same set less one effect, from this fit's optimum too (tried once)."""
+        known, tried = self.fits.get(fit.names - {name}), (fit.names, name, fit.log_evidence)
+        if known is not None and tried in self._left:
+            return known
+        self._left.add(tried)
+        problem = extended(fit.problem, [e for e in fit.effects if e.name != name])
+        starts = [_part(fit, problem)]
+        if known is not None and known.problem.names == problem.names:
+            starts.append(known.z)
+        found = self.keep(problem, np.array(starts))
+        return found if found is not None else self.fits[frozenset()]
+
+    def grow(self, current: Fit, last: bool = False) -> Fit | None:
+        """The best fit with one effect more, of LAST or of all others, if it is worth it."""
+        if current.effects or last:
+            chosen = []
+            for i, one in enumerate(self.offered(current, last)):
+                alone = self.fits.get(frozenset({one.name}))
+                helps = alone is not None and alone.log_evidence > self.fits[frozenset()].log_evidence + PROMISE
+                if (i < FURTHER_MOST and one.gain > PROMISE) or (one.effect.sudden and helps):
+                    chosen.append(one)
+            self.add(chosen, current)
+        larger = [
+            f
+            for k, f in self.fits.items()
+            if current.names < k and len(k) == len(current.names) + 1 and bool(k - current.names <= LAST) == last
+        ]
+        if not larger:
+            return None
+        best = self.plainest(current.names, larger)
+        return best if best.log_evidence > current.log_evidence + WORTH_NATS else None
+
+    def plainest(self, shared: frozenset[str], fits: Sequence[Fit]) -> Fit:
+        """The best of fits with one effect beside those shared; among look-alikes that are all but tied the one that
+        the catalogue lists first, which is the simpler story."""
+        best = max(fits, key=lambda f: f.log_evidence)
+        (name,) = best.names - shared
+        tied = [
+            f
+            for f in fits
+            if f.log_evidence > best.log_evidence - TIED_NATS
+            and look_alike(self.effects, name, next(iter(f.names - shared)))
+        ]
+        listed = list(self.effects)
+        return min(tied, key=lambda f: listed.index(next(iter(f.names - shared))))
+
+    def grown(self, current: Fit, most: int) -> Fit:
+        """Effect after effect taken in, with exchanges on the way, while it is worth it."""
+        while len(current.names - LAST) < most and (larger := self.grow(current)) is not None:
+            before, current = current, self.exchange(larger)
+            if current.log_evidence < before.log_evidence + 0.5 * WORTH_NATS:
+                break
+        return current
+
+    def bent(self, current: Fit) -> Fit:
+        """With what bends the base's own form, as much of it as is worth it."""
+        while (larger := self.grow(current, last=True)) is not None:
+            current = larger
+        return current
+
+    def exchange(self, current: Fit) -> Fit:
+        """Each effect in turn replaced by what would do better, and dropped where it is no longer worth it."""
+        for name in sorted(current.names):
+            if name not in current.names or len(current.effects) < 2:
+                continue
+            less = self.without(current, name)
+            if less.log_evidence > current.log_evidence - 0.5 * WORTH_NATS:
+                current = less
+                continue
+            if name in LAST:
+                continue
+            needed = current.log_evidence - less.log_evidence
+            near = self.offered(less)[:FURTHER_MOST]
+            self.add([x for x in near if x.gain > 0.5 * needed and x.name != name], less)
+            current = self.best_beside(less, current)
+        return current
+
+    def best_beside(self, less: Fit, current: Fit) -> Fit:
+        """The current fit, or a clearly better one of as many effects that has those of a smaller one, or the simpler
+        story of two that look alike and are all but tied."""
+        same_size = [f for k, f in self.fits.items() if less.names < k and len(k) == len(current.names)]
+        better = [f for f in same_size if f.log_evidence > current.log_evidence + 1.0]
+        top = max(better, key=lambda f: f.log_evidence, default=current)
+        return self.plainest(less.names, [top, *(f for f in same_size if f.log_evidence < top.log_evidence)])
+
+    def gap_N(self, fit: Fit) -> float:
+        """See :func:`gap_rms_N`; found once for each fit."""
+        at = (fit.names, fit.log_evidence)
+        if at not in self._gaps:
+            self._gaps[at] = gap_rms_N(self.data, fit)
+        return self._gaps[at]
+
+    def pruned(self, current: Fit) -> Fit:
+        """Less what the others of the set stand in for: one of two effects that look alike, unless both are needed
+        (what bends the base first, which names no cause), and what leaves the gap as it is or larger."""
+        weakest_first = sorted(current.names, key=lambda n: -self.without(current, n).log_evidence)
+        base, whole = self.gap_N(self.fits[frozenset()]), self.gap_N(current)
+        removes = {
+            n: (self.gap_N(self.without(current, n)) - whole) / base if base > 0.0 else 0.0 for n in weakest_first
+        }
+        for name in sorted(weakest_first, key=lambda n: n not in LAST):
+            less, alone = self.without(current, name), self.fits.get(frozenset({name}))
+            alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
+            opposed = (
+                alone is not None and self.gap_N(alone) > base
+            )  # one is held by the other, that moves as much back
+            cheap = less.log_evidence > current.log_evidence - BESIDE_ALIKE
+            if alike and ((cheap and removes[name] < ALIKE_SHARE) or (opposed and removes[name] < 2.0 * ALIKE_SHARE)):
+                return self.pruned(less)
+        for name in weakest_first:
+            less, alone = self.without(current, name), self.fits.get(frozenset({name}))
+            stood_in = alone is not None and removes[name] < STOOD_IN and base - self.gap_N(alone) > ALONE * base
+            if name not in LAST and (removes[name] < 0.0 or stood_in):
+                return self.pruned(less)
+        return current
+
+    def rivals(self, current: Fit) -> Fit:
+        """What else could stand in the place of each effect of the chosen set, and the best of those sets."""
+        for _ in range(EXCHANGES_MOST):
+            before = current
+            for name in sorted(current.names):
+                if name not in current.names:
+                    continue
+                less = self.without(current, name)
+                least = RIVAL_SHARE * (current.log_evidence - less.log_evidence)
+                chosen: dict[str, Candidate] = {}
+                others: list[str] = []
+                for one in [*self.offered(less), *self.offered(less, last=True)]:
+                    if one.name in (name, *chosen) or less.names | {one.name} in self.fits:
+                        continue
+                    if look_alike(self.effects, name, one.name) and one.gain > 0.0:
+                        chosen[one.name] = one  # whatever its first step promises: ties are what is asked here
+                    elif one.gain > least and len(others) < RIVALS_MOST:
+                        chosen[one.name] = one
+                        others.append(one.name)
+                self.add(list(chosen.values()), less)
+                current = self.best_beside(less, current)
+            if current is before:
+                break
+        return self.fits[current.names]
+
+
+def fit_base(
+    data: GapData,
+    settings: DiagnoseSettings,
+    scales: Scales,
+    rng: np.random.Generator,
+    simulator: Simulator | None = None,
+) -> Fit:
+    """The base model from the best of many prior draws."""
+    problem = base_problem(data, settings, scales, simulator)
+    draws = problem.prior.draw(rng, BASE_POINTS)
+    return fit_model(data, problem, cheapest(data, problem, draws, BASE_STARTS))
+
+
+def search(
+    data: GapData,
+    scales: Scales,
+    settings: DiagnoseSettings,
+    kinds: Mapping[str, tuple[Maker, ...]],
+    rng: np.random.Generator,
+    report: Report = silent,
+    most: int = MOST_EFFECTS,
+    simulator: Simulator | None = None,
+    executor: Executor | None = None,
+) -> Search:
+    """Fit the base and every single effect, then grow a set of up to `most` effects, with exchanges on the way.
+
+    executor : from :func:`bayes_iwan.executors.opened`, to refit the candidates of a step side by side.
+    """
+    found = _Explorer(data, scales, settings, kinds, rng, report, simulator, executor)
+    found.singles()
+    if found.base_again():  # the base had missed its optimum: once more from there
+        found.singles()
+    current = found.grown(found.fits[frozenset()], most)
+    bent = found.bent(current)
+    if bent is not current:  # what stood in for the base's own form is no longer needed
+        current = found.grown(found.exchange(bent), most)
+    current = found.pruned(current)
+    if current.effects:
+        current = found.rivals(current)
+    gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
+    order = tuple(sorted(gain, key=lambda n: -gain[n]))
+    return Search(data, scales, settings, found.fits, order, found.effects, found.failed)
+
+
+def gap_rms_N(data: GapData, fit: Fit) -> float:
+    """RMS gap that a fit's model leaves where it misses least, N."""
+    return gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS).all.rms_N
+
+
+def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:
+    """Do the catalogue's authors expect the two to be hard to tell apart?"""
+    return one == other or other in effects[one][0].look_alikes or one in effects[other][0].look_alikes
+
+
+def _part(fit: Fit, problem: Problem) -> Array:
+    """(ndim,) a fit's optimum in the coordinates of a model with fewer effects."""
+    return fit.z[[fit.problem.names.index(n) for n in problem.names]]

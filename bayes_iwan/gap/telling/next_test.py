@@ -1,0 +1,154 @@
+"""What these tests could have shown, and which test would show more: expected evidence from the fitted models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.limits import RigLimits
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.catalogue import ordered
+from bayes_iwan.gap.fitting.data import GapData
+from bayes_iwan.gap.fitting.evidence import Fit, Rows, extended
+from bayes_iwan.gap.fitting.rest import RestSize
+from bayes_iwan.gap.judging.calibration import calibration
+from bayes_iwan.gap.searching.candidates import extra_points
+from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
+from bayes_iwan.inference.setup.loop_error import harmonics_of
+from bayes_iwan.physics import sine_motion
+
+#: an effect of typical size must promise so many nats, or these tests could not have shown it
+TESTABLE_NATS = 9.0
+#: a further test is worth recommending if it promises so much, else the bench is
+WORTH_NATS = 4.0
+#: a rig whose amplitude is stated also runs amplitudes down to this share of the smallest one measured
+SMALLER = 0.5
+#: the fitted force of a planned test may exceed the limit by the misfit
+FORCE_MARGIN = 1.02
+#: harmonics that a planned test is judged by
+PLANNED_HARMONICS = 9
+
+
+def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, ...]]) -> dict[str, float]:
+    """Expected ln evidence for each effect, were it present at its typical size: half the squared signature that is
+    left, in units of noise and of a specimen's usual misfit, once the base has refitted itself."""
+    size = RestSize(calibration().usual[0], 0.05, 0.0)
+    linear = base.linear
+    variance = linear.variance(size)
+    j = linear.jacobian / np.sqrt(variance)[:, None]
+    precision = j.T @ j + np.eye(len(base.z))
+    out = {}
+    for name, some in effects.items():
+        best = 0.0
+        for effect in some:
+            problem = extended(base.problem, ordered((*base.effects, effect)))
+            rows = Rows(data, problem)
+            own = [problem.names.index(p.name) for p in effect.parameters if p.name in problem.names]
+            at = [problem.names.index(n) for n in base.problem.names]
+            single = effect.strength_name in problem.names
+            on, off = [], []
+            tried = [own[0], *(problem.names.index(n) for n in effect.scanned if n in problem.names)]
+            for extra in extra_points(len(tried) - 1) if single else [()]:
+                z = np.zeros(problem.ndim)
+                z[at] = base.z
+                z[tried if single else own] = (0.6 if effect.signed else 0.0, *extra) if single else 1.0 / np.sqrt(2.0)
+                on.append(z)
+                z = z.copy()
+                z[own[0] if single else own] = 0.0 if effect.signed or not single else -8.0
+                off.append(z)
+            s = rows.residual(np.array(on)) - rows.residual(np.array(off))
+            s = s / rows.sd(size)
+            shared = s[:, : len(variance)]
+            b = shared @ j
+            left = np.sum(s * s, axis=1) - np.einsum("ni,ni->n", b, np.linalg.solve(precision, b.T).T)
+            best = max(best, 0.5 * float(np.median(left)))
+        out[name] = best
+    return out
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """The loop test that would separate two explanations best, or what to do at the bench where none would.
+
+    expected_log_odds : ln odds in favour of the true one to be expected after that test alone.
+    """
+
+    frequency_hz: float
+    amplitude_mm: float
+    cycles: int
+    separates: tuple[str, str]
+    expected_log_odds: float
+    bench: str
+
+    def as_dict(self) -> dict:
+        return {
+            "frequency_hz": self.frequency_hz,
+            "amplitude_mm": self.amplitude_mm,
+            "cycles": self.cycles,
+            "separates": list(self.separates),
+            "expected_log_odds": self.expected_log_odds,
+            "bench": self.bench,
+        }
+
+
+def plans_of(data: GapData, fit: Fit, limits: RigLimits) -> list[tuple[float, float]]:
+    """Frequencies (Hz) and amplitudes (mm) that the rig can run: within what it states, else within what was measured;
+    smaller amplitudes than those measured only on a rig that states its own. A test whose force, as fitted, exceeds the
+    limit is left out; where all do, the gentlest test that was run is what remains."""
+    f, u = [x.frequency_hz for x in data.loops], [x.amplitude_mm for x in data.loops]
+    most = limits.of_tests(f, u, max(float(np.abs(x.force_N).max()) for x in data.loops))
+    assert most.force_N is not None and most.amplitude_mm is not None and most.frequency_hz is not None
+    least = min(u) if limits.amplitude_mm is None else min(SMALLER * min(u), most.amplitude_mm)
+    grid = list(product(np.geomspace(*most.frequency_hz, 8), np.geomspace(least, most.amplitude_mm, 5)))
+    frequency, amplitude = np.array(grid).T
+    motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=96)
+    force = fit.problem.force(fit.problem.parameter_values(fit.z[None]), motion)[0]
+    within = np.abs(force).max(axis=-1) <= FORCE_MARGIN * most.force_N
+    return [p for p, ok in zip(grid, within) if ok] or [min(zip(f, u), key=lambda p: p[1])]
+
+
+def next_test(
+    data: GapData, a: Fit, b: Fit, names: tuple[str, str], bench: Sequence[str], limits: RigLimits
+) -> NextTest:
+    """Search frequencies and amplitudes that the rig can run for the test where two fitted models differ most, as
+    either knows its own parameters by now."""
+    plan = plans_of(data, a, limits)
+    frequency, amplitude = np.array(plan).T
+    motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=96)
+
+    def harmonics(fit: Fit) -> tuple[Array, Array]:
+        """Predicted (plans, 2 H) and its Jacobian (plans, 2 H, ndim)."""
+        step = 1e-3
+        z = np.concatenate([fit.z[None], fit.z + step * np.eye(len(fit.z))])
+        c = harmonics_of(fit.problem.force(fit.problem.parameter_values(z), motion), PLANNED_HARMONICS)
+        flat = np.concatenate([c.real, c.imag[..., 1:]], axis=-1)
+        return flat[0], np.moveaxis((flat[1:] - flat[0]) / step, 0, -1)
+
+    (ya, ja), (yb, jb) = harmonics(a), harmonics(b)
+    level = float(np.median(data.level_N))
+    typical = calibration().usual[0] * level
+    noise = np.array(
+        [
+            np.median([x.noise_N[h] for x in data.loops if np.isfinite(x.noise_N[h])] or [0.01 * level])
+            for h in range(PLANNED_HARMONICS)
+        ]
+    )
+    spectrum = discrepancy_spectrum(np.array([1.0]), np.array([0.05]), PLANNED_HARMONICS)[0] * typical**2
+    diagonal = noise**2 + spectrum
+    diagonal[0] += (0.01 * level) ** 2
+    diagonal = np.r_[diagonal, diagonal[1:]]
+    d = ya - yb
+    odds = np.empty(len(plan))
+    for i in range(len(plan)):
+        cov = np.diag(diagonal) + ja[i] @ a.covariance @ ja[i].T + jb[i] @ b.covariance @ jb[i].T
+        odds[i] = 0.5 * d[i] @ np.linalg.solve(cov, d[i])
+    best = int(np.argmax(odds))
+    cycles = max(int(np.median([x.n_cycles for x in data.loops])), 20)
+    action = "" if odds[best] >= WORTH_NATS else "; or ".join(dict.fromkeys(x for x in bench if x))
+    return NextTest(
+        float(np.round(plan[best][0], 2)), float(np.round(plan[best][1], 3)), cycles, names, float(odds[best]), action
+    )

@@ -1,0 +1,194 @@
+"""The answer of a diagnosis in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayes_iwan.effects.catalogue import UNLISTED
+from bayes_iwan.gap.fitting.gap_size import Gap
+from bayes_iwan.gap.judging.budget import NO_CAUSE, Cause, Kind
+
+if TYPE_CHECKING:
+    from bayes_iwan.gap.diagnosis import Diagnosis, EffectParameter
+
+#: probability above which an effect that is not named is listed
+WORTH_LISTING = 0.02
+
+TITLES = {
+    "channel_delay": "a delay between the channels",
+    "viscous_damping": "viscous damping",
+    "mains_hum": "mains line",
+    "none": "no effect outside the model",
+    "unknown": "something outside the catalogue",
+}
+
+
+def title(name: str) -> str:
+    """An effect's name in running text."""
+    what, follows, condition = name.partition("_follows_")
+    if follows:
+        verb = "follow" if what == "slip_forces" else "follows"
+        return f"{what.replace('_', ' ')} that {verb} {condition}"
+    return TITLES.get(name, name.replace("_", " "))
+
+
+def not_excluded(d: Diagnosis) -> list[str]:
+    """Effects that are not named and not out of the question, the likeliest first."""
+    ranked = sorted(d.verdict.probabilities.items(), key=lambda np: -np[1])
+    out = {"none", "unknown", "drive", *d.verdict.names, *NO_CAUSE}
+    return [name for name, p in ranked if name not in out and p >= WORTH_LISTING]
+
+
+def sentences(d: Diagnosis) -> list[str]:
+    """The answer: how large the gap is, what makes it, what is left, what to do."""
+    return [_size(d.budget.before), *_which(d), *_rest(d), *_remedies(d), _next(d)]
+
+
+def _size(gap: Gap) -> str:
+    if gap.low_N <= 0.0:
+        return (
+            f"The gap between measurement and model is zero within its interval: at most {force(gap.high_N)} RMS, "
+            f"{_percent(gap.share_high)} of the friction force, beyond the records' own noise of "
+            f"{force(gap.noise_N)}."
+        )
+    return (
+        f"The model misses {force(gap.rms_N)} RMS ({force(gap.low_N)} to {force(gap.high_N)}), "
+        f"{_percent(gap.share)} of the friction force, beyond the records' own noise of {force(gap.noise_N)}."
+    )
+
+
+def _which(d: Diagnosis) -> list[str]:
+    if d.verdict.kind is Kind.DRIVE:
+        return [
+            f"Whose gap this is cannot be told: {_cornered(d)}, and sound channels, which filter what turns at once, "
+            f"make a gap of up to {_percent(d.verdict.corners_gap)} of the friction force of such a drive. It is laid "
+            "on nothing."
+        ]
+    drive = []
+    if d.verdict.cornered and d.verdict.kind is not Kind.NONE:
+        theirs = _percent(d.verdict.corners_gap)
+        drive = [f"Of it, up to {theirs} of the friction force may be the channels': {_cornered(d)}."]
+    return drive + _found(d)
+
+
+def _cornered(d: Diagnosis) -> str:
+    """Which drives turn at once."""
+    files = d.verdict.cornered
+    which = ", ".join(files[:3]) + (" …" if len(files) > 3 else "")
+    return f"the drive of {len(files)} test{'s' if len(files) > 1 else ''} has corners ({which})"
+
+
+def _found(d: Diagnosis) -> list[str]:
+    if d.verdict.causes:
+        return [_sentence(c, d) for c in d.verdict.causes]
+    others = not_excluded(d)
+    tail = f"; {listed(others)} cannot be excluded" if others else ""
+    if d.verdict.kind is Kind.NONE:
+        return [
+            f"No effect outside the model is needed (probability {d.verdict.probabilities['none']:.2f}): what is left "
+            f"is no more than a real specimen's usual difference from the model{tail}."
+        ]
+    return [
+        f"The cause is unknown (probability {d.budget.rest.probability:.2f}): the gap is real, but no effect of the "
+        f"catalogue explains a part of it that holds on all tests{tail}."
+    ]
+
+
+def _sentence(c: Cause, d: Diagnosis) -> str:
+    """One cause: its size, its share of the gap, fitted and on tests left out, and what it cannot be told from."""
+    text = f"{_capital(title(c.name))}{_strength(d.parameters[c.name])} (probability {c.probability:.2f}) removes "
+    text += f"{_percent(c.share.value)} of the gap ({_percent(c.share.low)} to {_percent(c.share.high)})"
+    if c.held_out is not None:
+        text += f", {_percent(c.held_out.value)} on tests left out of the fit"
+    if c.cannot_tell_apart:
+        text += f"; these tests cannot tell it from {listed(c.cannot_tell_apart)}"
+    return text + "."
+
+
+def _strength(parameters: Mapping[str, EffectParameter]) -> str:
+    """The first parameter with its standard deviation."""
+    if not parameters:
+        return ""
+    name, p = next(iter(parameters.items()))
+    unit = "" if p.unit in ("-", "") else f" {p.unit}"
+    what = name.split("[")[0].rsplit("_", name.count("_") if len(name.split("_")) > 2 else 1)[0].replace("_", " ")
+    number = f"{p.mean:.3g} ± {np.format_float_positional(float(f'{p.sd:.1g}'), trim='-')}"
+    return f" of {number}{unit}" if unit else f" ({what} {number})"
+
+
+def _rest(d: Diagnosis) -> list[str]:
+    rest, kind = d.budget.rest, d.verdict.kind
+    if kind is Kind.EXPLAINED:
+        return [f"What is left, {_percent(rest.share.value)} of the gap, is no more than a law slightly off leaves."]
+    if kind in (Kind.NONE, Kind.DRIVE):
+        return []
+    out = []
+    if kind is Kind.PARTLY:
+        out.append(
+            f"The cause of the rest, {_percent(rest.share.value)} of the gap, is unknown "
+            f"(probability {rest.probability:.2f} that it has one)."
+        )
+    physics = physics_of_rest(rest.looks_like)
+    if physics:
+        out.append(f"It looks most like {physics}.")
+    if rest.subharmonic > 20.0:
+        out.append("The records hold a line at half the test frequency: every second cycle differs.")
+    return out
+
+
+def physics_of_rest(looks_like: str | None) -> str | None:
+    """What a form without a cause stands for, in words."""
+    return next((e.physics for e in UNLISTED if e.name == looks_like), None)
+
+
+def remedy(d: Diagnosis, name: str) -> str:
+    """What to do about a named effect, as its author says it."""
+    return str(getattr(d.search.effects[name][0], "remedy", ""))
+
+
+def _remedies(d: Diagnosis) -> list[str]:
+    return [f"{_capital(title(n))}: {said.rstrip('.')}." for n in d.verdict.names if (said := remedy(d, n))]
+
+
+def _next(d: Diagnosis) -> str:
+    if d.verdict.kind is Kind.DRIVE:
+        return "Run these tests again with sines; then a diagnosis can tell."
+    following = d.next_test
+    if following is None:
+        return "No further loop test is needed to settle which of the catalogue's effects contribute."
+    pair = listed(following.separates)
+    if following.bench:
+        return f"No loop test would separate {pair} well; at the bench: {following.bench}."
+    return (
+        f"To separate {pair}, run {following.frequency_hz:g} Hz at {following.amplitude_mm:g} mm for "
+        f"{following.cycles} cycles (expected odds {_odds(following.expected_log_odds)})."
+    )
+
+
+def _odds(log_odds: float) -> str:
+    return "over 1000 : 1" if log_odds > 6.9 else f"{2.718281828**log_odds:.0f} : 1"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if abs(share) < 0.095 else f"{100 * share:.0f} %"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names of effects in running text."""
+    words = [title(n) for n in names]
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+
+
+def force(newton: float) -> str:
+    """A force to three digits in kN, N or mN."""
+    for scale, unit in ((1e3, "kN"), (1.0, "N"), (1e-3, "mN")):
+        if newton >= scale:
+            return f"{newton / scale:.3g} {unit}"
+    return f"{newton / 1e-3:.2g} mN"

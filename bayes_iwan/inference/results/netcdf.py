@@ -1,0 +1,280 @@
+"""posterior.nc: an identification as groups that ArviZ reads, written whole under a checksum, and read back."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.files import write_whole
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.predictions import replicated
+from bayes_iwan.inference.results.rows import ConvergenceRow
+from bayes_iwan.inference.setup.config import settings_of
+from bayes_iwan.inference.setup.quantities import sampled_and_derived
+from bayes_iwan.inference.setup.settings import IdentifySettings
+from bayes_iwan.inference.solving.point import Point
+from bayes_iwan.optimize.genetic import GlobalOptimum
+from bayes_iwan.physics import Scales
+from bayes_iwan.sampling.ensembles import Stop
+
+if TYPE_CHECKING:
+    import xarray
+
+FORMAT = 2
+#: what stands behind posterior.nc's own end (HDF5 does not look there), before the SHA-256 of all before it
+SEAL = b"bayes_iwan sha256 "
+#: groups that are looked at but not gone on from: seven digits are enough
+_SHOWN = ("posterior", "prior", "posterior_predictive", "prior_predictive", "log_likelihood")
+PREDICTIVE_DRAWS = 200
+POINTWISE_DRAWS = 1000
+
+
+class ResultsError(ValueError):
+    """A folder of results that cannot be read back; the message says why."""
+
+
+def write_netcdf(posterior: Posterior, path: Path) -> None:
+    """posterior.nc, readable by `arviz.from_netcdf`.
+
+    Groups: posterior (every reported quantity), unconstrained_posterior (z), prior, prior_predictive,
+    posterior_predictive, log_likelihood, sample_stats, observed_data, constant_data; the root's attributes hold the
+    seed, configuration, versions and convergence.
+    """
+    import h5netcdf
+    import xarray as xr  # some 0.5 s to import: only where files are written
+    from xarray.backends import H5NetCDFStore
+
+    buffer = io.BytesIO()  # not the disk: HDF5 ends the whole process where a disk is full
+    with h5netcdf.File(buffer, "w") as file:
+        xr.Dataset(attrs=_attributes(posterior)).dump_to_store(H5NetCDFStore(file, mode="w"))
+        for group, dataset in groups(posterior).items():
+            few = {"dtype": "f4"} if group in _SHOWN else {}
+            packed = {name: {"zlib": True, "complevel": 4, "shuffle": True, **few} for name in dataset.data_vars}
+            dataset.dump_to_store(H5NetCDFStore(file, group=group, mode="a"), encoding=packed)
+    whole = buffer.getvalue()  # a damaged byte makes HDF5's reader wrong, slow or dead: it shall not see one
+    write_whole(path, whole + SEAL + hashlib.sha256(whole).digest())
+
+
+def groups(posterior: Posterior) -> dict[str, xarray.Dataset]:
+    """The groups of posterior.nc by name."""
+    import xarray as xr
+
+    problem, loops = posterior.problem, posterior.problem.loops
+    chains, draws, _ = posterior.z.shape
+    files = [x.file for x in loops]
+
+    def over_draws(variables: Mapping[str, tuple[str, Array]], n_chains: int = chains) -> xarray.Dataset:
+        return xr.Dataset(
+            {
+                name: (["chain", "draw"], x.reshape(n_chains, -1), {"unit": unit})
+                for name, (unit, x) in variables.items()
+            }
+        )
+
+    at = {"test": files, "phase": loops[0].phase}
+    dims = ("chain", "draw", "test", "phase")
+    some = np.linspace(0, draws - 1, min(draws, PREDICTIVE_DRAWS // chains + 1)).round().astype(int)
+    rng = np.random.default_rng([posterior.seed, 13])
+
+    def some_draws(x: Array) -> Array:
+        return x.reshape(chains, len(some), *x.shape[1:])
+
+    z = posterior.z[:, some].reshape(-1, problem.ndim)
+    force = problem.predict(z)
+    again = some_draws(replicated(problem, force, problem.parameter_values(z), rng))
+    force = some_draws(force)
+    prior_z = problem.prior.draw(rng, 1000)
+    few = prior_z[:PREDICTIVE_DRAWS]
+    prior_force = problem.predict(few)
+    prior_replicated = problem.likelihood.replicate(prior_force, problem.parameter_values(few), rng)[None]
+    prior_force = prior_force[None]
+    each = np.linspace(0, draws - 1, min(draws, POINTWISE_DRAWS // chains)).round().astype(int)
+    point_log = problem.pointwise(posterior.z[:, each].reshape(-1, problem.ndim))
+    stacked = {
+        name: np.stack([getattr(x, name) for x in loops])
+        for name in ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_N", "force_scatter_N", "noise_N")
+    }
+    harmonics = np.stack([x.harmonics_N for x in loops])
+    constant: dict[str, tuple[tuple[str, ...], Array]] = {
+        name: (("test", "phase"), stacked[name])
+        for name in ("displacement_mm", "velocity_m_s", "acceleration_m_s2", "force_scatter_N")
+    }
+    constant["noise_N"] = (("test", "harmonic"), stacked["noise_N"])
+    constant |= {
+        name: (("test",), np.array([getattr(x, name) for x in loops], float))
+        for name in ("frequency_hz", "amplitude_mm", "offset_mm", "n_cycles")
+    }
+    return {
+        "posterior": over_draws({n: (q.unit, q.values) for n, q in posterior.quantities().items()}),
+        "unconstrained_posterior": over_draws({n: ("-", posterior.z[..., i]) for i, n in enumerate(problem.names)}),
+        "sample_stats": over_draws({"lp": ("-", posterior.log_prob)}),
+        "prior": over_draws({n: (q.unit, q.values) for n, q in sampled_and_derived(problem, prior_z).items()}, 1),
+        "prior_predictive": xr.Dataset({"force_N": (dims, prior_replicated), "model_N": (dims, prior_force)}, at),
+        "posterior_predictive": xr.Dataset({"force_N": (dims, again), "model_N": (dims, force)}, {**at, "draw": some}),
+        "log_likelihood": xr.Dataset(
+            {"data": (("chain", "draw", "datum"), point_log.reshape(chains, len(each), -1))}, {"draw": each}
+        ),
+        "observed_data": xr.Dataset(
+            {
+                "force_N": (("test", "phase"), stacked["force_N"]),
+                "harmonics_real_N": (("test", "harmonic"), harmonics.real),
+                "harmonics_imag_N": (("test", "harmonic"), harmonics.imag),
+            },
+            at,
+        ),
+        "constant_data": xr.Dataset(constant, at),
+    }
+
+
+def to_arviz(posterior: Posterior) -> Any:
+    """The groups of posterior.nc as ArviZ's own object: `InferenceData` up to 0.23, xarray's `DataTree` from 1.0."""
+    import warnings
+
+    import xarray as xr
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # 0.23 announces 1.0 at import
+        import arviz as az
+    by_name = groups(posterior)
+    if int(az.__version__.split(".")[0]) >= 1:
+        return xr.DataTree.from_dict(by_name)
+    return az.InferenceData(**by_name, warn_on_custom_groups=False)
+
+
+def _attributes(posterior: Posterior) -> dict[str, Any]:
+    campaign = posterior.campaign
+    return {
+        "format": FORMAT,
+        "seed": posterior.seed,
+        "walkers": posterior.walkers,
+        "thin": posterior.thin,
+        "converged": int(posterior.converged),
+        "message": posterior.message,
+        "stop": posterior.stop.name,
+        "campaign_name": "" if campaign is None else campaign.name,
+        "campaign_path": "" if campaign is None else str(campaign.path.resolve()),
+        "loops": json.dumps([x.file for x in posterior.loops]),
+        "scales": json.dumps(asdict(posterior.problem.scales)),
+        "config": json.dumps(posterior.settings.as_dict()),
+        "simulator_file": posterior.simulator_file,
+        "versions": json.dumps(dict(posterior.versions)),
+        "timings": json.dumps(dict(posterior.timings)),
+        "convergence": json.dumps([asdict(row) for row in posterior.convergence]),
+        "fingerprint": json.dumps(posterior.problem.fingerprint()),
+        "point": json.dumps(_plain_point(posterior.point)),
+    }
+
+
+def _plain_point(point: Point) -> dict[str, Any]:
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.tolist()
+        if isinstance(value, GlobalOptimum):  # without its populations
+            return {
+                k: plain(getattr(value, k))
+                for k in (f.name for f in fields(value))
+                if k not in ("population", "population_objective")
+            }
+        return value
+
+    return {f.name: plain(getattr(point, f.name)) for f in fields(point)}
+
+
+def _point_of(plain: Mapping[str, Any]) -> Point:
+    def search(stored: Mapping[str, Any] | None) -> GlobalOptimum | None:
+        if stored is None:
+            return None
+        arrays = {k: np.array(stored[k]) for k in ("x", "best", "median")}
+        none = np.empty((0, len(stored["x"])))
+        return GlobalOptimum(**{**stored, **arrays}, population=none, population_objective=np.empty(0))
+
+    arrays = {k: np.array(plain[k]) for k in ("goal_z", "z", "optima", "optima_log_prob", "each_z", "each_log_prob")}
+    return Point(**{**plain, **arrays, "search": search(plain["search"]), "second": search(plain["second"])})
+
+
+# ---- read back
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What posterior.nc holds: draws by name and log_prob (chains, draws), how to make its problem again, and what
+    :class:`bayes_iwan.inference.results.posterior.Posterior` says of a run."""
+
+    draws: dict[str, Array]
+    log_prob: Array
+    campaign_path: str
+    loops: tuple[str, ...]
+    scales: Scales
+    fingerprint: dict[str, str]
+    settings: IdentifySettings
+    walkers: int
+    thin: int
+    point: Point
+    seed: int
+    converged: bool
+    message: str
+    stop: Stop
+    versions: dict[str, str]
+    timings: dict[str, float]
+    convergence: tuple[ConvergenceRow, ...]
+    simulator_file: str
+
+
+def read_netcdf(path: Path) -> Stored:
+    """A result as it was written. Raises ResultsError, or anything where the bytes are none of ours."""
+    stored, draws, log_prob = _read(path)
+    if log_prob.ndim != 2 or any(x.shape != log_prob.shape for x in draws.values()):
+        raise ResultsError(f"{path}: damaged (draws of several shapes); identify again")
+    if not all(np.isfinite(x).all() for x in draws.values()):
+        raise ResultsError(f"{path}: damaged (draws that are no numbers); identify again")
+    loops, fingerprint = json.loads(stored["loops"]), dict(json.loads(stored["fingerprint"]))
+    if not isinstance(loops, list) or not all(isinstance(name, str) for name in loops):
+        raise ResultsError(f"{path}: damaged (no list of loops); identify again")
+    return Stored(
+        draws=draws,
+        log_prob=log_prob,
+        campaign_path=str(stored["campaign_path"]),
+        loops=tuple(loops),
+        scales=Scales(**json.loads(stored["scales"])),
+        fingerprint=fingerprint,
+        settings=settings_of(json.loads(stored["config"])),
+        walkers=int(stored["walkers"]),
+        thin=int(stored["thin"]),
+        point=_point_of(json.loads(stored["point"])),
+        seed=int(stored["seed"]),
+        converged=bool(stored["converged"]),
+        message=str(stored["message"]),
+        stop=Stop[str(stored["stop"])],
+        versions=dict(json.loads(stored["versions"])),
+        timings=dict(json.loads(stored["timings"])),
+        convergence=tuple(ConvergenceRow(**row) for row in json.loads(stored["convergence"])),
+        simulator_file=str(stored.get("simulator_file", "")),
+    )
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Array], Array]:
+    """Attributes, draws by name and log_prob of a result, as they were written. Raises ResultsError where not."""
+    import xarray as xr
+
+    whole = path.read_bytes()
+    if whole[-len(SEAL) - 32 : -32] != SEAL:
+        raise ResultsError(f"{path}: damaged, or not a result of this version of bayes-iwan; identify again")
+    if hashlib.sha256(whole[: -len(SEAL) - 32]).digest() != whole[-32:]:
+        raise ResultsError(f"{path}: damaged (its checksum does not hold); identify again")
+    with xr.open_dataset(path, engine="h5netcdf") as root:
+        stored = dict(root.attrs)
+    if stored.get("format") != FORMAT:
+        raise ResultsError(f"{path}: not a result of this version of bayes-iwan; identify again")
+    with xr.open_dataset(path, engine="h5netcdf", group="unconstrained_posterior") as group:
+        draws = {str(name): group[name].values for name in group.data_vars}
+    with xr.open_dataset(path, engine="h5netcdf", group="sample_stats") as group:
+        log_prob = group["lp"].values
+    return stored, draws, log_prob

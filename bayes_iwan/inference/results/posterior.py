@@ -1,0 +1,384 @@
+"""The posterior of one identification: draws, what they were drawn from, and how far they can be trusted."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.campaign import Campaign, Loop
+from bayes_iwan.drawing import draw
+from bayes_iwan.inference.results.predictions import Misfit, Prediction, misfit_of, replicated
+from bayes_iwan.inference.results.remarks import remarks
+from bayes_iwan.inference.results.rows import ConvergenceRow, SummaryRow
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.inference.setup.quantities import quantities
+from bayes_iwan.inference.setup.settings import IdentifySettings
+from bayes_iwan.inference.solving.intervals import Widening, widenings
+from bayes_iwan.inference.solving.point import Point
+from bayes_iwan.physics.motion import motion_of, sine_motion
+from bayes_iwan.physics.simulator import FORCE_ZERO, Derived, straight_part
+from bayes_iwan.sampling.convergence import Convergence, convergence_of
+from bayes_iwan.sampling.ensembles import Stop
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True, repr=False)
+class Posterior:
+    """Draws of a problem's coordinates from independent ensembles.
+
+    Attributes
+    ----------
+    loops
+        all tests' loops, held-out ones included; problem.loops are those fitted.
+    z, log_prob
+        (chains, draws, ndim) and (chains, draws); a chain is an ensemble, its draws lie walker after walker in
+        the order of the steps, `walkers` of them, so that neighbours are steps of one walker.
+    thin
+        sampler's steps between two draws of a walker.
+    convergence
+        rows for the sampled parameters over the whole run.
+    message
+        why the run ended, and what fell short if it has not converged.
+    stop
+        the reason alone.
+    campaign
+        None for loops that came from no folder.
+    simulator_file
+        where a user's own simulator came from.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=1).write(folder)
+    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> spring = next(row for row in posterior.summary() if row.name == "kp_N_mm")
+    >>> spring.unit, bool(spring.low_90 < spring.value < spring.high_90)
+    ('N/mm', True)
+    >>> posterior.to_dataframe()["kp_N_mm"].shape == (posterior.flat_z().shape[0],)
+    True
+    >>> posterior.predict(frequency_hz=12.0, amplitude_mm=[0.5, 0.7]).force_N.shape
+    (400, 2, 128)
+    >>> bool(posterior.misfit().share < 0.1)
+    True
+    """
+
+    problem: Problem
+    campaign: Campaign | None
+    loops: tuple[Loop, ...]
+    z: Array
+    log_prob: Array
+    walkers: int
+    thin: int
+    point: Point
+    seed: int
+    converged: bool
+    message: str
+    settings: IdentifySettings
+    versions: Mapping[str, str]
+    timings: Mapping[str, float]
+    convergence: tuple[ConvergenceRow, ...]
+    simulator_file: str = ""
+    stop: Stop = Stop.CONVERGED
+
+    def __repr__(self) -> str:
+        return "\n".join((self._title(), *(f"  {row}" for row in self._shown()), *self.warnings()))
+
+    def _repr_html_(self) -> str:
+        cells = "".join(f"<tr><td><pre>{escape(row)}</pre></td></tr>" for row in self._shown())
+        said = "".join(f"<p><b>{escape(text)}</b></p>" for text in self.warnings())
+        return f"<p>{escape(self._title())}</p><table>{cells}</table>{said}"
+
+    @property
+    def name(self) -> str:
+        """The campaign's name, "loops" where these came from none."""
+        return "loops" if self.campaign is None else self.campaign.name
+
+    def _title(self) -> str:
+        draws = self.z.shape[0] * self.z.shape[1]
+        head = f"{self.problem.model.name} identified from {self.name}"
+        return f"{head}: {draws} draws of {self.ndim} parameters; {self.message}"
+
+    def _shown(self) -> list[str]:
+        """Medians and 90 % intervals of the sampled parameters, and the misfit, one line each."""
+        values = self.problem.prior.values(self.flat_z(4000))
+        rows, units = [], self.problem.units
+        for p in self.problem.prior.free:
+            low, middle, high = np.quantile(values[p.name], [0.05, 0.5, 0.95])
+            rows.append(f"{units.name(p.name):22s} {middle:10.4g}  ({low:.4g} to {high:.4g}) {p.unit}")
+        misfit = self.misfit()
+        share = f"{100 * misfit.share:.2g} % of the friction force"
+        return [*rows, f"{'misfit':22s} {misfit.rms_N:10.3g} {units.force} RMS, {share}"]
+
+    @property
+    def quick(self) -> bool:
+        """Whether the draws are Laplace's approximation about the most probable point, not a sampler's."""
+        return self.stop is Stop.QUICK
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Sampled parameters, in z's order."""
+        return self.problem.names
+
+    @property
+    def ndim(self) -> int:
+        """How many they are."""
+        return self.problem.ndim
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether sampling was ended by Ctrl-C."""
+        return self.stop is Stop.INTERRUPTED
+
+    def flat_z(self, most: int | None = None) -> Array:
+        """Draws of all chains, (n, ndim), evenly thinned to at most `most`."""
+        z = self.z.reshape(-1, self.ndim)
+        if most is None or most >= len(z):
+            return z
+        return z[np.linspace(0, len(z) - 1, most).round().astype(int)]
+
+    def values(self) -> dict[str, Array]:
+        """Every parameter's value by name, (n,), fixed and tied ones included."""
+        return self.problem.prior.values(self.flat_z())
+
+    def parameter_values(self) -> ParameterValues:
+        """The values that the simulator reads, by name, (n,) each."""
+        return self.problem.parameter_values(self.flat_z())
+
+    def derived(self) -> dict[str, Derived]:
+        """What follows from the sampled parameters without a prediction: the paper's (Table 1) for the Iwan model."""
+        text = self.problem.units.text
+        return {
+            n: Derived(text(q.unit), q.values) for n, q in self.problem.model.derived(self.parameter_values()).items()
+        }
+
+    def quantities(self) -> dict[str, Derived]:
+        """Every reported quantity with its unit and values (n,), in the order of flat_z()."""
+        return self._quantities
+
+    @cached_property
+    def _quantities(self) -> dict[str, Derived]:
+        return quantities(self.problem, self.flat_z(), self.loops)
+
+    @cached_property
+    def widenings(self) -> dict[str, Widening]:
+        """What adds to the posterior's interval of each quantity: a bent form, between-test variance, reach."""
+        return widenings(self.problem, self.point.z, self.loops)
+
+    def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
+        """The interval that is reported of a quantity: with a bent form, between-test variance and reach.
+
+        Parameters
+        ----------
+        name
+            of a quantity, as in :meth:`summary`.
+        level
+            probability within.
+
+        Returns
+        -------
+        low, high
+            in the quantity's unit; nan where it has no finite draw.
+
+        Raises
+        ------
+        KeyError
+            no quantity of this name.
+        """
+        kept, widening = self._reported(name)
+        return widening.interval(kept, level) if len(kept) else (float("nan"), float("nan"))
+
+    def centre(self, name: str) -> float:
+        """The value that is reported of a quantity: the median, moved as far as a bent form moves it."""
+        kept, widening = self._reported(name)
+        return widening.centre(kept) if len(kept) else float("nan")
+
+    def _reported(self, name: str) -> tuple[Array, Widening]:
+        """A quantity's finite draws (n,), and what widens their interval; nothing where logarithms cannot be taken."""
+        values = self.quantities()[name].values
+        kept, widening = values[np.isfinite(values)], self.widenings[name]
+        if widening.relative and np.any(kept <= 0.0):
+            widening = replace(widening.alone(), relative=False)
+        return kept, widening
+
+    def by_steps(self, values: Array) -> Array:
+        """Values (n,) in the order of flat_z() as (chains, steps, walkers), as the diagnostics take them."""
+        chains = self.z.shape[0]
+        return np.moveaxis(values.reshape(chains, self.walkers, -1), 1, 2)
+
+    @cached_property
+    def diagnostics(self) -> Convergence:
+        """R-hat and effective sizes of every reported quantity, from the draws kept."""
+        named = self.quantities()
+        draws = np.stack([self.by_steps(q.values) for q in named.values()], axis=3)
+        return convergence_of(draws, tuple(named), thin=self.thin)
+
+    def summary(self) -> tuple[SummaryRow, ...]:
+        """Mean, spread, quantiles and diagnostics of every reported quantity.
+
+        Returns
+        -------
+        tuple of SummaryRow
+            name, unit, mean, sd, q05, q50, q95 of the draws; value, low_90, high_90, which also count what a bent form
+            says and what differs between tests (:mod:`bayes_iwan.inference.solving.intervals`); R-hat and effective
+            sizes, nan for what is fixed.
+        """
+        rows = []
+        d = self.diagnostics
+        for i, (name, quantity) in enumerate(self.quantities().items()):
+            x = quantity.values
+            low, middle, high = np.quantile(x, [0.05, 0.5, 0.95])
+            rows.append(
+                SummaryRow(
+                    name,
+                    quantity.unit,
+                    float(np.mean(x)),
+                    float(np.std(x, ddof=1)),
+                    float(low),
+                    float(middle),
+                    float(high),
+                    float(d.ess_bulk[i]),
+                    float(d.ess_tail[i]),
+                    float(d.r_hat[i]),
+                    self.widenings[name].between_sd * (float(middle) if self.widenings[name].relative else 1.0),
+                    self.centre(name),
+                    *self.interval(name),
+                    self.widenings[name].reach,
+                )
+            )
+        return tuple(rows)
+
+    def misfit(self, n: int = 400) -> Misfit:
+        """How far the median prediction misses the fitted tests, their mean forces (which drift) left aside.
+
+        Parameters
+        ----------
+        n
+            draws behind the median.
+
+        Returns
+        -------
+        Misfit
+            RMS of measured − predicted in N, and its share of the RMS friction force.
+        """
+        return misfit_of(self.problem, self.flat_z(n))
+
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader of the intervals must know, one sentence each."""
+        return remarks(self)
+
+    def predict(
+        self, frequency_hz: float | Array, amplitude_mm: float | Array, n: int = 400, samples: int = 128
+    ) -> Prediction:
+        """Loops at other frequencies and amplitudes, steady sines.
+
+        Parameters
+        ----------
+        frequency_hz, amplitude_mm
+            one or several, broadcast against each other to (loops,).
+        n
+            draws.
+        samples
+            points a loop.
+
+        Returns
+        -------
+        Prediction
+            force_N (n, loops, samples), without noise; `.band(level)` gives lower end, median and upper end.
+        """
+        f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
+        motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=samples)
+        force = self.problem.predict(self.flat_z(n), motion)
+        return Prediction(f, a, motion.displacement_mm[0], force, self.problem.units)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Every reported quantity in each draw: a column each, rows by chain and draw."""
+        import pandas as pd
+
+        chains, draws = self.z.shape[:2]
+        index = pd.MultiIndex.from_product([range(chains), range(draws)], names=["chain", "draw"])
+        return pd.DataFrame({name: q.values for name, q in self.quantities().items()}, index=index)
+
+    def to_arviz(self) -> Any:
+        """ArviZ's object of all groups of posterior.nc: `InferenceData` up to 0.23, `DataTree` from 1.0."""
+        from bayes_iwan.inference.results.netcdf import to_arviz
+
+        return to_arviz(self)
+
+    def write(self, folder: str | os.PathLike[str]) -> Path:
+        """summary.csv, point.json, posterior.nc and report.html with its tables into a folder; returns the page."""
+        from bayes_iwan.inference.results.run_files import write
+
+        write(self, Path(folder))
+        return Path(draw("identification_report", self, folder))
+
+    def plot_loop(self, test: str | int = 0, friction: bool = True) -> Any:
+        """The measured cycles of one test and the bands of the posterior.
+
+        Parameters
+        ----------
+        test
+            its file, or its place among `loops`.
+        friction
+            less the parallel spring and the force zero.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        ValueError
+            no test of this name.
+        """
+        files = [x.file for x in self.loops]
+        if isinstance(test, str) and test not in files:
+            raise ValueError(f"there is no test {test!r}; there are {', '.join(files)}")
+        loop = self.loops[files.index(test)] if isinstance(test, str) else self.loops[test]
+        return draw("loops_figure", self, friction=friction, loops=[loop])
+
+    def plot_corner(self) -> Any:
+        """The joint posterior of the quantities that loops determine, as a figure."""
+        return draw("identifiable_corner", self)
+
+    def forces(
+        self,
+        n: int = 200,
+        loops: Sequence[Loop] | None = None,
+        friction: bool = False,
+        replicate: bool = False,
+        rng: np.random.Generator | None = None,
+    ) -> Array:
+        """Predicted force of n draws, (n, tests, samples), N.
+
+        loops : other tests than those fitted. friction : less the parallel spring and the force zero. replicate :
+        with errors drawn from the noise model added, as a new measurement would show them (fitted tests only).
+        Raises ValueError for replicates of loops that were not fitted.
+        """
+        z = self.flat_z(n)
+        motion = self.problem.motion if loops is None else motion_of(loops)
+        parameter_values = self.problem.parameter_values(z)
+        force = self.problem.predict(z, motion)
+        if replicate:
+            if loops is not None and tuple(x.file for x in loops) != tuple(x.file for x in self.problem.loops):
+                raise ValueError("replicates are drawn for the fitted tests only: the noise model knows no others")
+            rng = np.random.default_rng(self.seed) if rng is None else rng
+            force = replicated(self.problem, force, parameter_values, rng)
+        if friction:
+            slope = self.problem.model.spring_N_mm(parameter_values)
+            if slope is None:
+                return force - straight_part(force, motion.displacement_mm)
+            spring = slope[:, None, None] * motion.displacement_mm
+            force = force - spring - parameter_values[FORCE_ZERO][:, None, None]
+        return force

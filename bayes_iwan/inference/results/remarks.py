@@ -1,0 +1,83 @@
+"""What a reader of a posterior's intervals must know before using them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from bayes_iwan.inference.results.posterior import Posterior
+
+#: share of the friction force above which a misfit is called large
+LARGE_MISFIT = 0.03
+#: probability of the bent form above which it is said to be favoured
+LIKELY_BENT = 0.5
+#: searches whose best log posteriors differ by more have not found the same maximum
+MISSED_NATS = 2.0
+#: prior standard scores beyond which a median is said to lie at the end of its prior
+AT_THE_END = 3.0
+#: ... or that its 90 % interval ends so near a bound of the prior, over the interval's width
+NEAR_THE_BOUND = 0.02
+
+
+def remarks(posterior: Posterior) -> tuple[str, ...]:
+    """One sentence each: not sampled or not converged, searches that disagree, a bent form, a large misfit, a parameter
+    at the end of its prior."""
+    out = []
+    if posterior.quick:
+        out.append("Quick: Laplace's approximation about the most probable point, not sampled; a first result only.")
+    elif not posterior.converged:
+        out.append(f"The chains have not converged ({posterior.message}); read every interval as too narrow.")
+    said, agree = searches_said(posterior)
+    if len(posterior.point.each_log_prob) > 1 and not agree:
+        out.append(said)
+    weight = max((w.form.weight for w in posterior.widenings.values()), default=0.0)
+    if weight > LIKELY_BENT:
+        out.append(
+            f"The loops favour a model whose form bends a little (probability {min(weight, 0.999):.2g}): the values "
+            "and intervals reported count it by that, draws and their quantiles are the plain model's."
+        )
+    misfit = posterior.misfit()
+    if misfit.share > LARGE_MISFIT:
+        out.append(
+            f"The model misses the friction force by {100 * misfit.share:.2g} %: the intervals hold for a model "
+            "that fits, so diagnose the campaign, and check priors and fixed values."
+        )
+    z, prior = posterior.flat_z(4000), posterior.problem.prior
+    values, noise = prior.values(z), {p.name for p in posterior.problem.likelihood.parameters}
+    for p, score in zip(prior.free, np.median(z, axis=0)):
+        low, high = np.quantile(values[p.name], [0.05, 0.95])
+        end = ""
+        if score > AT_THE_END or p.upper - high < NEAR_THE_BOUND * (high - low):
+            end = "upper"
+        elif score < -AT_THE_END or low - p.lower < NEAR_THE_BOUND * (high - low):
+            end = "lower"
+        if end and p.name not in noise:
+            out.append(
+                f"The posterior of {p.name} lies at the {end} end of its prior ({p.prior_text()}): the loops ask "
+                "for more; widen the prior or look for a cause."
+            )
+    return posterior.problem.units.everywhere(tuple(out))
+
+
+def searches_said(posterior: Posterior) -> tuple[str, bool]:
+    """Whether independent searches found the same maximum, in words, and whether they did."""
+    point = posterior.point
+    count = len(point.each_log_prob)
+    if count < 2:
+        return "One search only: a maximum that it missed would not be seen.", False
+    if point.missed_nats < MISSED_NATS:
+        return (
+            f"{count} searches with populations of their own ended in the same maximum (their best log posteriors "
+            f"differ by {point.missed_nats:.1g})."
+        ), True
+    best, poorest = (point.each_z[int(f(point.each_log_prob))] for f in (np.argmax, np.argmin))
+    values = posterior.problem.prior.values(np.stack([best, poorest]))
+    furthest = [posterior.names[i] for i in np.argsort(-np.abs(best - poorest))[:3]]
+    told = ", ".join(f"{n} {values[n][0]:.4g} against {values[n][1]:.4g}" for n in furthest)
+    return (
+        f"The searches disagree: of {count}, each with a population of its own, one stayed {point.missed_nats:.3g} "
+        f"below the best log posterior, furthest apart in {told}. There are several maxima; another search may find "
+        "one more; the chains started from all that were found."
+    ), False

@@ -1,0 +1,1 @@
+"""What is asked: settings, parameters and priors, likelihood; the problem they make together."""

@@ -1,0 +1,156 @@
+"""Likelihoods: how probable the measured loops are, given predicted ones.
+
+Residual = measured − predicted force, everywhere. A loop averaged with H harmonics is 2H + 1 independent numbers on
+however fine a phase grid it is drawn; the likelihoods below count it as that many, so neither the grid nor the
+weights of Eq. (9), which are scaled to mean one, create information.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from scipy import stats
+
+from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.setup.discrepancy import MEASURED_BETWEEN, ODD_EVEN, Correlated
+from bayes_iwan.inference.setup.loop_error import paper_weights
+from bayes_iwan.inference.setup.parameters import Parameter
+from bayes_iwan.inference.setup.scales import Scales
+
+
+class Likelihood(Protocol):
+    """A noise model over a fixed set of loops."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]: ...
+
+    def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        """ln p(data | prediction), (draws,); residual (draws, tests, samples)."""
+
+    def log_likelihoods(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        """The same of several noises for each residual: numbers and result (draws, count)."""
+
+    def pointwise(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        """The same by independent data, (draws, points), summing to :meth:`log_likelihood`."""
+
+    def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        """Whitened residuals, (draws, m), for least squares; their squares sum to −2 ln p but for a constant."""
+
+    def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
+        """Predicted loops (draws, tests, samples) with noise drawn from this model added, where there are data."""
+
+    def of_loops(self, loops: tuple[Loop, ...]) -> Likelihood:
+        """The same noise model for other forces of the same tests."""
+
+    def of_tests(self, tests: Sequence[int]) -> Likelihood:
+        """The same noise model for some of the tests."""
+
+
+@dataclass(frozen=True)
+class Independent:
+    """Independent errors along the loop: `laplace`, which is Eq. (8) as printed, or `gaussian`, its squared form.
+
+    The data are generated so: F_i = model_i + e_i with e_i Laplace of scale b/v_i, or Gaussian of variance σ²/v_i;
+    v = (w/A) over its geometric mean in all loops' samples, w of Eq. (9), A the test's amplitude; b = σ = noise_N,
+    sampled. Every test weighs the same, as it does in Eq. (8): an equal part of the Σ (2H + 1) numbers that all loops
+    hold. So ln p = constant − N ln b − (N/T)·c·Eq. (8)/b.
+    """
+
+    loops: tuple[Loop, ...]
+    scales: Scales
+    kind: str = "gaussian"
+
+    @property
+    def name(self) -> str:
+        return self.kind
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (
+            Parameter(
+                "noise_N",
+                "σ" if self.kind == "gaussian" else "b",
+                "N",
+                "scale of the independent errors",
+                stats.lognorm(s=2.0, scale=0.01 * self.scales.force_N),
+            ),
+        )
+
+    @cached_property
+    def weights(self) -> Array:
+        """v, (tests, samples): the scale of a sample's error is noise_N/v (Laplace) or noise_N/√v (Gaussian)."""
+        amplitude = np.array([x.amplitude_mm for x in self.loops])
+        v = paper_weights(np.stack([x.displacement_mm for x in self.loops]), amplitude) / amplitude[:, None]
+        return v / np.exp(np.mean(np.log(v)))
+
+    @cached_property
+    def _count(self) -> float:
+        """Independent numbers that a sample stands for."""
+        parameter_values = sum(2 * np.count_nonzero(np.isfinite(x.noise_N)) - 1 for x in self.loops)
+        return parameter_values / self.weights.size
+
+    def pointwise(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        scale = parameter_values["noise_N"][:, None, None]
+        if self.kind == "laplace":
+            log_p = np.log(self.weights / (2.0 * scale)) - self.weights * np.abs(residual_N) / scale
+        else:
+            z = residual_N / scale
+            log_p = 0.5 * np.log(self.weights / (2.0 * np.pi * scale**2)) - 0.5 * self.weights * z * z
+        return (self._count * log_p).reshape(len(residual_N), -1)
+
+    def log_likelihood(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        return self.log_likelihoods(residual_N, {"noise_N": parameter_values["noise_N"][:, None]})[:, 0]
+
+    def log_likelihoods(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        scale = parameter_values["noise_N"]
+        points = self.weights.size  # the logarithms of the weights sum to zero
+        if self.kind == "laplace":
+            misfit = np.einsum("dts,ts->d", np.abs(residual_N), self.weights)[:, None]
+            return -self._count * (points * np.log(2.0 * scale) + misfit / scale)
+        misfit = np.einsum("dts,ts->d", residual_N * residual_N, self.weights)[:, None]
+        return -0.5 * self._count * (points * np.log(2.0 * np.pi * scale**2) + misfit / scale**2)
+
+    def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
+        w = np.sqrt(self._count * self.weights)
+        return (w * residual_N / parameter_values["noise_N"][:, None, None]).reshape(len(residual_N), -1)
+
+    def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
+        scale = parameter_values["noise_N"][:, None, None]
+        if self.kind == "laplace":
+            return force_N + rng.laplace(size=force_N.shape) * scale / self.weights
+        return force_N + rng.standard_normal(force_N.shape) * scale / np.sqrt(self.weights)
+
+    def of_loops(self, loops: tuple[Loop, ...]) -> Independent:
+        return replace(self, loops=loops)
+
+    def of_tests(self, tests: Sequence[int]) -> Independent:
+        return replace(self, loops=tuple(self.loops[t] for t in tests))
+
+
+class LikelihoodError(ValueError):
+    """A likelihood that there is not."""
+
+
+KINDS = ("correlated", "unweighted", "matern", "gaussian", "laplace")
+
+
+def make_likelihood(kind: str, loops: Sequence[Loop], scales: Scales) -> Likelihood:
+    """The likelihood by name: correlated (default), the same unweighted, matern (unweighted, odd and even harmonics
+    alike), gaussian or laplace."""
+    if kind == "correlated":
+        return Correlated(tuple(loops), scales, between=MEASURED_BETWEEN, spectrum=ODD_EVEN)
+    if kind == "unweighted":
+        return Correlated(tuple(loops), between=MEASURED_BETWEEN, spectrum=ODD_EVEN)
+    if kind == "matern":
+        return Correlated(tuple(loops))
+    if kind in KINDS:
+        return Independent(tuple(loops), scales, kind)
+    raise LikelihoodError(f"likelihood.kind = {kind!r} is not known; choose one of {', '.join(KINDS)}")

@@ -1,0 +1,51 @@
+"""How far a predicted loop is from a measured one: the weighted loop error of Eqs. (8) and (9), and its scales.
+
+Residual = measured − predicted force, everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import fft
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.setup.scales import loop_energy_mJ
+
+
+def paper_weights(displacement_mm: Array, amplitude_mm: Array) -> Array:
+    """w of Eq. (9), 0.2 + √(1 − (u/A)²), as printed; displacement (tests, samples), amplitude (tests,)."""
+    x = displacement_mm / np.asarray(amplitude_mm)[:, None]
+    return 0.2 + np.sqrt(np.maximum(1.0 - x * x, 0.0))
+
+
+def goal_function(residual_N: Array, displacement_mm: Array, amplitude_mm: Array, squared: bool = False) -> Array:
+    """Eq. (8) summed over tests, 1/(A n) Σ w |r|, or with r² for `squared` (the text's words); N/mm or N²/mm.
+
+    residual_N : (draws, tests, samples). Returns (draws,).
+    Minimising it is maximum likelihood for independent Laplace (squared: Gaussian) errors of weighted scale.
+    """
+    size = residual_N * residual_N if squared else np.abs(residual_N)
+    w = paper_weights(displacement_mm, amplitude_mm) / np.asarray(amplitude_mm)[:, None]
+    return np.einsum("dts,ts->d", size, w) / residual_N.shape[2]
+
+
+def friction_level_N(loops: Sequence[Loop]) -> Array:
+    """Each loop's friction force level, dissipated energy / (4 amplitude), (tests,) in N, from the data alone."""
+    level = [
+        max(
+            float(loop_energy_mJ(x.displacement_mm, x.force_N)) / (4.0 * x.amplitude_mm),
+            0.02 * float(np.std(x.force_N)),
+        )
+        for x in loops
+    ]
+    return np.array(level)
+
+
+def harmonics_of(force_N: Array, count: int) -> Array:
+    """c_h, h < count, with force = Re Σ c_h e^{2πih·phase}; force (…, samples) on a uniform phase grid from 0."""
+    c = fft.rfft(force_N, axis=-1)[..., :count] * (2.0 / force_N.shape[-1])
+    c[..., 0] *= 0.5
+    return c

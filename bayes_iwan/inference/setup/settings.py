@@ -1,0 +1,237 @@
+"""What a user may choose about an identification or a diagnosis; :mod:`.config` makes these of TOML tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """The phase averaging.
+
+    Parameters
+    ----------
+    n_phase
+        points of an averaged loop.
+    n_harmonics
+        harmonics that are kept, at most n_phase/2 − 1.
+    n_blocks
+        blocks of consecutive cycles, for what changes along the record.
+    """
+
+    n_phase: int = 128
+    n_harmonics: int = 50
+    n_blocks: int = 6
+
+
+@dataclass(frozen=True)
+class ModelSettings:
+    """The parts of the Iwan model.
+
+    Parameters
+    ----------
+    slip, grip, stiffness
+        names as :class:`bayes_iwan.Model` takes them.
+    embedded
+        whether the model's own form may bend a little (see :mod:`bayes_iwan.physics.embedded`).
+    """
+
+    slip: str = "gamma3"
+    grip: str = "hunt_crossley"
+    stiffness: str = "saturating"
+    embedded: bool = False
+
+
+@dataclass(frozen=True)
+class LikelihoodSettings:
+    """How measured loops differ from predicted ones.
+
+    Parameters
+    ----------
+    kind
+        "correlated", "unweighted", "matern", "gaussian" or "laplace".
+    """
+
+    kind: str = "correlated"
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """The point estimate.
+
+    Parameters
+    ----------
+    objective
+        what the genetic algorithm minimises: "eq8" (Eq. (8) of Rajaei, Ahmadian & Tavakoli), "squared" or
+        "likelihood".
+    members, evaluations
+        of the genetic algorithm: size of its population, and evaluations at most.
+    second_opinion
+        whether differential evolution looks at the same objective.
+    reach
+        the search box is ± so many prior standard deviations.
+    starts
+        prior draws that least squares starts from, beside the searches' best members.
+    """
+
+    objective: str = "eq8"
+    members: int = 200
+    evaluations: int = 20_000
+    second_opinion: bool = True
+    reach: float = 4.0
+    starts: int = 12
+
+
+@dataclass(frozen=True)
+class SamplingSettings:
+    """How the posterior is sampled, and when it has converged.
+
+    Parameters
+    ----------
+    method
+        "auto", independent proposals where they fit and ensembles of walkers elsewhere, or "ensembles".
+    ensembles
+        their number, or that of the independent chains.
+    walkers
+        of each ensemble, at least; twice the sampled parameters and two where that is more.
+    budget_s, max_steps
+        time (s) and steps after which sampling ends, converged or not.
+    r_hat, ess, taus
+        when it has converged: R-hat at most, effective size at least, and steps over the autocorrelation time at
+        least, each for every reported quantity that varies.
+    draws
+        kept in the posterior.
+    """
+
+    method: str = "auto"
+    ensembles: int = 4
+    walkers: int = 40
+    budget_s: float = 240.0
+    max_steps: int = 200_000
+    r_hat: float = 1.01
+    ess: float = 400.0
+    taus: float = 50.0
+    draws: int = 8192
+
+
+@dataclass(frozen=True)
+class PriorChoice:
+    """A distribution of scipy.stats by name, with its arguments.
+
+    Parameters
+    ----------
+    dist
+        a continuous one, such as "lognorm".
+    arguments
+        as scipy.stats takes them by name: shapes, loc and scale.
+    """
+
+    dist: str
+    arguments: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ParameterChange:
+    """What a [parameters.NAME] table changes of a parameter; None leaves as it is.
+
+    Parameters
+    ----------
+    prior
+        its distribution.
+    lower, upper
+        where that is cut, in the parameter's unit.
+    fixed
+        its value, which then is not sampled.
+    tied
+        the parameter whose value it shall have.
+    """
+
+    prior: PriorChoice | None = None
+    lower: float | None = None
+    upper: float | None = None
+    fixed: float | None = None
+    tied: str | None = None
+
+
+@dataclass(frozen=True)
+class IdentifySettings:
+    """Everything that :func:`bayes_iwan.identify` takes from a configuration file; :func:`bayes_iwan.settings_of` makes
+    it of tables and checks it.
+
+    Parameters
+    ----------
+    loops, model, likelihood, search, sampling
+        the tables of those names; see the classes in :mod:`bayes_iwan.inference.setup.settings`.
+    parameters
+        changes of priors, bounds and values by the parameter's name.
+
+    Raises
+    ------
+    ConfigError
+        from :func:`bayes_iwan.settings_of`: a table, key or value that cannot be used, in one line with the mend.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> settings = bi.settings_of({"model": {"slip": "gamma2"}, "parameters": {"beta": {"fixed": 0.5}}})
+    >>> settings.model.slip, settings.sampling.ensembles, settings.parameters["beta"].fixed
+    ('gamma2', 4, 0.5)
+    """
+
+    loops: LoopSettings = field(default_factory=LoopSettings)
+    model: ModelSettings = field(default_factory=ModelSettings)
+    likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
+    sampling: SamplingSettings = field(default_factory=SamplingSettings)
+    parameters: Mapping[str, ParameterChange] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Tables as a configuration file has them."""
+        out = {f.name: asdict(getattr(self, f.name)) for f in fields(self) if f.name != "parameters"}
+        out["parameters"] = {name: _table(change) for name, change in self.parameters.items()}
+        return out
+
+
+@dataclass(frozen=True)
+class DiagnoseSettings:
+    """Everything that :func:`bayes_iwan.diagnose` takes from a configuration file: the base model and its priors.
+
+    The model is never embedded here, whatever `model.embedded` says: the gap's effects are what bends it.
+
+    Parameters
+    ----------
+    model
+        the base model's parts.
+    parameters
+        changes of priors, bounds and values by the parameter's name; none of the noise's.
+
+    Raises
+    ------
+    ConfigError
+        from :func:`bayes_iwan.diagnose`, for tables that a diagnosis does not use.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> from bayes_iwan.inference.setup.settings import ModelSettings
+    >>> bi.DiagnoseSettings(ModelSettings(slip="gamma2")).as_dict()
+    {'model': {'slip': 'gamma2'}, 'parameters': {}}
+    """
+
+    model: ModelSettings = field(default_factory=ModelSettings)
+    parameters: Mapping[str, ParameterChange] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Tables as a configuration file has them; of the model what differs from the paper's."""
+        paper = asdict(ModelSettings())
+        model = {k: v for k, v in asdict(self.model).items() if v != paper[k] and k != "embedded"}
+        return {"model": model, "parameters": {n: _table(c) for n, c in self.parameters.items()}}
+
+
+def _table(change: ParameterChange) -> dict[str, Any]:
+    out = {f.name: v for f in fields(change) if f.name != "prior" and (v := getattr(change, f.name)) is not None}
+    if change.prior is not None:
+        out["prior"] = {"dist": change.prior.dist, **change.prior.arguments}
+    return out

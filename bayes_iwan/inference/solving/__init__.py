@@ -1,0 +1,1 @@
+"""How it is answered: the point estimate, its bent form, chains, intervals."""

@@ -1,0 +1,149 @@
+"""The two ways in which a problem's posterior is sampled: independent proposals where they fit, else ensembles."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.inference.setup.quantities import sampled_and_derived
+from bayes_iwan.inference.setup.settings import SamplingSettings
+from bayes_iwan.inference.solving.point import Point, laplace_scale, starting_population
+from bayes_iwan.physics.parameter import Z_LIMIT
+from bayes_iwan.sampling.branches import Optimum
+from bayes_iwan.sampling.checkpoint import read_checkpoint
+from bayes_iwan.sampling.ensembles import Chains, sample
+from bayes_iwan.sampling.importance import METHOD, sample_independently
+from bayes_iwan.sampling.run import CROWD, POWERS
+from bayes_iwan.sampling.walkers import enough_walkers
+
+
+def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Array] | None]:
+    """Names of the numbers that follow from the sampled ones without a prediction and must converge too, and how.
+
+    What is fixed, or follows from the model alone as g₁ = 1 of a single gamma does, has no convergence.
+    """
+    some = problem.prior.draw(np.random.default_rng(0), 64)
+    named = sampled_and_derived(problem, some)
+    with np.errstate(invalid="ignore"):
+        names = tuple(
+            n for n, q in named.items() if n not in problem.names and np.nanmax(q.values) > np.nanmin(q.values)
+        )
+
+    def parameter_values(z: Array) -> Array:
+        named = sampled_and_derived(problem, z)
+        return np.stack([named[name].values for name in names], axis=1)
+
+    return names, parameter_values if names else None
+
+
+def independent_chains(
+    problem: Problem,
+    point: Point,
+    s: SamplingSettings,
+    seed: int,
+    checkpoint: Path | None,
+    origin: Mapping[str, str],
+    resume: bool,
+    progress: bool,
+) -> Chains | None:
+    """Independent proposals about the maxima that were found; None where they do not fit this posterior."""
+    held, coarse = problem.noise_columns, problem.coarser()
+    optima = []
+    for z, log_prob in zip(point.optima[:6], point.optima_log_prob[:6]):
+        root = laplace_scale(problem, z)
+        noise = np.asarray(np.linalg.cholesky((root @ root.T)[np.ix_(held, held)]))
+        optima.append(Optimum(z, float(log_prob), coarse.whitening(z[None]), noise))
+
+    def residuals(z: Array) -> Array:
+        return coarse.residual(z).reshape(len(z), -1)
+
+    names, parameter_values = _unsampled(problem)
+    return sample_independently(
+        residuals,
+        problem.log_prob_of_noise,
+        optima,
+        held,
+        limit=0.95 * Z_LIMIT,
+        names=problem.names,
+        seed=seed,
+        quantities=parameter_values,
+        quantity_names=names,
+        checkpoint=checkpoint,
+        fingerprint=problem.fingerprint() | dict(origin),
+        resume=resume,
+        n_chains=s.ensembles,
+        budget_s=s.budget_s,
+        max_steps=s.max_steps,
+        target_r_hat=s.r_hat,
+        target_ess=s.ess,
+        chain_taus=s.taus,
+        progress=progress,
+    )
+
+
+def ensemble_chains(
+    problem: Problem,
+    point: Point,
+    s: SamplingSettings,
+    seed: int,
+    checkpoint: Path | None,
+    origin: Mapping[str, str],
+    resume: bool,
+    progress: bool,
+) -> Chains:
+    """Ensembles of walkers, started from fits to shifted data."""
+    walkers = max(s.walkers, enough_walkers(problem.ndim))
+    names, parameter_values = _unsampled(problem)
+    return sample(
+        problem.log_prob,
+        starting_population(problem, point, seed, CROWD * len(POWERS) * s.ensembles * walkers),
+        names=problem.names,
+        seed=seed,
+        quantities=parameter_values,
+        quantity_names=names,
+        checkpoint=checkpoint,
+        fingerprint=problem.fingerprint() | dict(origin) | {"seed": str(seed)},
+        n_ensembles=s.ensembles,
+        n_walkers=walkers,
+        budget_s=s.budget_s,
+        max_steps=s.max_steps,
+        target_r_hat=s.r_hat,
+        target_ess=s.ess,
+        chain_taus=s.taus,
+        progress=progress,
+        resume=resume,
+    )
+
+
+def sampled(
+    problem: Problem,
+    point: Point,
+    s: SamplingSettings,
+    seed: int,
+    checkpoint: Path | None,
+    origin: Mapping[str, str],
+    resume: bool,
+    progress: bool,
+) -> Chains:
+    """Independent proposals where they fit, else ensembles, in the time that is left; a checkpoint is gone on from by
+    the way of sampling that wrote it."""
+    began = time.monotonic()
+    ours = checkpoint is None or not checkpoint.exists() or _independent(checkpoint)
+    if s.method == "auto" and ours:
+        chains = independent_chains(problem, point, s, seed, checkpoint, origin, resume, progress)
+        if chains is not None:
+            return chains
+    left = replace(s, budget_s=max(s.budget_s - (time.monotonic() - began), 0.0))
+    return ensemble_chains(problem, point, left, seed, checkpoint, origin, resume, progress)
+
+
+def _independent(checkpoint: Path) -> bool:
+    """Was this checkpoint written by independent proposals?"""
+    stored, _, _ = read_checkpoint(checkpoint, ())
+    return METHOD.items() <= stored.items()

@@ -1,0 +1,252 @@
+"""The intervals that are reported: the posterior's, wider by what the posterior cannot know.
+
+Variances add up. The posterior's own is right if the model is. Where the model's form may bend (:mod:`.bent`), the bent
+form's numbers stand beside the plain one's, and what is reported is of both, averaged by their evidence: the centre
+moves towards the bent form's, the widths are theirs, and how far the two are apart adds to them. How far the tests
+disagree, the between-test variance (:mod:`.jackknife`), is seen without that. And some numbers are not reached by any
+loop: elements that slip within the finest step that the trusted harmonics resolve after a reversal, and elements that
+never slip at the largest amplitude, are extrapolated by the family of slip forces alone. Of the elements that slip
+before anything is resolved there is taken to be a share that is known no better than to itself, as large as if the
+first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it goes
+into k(1) and into the slip forces' quantiles. Chosen on 24 specimens of the virtual rig, counted on others
+(analyses/coverage_rig.py).
+
+Tests of one amplitude share much of their misfit (its correlation over frequency is 0.68 on the rig, over amplitude
+0.08), so leaving one of them out understates how far all of them may be off. The jackknife's standard deviation is
+multiplied by :data:`SHARED` for it.
+
+T tests give the between-test variance T − 1 degrees of freedom; Student's quantiles for the sum follow Welch (1947) and
+Satterthwaite (1946). Where all draws are positive, all this is done with logarithms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.inference.setup.quantities import SLIP_SHARES, quantities
+from bayes_iwan.inference.solving.bent import bent_form
+from bayes_iwan.inference.solving.jackknife import jackknife_variance, left_out_optima
+from bayes_iwan.inference.solving.point import laplace_scale
+from bayes_iwan.physics import Model
+
+#: factor of the jackknife's standard deviation; like the share above chosen on those 24 specimens. n tests correlated
+#: by ρ would need √((1 + (n − 1)ρ)/(1 − ρ)): 2.3 for two, 2.7 for three of one amplitude, 1 for independent ones
+SHARED = 2.0
+#: step of the central differences, in prior standard deviations
+_STEP = 1e-4
+#: a larger share of unresolved elements is said beside the numbers that depend on it
+_WORTH_SAYING = 0.01
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the bent form says of one number. weight : its probability by evidence; shift : of the centre; ratio : of
+    the posterior's standard deviation, at most 1; spread : standard deviation that adds, between the two forms and
+    where the bent one is wider. As in :class:`Widening` relative or not."""
+
+    weight: float = 0.0
+    shift: float = 0.0
+    ratio: float = 1.0
+    spread: float = 0.0
+
+
+@dataclass(frozen=True)
+class Widening:
+    """What adds to the posterior's interval of one number, beside the draws' own spread.
+
+    between_sd : standard deviation between tests, in the number's unit, NaN for a single test; unreached_sd : that of
+    what no loop reaches; freedom : degrees of freedom of between_sd, its tests less one; form : what the bent form
+    says. All are relative to the number where `relative`. reach : empty, or why the number is extrapolated and what
+    determines it.
+    """
+
+    between_sd: float
+    unreached_sd: float
+    freedom: int
+    relative: bool
+    reach: str
+    form: Form = Form()
+
+    def alone(self) -> Widening:
+        """Nothing that widens: the interval of the draws (n,) themselves."""
+        return replace(self, between_sd=float("nan"), unreached_sd=0.0, form=Form())
+
+    def centre(self, draws: Array) -> float:
+        """The median that is reported of draws (n,)."""
+        middle = float(np.median(draws))
+        return middle * math.exp(self.form.shift) if self.relative else middle + self.form.shift
+
+    def interval(self, draws: Array, level: float = 0.9) -> tuple[float, float]:
+        """Central interval (low, high) of the draws (n,) with all variances."""
+        tail = 0.5 * (1.0 - level)
+        x = np.log(draws) if self.relative else draws
+        low, middle, high = np.quantile(x, [tail, 0.5, 1.0 - tail])
+        below, above = (self.form.ratio * (middle - low), self.form.ratio * (high - middle))
+        middle = middle + self.form.shift
+        between = 0.0 if math.isnan(self.between_sd) else self.between_sd
+        normal = float(stats.norm.isf(tail))
+        others = between**2 + self.unreached_sd**2 + self.form.spread**2
+        total = ((below + above) / (2.0 * normal)) ** 2 + others
+        if total == 0.0 or not math.isfinite(total):
+            return float(np.quantile(draws, tail)), float(np.quantile(draws, 1.0 - tail))
+        freedom = self.freedom * total**2 / between**4 if between > 0.0 else math.inf
+        student = float(stats.t.isf(tail, freedom)) if math.isfinite(freedom) else normal
+        added = others * normal**2
+        factor = student / normal
+        below = middle - factor * math.hypot(below, added**0.5)
+        above = middle + factor * math.hypot(above, added**0.5)
+        return (math.exp(below), math.exp(above)) if self.relative else (float(below), float(above))
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What the loops of a campaign reach: slip forces from lowest_N to highest_N, steps from step_mm on.
+
+    share : of the elements below lowest_N, if the first quarter of all were evenly spread; amplitudes_mm : of the
+    tests.
+    """
+
+    step_mm: float
+    lowest_N: float
+    highest_N: float
+    share: float
+    amplitudes_mm: tuple[float, float]
+
+
+def reach_of(problem: Problem, z: Array) -> Reach | None:
+    """The reach of a problem's loops at z (ndim,); None for a simulator without slip forces.
+
+    Within a phase of π/H after a reversal, H the highest trusted harmonic, the displacement has moved A(1 − cos(π/H)).
+    Elements up to φ = k(1)·step/2 have slipped by then. Those beyond k(1)·A never slip.
+    """
+    model = problem.model
+    if not isinstance(model, Model):
+        return None
+    steps = [_step_mm(x) for x in problem.loops]
+    amplitudes = [x.amplitude_mm for x in problem.loops]
+    parameter_values = problem.parameter_values(z[None])
+    k1 = float(parameter_values["k1_N_mm"][0])
+    lowest, highest = 0.5 * k1 * min(steps), k1 * max(amplitudes)
+    quartile = float(
+        _quantiles(model, parameter_values, np.array([0.25]), 4.0 * max(highest, problem.scales.slip_N))[0]
+    )
+    share = 0.25 * min(1.0, lowest / quartile)
+    return Reach(min(steps), lowest, highest, share, (min(amplitudes), max(amplitudes)))
+
+
+def _step_mm(loop: Loop) -> float:
+    order = int(np.max(np.nonzero(np.isfinite(loop.noise_N))[0]))
+    return loop.amplitude_mm * (1.0 - math.cos(math.pi / max(order, 1)))
+
+
+def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -> dict[str, Widening]:
+    """By name, for every reported quantity of the tests `loops`, at the most probable point z (ndim,)."""
+    tests = len(problem.loops)
+    plain, bent = _judged(problem, z, loops), bent_form(problem, z)
+    beside = None if bent is None else _judged(bent.problem, bent.z, loops)
+    weight = 0.0 if bent is None else bent.weight
+    reach = reach_of(problem, z)
+    unreached = {} if reach is None else _unreached(problem, z, reach)
+    out = {}
+    for name, own in plain.items():
+        other = own if beside is None else beside[name]
+        relative = own.relative and other.relative
+        a, b = (x if relative else x.plain() for x in (own, other))
+        between = math.sqrt((1.0 - weight) * a.between_sd**2 + weight * b.between_sd**2)
+        form = _form(weight, b.value - a.value, a.sd, b.sd)
+        sd, why = unreached.get(name, (0.0, ""))
+        sd = sd if relative else sd * own.plain().value
+        out[name] = Widening(between, sd, max(tests - 1, 1), relative, why, form)
+    return out
+
+
+def _form(weight: float, apart: float, sd: float, other_sd: float) -> Form:
+    """Mean and variance of a mixture of the two forms, `apart` from each other. Where the bent form is the wider one
+    its variance adds, so that a posterior wider than its normal approximation is not stretched."""
+    more = weight * (other_sd**2 - sd**2)
+    form = Form(
+        weight,
+        weight * apart,
+        math.sqrt(1.0 + more / sd**2) if more < 0.0 else 1.0,
+        math.sqrt(weight * (1.0 - weight) * apart**2 + max(more, 0.0)),
+    )
+    return form if math.isfinite(form.shift) and math.isfinite(form.spread) else Form(weight)
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """One number at an optimum: its value, standard deviation to first order and between tests; of its logarithm
+    where `relative`."""
+
+    value: float
+    sd: float
+    between_sd: float
+    relative: bool
+
+    def plain(self) -> _Judged:
+        """The same of the number itself."""
+        if not self.relative:
+            return self
+        value = math.exp(self.value)
+        return _Judged(value, self.sd * value, self.between_sd * value, False)
+
+
+def _judged(problem: Problem, z: Array, loops: Sequence[Loop] | None) -> dict[str, _Judged]:
+    """Every reported quantity at the most probable point z (ndim,)."""
+    tests, n, root = len(problem.loops), problem.ndim, laplace_scale(problem, z)
+    without = left_out_optima(problem, z) if tests > 1 else z[None]
+    found = quantities(problem, np.concatenate([z[None], z + _STEP * np.eye(n), z - _STEP * np.eye(n), without]), loops)
+    out = {}
+    for name, quantity in found.items():
+        relative = bool(np.all(quantity.values > 0.0))
+        x = np.log(quantity.values) if relative else quantity.values
+        sd = float(np.linalg.norm(root.T @ (x[1 : n + 1] - x[n + 1 : 2 * n + 1]) / (2.0 * _STEP)))
+        between = SHARED * float(np.sqrt(jackknife_variance(x[2 * n + 1 :]))) if tests > 1 else float("nan")
+        out[name] = _Judged(float(x[0]), sd, between, relative)
+    return out
+
+
+def between_draws(without: Array, draws: int, rng: np.random.Generator) -> Array:
+    """(draws, …) N(0, between-test covariance) of any array, e.g. forces; without (tests, …): it without each test."""
+    tests = len(without)
+    if tests < 2:
+        return np.zeros((draws, *without.shape[1:]))
+    apart = (without - without.mean(axis=0)) * (SHARED * math.sqrt((tests - 1) / tests))
+    return np.tensordot(rng.standard_normal((draws, tests)), apart, axes=1)
+
+
+def _unreached(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[float, str]]:
+    """Relative standard deviation of what is extrapolated, and why, by name."""
+    model = problem.model
+    assert isinstance(model, Model)
+    parameter_values = problem.parameter_values(z[None])
+    said = (
+        f"extrapolated below a slip force of {reach.lowest_N:.3g} N: no step under {reach.step_mm:.2g} mm is resolved; "
+        f"determined by amplitudes {reach.amplitudes_mm[0]:.3g} to {reach.amplitudes_mm[1]:.3g} mm"
+    )
+    out = {"k1_N_mm": (reach.share, said if reach.share > _WORTH_SAYING else "")}
+    # one more or one less of the unresolved elements moves every quantile: F(φ) = p + share·(1 − p)
+    shares = np.array(SLIP_SHARES)
+    moved = np.concatenate([shares, np.clip(shares - reach.share * (1.0 - shares), 1e-3, None)])
+    at = _quantiles(model, parameter_values, moved, 4.0 * max(reach.highest_N, problem.scales.slip_N))
+    for share, middle, other in zip(SLIP_SHARES, at[: len(shares)], at[len(shares) :]):
+        why = said if middle < reach.lowest_N else ""
+        if middle > reach.highest_N:
+            why = f"extrapolated: elements above {reach.highest_N:.3g} N never slip at the largest amplitude"
+        out[f"slip_force_q{round(100 * share):02d}_N"] = (abs(math.log(middle / other)), why)
+    return out
+
+
+def _quantiles(model: Model, parameter_values: ParameterValues, shares: Array, top_N: float) -> Array:
+    """(shares,) N of one draw."""
+    phi = top_N * np.linspace(0.0, 1.0, 4000) ** 3
+    below = np.maximum.accumulate(1.0 - model.slip_family.survival(phi, parameter_values)[0])
+    return np.maximum(np.interp(shares, below, phi), 1e-9 * top_N)
