@@ -14,9 +14,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.setup.problem import Problem
-
-#: Pareto's k below which importance weights may be trusted
-TRUSTED = 0.7
+from bayes_iwan.sampling.weights import TRUSTED, smoothed_log_weights
 
 
 @dataclass(frozen=True)
@@ -60,24 +58,6 @@ def psis_loo(log_likelihood: Array) -> Loo:
         pointwise,
         np.asarray(found.pareto_k, dtype=float).ravel(),
     )
-
-
-def smoothed_log_weights(log_w: Array) -> tuple[Array, Array]:
-    """ArviZ's Pareto-smoothed log weights (…, n), their exponentials summing to one, and Pareto's k (…,).
-
-    Vehtari, Simpson, Gelman, Yao & Gabry, Pareto smoothed importance sampling, J. Machine Learning Research 25 (2024).
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # ArviZ announces on import what it will change
-        try:
-            from arviz import psislw
-        except ImportError:  # from 1.0: of log-likelihoods, so of the negated weights
-            from arviz_stats.base import array_stats
-
-            smoothed, k = array_stats.psislw(-log_w)
-        else:
-            smoothed, k = psislw(log_w)
-    return np.asarray(smoothed) - logsumexp(smoothed, axis=-1, keepdims=True), np.asarray(k, dtype=float)
 
 
 def leave_tests_out(posterior: Posterior, *, seed: int = 0, walkers: int = 128, steps: int = 60) -> Loo:

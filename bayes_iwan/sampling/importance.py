@@ -9,9 +9,13 @@ Several chains, each with proposals of its own, take the place of the ensembles.
 in which they came, each as often as its weight says (systematic resampling), so a heavy one is a chain that stands
 still, and R-hat, effective sizes and autocorrelation times mean what they always do.
 
-It is tried first and given up (None) where it does not fit: where draws of a pilot are not met, or too few of them, or
-of those after it, carry the weight. Block by block the proposals go into a checkpoint; a run that goes on from it draws
-the very same, for the random numbers of a block follow from the seed and the block's number.
+Effective sizes know only of the weights that came: converged are draws whose weights' tail is short, too (Pareto's k,
+see :mod:`.weights`), and whose proposals lead wherever the posterior is (see :mod:`.reach`).
+
+It is tried first and given up (None) where it does not fit: where too few draws of a pilot, or of those after it, carry
+the weight, where they miss the optimum, or where proposals do not lead everywhere. Block by block the proposals go into
+a checkpoint; a run that goes on from it draws the very same, for the random numbers of a block follow from the seed and
+the block's number.
 """
 
 from __future__ import annotations
@@ -25,17 +29,21 @@ from numpy.typing import NDArray
 from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.sampling.branches import HeldFunction, Optimum, Source
+from bayes_iwan.sampling.branches import HeldFunction, Optimum
 from bayes_iwan.sampling.checkpoint import Checkpoint
 from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import BatchFunction, Chains, Stop
+from bayes_iwan.sampling.reach import unreached
 from bayes_iwan.sampling.residual_map import Residuals
+from bayes_iwan.sampling.source import Source
+from bayes_iwan.sampling.weights import untrusted
 
 #: what a checkpoint's fingerprint says of this way of sampling
 METHOD = {"method": "independent"}
 _STAGE = "proposals"
 _BATCH = 128  # proposals of a chain that are solved for together
 _FIRST_CHECK = 256
+_MOST_UNREACHED = 0.05  # share of walks from draws that may end where no proposal leads
 _GIVE_UP, _GIVE_UP_SHARE = 768, 0.1  # steps at which the least effective size must be this share of its target
 
 
@@ -113,9 +121,16 @@ def sample_independently(
                     together = np.stack([chain.resampled()[1] for chain in chains])
                     result = convergence_of(together[:, :, None], names + quantity_names)
                     short = result.shortfall(target_r_hat, target_ess, chain_taus)
+                    if not short:
+                        every = np.concatenate([chain.log_weight for chain in chains])
+                        short = untrusted(every)
                     next_check = int(1.15 * steps) if planned else next_check
                     bar.set_postfix_str(f"R-hat {result.worst_r_hat:.3f}, ESS {result.least_ess:.0f}")
                     if not short:
+                        places = np.concatenate([chain.values[:, : len(names)] for chain in chains])
+                        if unreached(source, places, every, seed) > _MOST_UNREACHED:
+                            store.remove()
+                            return None
                         stop, said = Stop.CONVERGED, "converged"
                     elif planned and steps >= _GIVE_UP and result.least_ess < _GIVE_UP_SHARE * target_ess:
                         store.remove()

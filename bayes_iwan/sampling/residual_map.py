@@ -88,6 +88,12 @@ class ResidualMap:
         x, slope = self._jacobian(at_optimum, self.values)
         return Solved(at_optimum, x, _log_det(slope), np.asarray(np.isfinite(x).all(axis=1)))
 
+    def scale(self, z: Array) -> Array:
+        """∂z/∂x (n, free, free) at places z (n, ndim), with held numbers as at the optimum."""
+        there = np.tile(self.optimum, (len(z), 1))
+        there[:, self.free] = z[:, self.free]
+        return np.asarray(np.linalg.inv(self._jacobian(there, self.values)[1]))
+
     def _jacobian(self, z: Array, function: Residuals) -> tuple[Array, Array]:
         """A function (n, m) of places, and its forward differences (n, m, free)."""
         n, k = len(z), len(self.free)

@@ -16,6 +16,7 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.report.comparison import comparison_report, ranking_figure
 from bayes_iwan.report.identification.checks import loo_pit
 from bayes_iwan.report.identification.frequencies import frequencies_table, wander_figure, wander_rows
+from bayes_iwan.sampling.weights import smoothed_log_weights
 
 from .conftest import TRUTH, made_posterior, made_records
 
@@ -55,7 +56,7 @@ def test_one_frequency_says_so():
 def test_smoothed_weights_bring_one_normal_to_another(sd):
     """Draws of N(0, sd²) weighted to N(0, 1): weights have a tail of index 1 − sd², and the weighted variance is 1."""
     x = sd * np.random.default_rng(3).standard_normal((2, 40_000))
-    log_w, k = loo.smoothed_log_weights(stats.norm.logpdf(x) - stats.norm.logpdf(x, scale=sd))
+    log_w, k = smoothed_log_weights(stats.norm.logpdf(x) - stats.norm.logpdf(x, scale=sd))
     assert np.exp(log_w).sum(axis=1) == pytest.approx(1.0)
     assert k == pytest.approx(1.0 - sd**2, abs=0.1)
     assert np.sum(np.exp(log_w) * x**2, axis=1) == pytest.approx(1.0, abs=0.1)

@@ -4,11 +4,13 @@ import numba as nb
 import numpy as np
 import pytest
 
-from bayes_iwan.sampling.branches import Optimum, Source
+from bayes_iwan.sampling.branches import Optimum
 from bayes_iwan.sampling.checkpoint import CheckpointError
 from bayes_iwan.sampling.ensembles import Stop
 from bayes_iwan.sampling.importance import sample_independently
 from bayes_iwan.sampling.residual_map import ResidualMap
+from bayes_iwan.sampling.source import Source
+from bayes_iwan.sampling.weights import untrusted
 
 NONE = np.empty(0, dtype=np.int64)
 
@@ -236,3 +238,22 @@ def test_threads_change_nothing():
     finally:
         nb.set_num_threads(threads)
     np.testing.assert_array_equal(*found)
+
+
+def test_a_branch_that_no_map_leads_to_is_noticed():
+    """Two halves, joined by a pass, of which the search found one: its map folds on the pass, and its weights look
+    well; walks under the posterior cross over."""
+
+    def residuals(z):
+        return np.stack([1.2 * (z[:, 0] ** 2 - 1.0), z[:, 1] - z[:, 0]], axis=1)
+
+    both, _ = drawn(residuals, [[0.8, 0.4], [-0.8, -0.4]])
+    assert both is not None and both.converged
+    assert drawn(residuals, [[0.8, 0.4]])[0] is None
+
+
+def test_weights_of_a_long_tail_are_not_trusted():
+    rng = np.random.default_rng(4)
+    assert untrusted(np.append(rng.exponential(0.4, 4000), -np.inf)) == ""  # exponential ln w of mean k: Pareto's index
+    said = untrusted(rng.exponential(0.95, 40_000))
+    assert float(said.split(" is ")[1].split(" > ")[0]) == pytest.approx(0.95, abs=0.15)
