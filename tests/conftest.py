@@ -19,7 +19,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model, Reference, paper, sine_motion
 from bayes_iwan.physics.normal_force import from_paper_hunt_crossley
 from bayes_iwan.physics.stiffness import from_paper_stiffness
-from bayes_iwan.report import page
+from bayes_iwan.report import page, rendering
 
 
 @pytest.fixture(scope="session")
@@ -108,9 +108,8 @@ page.FILES = ()
 def no_pictures():
     """Pages with their words and tables, figures made but not drawn: half a page's time, for tests of other things."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, "settle", lambda figure: figure)
-        patch.setattr(page, "_svg", lambda figure, name, alt: Markup("<svg></svg>"))
-        patch.setattr(page, "_png", lambda figure, alt, dpi: Markup("<img>"))
+        nothing = rendering.Rendered(Markup("<svg></svg>"), b"")
+        patch.setattr(rendering.Batch, "draw", lambda self, order, figure: nothing)
         yield
 
 

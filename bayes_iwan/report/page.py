@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import os
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numba as nb
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
-from pypdf import PdfReader, PdfWriter
 
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import replacing, write_whole
 from bayes_iwan.report.provenance import Provenance
-from bayes_iwan.report.style import RC, literal, relabel, save, settle
+from bayes_iwan.report.rendering import Order, Rendered, Renderer
+from bayes_iwan.report.style import RC, literal, relabel
 
 #: pixels an inch of a figure takes on a screen: its smallest letters are then as large as small print
 PIXELS = 112
@@ -48,15 +48,47 @@ def asset(name: str) -> Markup:
     return Markup(_ENVIRONMENT.loader.get_source(_ENVIRONMENT, name)[0])
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A figure on a page; it may still be in the making, so it becomes HTML when the page does."""
+
+    figure: Figure
+    caption: str
+    name: str
+    order: Order
+    renderer: Renderer
+
+    @property
+    def rendered(self) -> Rendered:
+        return self.renderer.rendered(self.order)
+
+    def __html__(self) -> str:
+        picture = self.rendered.svg
+        if self.order.raster:
+            data = base64.b64encode(self.rendered.png).decode()
+            picture = Markup(f'<img alt="{escape(self.order.alt)}" src="data:image/png;base64,{data}">')
+        width = self.figure.get_size_inches()[0]
+        return template(
+            "figure.html",
+            picture=picture,
+            caption=self.caption,
+            file=self.name,
+            width=round(PIXELS * width),
+            wide=width > 5.5,
+            beside=width < BROAD,
+        )
+
+
 @dataclass
 class Section:
     """A heading and what stands below it, in order. Text is escaped; pass Markup for HTML."""
 
     heading: str
     anchor: str
-    body: list[Markup] = field(default_factory=list)
-    figures: dict[str, tuple[Figure, str]] = field(default_factory=dict)
+    body: list[Markup | Picture] = field(default_factory=list)
+    figures: dict[str, Picture] = field(default_factory=dict)
     units: Units = field(default_factory=Units)
+    renderer: Renderer = field(default_factory=Renderer)
 
     def _said(self, text: str | Markup) -> str | Markup:
         """A text written for N and mm in the campaign's own units."""
@@ -86,31 +118,19 @@ class Section:
         self.body.append(template("symbols.html", rows=said))
         return self
 
-    def figure(
-        self, figure: Figure, caption: str, alt: str, png: bool = False, dpi: int = 110, name: str | None = None
-    ) -> Section:
+    def figure(self, figure: Figure, caption: str, alt: str, png: bool = False, name: str | None = None) -> Section:
         """A matplotlib figure, as inline SVG or (png) an embedded picture, and as files when the page is written.
 
-        alt says what a reader would see in it; name is that of the files (default: the section's and a number).
+        alt says what a reader would see in it; name is that of the files (default: the section's and a number). The
+        figure is not to be changed afterwards.
         """
         caption, alt = self.units.said(caption), self.units.said(alt)
         relabel(figure, self.units)
-        settle(figure)
         number = f"{self.anchor}-f{len(self.figures) + 1}"
-        self.figures[name or number] = (figure, caption)
-        width = figure.get_size_inches()[0]
-        picture = _png(figure, alt, dpi) if png else _svg(figure, number, alt)
-        self.body.append(
-            template(
-                "figure.html",
-                picture=picture,
-                caption=caption,
-                file=name or number,
-                width=round(PIXELS * width),
-                wide=width > 5.5,
-                beside=width < BROAD,
-            )
-        )
+        picture = Picture(figure, caption, name or number, Order(number, alt, png, FILES), self.renderer)
+        self.renderer.order(picture.order, figure)
+        self.figures[picture.name] = picture
+        self.body.append(picture)
         return self
 
     def table(
@@ -150,7 +170,8 @@ _CONTROL = {i: "?" for i in (*range(32), 127, *range(128, 160)) if chr(i) not in
 class Page:
     """An HTML page in the making. `write` replaces the file whole or not at all.
 
-    made : when, with which version and seed, and from which files; it stands below the title.
+    made : when, with which version and seed, and from which files; it stands below the title. aside, busy : draw
+    figures in a second process too, see :class:`.rendering.Renderer`; only where this one may use more than one thread.
     """
 
     def __init__(
@@ -160,6 +181,8 @@ class Page:
         footer: str = "",
         units: Units | None = None,
         made: Provenance | None = None,
+        aside: bool = False,
+        busy: int = 0,
     ) -> None:
         self.units = units or Units()
         self.title, self.footer, self.made = title, self.units.said(footer), made
@@ -167,13 +190,14 @@ class Page:
         self.sections: list[Section] = []
         self.scripts: list[Markup] = []
         self.data: list[tuple[str, Markup]] = []
+        self.renderer = Renderer(aside and nb.get_num_threads() > 1, busy)
 
     def section(self, heading: str) -> Section:
         """A new section at the end of the page."""
         anchor = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-") or "section"
         taken = {s.anchor for s in self.sections}
         unique = anchor if anchor not in taken else f"{anchor}-{len(taken)}"
-        self.sections.append(Section(heading, unique, units=self.units))
+        self.sections.append(Section(heading, unique, units=self.units, renderer=self.renderer))
         return self.sections[-1]
 
     def script(self, source: Markup, data_id: str | None = None, data_json: str | None = None) -> None:
@@ -205,17 +229,17 @@ class Page:
         """The page, and before it every figure as figures/STEM_NAME.png and .pdf beside it, STEM that of the page."""
         path = Path(path)
         folder = path.parent / "figures"
-        named: dict[str, Figure] = {}
-        for section in self.sections:
-            named |= {f"{path.stem}_{name}": figure for name, (figure, _) in section.figures.items()}
+        pictures = {f"{path.stem}_{name}": x for section in self.sections for name, x in section.figures.items()}
         for old in folder.glob(f"{path.stem}_*"):
-            if old.stem not in named:
+            if old.stem not in pictures:
                 old.unlink()
-        if "png" in FILES:
-            for name, figure in named.items():
-                save(figure, folder / f"{name}.png", dpi=150)
-        if "pdf" in FILES:
-            _write_pdfs(named, folder)
+        for name, picture in pictures.items():
+            if "png" in picture.order.files:
+                write_whole(folder / f"{name}.png", picture.rendered.png)
+        pdfs = self.renderer.pdfs()
+        for name, picture in pictures.items():
+            if picture.order.name in pdfs:
+                write_whole(folder / f"{name}.pdf", pdfs[picture.order.name])
         return write_whole(path, self.html(path.stem).translate(_CONTROL))
 
     def write_pdf(self, path: str | os.PathLike[str]) -> Path:
@@ -227,64 +251,12 @@ class Page:
             PdfPages(temporary, metadata={"Title": self.title, "CreationDate": None}) as pdf,
         ):
             for section in self.sections:
-                for figure, caption in section.figures.values():
+                for picture in section.figures.values():
+                    figure = picture.figure
                     width = figure.get_size_inches()[0]
-                    text = textwrap.fill(f"{section.heading}. {caption}", int(17 * width))
+                    text = textwrap.fill(f"{section.heading}. {picture.caption}", int(17 * width))
                     note = figure.text(0.0, -0.02, text, va="top", ha="left", fontsize=8)
                     note.set_in_layout(True)
                     pdf.savefig(literal(figure), bbox_inches="tight", pad_inches=0.4)
                     note.remove()
         return path
-
-
-def _write_pdfs(figures: Mapping[str, Figure], folder: Path) -> None:
-    """Every figure as NAME.pdf. They are drawn as pages of one file, since picking the letters out of a font costs more
-    than drawing a figure, and is so done once; each page then becomes a file of its own."""
-    whole = io.BytesIO()
-    with mpl.rc_context(RC), PdfPages(whole, metadata={"CreationDate": None}) as pdf:
-        for figure in figures.values():
-            pdf.savefig(settle(figure))
-    if not figures:
-        return
-    for name, page in zip(figures, PdfReader(whole).pages):
-        one, content = PdfWriter(), io.BytesIO()
-        one.add_page(page)
-        one.write(content)
-        write_whole(folder / f"{name}.pdf", content.getvalue())
-
-
-def _svg(figure: Figure, name: str, alt: str) -> Markup:
-    """The figure as an <svg> element whose ids cannot clash with another figure's, coordinates to 0.01 pt."""
-    buffer = io.StringIO()
-    with mpl.rc_context({**RC, "svg.hashsalt": name}):
-        literal(figure).savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
-    text = re.sub(r"<!--.*?-->", "", text, flags=re.S)
-    text = re.sub(r'\bid="', f'id="{name}-', text)
-    text = re.sub(r'href="#', f'href="#{name}-', text)
-    text = re.sub(r"url\(#", f"url(#{name}-", text)
-    text = re.sub(r'(?<= d=")[^"]+', lambda m: _short(m.group(0)), text)
-    text = re.sub(r"(?<=<use )[^>]+", lambda m: _short(m.group(0)), text)
-    head = re.match(r"<svg[^>]*>", text)
-    assert head is not None
-    box = re.search(r'viewBox="[^"]+"', head.group(0))
-    assert box is not None
-    start = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box.group(0)} '
-        f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(alt)}</title>'
-    )
-    return Markup(start + re.sub(r"\n\s*", "\n", text[head.end() :]))
-
-
-def _short(text: str) -> str:
-    return re.sub(r"-?\d+\.\d{3,}", lambda m: f"{float(m.group(0)):.2f}", re.sub(r"\s*\n\s*", " ", text))
-
-
-def _png(figure: Figure, alt: str, dpi: int) -> Markup:
-    buffer = io.BytesIO()
-    with mpl.rc_context(RC):
-        literal(figure).savefig(buffer, format="png", dpi=dpi)
-    data = base64.b64encode(buffer.getvalue()).decode()
-    return Markup(f'<img alt="{escape(alt)}" src="data:image/png;base64,{data}">')

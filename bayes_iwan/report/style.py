@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import matplotlib as mpl
 import numpy as np
@@ -20,8 +20,10 @@ from matplotlib.typing import LineStyleType
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import replacing
+
+if TYPE_CHECKING:
+    from bayes_iwan.campaign.units import Units
 
 #: Okabe & Ito's palette; never the only sign: lines differ in dash and markers in shape too
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
@@ -152,12 +154,21 @@ def literal(figure: Figure) -> Figure:
 
 
 def settle(figure: Figure) -> Figure:
-    """The figure laid out once and for all: each file it is written to would else lay it out again, half the work."""
+    """The figure laid out once and for all: each file it is written to would else lay it out again, and look anew for
+    the place of every label beside its ticks and of every title above them."""
+    engine = literal(figure).get_layout_engine()
+    if engine is None:
+        return figure
     with mpl.rc_context(RC):
-        engine = literal(figure).get_layout_engine()
-        if engine is not None:
-            engine.execute(figure)
-            figure.set_layout_engine("none")
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+        for axes in figure.axes:
+            axes.get_tightbbox(bbox_extra_artists=[])  # puts labels and titles where they belong
+        for axes in figure.axes:
+            axes._autotitlepos = False  # type: ignore[attr-defined]  # no public way keeps the titles' own letters
+            for axis in (axes.xaxis, axes.yaxis):  # in shares of the axes, which hold for every resolution
+                place = axis.label.get_transform().transform(axis.label.get_position())
+                axis.set_label_coords(*axes.transAxes.inverted().transform(place))
     return figure
 
 

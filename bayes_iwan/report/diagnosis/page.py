@@ -40,6 +40,7 @@ def write_diagnosis_page(
         "Every number here is in diagnosis.json.",
         units,
         made,
+        aside=True,
     )
     diagnosis_answer(page.section("Answer"), d, figures)
     _where(page.section("Where the model misses"), d, figures)

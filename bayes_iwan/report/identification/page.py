@@ -54,6 +54,8 @@ def identification_report(
         _footer(posterior),
         posterior.problem.units,
         provenance(posterior.campaign, posterior.seed),
+        aside=True,
+        busy=60,
     )
     identification_answer(page.section("Answer"), posterior, tests)
     determined(page.section("What the loops determine"), posterior)

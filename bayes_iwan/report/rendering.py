@@ -1,0 +1,281 @@
+"""A page's figures as SVG, PNG and PDF: drawn here, or shared with a second process while the next ones are made.
+
+Drawing is pure Python and takes longer than all else that a page is made of; a second core halves it. Which process
+draws which figure depends on the figures alone, never on who is faster, so the files are the same in every run. Where
+the second process cannot be had or is lost, this one draws all of them.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import warnings
+import weakref
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from multiprocessing.reduction import ForkingPickler
+from queue import SimpleQueue
+from typing import IO, Any
+
+import matplotlib as mpl
+from markupsafe import Markup, escape
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from pypdf import PdfReader, PdfWriter
+
+from bayes_iwan.report.style import RC, settle
+
+#: of PNG: a little larger than the smallest files, in a third of the time
+_PNG: dict[str, Any] = {"format": "png", "dpi": 150, "pil_kwargs": {"compress_level": 3}}
+#: the second process: deaf to Ctrl-C from its first line on, it ends when its input does
+_SERVE = (
+    "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); from bayes_iwan.report.rendering import serve; "
+    "serve()"
+)
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a figure is to become: an <svg> whose ids begin with `name`, or (raster) a picture as its PNG file is;
+    and files of some kinds, "png" and "pdf". alt : what a reader would see in it."""
+
+    name: str
+    alt: str
+    raster: bool
+    files: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A figure as a page holds it, and its PNG file's content (empty where it was not asked for)."""
+
+    svg: Markup
+    png: bytes
+
+
+@dataclass
+class Batch:
+    """Figures that one process draws. Their PDFs are pages of one file until the end, since picking the letters out of
+    a font costs more than drawing a figure, and is so done once."""
+
+    _whole: io.BytesIO = field(default_factory=io.BytesIO)
+    _pages: PdfPages | None = None
+    _names: list[str] = field(default_factory=list)
+
+    def draw(self, order: Order, figure: Figure) -> Rendered:
+        settle(figure)
+        with mpl.rc_context(RC):
+            png = b""
+            if order.raster or "png" in order.files:
+                content = io.BytesIO()
+                figure.savefig(content, **_PNG)
+                png = content.getvalue()
+            if "pdf" in order.files:
+                self._pages = self._pages or PdfPages(self._whole, metadata={"CreationDate": None})
+                self._pages.savefig(figure)
+                self._names.append(order.name)
+        return Rendered(Markup() if order.raster else svg(figure, order.name, order.alt), png)
+
+    def pdfs(self) -> dict[str, bytes]:
+        """The PDF file of every figure that was to have one, by the order's name. Nothing can be drawn afterwards."""
+        if self._pages is None:
+            return {}
+        with mpl.rc_context(RC):
+            self._pages.close()
+        out = {}
+        for name, page in zip(self._names, PdfReader(self._whole).pages):
+            one, content = PdfWriter(), io.BytesIO()
+            one.add_page(page)
+            one.write(content)
+            out[name] = content.getvalue()
+        return out
+
+
+class Renderer:
+    """The figures of one page, drawn as they are ordered.
+
+    aside : share them with a second process. busy : what this process has to do besides, in panels drawn: so many more
+    than its own the other one takes.
+    """
+
+    def __init__(self, aside: bool = False, busy: int = 0) -> None:
+        self._aside = _Aside() if aside else None
+        self._load = {True: 0, False: busy}
+        self._here = Batch()
+        self._ordered: dict[Order, Figure] = {}
+        self._drawn: dict[Order, Rendered | Future[Any]] = {}
+        self._pdfs: dict[str, bytes] | None = None
+        if self._aside is not None:
+            weakref.finalize(self, self._aside.end)  # of a page that was never written
+
+    def order(self, order: Order, figure: Figure) -> None:
+        self._ordered[order] = figure
+        there = self._aside is not None and self._load[True] <= self._load[False]
+        self._load[there] += len(figure.axes)
+        if self._aside is not None and there:
+            self._drawn[order] = self._aside.ask(order, figure)
+        else:
+            self._drawn[order] = self._here.draw(order, figure)
+
+    def rendered(self, order: Order) -> Rendered:
+        """What has become of a figure; waits for it."""
+        found = self._drawn[order]
+        if isinstance(found, Rendered):
+            return found
+        try:
+            self._drawn[order] = found = found.result()
+            return found
+        except _LostError:
+            self._alone()
+            return self.rendered(order)
+
+    def pdfs(self) -> dict[str, bytes]:
+        """The PDF files by the orders' names; no figure can be ordered afterwards."""
+        if self._pdfs is None:
+            there = None if self._aside is None else self._aside.ask()
+            mine = self._here.pdfs()
+            try:
+                self._pdfs = mine | ({} if there is None else there.result())
+            except _LostError:
+                self._alone()
+                self._pdfs = self._here.pdfs()
+            if self._aside is not None:
+                self._aside.end()
+        return self._pdfs
+
+    def _alone(self) -> None:
+        """Everything anew in this process."""
+        self._aside, self._here = None, Batch()
+        self._drawn = {order: self._here.draw(order, figure) for order, figure in self._ordered.items()}
+
+
+# ---- the second process
+
+
+class _LostError(Exception):
+    """The second process did not answer."""
+
+
+class _Aside:
+    """A Python process of its own that draws; not one of `multiprocessing`, which would run a script without
+    `if __name__ == "__main__":` a second time."""
+
+    def __init__(self) -> None:
+        self._asked: SimpleQueue[tuple[bytes, Future[Any]] | None] = SimpleQueue()
+        threading.Thread(target=self._talk, daemon=True, name="figures").start()
+        settings = dict(mpl.rcParams.copy())
+        del settings["backend"]  # of windows, which are none of its business
+        self.ask(settings)
+
+    def ask(self, *message: Any) -> Future[Any]:
+        """The answer to come. What is asked is read here and now: the caller may go on to change it."""
+        answer: Future[Any] = Future()
+        try:
+            content = bytes(ForkingPickler.dumps(message))
+        except Exception as error:  # whatever a figure may hold that cannot travel
+            answer.set_exception(_LostError(str(error)))
+        else:
+            self._asked.put((content, answer))
+        return answer
+
+    def end(self) -> None:
+        self._asked.put(None)
+
+    def _talk(self) -> None:
+        process: subprocess.Popen[bytes] | None = None
+        lost: Exception | None = None
+        while (asked := self._asked.get()) is not None:
+            content, answer = asked
+            try:
+                if lost is not None:
+                    raise lost
+                process = process or _start()
+                assert process.stdin is not None and process.stdout is not None
+                _send(process.stdin, content)
+                answer.set_result(_receive(process.stdout))
+            except Exception as error:
+                lost = error
+                answer.set_exception(_LostError(str(error)))
+        if process is not None:
+            process.communicate()
+
+
+def _start() -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-c", _SERVE],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+    )
+
+
+def serve() -> None:
+    """The second process's work: settings first, then orders with their figures, then () for the PDFs."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answers, sys.stdout = sys.stdout.buffer, sys.stderr
+    batch = Batch()
+    try:
+        while True:
+            match _receive(sys.stdin.buffer):
+                case (settings,):
+                    with warnings.catch_warnings(action="ignore"):  # the caller has heard them
+                        mpl.rcParams.update(settings)
+                    answer: Any = None
+                case (order, figure):
+                    answer = batch.draw(order, figure)
+                case _:
+                    answer = batch.pdfs()
+            _send(answers, bytes(ForkingPickler.dumps(answer)))
+    except (EOFError, BrokenPipeError):  # whoever asked has gone
+        os._exit(0)
+
+
+def _send(pipe: IO[bytes], content: bytes) -> None:
+    pipe.write(len(content).to_bytes(8, "little") + content)
+    pipe.flush()
+
+
+def _receive(pipe: IO[bytes]) -> Any:
+    head = pipe.read(8)
+    content = pipe.read(int.from_bytes(head, "little")) if len(head) == 8 else b""
+    if not content:
+        raise EOFError("the other process has ended")
+    return ForkingPickler.loads(content)
+
+
+# ---- SVG
+
+
+def svg(figure: Figure, name: str, alt: str) -> Markup:
+    """The figure as an <svg> element whose ids cannot clash with another figure's, coordinates to 0.01 pt."""
+    buffer = io.StringIO()
+    with mpl.rc_context({**RC, "svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.S)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'href="#', f'href="#{name}-', text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    text = re.sub(r'(?<= d=")[^"]+', lambda m: _short(m.group(0)), text)
+    text = re.sub(r"(?<=<use )[^>]+", lambda m: _short(m.group(0)), text)
+    head = re.match(r"<svg[^>]*>", text)
+    assert head is not None
+    box = re.search(r'viewBox="[^"]+"', head.group(0))
+    assert box is not None
+    start = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box.group(0)} '
+        f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(alt)}</title>'
+    )
+    return Markup(start + re.sub(r"\n\s*", "\n", text[head.end() :]))
+
+
+def _short(text: str) -> str:
+    return re.sub(r"-?\d+\.\d{3,}", lambda m: f"{float(m.group(0)):.2f}", re.sub(r"\s*\n\s*", " ", text))

@@ -1,0 +1,99 @@
+"""Figures drawn by a second process are those that this one draws, and a process that is lost loses none."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+
+import matplotlib as mpl
+import pytest
+from matplotlib.ticker import FuncFormatter
+from PIL import Image
+from pypdf import PdfReader
+
+from bayes_iwan.report import rendering
+from bayes_iwan.report.page import Page
+from bayes_iwan.report.rendering import Order, Renderer
+from bayes_iwan.report.style import subplots
+
+FILES = ("png", "pdf")
+
+
+def figures():
+    for i in range(3):
+        figure, axes = subplots(1, 2, 4, 2)
+        axes[0, 0].plot([0, 1, 2], [0, i, 1], label=f"line {i}")
+        axes[0, 0].set_xlabel(f"displacement {i} (mm)")
+        axes[0, 1].set_title("α", loc="left")
+        axes[0, 0].legend()
+        yield Order(f"figure-{i}", f"picture {i}", i == 1, FILES), figure
+
+
+def drawn(renderer, pairs):
+    orders = []
+    for order, figure in pairs:
+        renderer.order(order, figure)
+        orders.append(order)
+    return [renderer.rendered(o) for o in orders], renderer.pdfs()
+
+
+def same(one, other):
+    (pictures, pdfs), (again, pdfs_again) = one, other
+    assert pictures == again
+    assert set(pdfs) == set(pdfs_again) == {f"figure-{i}" for i in range(len(pictures))}
+    for name in pdfs:
+        a, b = (PdfReader(io.BytesIO(x[name])).pages[0] for x in (pdfs, pdfs_again))
+        assert a.get_contents().get_data() == b.get_contents().get_data() and "mm" in a.extract_text()
+
+
+@pytest.mark.parametrize("busy", [0, 100])  # shared, and all in the second process
+def test_a_second_process_draws_the_same(busy):
+    with mpl.rc_context({"lines.solid_capstyle": "round"}):  # the caller's settings are the second process's too
+        there = Renderer(aside=True, busy=busy)
+        same(drawn(there, figures()), drawn(Renderer(), figures()))
+    assert there._aside is not None  # it did not fall back on this one
+
+
+def test_the_same_files_in_every_run():
+    one, other = (drawn(Renderer(aside=True), figures()) for _ in range(2))
+    assert one == other
+
+
+@pytest.mark.parametrize(
+    "code", ["", "import sys; sys.stdin.buffer.read(9000); raise SystemExit(1)", "print('x' * 99)"]
+)
+def test_a_process_that_dies_loses_no_figure(code, monkeypatch):
+    def start():
+        return subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+    monkeypatch.setattr(rendering, "_start", start)
+    same(drawn(Renderer(aside=True), figures()), drawn(Renderer(), figures()))
+
+
+def test_no_second_python_no_loss(monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    same(drawn(Renderer(aside=True), figures()), drawn(Renderer(), figures()))
+
+
+def test_a_figure_that_cannot_travel_is_drawn_here():
+    def pairs():
+        for order, figure in figures():
+            figure.axes[0].xaxis.set_major_formatter(FuncFormatter(lambda x, at: f"{x:g} mm"))
+            yield order, figure
+
+    same(drawn(Renderer(aside=True), pairs()), drawn(Renderer(), pairs()))
+
+
+def test_a_page_s_files_come_from_both_processes(tmp_path, figure_files):
+    page = Page("both", aside=True)
+    page.renderer = Renderer(aside=True)
+    section = page.section("one")
+    for order, figure in figures():
+        section.figure(figure, "c", "a", png=order.raster, name=order.name)
+    text = page.write(tmp_path / "page.html").read_text()
+    assert text.count("<svg") == 2 and text.count("data:image/png") == 1 and "displacement 2 (mm)" in text
+    for i in range(3):
+        with Image.open(tmp_path / "figures" / f"page_figure-{i}.png") as picture:
+            assert picture.size == (600, 300)
+        assert (tmp_path / "figures" / f"page_figure-{i}.pdf").read_bytes().startswith(b"%PDF")
