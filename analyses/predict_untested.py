@@ -1,10 +1,11 @@
 """Predict tests that were not fitted, and see whether the intervals hold what was then measured.
 
     python analyses/predict_untested.py CAMPAIGN --out predict.png
-    python analyses/predict_untested.py --rig 10 --seed 17 --by frequency
+    python analyses/predict_untested.py --rig 10 --seed 17 --by frequency [--laplace]
 
 Each frequency, and each amplitude, is held out in turn (where others remain); the rest is identified by a short run
-and predicts it. Shown: the residual of every held-out loop within its 50 and 90 % bands, and the coverage.
+and predicts it. Shown: the residual of every held-out loop within its 50 and 90 % bands, and the coverage. --laplace: frequencies of
+the rig's specimens without sampling, as the identification page has them, a second or two for each specimen.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ import numpy as np
 
 import bayes_iwan as bi
 from bayes_iwan.comparison.families import SHORT
+from bayes_iwan.inference.results.left_out import HELD, left_out_frequencies, left_out_said
 from bayes_iwan.inference.setup.quantities import loop_quantities
+from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import predict
 from bayes_iwan.report.style import BLACK, band, save, styled, subplots
@@ -99,24 +102,39 @@ def table(predicted):
         )
 
 
-def on_the_rig(count, seed, what):
+def on_the_rig(count, seed, what, laplace):
     """Sound specimens of the virtual rig: each held-out group, and over all of them the means."""
     from coverage_rig import simulated
 
-    print(HEADER)
-    every = {}
+    if not laplace:
+        print(HEADER)
+    every = []
     for index in range(count):
         loops = simulated(seed, index)["loops"]
+        if laplace:
+            left = without_sampling(loops, index)
+            print(f"{index}: {left_out_said(left)}", flush=True)
+            every += [(x.points_50, x.points_90, x.quantities_90) for x in left]
+            continue
         for name, files in folds(loops, what).items():
-            every[f"{index}: {name}"] = held_out(loops, files, index)
-            table({f"{index}: {name}": every[f"{index}: {name}"]})
-    for level in (0.5, 0.9):
-        found = [coverage(p, level) for p in every.values()]
-        points, others = (np.mean([getattr(f, x) for f in found]) for x in ("points", "parameter_values"))
-        print(
-            f"{count} specimens, {len(every)} groups left out: {100 * level:g} % bands hold {100 * points:.0f} % of "
-            f"points, {100 * others:.0f} % of energies and stiffnesses"
-        )
+            p = held_out(loops, files, index)
+            table({f"{index}: {name}": p})
+            half, most = coverage(p, 0.5), coverage(p, 0.9)
+            every.append((half.points, most.points, most.parameter_values))
+    half, most, others = 100 * np.mean(every, axis=0)
+    print(
+        f"{count} specimens, {len(every)} groups left out: 50 % bands hold {half:.0f} % of points, 90 % bands "
+        f"{most:.0f} %, and {others:.0f} % of energies and stiffnesses; {sum(x[1] < HELD for x in every)} groups are "
+        f"held by less than {100 * HELD:.0f} %"
+    )
+
+
+def without_sampling(loops, seed, starts=12):
+    """Each frequency of the loops left out, about optima that least squares finds from draws of the prior."""
+    problem = bi.make_problem(loops)
+    first = problem.prior.draw(np.random.default_rng([seed, 3]), 40 * starts)
+    optima, _, _ = most_probable(problem, first[np.argsort(problem.goal(first))[:starts]])
+    return left_out_frequencies(problem, optima)
 
 
 if __name__ == "__main__":
@@ -126,10 +144,11 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", default="predict.png")
     parser.add_argument("--rig", type=int, metavar="N", help="N sound specimens of the virtual rig, not a campaign")
+    parser.add_argument("--laplace", action="store_true", help="with --rig: frequencies, without sampling")
     args = parser.parse_args()
     what = {"frequency": ("frequency_hz",), "amplitude": ("amplitude_mm",), "both": ("frequency_hz", "amplitude_mm")}
     if args.rig:
-        on_the_rig(args.rig, args.seed, what[args.by])
+        on_the_rig(args.rig, args.seed, what[args.by], args.laplace)
     else:
         if args.campaign is None:
             parser.error("name a campaign, or give --rig N")

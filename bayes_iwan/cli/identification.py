@@ -40,6 +40,7 @@ def run_identify(args: argparse.Namespace) -> int:
     import warnings
 
     from bayes_iwan import Model, NotConverged, identify
+    from bayes_iwan.inference.results.left_out import left_out_said
 
     warnings.simplefilter("ignore", NotConverged)  # said below
 
@@ -64,6 +65,8 @@ def run_identify(args: argparse.Namespace) -> int:
             say(f"{units.name(row.name):20s} {row.value:.4g}  ({row.low_90:.4g} to {row.high_90:.4g}) {row.unit}")
     misfit = posterior.misfit()
     say(f"{'misfit':20s} {misfit.rms_N:.3g} {units.force} RMS, {100 * misfit.share:.2g} % of the friction force")
+    if posterior.left_out and all(x.holds for x in posterior.left_out):
+        say(left_out_said(posterior.left_out))
     for text in posterior.warnings():
         say(text)
     say(posterior.message)

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference.identify import by_frequency, identify_problem
+from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import ResultsError, load
+from bayes_iwan.inference.setup.frequencies import by_frequency
 from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.setup.parameters import Z_LIMIT
 from bayes_iwan.inference.setup.problem import Problem, make_problem

@@ -24,6 +24,7 @@ from bayes_iwan.inference.results import run_files
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.rows import ConvergenceRow
 from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
+from bayes_iwan.inference.setup.frequencies import by_frequency
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
@@ -34,8 +35,6 @@ from bayes_iwan.physics.parameter import Z_LIMIT
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.sampling.ensembles import Chains, Stop
 
-#: tests whose frequencies differ by less than this are of one frequency
-SAME_FREQUENCY = 0.02
 #: `quick`: the search unless the configuration has its own, and the draws of the normal distribution
 QUICK_SEARCH = SearchSettings(members=100, evaluations=4000, second_opinion=False, starts=8)
 QUICK_DRAWS = 2000
@@ -166,17 +165,6 @@ def _one_frequency(shared: _Alone, piece: tuple[str, tuple[Loop, ...]]) -> None:
     run_files.write(part, folder)
     if part.interrupted:  # or the next frequency would start in the face of Ctrl-C
         raise KeyboardInterrupt
-
-
-def by_frequency(loops: Sequence[Loop]) -> dict[str, tuple[Loop, ...]]:
-    """Fitted loops grouped by frequency, by names such as f10Hz, lowest first."""
-    groups: list[list[Loop]] = []
-    for loop in sorted((x for x in loops if x.role != "held-out"), key=lambda x: x.frequency_hz):
-        if groups and abs(loop.frequency_hz / groups[-1][0].frequency_hz - 1.0) < SAME_FREQUENCY:
-            groups[-1].append(loop)
-        else:
-            groups.append([loop])
-    return {f"f{group[0].frequency_hz:.4g}Hz": tuple(group) for group in groups}
 
 
 def identify_problem(

@@ -15,6 +15,7 @@ import numpy as np
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.drawing import draw
+from bayes_iwan.inference.results.left_out import LeftOut, left_out_frequencies
 from bayes_iwan.inference.results.predictions import Misfit, Prediction, misfit_of, replicated
 from bayes_iwan.inference.results.remarks import remarks
 from bayes_iwan.inference.results.rows import ConvergenceRow, SummaryRow
@@ -175,6 +176,11 @@ class Posterior:
     def widenings(self) -> dict[str, Widening]:
         """What adds to the posterior's interval of each quantity: a bent form, between-test variance, reach."""
         return widenings(self.problem, self.point.z, self.loops)
+
+    @cached_property
+    def left_out(self) -> tuple[LeftOut, ...]:
+        """Each frequency of the fitted tests predicted from all others, and what the bands hold; none for one only."""
+        return left_out_frequencies(self.problem, self.point.optima)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """The interval that is reported of a quantity: with a bent form, between-test variance and reach.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.problem import Problem
@@ -86,3 +87,15 @@ def replicated(
     scale = np.sqrt((1.0 + 1.0 / tests) * np.sum(seen**2) / rng.chisquare(tests - 1, len(loop)))
     mean = middle + scale[:, None] * allowed * rng.standard_normal((len(loop), tests))
     return loop + (mean - loop.mean(axis=-1))[..., None]
+
+
+def resolved(noise_N: Array, loops: Sequence[Loop]) -> Array:
+    """Noise without its mean and without harmonics that the sampling cannot resolve: the loop shown has neither."""
+    c = np.fft.rfft(noise_N, axis=-1)
+    for t, loop in enumerate(loops):
+        kept = np.zeros(c.shape[-1])
+        count = min(len(kept), len(loop.noise_N))
+        kept[:count] = np.isfinite(loop.noise_N[:count])
+        kept[0] = 0.0
+        c[:, t] *= kept
+    return np.fft.irfft(c, n=noise_N.shape[-1], axis=-1)

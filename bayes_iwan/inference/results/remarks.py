@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_iwan.inference.results.left_out import left_out_said
+
 if TYPE_CHECKING:
     from bayes_iwan.inference.results.posterior import Posterior
 
@@ -22,8 +24,8 @@ NEAR_THE_BOUND = 0.02
 
 
 def remarks(posterior: Posterior) -> tuple[str, ...]:
-    """One sentence each: not sampled or not converged, searches that disagree, a bent form, a large misfit, a parameter
-    at the end of its prior."""
+    """One sentence each: not sampled or not converged, searches that disagree, a bent form, a large misfit, bands
+    that do not hold a frequency that is left out, a parameter at the end of its prior."""
     out = []
     if posterior.quick:
         out.append("Quick: Laplace's approximation about the most probable point, not sampled; a first result only.")
@@ -44,6 +46,8 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
             f"The model misses the friction force by {100 * misfit.share:.2g} %: the intervals hold for a model "
             "that fits, so diagnose the campaign, and check priors and fixed values."
         )
+    if not all(x.holds for x in posterior.left_out):
+        out.append(left_out_said(posterior.left_out))
     z, prior = posterior.flat_z(4000), posterior.problem.prior
     values, noise = prior.values(z), {p.name for p in posterior.problem.likelihood.parameters}
     for p, score in zip(prior.free, np.median(z, axis=0)):

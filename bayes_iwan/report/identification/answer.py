@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup, escape
 
+from bayes_iwan.inference.results.left_out import left_out_said
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.remarks import LARGE_MISFIT
 from bayes_iwan.inference.solving.bent import may_bend
@@ -75,6 +76,8 @@ def identification_answer(section: Section, posterior: Posterior, loops: Sequenc
             "says whether that has a cause.",
             "good",
         )
+    if posterior.left_out and all(x.holds for x in posterior.left_out):
+        section.note(left_out_said(posterior.left_out), "good")
     section.heading_below("What is not known")
     items = Markup("").join(Markup("<li>{}</li>").format(section.units.said(x)) for x in _open(posterior))
     section.html(Markup("<ul>{}</ul>").format(items))

@@ -44,8 +44,11 @@ def identification_report(
     convergence, tests = tables.convergence_rows(posterior), compared_loops(posterior, p)
     parameters, quantities = tables.parameters_table(posterior), tables.quantities_table(posterior)
     of_tests, of_chains = tables.loops_table(tests), tables.convergence_table(convergence)
+    of_left_out = tables.left_out_table(posterior.left_out)
     tables.write_tables(
-        [parameters, tables.paper_table(posterior), quantities, of_tests, of_chains], posterior, out / "tables"
+        [parameters, tables.paper_table(posterior), quantities, of_tests, of_chains, of_left_out],
+        posterior,
+        out / "tables",
     )
     what = "Quick identification" if posterior.quick else "Identification"
     page = Page(
@@ -287,6 +290,16 @@ def _checks(section: Section, posterior: Posterior, p: Predictive, tests: Sequen
         "Histogram of LOO-PIT values and their distribution function less the uniform one.",
         name="loo_pit",
     )
+    if posterior.left_out:
+        section.table(
+            ("left out", "points in 50 % bands", "points in 90 % bands", "energies and stiffnesses in 90 % bands"),
+            [
+                (f"{x.frequency_hz:.3g} Hz", *(f"{100 * y:.0f} %" for y in (x.points_50, x.points_90, x.quantities_90)))
+                for x in posterior.left_out
+            ],
+            "Each frequency predicted from the tests of all others, which know nothing of it: what the bands hold of "
+            "its loops (normal approximation about the others' most probable point)",
+        )
 
 
 def _sampling(

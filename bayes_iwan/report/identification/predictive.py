@@ -10,6 +10,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.predictions import resolved
 from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.solving.intervals import between_draws
 from bayes_iwan.inference.solving.jackknife import left_out_optima
@@ -61,7 +62,7 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
         force += between_draws(without, len(force), rng)
     force += median.mean(axis=-1, keepdims=True) - force.mean(axis=-1, keepdims=True)
     likelihood = make_likelihood(problem.likelihood.name, chosen, problem.scales)
-    loop = force + _resolved(likelihood.replicate(force, parameter_values, rng) - force, chosen)
+    loop = force + resolved(likelihood.replicate(force, parameter_values, rng) - force, chosen)
     scatter = np.stack([x.force_scatter_N for x in chosen])
     u = np.stack([x.displacement_mm for x in chosen])
     slope = problem.model.spring_N_mm(parameter_values)
@@ -82,18 +83,6 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
         spring,
         zero,
     )
-
-
-def _resolved(noise_N: Array, loops: Sequence[Loop]) -> Array:
-    """Noise without its mean and without harmonics that the sampling cannot resolve: the loop shown has neither."""
-    c = np.fft.rfft(noise_N, axis=-1)
-    for t, loop in enumerate(loops):
-        kept = np.zeros(c.shape[-1])
-        count = min(len(kept), len(loop.noise_N))
-        kept[:count] = np.isfinite(loop.noise_N[:count])
-        kept[0] = 0.0
-        c[:, t] *= kept
-    return np.fft.irfft(c, n=noise_N.shape[-1], axis=-1)
 
 
 def measured_cycles(loop: Loop, most: int = 40) -> list[tuple[Array, Array]]:

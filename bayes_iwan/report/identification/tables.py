@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
+from bayes_iwan.inference.results.left_out import LeftOut
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.rows import ConvergenceRow
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
@@ -121,6 +122,12 @@ def convergence_rows(posterior: Posterior) -> tuple[ConvergenceRow, ...]:
 def convergence_table(convergence: Sequence[ConvergenceRow]) -> Table:
     rows = tuple((r.name, r.r_hat, r.ess_bulk, r.ess_tail, float(r.tau)) for r in convergence)
     return Table("convergence", "Convergence", ("name", "r_hat", "ess_bulk", "ess_tail", "tau_steps"), rows)
+
+
+def left_out_table(left_out: Sequence[LeftOut]) -> Table:
+    rows = tuple((x.frequency_hz, "; ".join(x.tests), x.points_50, x.points_90, x.quantities_90) for x in left_out)
+    columns = ("frequency_hz", "tests", "points_in_50", "points_in_90", "energies_and_stiffnesses_in_90")
+    return Table("left_out", "What bands hold of each frequency that is left out of the fit", columns, rows)
 
 
 _TEX_SYMBOL: Mapping[str, str] = {

@@ -1,0 +1,53 @@
+"""Frequencies left out and predicted: bands hold where the model is right, and it is said where they do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import read_campaign
+from bayes_iwan.inference.results.left_out import LeftOut, left_out_frequencies, left_out_said
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.solving.point import most_probable
+
+SETTINGS = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+
+
+@pytest.fixture(scope="module")
+def loops(made_up_campaign):
+    """Four tests of one specimen, two at each of two frequencies: the model is one without rate effects."""
+    two = read_campaign(made_up_campaign).loops(n_phase=64, n_harmonics=24)
+    higher = [replace(x, file=f"again_{x.file}", frequency_hz=20.0) for x in two]
+    rng = np.random.default_rng(3)
+    noise = [0.002 * rng.standard_normal(x.force_N.size) for x in higher]
+    return [*two, *(replace(x, force_N=x.force_N + e) for x, e in zip(higher, noise))]
+
+
+def optima_of(problem):
+    first = problem.prior.draw(np.random.default_rng(1), 200)
+    return most_probable(problem, first[np.argsort(problem.goal(first))[:6]])[0]
+
+
+def test_a_right_model_holds_a_frequency_left_out(loops):
+    problem = make_problem(loops, SETTINGS)
+    found = left_out_frequencies(problem, optima_of(problem))
+    assert [x.frequency_hz for x in found] == pytest.approx([10.0, 20.0])
+    assert all(x.points_90 > 0.8 and x.points_50 < x.points_90 for x in found)
+    assert "do not trust" not in left_out_said(found)
+
+
+def test_a_frequency_of_another_force_is_not_held_and_is_named(loops):
+    """At 20 Hz a third more force: what 10 Hz says of it is wrong, and the other way round."""
+    wrong = [replace(x, force_N=1.3 * x.force_N) if x.frequency_hz > 15.0 else x for x in loops]
+    problem = make_problem(wrong, SETTINGS)
+    found = left_out_frequencies(problem, optima_of(problem))
+    assert max(x.points_90 for x in found) < 0.5
+    assert "at 20 Hz only" in left_out_said(found) and "do not trust predictions there" in left_out_said(found)
+
+
+def test_one_frequency_alone_says_nothing(loops):
+    problem = make_problem(loops[:2], SETTINGS)
+    assert left_out_frequencies(problem, np.zeros((1, problem.ndim))) == ()
+    assert left_out_said(()) == ""
+    said = left_out_said((LeftOut(10.0, ("a",), 0.5, 0.92, 1.0), LeftOut(30.0, ("b",), 0.2, 0.36, 0.5)))
+    assert "hold 64 % of its points in the mean, at 30 Hz only 36 %: do not trust" in said
