@@ -4,8 +4,8 @@
     python analyses/predict_untested.py --rig 10 --seed 17 --by frequency [--laplace]
 
 Each frequency, and each amplitude, is held out in turn (where others remain); the rest is identified by a short run
-and predicts it. Shown: the residual of every held-out loop within its 50 and 90 % bands, and the coverage. --laplace: frequencies of
-the rig's specimens without sampling, as the identification page has them, a second or two for each specimen.
+and predicts it. Shown: the residual of every held-out loop within its 50 and 90 % bands, and the coverage. --laplace:
+frequencies of the rig's specimens without sampling, as the identification page has them, a second or two a specimen.
 """
 
 from __future__ import annotations
