@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.folder import read_checked
-from bayes_iwan.campaign.inspect import Inspection, inspect_campaign, inspect_loop
-from bayes_iwan.comparison.families import Comparison, compare_families
 from bayes_iwan.drawing import draw
 from bayes_iwan.files import clear, owned
-from bayes_iwan.gap.diagnosis import Diagnosis, diagnose_folder, diagnose_loops
 from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
@@ -25,6 +23,11 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import Simulator
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
+
+if TYPE_CHECKING:  # each function imports the rooms that it needs itself: together they take a second
+    from bayes_iwan.campaign.inspect import Inspection
+    from bayes_iwan.comparison.families import Comparison
+    from bayes_iwan.gap.diagnosis import Diagnosis
 
 PathLike = str | os.PathLike[str]
 
@@ -104,6 +107,8 @@ def check(campaign: Campaign | PathLike) -> Check:
     >>> [loop.role for loop in bi.check(folder).loops]
     ['fit', 'fit']
     """
+    from bayes_iwan.campaign.inspect import inspect_campaign, inspect_loop
+
     if isinstance(campaign, Campaign):
         return Check(campaign, inspect_campaign(campaign))
     found, loops = read_checked(campaign)
@@ -289,6 +294,8 @@ def diagnose(
             simulator_file=simulator,
             executor=executor,
         )
+    from bayes_iwan.gap.diagnosis import diagnose_folder, diagnose_loops
+
     if not isinstance(campaign, Campaign) and not isinstance(simulator, Simulator):
         found = diagnose_folder(
             Path(campaign),
@@ -379,6 +386,8 @@ def compare(
     >>> [row.name for row in ranked.rows()], ranked.rows()[0].difference
     (['gamma1', 'uniform'], 0.0)
     """
+    from bayes_iwan.comparison.families import compare_families
+
     chosen = partial(
         compare_families, campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress
     )

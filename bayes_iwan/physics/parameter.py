@@ -97,36 +97,42 @@ class Parameter:
         return float(self.prior.cdf(self.lower)), float(self.prior.sf(self.upper))
 
     @cached_property
-    def _support(self) -> tuple[float, float]:
-        return self.prior.support()
+    def _form(self) -> tuple[str, tuple[float, ...]]:
+        """Name and constants of the prior's closed form, ("", ()) where it has none: scipy's own costs ten times as
+        much, and a fit asks for values more often than for anything else."""
+        name, args, kwargs = self.prior.dist.name, self.prior.args, dict(self.prior.kwds)
+        if name in ("norm", "lognorm"):
+            given = dict(zip(("loc", "scale") if name == "norm" else ("s", "loc", "scale"), args)) | kwargs
+            parts = given.get("loc", 0.0), given.get("scale", 1.0)
+            return name, parts if name == "norm" else (*parts, given["s"])
+        if name == "uniform":
+            return name, self.prior.support()
+        if name == "t" and not args and kwargs.get("df") == 2:
+            return name, (kwargs.get("loc", 0.0), kwargs.get("scale", 1.0))
+        if name == "beta" and not kwargs and len(args) == 2 and args[0] == 1:
+            return name, (args[1],)
+        return "", ()
 
     def value(self, z: Array) -> Array:
         """x(z), elementwise."""
-        z = np.clip(z, -Z_LIMIT, Z_LIMIT)
+        return self.value_within(np.clip(z, -Z_LIMIT, Z_LIMIT))
+
+    def value_within(self, z: Array) -> Array:
+        """The same of z that do not leave ±Z_LIMIT."""
         below, above = self._ends
-        name, (args, kwargs) = self.prior.dist.name, (self.prior.args, self.prior.kwds)
-        if below == 0.0 and above == 0.0:  # closed forms of the commonest priors
-            if name == "norm":
-                return _norm_parts(args, kwargs)[0] + _norm_parts(args, kwargs)[1] * z
-            if name == "lognorm":
-                s, loc, scale = _lognorm_parts(args, kwargs)
-                return loc + scale * np.exp(s * z)
-        low = below + special.ndtr(z) * (1.0 - below - above)
-        high = above + special.ndtr(-z) * (1.0 - below - above)
-        if name in ("norm", "lognorm"):  # scipy's own ppf costs some ten times as much
-            score = np.where(low < 0.5, special.ndtri(low), -special.ndtri(high))
-            if name == "norm":
-                loc, scale = _norm_parts(args, kwargs)
-                return loc + scale * score
-            s, loc, scale = _lognorm_parts(args, kwargs)
-            return loc + scale * np.exp(s * score)
-        if name == "uniform":
-            start, end = self._support
-            return start + (end - start) * low
-        if name == "t" and not args and kwargs.get("df") == 2:
-            return kwargs.get("loc", 0.0) + kwargs.get("scale", 1.0) * (low - high) / np.sqrt(2.0 * low * high)
-        if name == "beta" and not kwargs and len(args) == 2 and args[0] == 1:
-            return 1.0 - high ** (1.0 / args[1])
+        inside = 1.0 - below - above
+        form, c = self._form
+        if form in ("norm", "lognorm"):
+            score = z if below == 0.0 and above == 0.0 else _score_within(z, below, above, inside)
+            return c[0] + c[1] * (score if form == "norm" else np.exp(c[2] * score))
+        if form == "uniform":
+            return c[0] + (c[1] - c[0]) * (below + special.ndtr(z) * inside)
+        high = above + special.ndtr(-z) * inside
+        if form == "beta":
+            return 1.0 - high ** (1.0 / c[0])
+        low = below + special.ndtr(z) * inside
+        if form == "t":
+            return c[0] + c[1] * (low - high) / np.sqrt(2.0 * low * high)
         return np.where(low < 0.5, self.prior.ppf(np.minimum(low, 0.5)), self.prior.isf(np.minimum(high, 0.5)))
 
     def score(self, value: Array) -> Array:
@@ -155,11 +161,9 @@ class Parameter:
         return f"{self.prior.dist.name}({', '.join(parts)}){cut}"
 
 
-def _norm_parts(args: tuple, kwargs: Mapping[str, float]) -> tuple[float, float]:
-    given = dict(zip(("loc", "scale"), args)) | dict(kwargs)
-    return given.get("loc", 0.0), given.get("scale", 1.0)
-
-
-def _lognorm_parts(args: tuple, kwargs: Mapping[str, float]) -> tuple[float, float, float]:
-    given = dict(zip(("s", "loc", "scale"), args)) | dict(kwargs)
-    return given["s"], given.get("loc", 0.0), given.get("scale", 1.0)
+def _score_within(z: Array, below: float, above: float, inside: float) -> Array:
+    """The uncut normal's score that has as much of it below as z has of what is left between the cuts."""
+    low = below + special.ndtr(z) * inside
+    lower = low < 0.5
+    tail = special.ndtri(np.where(lower, low, above + special.ndtr(-z) * inside))
+    return np.where(lower, tail, -tail)

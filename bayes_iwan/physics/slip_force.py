@@ -33,10 +33,21 @@ _REACH = 3.4  # the unit gamma's survival at (√η + 3.4)² is below 1e-7
 _COLUMN_STEP = math.sqrt(math.sqrt(ETA_MAX) + _REACH) / (_COLUMNS - 1)
 
 
-def _nodes(cells: int) -> Array:
-    """Ends of the table's cells in shares of its top, (OCTAVES * cells + 1,)."""
+@dataclass(frozen=True)
+class _Nodes:
+    """Ends of the table's cells in shares of its top, (OCTAVES * cells + 1,), their widths and two powers."""
+
+    at: Array
+    width: Array
+    root: Array
+    inverse: Array
+
+
+@cache
+def _nodes(cells: int) -> _Nodes:
     octave, place = np.divmod(np.arange(OCTAVES * cells + 1), cells)
-    return np.ldexp(1.0 + place / cells, octave - OCTAVES)
+    at = np.ldexp(1.0 + place / cells, octave - OCTAVES)
+    return _Nodes(at, np.diff(at), at**0.25, at**-0.75)
 
 
 class SlipForce(Protocol):
@@ -89,10 +100,10 @@ def _cubics(limited, survival, width, top, out):
 def _closed_form(limited, survival, top: Array) -> tuple[Array, Array]:
     """A table from closed forms limited(φ), survival(φ), with φ (draws, nodes)."""
     nodes = _nodes(FINE_CELLS)
-    out = np.empty((len(top), len(nodes) - 1, 4))
+    out = np.empty((len(top), len(nodes.width), 4))
     with np.errstate(all="ignore"):  # a draw with values that make no sense gets NaN, not a warning
-        phi = nodes * top[:, None]
-        _cubics(limited(phi), survival(phi), np.diff(nodes), top, out)
+        phi = nodes.at * top[:, None]
+        _cubics(limited(phi), survival(phi), nodes.width, top, out)
     return out, top
 
 
@@ -185,7 +196,8 @@ class Gammas:
     def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
         t, eta, g = self._arrays(parameter_values)
         nodes = _nodes(CELLS)
-        limited, survival, top = np.empty((len(t), len(nodes))), np.empty((len(t), len(nodes))), np.empty(len(t))
+        limited, survival = (np.empty((len(t), len(nodes.at))) for _ in range(2))
+        top = np.empty(len(t))
         _gamma_nodes(
             t,
             eta,
@@ -195,14 +207,14 @@ class Gammas:
             _ROW_AT[1] - _ROW_AT[0],
             _COLUMN_STEP,
             _REACH,
-            nodes**0.25,
-            nodes**-0.75,
+            nodes.root,
+            nodes.inverse,
             top,
             limited,
             survival,
         )
-        out = np.empty((len(t), len(nodes) - 1, 4))
-        _cubics(limited, survival, np.diff(nodes), top, out)
+        out = np.empty((len(t), len(nodes.width), 4))
+        _cubics(limited, survival, nodes.width, top, out)
         return out, top
 
     def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:

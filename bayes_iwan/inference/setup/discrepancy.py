@@ -338,9 +338,11 @@ class Correlated:
         return replace(self, loops=loops, friction_N=tuple(self.friction_level))
 
     def of_tests(self, tests: Sequence[int]) -> Correlated:
-        return replace(
-            self, loops=tuple(self.loops[t] for t in tests), friction_N=tuple(self.friction_level[list(tests)])
-        )
+        chosen = list(tests)
+        some = replace(self, loops=tuple(self.loops[t] for t in chosen), friction_N=tuple(self.friction_level[chosen]))
+        if some.used == self.used:  # each test's is its own, and dear
+            vars(some)["projection"] = self.projection[chosen]
+        return some
 
 
 def on_phases(parts: Array, samples: int) -> Array:

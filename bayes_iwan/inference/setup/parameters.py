@@ -51,8 +51,8 @@ class Prior:
 
     def values(self, z: Array) -> dict[str, Array]:
         """Every parameter's value (draws,) by name, fixed and tied ones included; z (draws, free)."""
-        z = np.atleast_2d(z)
-        out = {p.name: p.value(z[:, i]) for i, p in enumerate(self.free)}
+        z = np.clip(np.atleast_2d(z), -Z_LIMIT, Z_LIMIT)
+        out = {p.name: p.value_within(z[:, i]) for i, p in enumerate(self.free)}
         for p in self.parameters:
             if p.fixed is not None:
                 out[p.name] = np.full(len(z), p.fixed)
