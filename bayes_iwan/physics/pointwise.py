@@ -11,6 +11,8 @@ import math
 import numba as nb
 import numpy as np
 
+from bayes_iwan.physics.vectors import apart_and_wide
+
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 
@@ -44,6 +46,7 @@ def hunt_crossley(log_y, log_a, zero, speed, slope, rate, beta, floor, out):
 
     log_y, speed : (1 or draws, loops, samples); log_a : (loops,); zero = ln ℓ; slope, rate, beta : (draws,).
     """
+    apart_and_wide()
     for d in range(out.shape[0]):
         m = d % log_y.shape[0]
         b = beta[d] if not abs(beta[d]) < 1e-12 else 1e-12  # at β = 0 the law is its limit, a logarithm
@@ -59,6 +62,7 @@ def hunt_crossley(log_y, log_a, zero, speed, slope, rate, beta, floor, out):
 @_jit
 def saturating(alpha, final, bend, out):
     """k = final·(1 − exp(−bend·α)) into out, shaped as alpha (draws, loops, samples); final, bend : (draws,)."""
+    apart_and_wide()
     for d in range(out.shape[0]):
         for j in range(out.shape[1]):
             for i in range(out.shape[2]):
@@ -89,6 +93,7 @@ def _log(x):
 @_jit
 def times_power(k, alpha, exponent):
     """k·α^exponent into k, shaped as alpha > 0 (draws, loops, samples); exponent : (draws,), 0 leaves k bit for bit."""
+    apart_and_wide()
     for d in range(k.shape[0]):
         if exponent[d] == 0.0:
             continue
@@ -100,6 +105,7 @@ def times_power(k, alpha, exponent):
 @_jit
 def times_exponential(alpha, shape, size):
     """α·exp(size·shape) into alpha (draws, loops, samples); shape : (1 or draws, loops, samples), size : (draws,)."""
+    apart_and_wide()
     for d in range(alpha.shape[0]):
         m = d % shape.shape[0]
         for j in range(alpha.shape[1]):

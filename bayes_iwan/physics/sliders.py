@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.physics.vectors import apart_and_wide
 
 #: pieces kept; when a wild motion makes more, the least important vertex is dropped
 MAX_PIECES = 64
@@ -39,45 +40,43 @@ MAX_PIECES = 64
 OCTAVES = 20
 #: even samples walked from rest, with both ends of the stroke, before a closed loop
 RUNIN_SAMPLES = 16
+#: entries that the front glides over at most before the next look at what lies beyond it
+LONGEST = 64
 P, M, END, X_END, L_END, REST = range(6)
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 #: for what allocates nothing: without it numba counts references to every array at every call, 100 ns each time
 _part = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)  # type: ignore[call-overload]
+#: a part that becomes its caller's own code: passing on a dozen arrays costs as much as a short stretch of the way
+_inner = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False, forceinline=True)  # type: ignore[call-overload]
 
 
 @_part
-def _cell(phi, cells, scale, shift):
-    """The number of φ's cell and the place in it: the bits of φ/top, a double. NaN gives a place that is NaN.
+def _in_a_row(table, shift, row):
+    """A table (cells, 4) in one row of numbers, before it the parabola through 0 for what lies below its octaves."""
+    apart_and_wide()
+    low, low_slope = table[0, 0], table[0, 1] * (np.int64(1) << (52 - shift))
+    row[0], row[1], row[2], row[3] = 0.0, 2.0 * low - low_slope, low_slope - low, 0.0
+    for i in range(table.shape[0]):
+        for c in range(4):
+            row[4 * i + 4 + c] = table[i, c]
 
-    Beyond the top, where S has died out, that is the last cell's end; below the lowest octave the number is −1 and
-    the place is in units of the lowest octave.
+
+@_inner
+def _limited_mean(phi, row, scale, shift):
+    """L(φ) by the cubic of φ's cell, whose number and the place in it are the bits of φ/top, a double.
+
+    Beyond the top, where S has died out, that is the last cell's end; NaN stays NaN. There is no branch, so a loop
+    over φ runs in vectors.
     """
     x = np.float64(phi * scale)
-    bits = x.view(np.int64)
-    i = (bits >> shift) - ((np.int64(1023) << (52 - shift)) - cells)
-    one = np.int64(1) << shift
-    place = (bits & (one - 1)) * (1.0 / one)
-    place = place if i < cells else 1.0 + 0.0 * phi
-    place = place if i >= 0 else x * 2.0**OCTAVES
-    return min(max(i, -1), cells - 1), place
-
-
-@_part
-def _read(i, place, table, shift):
-    """L by the cubic of cell i; below the lowest octave a parabola through 0."""
-    if i < 0:
-        value, slope = table[0, 0], table[0, 1] * (np.int64(1) << (52 - shift))
-        return place * (2.0 * value - slope + place * (slope - value))
-    j = np.uint64(i)  # numba then leaves out what it does for indices below 0
-    return table[j, 0] + place * (table[j, 1] + place * (table[j, 2] + place * table[j, 3]))
-
-
-@_part
-def _limited_mean(phi, table, scale, shift):
-    """L(φ)."""
-    i, place = _cell(phi, table.shape[0], scale, shift)
-    return _read(i, place, table, shift)
+    bits, width, cells = x.view(np.int64), np.int64(1) << shift, row.size // 4 - 1
+    i = (bits >> shift) - ((np.int64(1023) << (52 - shift)) - cells - 1)
+    place = (bits & (width - 1)) * (1.0 / width)
+    place = place if i <= cells else 1.0 + 0.0 * phi
+    place = place if i > 0 else x * 2.0**OCTAVES
+    c, one, two, three = np.uint64(4 * min(max(i, 0), cells)), np.uint64(1), np.uint64(2), np.uint64(3)
+    return row[c] + place * (row[c + one] + place * (row[c + two] + place * row[c + three]))
 
 
 @_part
@@ -115,7 +114,7 @@ def _push(top, p, m, end, x_end, ell, st):
 
 
 @_part
-def _cut(top, u, up, down, front, front_x, st, work, table, scale, shift):
+def _cut(top, u, up, down, front, front_x, st, work, row, scale, shift):
     """Cut the whole polyline with the cone −down·φ ≤ e ≤ up·φ: the general case, where more than the front slips.
 
     Rare (entered only when a vertex beyond the front lies outside the cone), so it may be slow.
@@ -147,104 +146,142 @@ def _cut(top, u, up, down, front, front_x, st, work, table, scale, shift):
     for j in range(count - 1, 0, -1):  # from the tail to the front
         width = work[j, 0] - work[j - 1, 0]
         slope = (work[j, 1] - work[j - 1, 1]) / width if width > 0.0 else 0.0
-        ell = _limited_mean(work[j, 0], table, scale, shift)
+        ell = _limited_mean(work[j, 0], row, scale, shift)
         top = _push(top, work[j, 1] - slope * work[j, 0], slope, work[j, 0], work[j, 1], ell, st)
     return top, work[0, 0], work[0, 1]
 
 
 @_part
-def _way(u, closed, at, where, off, stop):
+def _way(u, closed, at, where, off, stop, turns):
     """The displacements to pass: a run-in from rest if the loop is closed, then all samples; extremes with their
     turning points.
 
     A reversal between two samples would be missed by up to an eighth of a second difference, which every force after
     it would feel. So the vertex of the parabola through the three samples is put in, before or after the middle one.
-    Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the sample itself) and
-    stop (the entry at which the motion no longer goes on in the direction that led here).
-    Returns how many there are and how many of them belong to the run-in.
+    Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the sample itself),
+    stop (the entry at which the motion no longer goes on in the direction that led here), and turns: the number of
+    turning points, their entries, and the number of all entries.
+    Returns how many entries there are and how many of them belong to the run-in.
     """
-    n, count, first = u.size, 0, 0
-    high, low = np.argmax(u), np.argmin(u)
-    for step in range(-n if closed else 0, n):
-        i = step % n
-        if step < 0 and i != high and i != low and i % max(1, n // RUNIN_SAMPLES) != 0:
-            continue
-        tau, turn = 0.0, 0.0
-        if closed or 0 < i < n - 1:
-            rise, fall = u[i] - u[i - 1 if i > 0 else n - 1], u[i] - u[i + 1 if i < n - 1 else 0]
-            if rise * fall > 0.0:
-                tau = 0.5 * (rise - fall) / (rise + fall)
-                turn = u[i] + 0.125 * (rise - fall) ** 2 / (rise + fall)
-        if step == 0:
-            first = count
-        if tau < 0.0:
-            at[count], where[count], off[count] = turn, i, tau
+    n, count, first, found, high, low = u.size, 0, 0, 0, -1, -1
+    if closed:
+        high, low = np.argmax(u), np.argmin(u)
+    for lap in range(0 if closed else 1, 2):
+        first, due = count, 0
+        for i in range(n):
+            if lap == 0:
+                if i == due:
+                    due += max(1, n // RUNIN_SAMPLES)
+                elif i != high and i != low:
+                    continue
+            tau, turn = 0.0, 0.0
+            if closed or 0 < i < n - 1:
+                rise, fall = u[i] - u[i - 1 if i > 0 else n - 1], u[i] - u[i + 1 if i < n - 1 else 0]
+                if rise * fall > 0.0:
+                    tau = 0.5 * (rise - fall) / (rise + fall)
+                    turn = u[i] + 0.125 * (rise - fall) ** 2 / (rise + fall)
+            if tau < 0.0 or tau > 0.0:  # no turning point where u is not a finite number
+                found += 1
+                turns[found] = count + (tau > 0.0)
+                at[turns[found]], where[turns[found]], off[turns[found]] = turn, i, tau
+                sample = count + (tau < 0.0)
+                count += 1
+            else:
+                sample = count
+            at[sample], where[sample], off[sample] = u[i], i, 0.0
             count += 1
-        at[count], where[count], off[count] = u[i], i, 0.0
-        count += 1
-        if tau > 0.0:
-            at[count], where[count], off[count] = turn, i, tau
-            count += 1
+    turns[0], turns[found + 1] = found, count
+    end, after = count, 0.0
     for e in range(count - 1, -1, -1):
         du = at[e] - (at[e - 1] if e > 0 else 0.0)
-        stop[e] = e + 1
-        if e + 1 < count and du * (at[e + 1] - at[e]) > 0.0:
-            stop[e] = stop[e + 1]
+        if not du * after > 0.0:
+            end = e + 1
+        stop[e], after = end, du
     return count, first
 
 
 @_part
-def _series(alpha, k, d, j, where, off, turns, count, grip, stiff):
+def _series(alpha, k, d, j, where, off, turns, first, grip, stiff):
     """α and k of every entry of loop j; α is NaN where one of them is not positive: a cone turned inside out means
     nothing, no force then.
 
-    turns : the entries that are turning points. There r = α/k goes on along its own side (|u̇| has a kink), k stays.
+    At a turning point r = α/k goes on along its own side (|u̇| has a kink), k stays.
     """
-    for e in range(count):
+    apart_and_wide()
+    n = alpha.shape[2]
+    for e in range(first):  # the run-in: samples here and there
         i = where[j, e]
         a, b = alpha[d, j, i], k[d, j, i]
         grip[e], stiff[e] = a if (a > 0.0) & (b > 0.0) else np.nan, b
-    n = alpha.shape[2]
+    begin = first
+    for t in range(1, turns[j, 0] + 2):  # between turning points the samples follow one another
+        e = turns[j, t]
+        if e >= first:
+            shift = np.uint64(begin) - where[j, begin]
+            for c in range(np.uint64(begin), np.uint64(e)):
+                a, b = alpha[d, j, c - shift], k[d, j, c - shift]
+                grip[c], stiff[c] = a if (a > 0.0) & (b > 0.0) else np.nan, b
+            begin = e + 1
     for t in range(1, turns[j, 0] + 1):
         e = turns[j, t]
         i, tau = np.int64(where[j, e]), off[j, e]
         along = i - 1 if tau > 0.0 else (i + 1 if i < n - 1 else 0)
-        r = grip[e] / stiff[e]
-        grip[e] = stiff[e] * (r + abs(tau) * max(r - alpha[d, j, along] / k[d, j, along], -r))
+        a, b = alpha[d, j, i], k[d, j, i]
+        r = a / b if (a > 0.0) & (b > 0.0) else np.nan
+        grip[e], stiff[e] = b * (r + abs(tau) * max(r - alpha[d, j, along] / k[d, j, along], -r)), b
 
 
-@_part
-def _glide(at, j, grip, stiff, begin, stop, s, asymmetry, top, st, front, slope):
-    """The first entry from `begin` on that the front does not reach by gliding along its piece; `stop` if all are.
+@_inner
+def _glide(at, j, grip, stiff, begin, stop, s, asymmetry, top, st, edge):
+    """The first entry from `begin` on that the front need not reach by gliding along its piece; `stop` if all do.
 
-    Until there it slips on as a whole (its end moves out), meets no end of a piece, and no vertex beyond it leaves the
-    cone: nothing but the front changes. Fills the front, and k times the slope of e beneath it less that beyond it.
-    There are no branches, no parts of arrays, and no signed indices, so all runs in vectors.
+    Until there it slips on as a whole (its end, s(u − p)k/(α(1 ± a) + s m k), moves out), meets no end of a piece, and
+    no vertex beyond it leaves the cone: nothing but the front changes. To stop early costs time only, as
+    :func:`_follow` takes any step. So nothing is divided, and two lines check all vertices: e/φ at each is linear in
+    u, the largest of them convex, so below its chord.
     """
-    p, m, end = st[top - 1, P], st[top - 1, M], st[top - 1, END]
+    apart_and_wide()
+    p, m, end = st[top - 1, P], s * st[top - 1, M], st[top - 1, END]
     ahead, behind = 1.0 + s * asymmetry, 1.0 - s * asymmetry
-    cone, one, a = s * ahead, np.uint64(1), np.uint64(begin)
-    b = np.uint64(begin + (stop - begin + 15) // 16 * 16)  # whole vectors: what lies beyond `stop` is overwritten later
-    for e in range(a, b):
-        slope[e] = cone * grip[e] + m * stiff[e]
-        front[e] = stiff[e] * (at[j, e] - p) / slope[e]
-    reached = b
-    for e in range(a, b):
-        reached = min(reached, b if (front[e] > front[e - one]) & (front[e] <= end) else e)  # type: ignore[arg-type]
+    first, last = at[j, begin], at[j, stop - 1]
+    high_0 = high_1 = low_0 = low_1 = -np.inf
     for piece in range(1, top):
-        x, limit = st[piece, X_END], st[piece, END] * (1.0 + 1e-12)
-        wide, narrow = ahead * limit, -behind * limit
-        for e in range(a, b):
-            moved = s * (at[j, e] - x) * stiff[e]
-            reached = min(reached, b if (moved <= wide * grip[e]) & (moved >= narrow * grip[e]) else e)  # type: ignore[arg-type]
+        x, share = st[piece, X_END], s / (st[piece, END] * (1.0 + 1e-12))
+        e_0, e_1 = (first - x) * share, (last - x) * share
+        if piece < top - 1:  # that the front stays short of its piece's end says it of the nearest vertex
+            high_0, high_1 = max(high_0, e_0), max(high_1, e_1)
+        low_0, low_1 = max(low_0, -e_0), max(low_1, -e_1)
+    way = last - first if stop > begin + 1 else 1.0
+    high_slope = (high_1 - high_0) / way if top > 2 else 0.0
+    low_slope = (low_1 - low_0) / way if top > 1 else 0.0
+    a, b = np.uint64(begin), np.uint64(begin + (stop - begin + 15) // 16 * 16)  # whole vectors
+    reached, over_before, under_before = b, edge, 1.0
+    for e in range(a, b):
+        over, under = s * (at[j, e] - p) * stiff[e], ahead * grip[e] + m * stiff[e]
+        du = at[j, e] - first
+        forward = (under > 0.0) & (over * under_before > over_before * under) & (over <= end * under)
+        inside = (high_0 + high_slope * du) * stiff[e] <= ahead * grip[e]
+        inside &= (low_0 + low_slope * du) * stiff[e] <= behind * grip[e]
+        reached = min(reached, b if forward & inside else e)
+        over_before, under_before = over, under
     return min(np.int64(reached), stop)
 
 
-@_part
+@_inner
+def _gliding_force(at, j, grip, stiff, begin, stop, cone, p, m, rest, parallel, row, scale, shift, force):
+    """Force at entries over which the front glides."""
+    apart_and_wide()
+    for e in range(np.uint64(begin), np.uint64(begin + (stop - begin + 15) // 16 * 16)):
+        slope = cone * grip[e] + m * stiff[e]
+        ell = _limited_mean((at[j, e] - p) * stiff[e] / slope, row, scale, shift)
+        force[e] = slope * ell + stiff[e] * rest + parallel * at[j, e]
+
+
+@_inner
 def _follow(
-    at, stop, j, count, grip, stiff, asymmetry, table, scale, shift, limit, st, work, front, slope, rest
+    at, stop, j, first, count, grip, stiff, asymmetry, parallel, row, scale, shift, limit, st, work, force
 ):  # fmt: skip
-    """Follow the way of loop j from rest. At each entry ∫ e φ̃ dφ, the force over k, is slope/k·L(front) + rest.
+    """Follow the way of loop j from rest; force at the entries from `first` on, k times ∫ e φ̃ dφ, and the spring's.
 
     limit : L beyond all slip forces.
     """
@@ -260,7 +297,7 @@ def _follow(
             # the front piece is x = last − qφ; it slips on as a whole if its end lies beyond the cone
             if s * (du + q * edge) <= r * edge:
                 if edge > 0.0:
-                    ell = _limited_mean(edge, table, scale, shift)
+                    ell = _limited_mean(edge, row, scale, shift)
                     top = _push(top, last, -q, edge, last - q * edge, ell, st)
             else:
                 while s * (now - st[top - 1, X_END]) > r * st[top - 1, END]:
@@ -276,18 +313,23 @@ def _follow(
             e, most = now - st[piece, X_END], st[piece, END] * (1.0 + 1e-12)
             beyond |= e > up * most or -e > down * most
         if beyond:
-            top, edge, x = _cut(top, now, up, down, edge, now - q * edge, st, work, table, scale, shift)
+            top, edge, x = _cut(top, now, up, down, edge, now - q * edge, st, work, row, scale, shift)
             q, glides = (now - x) / edge if edge > 0.0 else 0.0, False
         m, end = st[top - 1, M], step + 1
-        front[step], slope[step] = edge, (q + m) * stiff[step]
+        rest = st[top - 1, REST] - m * st[top - 1, L_END]
+        if step >= first:
+            ell = _limited_mean(edge, row, scale, shift)
+            force[step] = (q + m) * stiff[step] * ell + stiff[step] * rest + parallel * now
         if glides and end < stop[j, step]:
-            end = _glide(at, j, grip, stiff, end, stop[j, step], s, asymmetry, top, st, front, slope)
+            stretch = min(stop[j, step], end + LONGEST)
+            end = _glide(at, j, grip, stiff, end, stretch, s, asymmetry, top, st, edge)
             if end > step + 1:
-                edge, q = front[end - 1], slope[end - 1] / stiff[end - 1] - m
-        beyond_it = st[top - 1, REST] - m * st[top - 1, L_END]
-        for e in range(np.uint64(step), np.uint64(end)):
-            rest[e] = beyond_it
-        last, step = at[j, end - 1], end
+                cone = s * (1.0 + s * asymmetry)
+                begin, p = max(step + 1, first), st[top - 1, P]
+                _gliding_force(at, j, grip, stiff, begin, end, cone, p, m, rest, parallel, row, scale, shift, force)
+                now, q = at[j, end - 1], cone * grip[end - 1] / stiff[end - 1]
+                edge = (now - p) / (q + m)
+        last, step = now, end
 
 
 @_jit
@@ -304,56 +346,36 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
     parallel : (draws,) stiffness in N/mm of a spring beside it; zeros for friction alone.
     """
     draws, loops, samples = out.shape
-    cells, longest = tables.shape[1], 4 * samples
+    cells, longest = tables.shape[1], 4 * samples + 64
     longest += (88 - longest) % 512  # rows a multiple of 4096 bytes apart would get into each other's way
     shift = 52
     while OCTAVES << (52 - shift) < cells:
         shift -= 1
     at, off, turns = np.zeros((loops, longest)), np.empty((loops, longest)), np.empty((loops, longest), np.int64)
     where, stop = np.empty((loops, longest), np.uint64), np.empty((loops, longest), np.int64)
-    count, entry = np.empty(loops, np.int64), np.empty((loops, samples), np.uint64)
-    grip, stiff, front = np.zeros(longest), np.zeros(longest), np.zeros(longest)
-    slope, rest = np.zeros(longest), np.zeros(longest)
-    cell, place = np.empty(longest, np.int64), np.empty(longest)
-    st, work = np.empty((MAX_PIECES, 6)), np.empty((2 * MAX_PIECES + 1, 2))
+    count, first = np.empty(loops, np.int64), np.empty(loops, np.int64)
+    grip, stiff, force = np.zeros(longest), np.zeros(longest), np.zeros(longest)
+    row, st, work = np.empty(4 * cells + 4), np.empty((MAX_PIECES, 6)), np.empty((2 * MAX_PIECES + 1, 2))
     for d in range(draws):
-        table, scale = tables[d], 1.0 / phi_top[d]
-        limit = _limited_mean(2.0 * phi_top[d], table, scale, shift)
+        _in_a_row(tables[d], shift, row)
+        scale = 1.0 / phi_top[d]
+        limit = _limited_mean(2.0 * phi_top[d], row, scale, shift)
         for j in range(loops):
             if d < u.shape[0]:  # one motion for all draws, or one each
-                count[j], first = _way(u[d, j], closed, at[j], where[j], off[j], stop[j])
-                turns[j, 0] = 0
-                for e in range(count[j]):
-                    if off[j, e] != 0.0:
-                        turns[j, 0] += 1
-                        turns[j, turns[j, 0]] = e
-                    elif e >= first:
-                        entry[j, where[j, e]] = e
-            _series(alpha, k, d, j, where, off, turns, count[j], grip, stiff)
+                count[j], first[j] = _way(u[d, j], closed, at[j], where[j], off[j], stop[j], turns[j])
+            _series(alpha, k, d, j, where, off, turns, first[j], grip, stiff)
             _follow(
-                at,
-                stop,
-                j,
-                count[j],
-                grip,
-                stiff,
-                asymmetry[d],
-                table,
-                scale,
-                shift,
-                limit,
-                st,
-                work,
-                front,
-                slope,
-                rest,
-            )
-            for e in range(count[j]):
-                cell[e], place[e] = _cell(front[e], cells, scale, shift)
-            for i in range(samples):
-                e = entry[j, i]
-                ell = _read(cell[e], place[e], table, shift)
-                out[d, j, i] = slope[e] * ell + stiff[e] * rest[e] + parallel[d] * at[j, e]
+                at, stop, j, first[j], count[j], grip, stiff, asymmetry[d],
+                parallel[d], row, scale, shift, limit, st, work, force,
+            )  # fmt: skip
+            begin, i = first[j], 0
+            for t in range(1, turns[j, 0] + 2):
+                e = turns[j, t]
+                if e >= first[j]:
+                    for c in range(np.uint64(0), np.uint64(e - begin)):
+                        out[d, j, np.uint64(i) + c] = force[np.uint64(begin) + c]
+                    i += e - begin
+                    begin = e + 1
 
 
 def way(displacement_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64], Array]:
@@ -362,12 +384,8 @@ def way(displacement_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64],
     Returns them with the sample (entries,) each belongs to and its distance from it in samples, 0 for the sample
     itself. displacement_mm : (samples,).
     """
-    longest = 4 * len(displacement_mm)
-    at, where, off, stop = (
-        np.empty(longest),
-        np.empty(longest, np.int64),
-        np.empty(longest),
-        np.empty(longest, np.int64),
-    )
-    count, first = _way(np.ascontiguousarray(displacement_mm, dtype=float), closed, at, where, off, stop)
+    longest = 4 * len(displacement_mm) + 2
+    at, off = np.empty(longest), np.empty(longest)
+    where, stop, turns = (np.empty(longest, np.int64) for _ in range(3))
+    count, first = _way(np.ascontiguousarray(displacement_mm, dtype=float), closed, at, where, off, stop, turns)
     return at[first:count], where[first:count], off[first:count]

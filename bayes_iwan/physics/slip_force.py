@@ -19,6 +19,7 @@ from scipy import special
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.physics.sliders import OCTAVES
+from bayes_iwan.physics.vectors import apart_and_wide
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
@@ -88,6 +89,7 @@ def _unit_gamma() -> Array:
 @_jit
 def _cubics(limited, survival, width, top, out):
     """Hermite cubics from L and S at the nodes, (draws, cells + 1); width : (cells,) in shares of top."""
+    apart_and_wide()
     for d in range(out.shape[0]):
         for j in range(out.shape[1]):
             h = width[j] * top[d]
@@ -113,6 +115,7 @@ def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inv
 
     Where each node lies in the table, and the table's cubics, are worked out in vectors; reading them cannot be.
     """
+    apart_and_wide()
     draws, components = t.shape
     nodes, columns = root.size, unit.shape[2]
     value, slope, cubic = np.empty(columns), np.empty(columns), np.empty((columns, 4))
@@ -157,7 +160,7 @@ def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inv
             slope_scale = g[d, i] / (4.0 * column_step**4 * stride**3)
             for j in range(nodes):
                 s = min(root[j] * stride, float(last))
-                p = int(s)
+                p = max(int(s), 0)  # NaN is no number of a cell
                 cell[j], place[j] = p, s - p
             for j in range(nodes):
                 q, w = cell[j], place[j]

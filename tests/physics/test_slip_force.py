@@ -11,8 +11,10 @@ from bayes_iwan.physics.slip_force import ETA_MAX, ETA_MIN, FAMILIES, Gammas
 
 @nb.njit
 def _read(phi, table, top, shift, out):
+    row = np.empty(table.size + 4)
+    sliders._in_a_row(table, shift, row)
     for i in range(phi.size):
-        out[i] = sliders._limited_mean(phi[i], table, 1.0 / top, shift)
+        out[i] = sliders._limited_mean(phi[i], row, 1.0 / top, shift)
 
 
 def read(phi, table, top):
