@@ -163,9 +163,8 @@ def _way(u, closed, at, where, off, stop, turns):
     turning points, their entries, and the number of all entries.
     Returns how many entries there are and how many of them belong to the run-in.
     """
-    n, count, first, found, high, low = u.size, 0, 0, 0, -1, -1
-    if closed:
-        high, low = np.argmax(u), np.argmin(u)
+    n, count, first, found = u.size, 0, 0, 0
+    high, low = (np.argmax(u), np.argmin(u)) if closed else (-1, -1)
     for lap in range(0 if closed else 1, 2):
         first, due = count, 0
         for i in range(n):
@@ -262,7 +261,7 @@ def _glide(at, j, grip, stiff, begin, stop, s, asymmetry, top, st, edge):
         forward = (under > 0.0) & (over * under_before > over_before * under) & (over <= end * under)
         inside = (high_0 + high_slope * du) * stiff[e] <= ahead * grip[e]
         inside &= (low_0 + low_slope * du) * stiff[e] <= behind * grip[e]
-        reached = min(reached, b if forward & inside else e)
+        reached = min(reached, b if forward & inside else e)  # type: ignore[arg-type]
         over_before, under_before = over, under
     return min(np.int64(reached), stop)
 

@@ -191,7 +191,7 @@ class Gammas:
     def _arrays(self, parameter_values: ParameterValues) -> tuple[Array, Array, Array]:
         each = range(1, self.components + 1)
         t, eta, g = (
-            np.stack([parameter_values[f"{p}{i}{u}"] for i in each], axis=1)
+            np.array([parameter_values[f"{p}{i}{u}"] for i in each], dtype=float).T.copy()
             for p, u in (("t", "_N"), ("eta", ""), ("g", ""))
         )
         return t, eta, g

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
 
-@intrinsic
-def apart_and_wide(typing_context):
-    """The calling function's arrays do not overlap where it writes, and its loops may use vectors of 512 bits.
-
-    Without the first, a loop that reads a table at places of its own choosing is never done in vectors, and every
-    other loop first compares the addresses of its arrays. LLVM's habit is 256 bits even where the machine has 512;
-    where it has not, nothing changes. A function inlined into another keeps what it says.
-    """
-
+def _apart_and_wide(typing_context):
     def generate(context, builder, signature, arguments):
         function = builder.function
         set.add(function.attributes, '"prefer-vector-width"="512"')  # llvmlite lets only names pass that it knows
@@ -25,3 +19,10 @@ def apart_and_wide(typing_context):
         return context.get_dummy_value()
 
     return types.void(), generate
+
+
+#: The calling function's arrays do not overlap where it writes, and its loops may use vectors of 512 bits. Without the
+#: first, a loop that reads a table at places of its own choosing is never done in vectors, and every other loop first
+#: compares the addresses of its arrays. LLVM's habit is 256 bits even where the machine has 512; where it has not,
+#: nothing changes. A function inlined into another keeps what it said of its arrays, and its loops.
+apart_and_wide: Callable[[], None] = intrinsic(_apart_and_wide)  # type: ignore[assignment]
