@@ -113,7 +113,7 @@ def _closed_form(limited, survival, top: Array) -> tuple[Array, Array]:
 def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inverse, top, limited, survival):
     """L and S of mixtures at the nodes: blend the unit table along η^¼ (cubic), read it along (φ/t)^¼ (Hermite).
 
-    Where each node lies in the table, and the table's cubics, are worked out in vectors; reading them cannot be.
+    Where each node lies in the table, the cubics and their values are worked out in vectors, one after the other.
     """
     apart_and_wide()
     draws, components = t.shape
