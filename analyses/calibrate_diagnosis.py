@@ -23,12 +23,23 @@ import numpy as np
 from scipy.optimize import minimize
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign import average
+from bayes_iwan.campaign import Record, average
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_whole
 from bayes_iwan.gap.diagnosis import searched
 from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.judging.budget import NO_CAUSE, contributing, left_unnamed, shapley, shares, subsets
+from bayes_iwan.gap.fitting.leave_out import HELD_OUT, left_out
+from bayes_iwan.gap.judging.budget import (
+    NINETY,
+    NO_CAUSE,
+    Share,
+    contributing,
+    left_unnamed,
+    shapley,
+    shares,
+    subsets,
+    unseen_shares,
+)
 from bayes_iwan.gap.judging.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
@@ -40,7 +51,7 @@ from bayes_iwan.gap.judging.calibration import (
     rest_figures,
 )
 from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.judging.verdict import least_share, named_by, weighed
+from bayes_iwan.gap.judging.verdict import Weighed, helping, least_share, named_by, weighed
 from bayes_iwan.gap.searching.search import LAST, fit_base, gap_rms_N
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.inference.setup.scales import scales_of
@@ -72,11 +83,35 @@ def true_shares(case: rig_cases.Case, seed: int) -> dict[str, float]:
     return {n: float(v / whole) if whole > 0.0 else 0.0 for n, v in shapley(names, sizes.__getitem__).items()}
 
 
+def named_shares(found: Weighed, unseen: Sequence[Record]) -> dict[str, dict[str, float]]:
+    """Of what today's constants name: share of the gap with its interval (no error of the law in it), share on tests
+    left out, and what it removes on tests that the diagnosis never saw."""
+    named = helping(found, named_by(found.figures, calibration()))
+    if not named:
+        return {}
+    keys = subsets(named)
+    share = shares(named, {k: found.sizes[k] for k in keys})
+    loops = [average(r, **LOOPS) for r in unseen]
+    removed = left_out([found.in_newtons[k] for k in keys], found.search.data, loops)
+    of = {u.by: unseen_shares(named, [u]) for u in removed}
+    left = unseen_shares(named, [u for u in removed if u.by != HELD_OUT])
+    return {
+        n: {
+            "value": share[n].value,
+            "low": share[n].low,
+            "high": share[n].high,
+            "left_out": left[n].value if n in left else float("nan"),
+            "found": of[HELD_OUT][n].value,
+        }
+        for n in named
+    }
+
+
 def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     """One case: drawn, run, searched and weighed."""
     rng = np.random.default_rng([shared["seed"], index])
     case = rig_cases.draw_case(rng, laws=shared["laws"])
-    given, _ = rig_cases.simulate(case)
+    given, unseen = rig_cases.simulate(case)
     loops = [average(r, **LOOPS) for r in given if r.role != "held-out"]
     began = time.process_time()
     found = weighed(searched(gap_data(loops), DiagnoseSettings(), 0), 0)
@@ -94,6 +129,7 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
         "gap_N": {key(k): v for k, v in found.gap_N.items()},
         "gap_share": {key(k): s.all.resolved_share for k, s in found.sizes.items()},
         "share": {key(k): {n: s.value for n, s in shares(k, found.sizes).items()} for k in found.fits if k},
+        "named": named_shares(found, unseen),
         "subharmonic": found.subharmonic,
         "cpu_s": took,
     }
@@ -208,15 +244,26 @@ def rest_is_real(case: dict[str, Any], c: Calibration) -> bool:
     return any(share * gap > least for n, share in case["true_share"].items() if n not in named)
 
 
+def law_fit(cases: Sequence[dict[str, Any]]) -> float:
+    """Sd of a share beyond its interval, such that nine of ten shares found on unseen tests lie within."""
+    rows = [s for case in cases for n, s in case.get("named", {}).items() if n in truths(case)]
+    needed = []
+    for s in rows:
+        width = s["high"] - s["value"] if s["found"] > s["value"] else s["value"] - s["low"]
+        needed.append(np.sqrt(max((s["found"] - s["value"]) ** 2 - width**2, 0.0)) / NINETY)
+    return float(np.quantile(needed, 0.9)) if needed else calibration().law
+
+
 def fitted(cases: Sequence[dict[str, Any]]) -> Calibration:
     """Constants of maximum likelihood: places first, then rivals, then the rest beside what they name."""
     old = calibration()
     effect, bias = logistic_fit(*place_rows(cases))
     within = within_fit(cases)
-    half = Calibration(effect, bias, old.rest, old.rest_bias, within, APART, old.usual)
+    law = law_fit(cases)
+    half = Calibration(effect, bias, old.rest, old.rest_bias, within, APART, old.usual, law)
     rest = np.array([rest_row(case, half) for case in cases])
     weights, rest_bias = logistic_fit(rest, np.array([float(rest_is_real(case, half)) for case in cases]))
-    return Calibration(effect, bias, weights, rest_bias, within, APART, old.usual)
+    return Calibration(effect, bias, weights, rest_bias, within, APART, old.usual, law)
 
 
 # ---- score
@@ -267,6 +314,15 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         share = sets(case["share"]).get(frozenset(named), {})
         for e in case["truth"]["effects"]:
             if e["name"] in named:
+                if (own := case.get("named", {}).get(e["name"])) is not None:
+                    wide = Share(own["value"], own["low"], own["high"]).widened(c.law)
+                    for what, at in (
+                        ("true share", case["true_share"][e["name"]]),
+                        ("share on tests left out", own["left_out"]),
+                        ("share found on unseen tests", own["found"]),
+                    ):
+                        if np.isfinite(at):
+                            count(f"{what} in the 90 % interval", wide.low <= at <= wide.high)
                 count(
                     "share of a true cause within 10 points",
                     abs(share[e["name"]] - case["true_share"][e["name"]]) <= 0.1,

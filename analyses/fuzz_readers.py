@@ -19,11 +19,11 @@ from bayes_iwan.campaign import Record, average, read_campaign, write_campaign
 from bayes_iwan.campaign.importing import Recipe, import_tests, read_recipe
 from bayes_iwan.effects.user_file import load_effects
 from bayes_iwan.files import write_json, write_whole
-from bayes_iwan.gap import saved_fits
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import base_model, base_problem
-from bayes_iwan.inference import netcdf, results
+from bayes_iwan.gap.telling import saved_fits
 from bayes_iwan.inference.identify import identify_campaign
+from bayes_iwan.inference.results import netcdf, run_files
 from bayes_iwan.inference.setup.config import diagnose_settings_of, settings_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.scales import scales_of
@@ -333,9 +333,9 @@ def readers() -> dict[str, Reader]:
         "recipe": Reader((recipe,), lambda: Recipe().over(read_recipe(recipe))),
         "effects": Reader((effects,), lambda: load_effects(effects)),
         "simulator": Reader((simulator,), lambda: load_simulator(simulator)),
-        "posterior.nc": Reader((Path("run/posterior.nc"),), lambda: results.load("run", campaign)),
+        "posterior.nc": Reader((Path("run/posterior.nc"),), lambda: run_files.load("run", campaign)),
         "posterior.nc, resealed": Reader(
-            (Path("run/posterior.nc"),), lambda: results.load("run", campaign), resealed_netcdf
+            (Path("run/posterior.nc"),), lambda: run_files.load("run", campaign), resealed_netcdf
         ),
         "chains.ckpt": Reader((ckpt,), lambda: checkpoint.read_checkpoint(ckpt, ("plain", "tempered", "production"))),
         "chains.ckpt, resealed": Reader((ckpt,), lambda: _sampled(ckpt, True), resealed_checkpoint),

@@ -172,8 +172,9 @@ class NormalForceLagFromStart(NormalForceLag):
 class FrictionFade(Effect):
     name = "friction_fade"
     law = (
-        "1 − d·(1 − (1 + q x)^(−1/q)), x = (n/n₀)·(A/ℓ)^m; q → 0: exponential, 1: hyperbolic, large: logarithmic; "
-        "m = 0: by cycles, 1: by sliding distance or work; the stiffness falls by the share s of it"
+        "1 − d·(1 − (1 + q x)^(−1/q))·e^(−r x), x = (n/n₀)·(A/ℓ)^m; q → 0: exponential, 1: hyperbolic, large: "
+        "logarithmic; m = 0: by cycles, 1: by sliding distance or work; r > 0: it recovers; the stiffness falls by the "
+        "share s of it"
     )
     strength = ("drop", "d", "-", "share of the friction that is lost in the end")
     limit = 0.9
@@ -187,7 +188,7 @@ class FrictionFade(Effect):
         "curves); Archard, J. Appl. Phys. 24 (1953) 981 (sliding distance)"
     )
     signature = "loops grow thinner from cycle to cycle; trend in quadrature and odd harmonics, none in the mean"
-    look_alikes = ()
+    look_alikes = ("spring_softening",)
     bench = "return to the first test after the last; rest, then repeat (heat recovers, wear does not)"
     remedy = "Run the specimen in before measuring, let it cool between tests, and state the cycle that values are for."
 
@@ -202,6 +203,9 @@ class FrictionFade(Effect):
             "tail": ExtraParameter(
                 "q", "-", "0: exponential, 1: hyperbolic, large: logarithm", stats.lognorm(s=1.8, scale=0.1), scan=False
             ),
+            "recovery": ExtraParameter(
+                "r", "-", "pace of the recovery over that of the fade", stats.lognorm(s=1.8, scale=0.01), scan=False
+            ),
             "by_stroke": ExtraParameter(
                 "m", "-", "power of the amplitude in the pace", about(0.0, 0.7), -3.0, 3.0, scan=False
             ),
@@ -212,16 +216,79 @@ class FrictionFade(Effect):
 
     def left(self, motion: Motion, parameter_values: ParameterValues) -> Array:
         """The share of the friction that is left in each loop, (draws, loops, 1)."""
-        cycles, tail, stroke = (parameter_values[f"{self.name}.{n}"][:, None] for n in ("cycles", "tail", "by_stroke"))
+        cycles, tail, recovery, stroke = (
+            parameter_values[f"{self.name}.{n}"][:, None] for n in ("cycles", "tail", "recovery", "by_stroke")
+        )
         pace = (motion.amplitude_mm / self.scales.length_mm) ** stroke / cycles
-        still = over_block(motion, lambda n: falling(n * pace, tail))
-        return 1.0 - self.get(parameter_values, "drop") * (1.0 - still[:, :, None])
+        lost = over_block(motion, lambda n: (1.0 - falling(n * pace, tail)) * np.exp(-recovery * n * pace))
+        return 1.0 - self.get(parameter_values, "drop") * lost[:, :, None]
 
     def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         return alpha * self.left(motion, parameter_values)
 
     def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         return k * self.left(motion, parameter_values) ** self.get(parameter_values, "of_stiffness")
+
+
+class SpringSoftening(Effect):
+    name = "spring_softening"
+    law = (
+        "1 − d·(2π f A/v)^p·(1 − (1 + q x)^(−1/q)), x = (t/τ)·(2π f ℓ/v)^m, of all springs; m = 0: by time, 1: by "
+        "cycles; p = 1: with the power that friction turns to heat"
+    )
+    strength = ("drop", "d", "-", "share of the stiffness that is lost in the end")
+    limit = 0.9
+    evolving = True
+    physics = (
+        "The springs soften along a test, the friction stays: a rubber or polymer that warms, with time or with the "
+        "power lost in it, or the stress softening of a filled rubber in its first cycles."
+    )
+    reference = (
+        "Mullins, Rubber Chem. Technol. 42 (1969) 339 (stress softening); Payne, J. Appl. Polym. Sci. 6 (1962) 57; "
+        "Ferry, Viscoelastic Properties of Polymers, 3rd ed. (1980), ch. 11 (temperature)"
+    )
+    signature = "loops lean over from cycle to cycle while their height stays; trend in phase, little in quadrature"
+    look_alikes = ("friction_fade",)
+    bench = "return to the first test after a rest: heat recovers; a thermometer on the specimen"
+    remedy = "Let the specimen reach its working temperature before measuring, and state it beside the values."
+
+    def first_guess(self) -> float:
+        return 0.05
+
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        cycle_s = 2e-3 * np.pi * self.scales.length_mm / self.scales.speed_m_s
+        return {
+            "tau_s": ExtraParameter(
+                "τ", "s", "time over which they soften", stats.lognorm(s=1.0, scale=15.0 * cycle_s)
+            ),
+            "tail": ExtraParameter(
+                "q", "-", "0: exponential, 1: hyperbolic, large: logarithm", stats.lognorm(s=1.8, scale=0.1), scan=False
+            ),
+            "by_cycles": ExtraParameter("m", "-", "0: by time, 1: by cycles", about(0.0, 0.6), -2.5, 2.5, scan=False),
+            "by_power": ExtraParameter(
+                "p", "-", "power of amplitude × frequency in the loss", about(0.0, 0.6), -2.5, 2.5, scan=False
+            ),
+        }
+
+    def left(self, motion: Motion, parameter_values: ParameterValues) -> Array:
+        """The share of the stiffness that is left in each loop, (draws, loops, 1)."""
+        tau, tail, by_cycles, by_power, drop = (
+            parameter_values[f"{self.name}.{n}"][:, None] for n in ("tau_s", "tail", "by_cycles", "by_power", "drop")
+        )
+        omega = 2e-3 * np.pi * motion.frequency_hz / self.scales.speed_m_s  # over the speed, 1/mm
+        pace = (omega * self.scales.length_mm) ** by_cycles / (motion.frequency_hz * tau)
+        still = over_block(motion, lambda n: falling(n * pace, tail))
+        loss = drop * (omega * motion.amplitude_mm) ** by_power
+        return np.maximum(1.0 - loss * (1.0 - still), 0.05)[:, :, None]
+
+    def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return k * self.left(motion, parameter_values)
+
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        if "kp_N_mm" not in parameter_values:  # a simulator without a parallel spring
+            return force_N
+        lost = 1.0 - self.left(motion, parameter_values)
+        return force_N - lost * parameter_values["kp_N_mm"][:, None, None] * motion.displacement_mm
 
 
 class DirectionDependentFriction(Effect):
@@ -280,6 +347,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     NormalForceLag,
     NormalForceLagFromStart,
     FrictionFade,
+    SpringSoftening,
     DirectionDependentFriction,
     DirectionDependentGrip,
 )

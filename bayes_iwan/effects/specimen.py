@@ -14,8 +14,8 @@ class ViscousDamping(Effect):
     name = "viscous_damping"
     # p = 2 is left out: the drag of fluid pushed through a gap is another mechanism
     law = (
-        "c·v_ref·|v/v_ref|^p·(sgn v + s), v_ref the campaign's largest speed; p = 1: a force proportional to velocity, "
-        "s = ±1: a valve that damps one way only"
+        "c·|v|·((1 + (v/v₁)²)/(1 + (v_ref/v₁)²))^((p − 1)/2)·(sgn v + s), v_ref the campaign's largest speed; p = 1: "
+        "a force proportional to velocity, v₁ → 0: to its power p; s = ±1: a valve that damps one way only"
     )
     strength = ("c_N_s_mm", "c", "N·s/mm", "viscous coefficient (secant, at the campaign's largest speed)")
     physics = (
@@ -24,8 +24,9 @@ class ViscousDamping(Effect):
     )
     reference = (
         "Inman, Engineering Vibration, §1.3 (p = 1); Symans & Constantinou, ISET J. Earthq. Technol. 35 (1998) 185; "
-        "Lee & Taylor, Struct. Des. Tall Build. 10 (2001) 311 (fluid dampers are built with p = 0.3 to 1.95); Dixon, "
-        "The Shock Absorber Handbook, ch. 7 (bump and rebound damp differently)"
+        "Lee & Taylor, Struct. Des. Tall Build. 10 (2001) 311 (fluid dampers are built with p = 0.3 to 1.95); Carreau, "
+        "Trans. Soc. Rheol. 16 (1972) 99 (thinning from v₁ on); Dixon, The Shock Absorber Handbook, ch. 7 (bump and "
+        "rebound damp differently)"
     )
     signature = "quadrature force at the fundamental ∝ frequency × amplitude; loops grow fatter with frequency"
     look_alikes = ("maxwell_branch", "channel_delay", "force_lowpass", "rate_strengthening", "integration_highpass")
@@ -40,6 +41,13 @@ class ViscousDamping(Effect):
             "exponent": ExtraParameter(
                 "p", "-", "power of the speed", stats.lognorm(s=0.25, scale=1.0), 0.3, 1.65, scan=False
             ),
+            "bend_m_s": ExtraParameter(
+                "v₁",
+                "m/s",
+                "speed from which the power holds, below it the force is proportional to the speed",
+                stats.lognorm(s=1.5, scale=0.1 * self.scales.speed_m_s),
+                scan=False,
+            ),
             "one_way": ExtraParameter(
                 "s", "-", "difference of rising and falling u over their sum", about(0.0, 0.25), -1.0, 1.0, scan=False
             ),
@@ -47,7 +55,9 @@ class ViscousDamping(Effect):
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         top = self.scales.speed_m_s
-        grown = power_of(motion.speed_m_s / top, self.get(parameter_values, "exponent"))
+        bend = self.get(parameter_values, "bend_m_s")
+        thinned = (bend**2 + motion.speed_m_s**2) / (bend**2 + top**2)
+        grown = motion.speed_m_s / top * power_of(thinned, 0.5 * (self.get(parameter_values, "exponent") - 1.0))
         way = np.sign(motion.velocity_m_s) + self.get(parameter_values, "one_way")
         return force_N + (self.get(parameter_values, "c_N_s_mm") * 1e3 * top) * way * grown
 

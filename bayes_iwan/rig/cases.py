@@ -47,10 +47,8 @@ _NOT_TOGETHER = {
         ("stribeck_weakening", "rate_strengthening"),
         ("force_highpass", "force_drift"),
         ("force_highpass", "direction_dependent_friction"),
-        ("stribeck_weakening", "stiction_peak"),
-        ("rate_strengthening", "stiction_peak"),
+        ("friction_fade", "spring_softening"),
         ("viscous_damping", "quadratic_drag"),
-        ("end_stop", "hertz_stops"),
         ("moving_mass", "base_resonance"),
     )
 }

@@ -33,6 +33,11 @@ def _ageing(p: Parameters) -> Acting:
     )
 
 
+def _breakaway(p: Parameters) -> Acting:
+    """Friction that grows while a slider rests and breaks down over a slip distance: a peak after each reversal."""
+    return Acting(motion=FaultValues(ageing=2.5 * p["drop"], ageing_tau=p["ageing_s"], ageing_slip=p["slip_mm"]))
+
+
 STRIBECK = FaultKind(
     "stribeck_weakening",
     "drop",
@@ -45,6 +50,9 @@ STRIBECK = FaultKind(
         Law("ageing", _ageing,
             lambda g, s: {"length_mm": float(g.uniform(0.01, 0.04)) * s.largest_mm,
                           "rest_s": 0.25 / min(s.frequencies_hz)}),
+        Law("breakaway", _breakaway,
+            lambda g, s: {"ageing_s": log_uniform(g, 0.002, 0.02),
+                          "slip_mm": float(g.uniform(0.02, 0.08)) * s.largest_mm}),
     ),
     lambda g, s: {"v_s_m_s": log_uniform(g, 0.004, 0.04)},
 )  # fmt: skip

@@ -212,6 +212,11 @@ def _two_stage_stop(p: Parameters) -> Acting:
     return Acting(displacement_force=force)
 
 
+def _hertz_stops(p: Parameters) -> Acting:
+    k, gap = p["k_N_mm"] * p["indent_mm"] ** -0.5, p["clearance_mm"]
+    return Acting(displacement_force=lambda d: np.sign(d) * k * np.maximum(np.abs(d) - gap, 0.0) ** 1.5)
+
+
 END_STOP = FaultKind(
     "end_stop",
     "k_N_mm",
@@ -223,8 +228,42 @@ END_STOP = FaultKind(
         Law("rounded", _rounded_stop, lambda g, s: {"width_mm": float(g.uniform(0.03, 0.08)) * s.largest_mm}),
         Law("two_stage", _two_stage_stop,
             lambda g, s: {"second_clearance_mm": float(g.uniform(0.8, 0.92)) * s.largest_mm}),
+        Law("hertz_both_sides", _hertz_stops, lambda g, s: {"indent_mm": 0.2 * s.largest_mm}),
     ),
     lambda g, s: {"clearance_mm": float(g.uniform(0.5, 0.78)) * s.largest_mm},
 )  # fmt: skip
 
-KINDS = (VISCOUS, MAXWELL, QUADRATIC, CUBIC, END_STOP)
+# ---- springs that soften along a record
+
+
+def _warming(p: Parameters) -> Acting:
+    return Acting(motion=FaultValues(warming_1_s=p["drop"] / p["tau_s"], warming_tau=p["tau_s"]))
+
+
+def _steadily(p: Parameters) -> Acting:
+    return Acting(motion=FaultValues(warming_1_s=p["drop"] / p["record_s"]))
+
+
+def _by_power(p: Parameters) -> Acting:
+    """With the power that friction turns to heat: the drop is that at the reference power."""
+    return Acting(motion=FaultValues(heat_loss_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"]))
+
+
+def _draw_heat(rng: np.random.Generator, s: Surroundings) -> Parameters:
+    power = 4 * s.friction_rms_N * s.largest_mm * max(s.frequencies_hz)
+    return {"tau_s": float(rng.uniform(0.5, 3.0)), "reference_mW": power}
+
+
+SOFTENING = FaultKind(
+    "spring_softening",
+    "drop",
+    linear(lambda s: 0.5),
+    (
+        Law("settles", _warming, evolves=True),
+        Law("steadily", _steadily, lambda g, s: {"record_s": s.record_s}, True),
+        Law("friction_heat", _by_power, _draw_heat, True),
+    ),
+    lambda g, s: {"tau_s": log_uniform(g, 0.1, 0.6) * s.record_s},
+)  # fmt: skip
+
+KINDS = (VISCOUS, MAXWELL, QUADRATIC, CUBIC, END_STOP, SOFTENING)

@@ -86,6 +86,7 @@ class FaultValues(NamedTuple):
     heat_loss_1_mW: float = 0.0
     heat_tau: float = 1.0
     warming_1_s: float = 0.0
+    warming_tau: float = 1e9
     # base
     base_k: float = 0.0
     base_mass_kg: float = 1.0
@@ -174,7 +175,9 @@ def march(
             whole = np.floor(cycle[i])
             if whole % 2.0 != 0.0:
                 common *= 1.0 + q.rocking * np.sin(np.pi * (cycle[i] - whole)) ** 2
-        soft = 1.0 if cycle[i] <= 0.0 else max(1.0 - q.warming_1_s * cycle[i] / per_second, 0.2)
+        if q.warming_1_s != 0.0 and cycle[i] > 0.0:
+            warmed = -q.warming_tau * np.expm1(-cycle[i] / per_second / q.warming_tau)
+            soft = max(1.0 - q.warming_1_s * warmed, 0.2)
         lean = q.direction
         if q.direction_speed != 0.0:
             lean *= np.tanh(abs(z_speed) / q.direction_speed)

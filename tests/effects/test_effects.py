@@ -15,8 +15,8 @@ from bayes_iwan.physics.simulator import recorded_force
 
 ISSUE = (
     "viscous_damping maxwell_branch moving_mass quadratic_stiffness cubic_stiffness end_stop stribeck_weakening "
-    "rate_strengthening normal_force_lag friction_fade direction_dependent_friction rig_compliance free_play "
-    "channel_delay integration_highpass force_highpass force_lowpass force_drift mains_hum force_clipping"
+    "rate_strengthening normal_force_lag friction_fade spring_softening direction_dependent_friction rig_compliance "
+    "free_play channel_delay integration_highpass force_highpass force_lowpass force_drift mains_hum force_clipping"
 ).split()
 EVERY = (*catalogue.BUILT_IN, *PAPER)
 EVERY = (*EVERY, *catalogue.FORM)
@@ -41,6 +41,7 @@ CLASSIC = {
     "viscous_damping.exponent": 1.0,
     "stribeck_weakening.tail": 0.0,
     "friction_fade.tail": 0.0,
+    "friction_fade.recovery": 0.0,
     "end_stop.exponent": 1.0,
     "end_stop.loss_s_m": 0.0,
     "maxwell_branch.spread": 1.0,
@@ -150,7 +151,9 @@ def test_every_effect_says_its_law_and_bends_it_about_the_classical_one(kind, ki
     assert len(effect.scanned) <= 2  # each multiplies the starts of every refit
     classic = {f"{effect.name}.{n}" for n in refined} & set(CLASSIC)
     for p in effect.parameters:  # the classical law is no rarity under the prior
-        if p.name in classic and not p.name.endswith(("softness", "tail", "loss_s_m", "spread", "period_s")):
+        if p.name in classic and not p.name.endswith(
+            ("softness", "tail", "recovery", "loss_s_m", "spread", "period_s")
+        ):
             assert abs(float(p.score(np.array([CLASSIC[p.name]]))[0])) < 1.0
 
 

@@ -103,7 +103,16 @@ def test_power_law_damper_dissipates_what_its_integral_says(p, kit):
     speed = 2.0 * np.pi * at.frequency_hz * at.amplitude_mm
     per_cycle = 2.0 * np.sqrt(np.pi) * special.gamma(0.5 * p + 1.0) / special.gamma(0.5 * p + 1.5)
     expected = c * top * (speed / top) ** p * at.amplitude_mm * per_cycle
-    np.testing.assert_allclose(work(added(effect, at, c_N_s_mm=c, exponent=p), at), expected, rtol=1e-5)
+    np.testing.assert_allclose(work(added(effect, at, c_N_s_mm=c, exponent=p, bend_m_s=1e-9), at), expected, rtol=1e-5)
+
+
+def test_carreau_damper_is_a_dashpot_at_low_and_a_power_at_high_speed(kit):
+    at, effect = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64), made(kit, "ViscousDamping")
+    top, bend = kit.scales.speed_m_s, 0.2 * kit.scales.speed_m_s
+    force = added(effect, at, c_N_s_mm=0.003, exponent=0.5, bend_m_s=bend)[0]
+    v = at.velocity_m_s[0, 0]
+    zero_shear = 3.0 * (1.0 + (top / bend) ** 2) ** 0.25  # N s/m, so that the secant at the largest speed is 3
+    np.testing.assert_allclose(force.ravel(), zero_shear * v * (1.0 + (v / bend) ** 2) ** -0.25, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("a", [0.3, 0.6, 1.0])
@@ -264,7 +273,9 @@ def test_lag_from_a_start_against_the_integrated_relaxation(kit):
 
 def faded(kit, at, **given):
     effect = made(kit, "FrictionFade")
-    parameter_values = parameter_values_of(effect, **{"drop": 0.4, "cycles": 10.0, "tail": 0.0} | given)
+    parameter_values = parameter_values_of(
+        effect, **{"drop": 0.4, "cycles": 10.0, "tail": 0.0, "recovery": 0.0} | given
+    )
     alpha = np.ones((1, at.loops, at.samples))
     return effect.slip(alpha, at, parameter_values)[0, :, 0], effect.stiffness(
         5.0 * alpha, alpha, at, parameter_values
@@ -289,6 +300,36 @@ def test_fade_by_cycles_by_sliding_distance_and_with_stiffness(kit):
     assert slid[0] == pytest.approx(slid[1], rel=1e-12)
     friction, stiffness = faded(kit, at, of_stiffness=1.0)
     np.testing.assert_allclose(stiffness / 5.0, friction, rtol=1e-12)
+    recovered, _ = faded(kit, at, recovery=0.5)
+    np.testing.assert_allclose(recovered, 1.0 - 0.4 * (1.0 - np.exp(-n / 10.0)) * np.exp(-n / 20.0), rtol=1e-6)
+
+
+def test_springs_soften_by_time_by_cycles_and_with_power(kit):
+    effect = made(kit, "SpringSoftening")
+    length, speed = kit.scales.length_mm, kit.scales.speed_m_s
+    at = replace(
+        sine_motion(frequency_hz=[F_HZ, 0.5 * F_HZ], amplitude_mm=[length, 0.5 * length], samples=8),
+        cycle=np.array([40.0, 20.0]),  # as long in time
+        span_cycles=np.zeros(2),
+    )
+
+    def left(**given):
+        own = {"drop": 0.3, "tau_s": 1.5, "tail": 0.0, "by_cycles": 0.0, "by_power": 0.0} | given
+        return effect.left(at, parameter_values_of(effect, **own))[0, :, 0]
+
+    np.testing.assert_allclose(left(), 1.0 - 0.3 * (1.0 - np.exp(-40.0 / F_HZ / 1.5)), rtol=1e-6)
+    reference_hz = 1e3 * speed / (2.0 * np.pi * length)
+    cycles = left(by_cycles=1.0)
+    np.testing.assert_allclose(cycles, 1.0 - 0.3 * (1.0 - np.exp(-at.cycle / (1.5 * reference_hz))), rtol=1e-6)
+    lost = 1.0 - left(by_power=1.0)
+    assert lost[0] / lost[1] == pytest.approx(4.0, rel=1e-9)  # twice the frequency at twice the amplitude
+
+    # all springs: a specimen that is a spring loses as much of its force
+    model, parameter_values = kit.elastic(kit.reference)
+    own = parameter_values_of(effect, drop=0.3, tau_s=1.5, tail=0.0, by_cycles=0.0, by_power=0.0)
+    plain = recorded_force(model, (), parameter_values, at)[0]
+    soft = recorded_force(model, (effect,), parameter_values | own, at)[0]
+    np.testing.assert_allclose(soft, left()[:, None] * plain, atol=1e-9)
 
 
 def test_self_tightening_grip_moves_normal_force_and_so_the_stiffness(kit):

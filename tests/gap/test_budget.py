@@ -103,7 +103,7 @@ def test_shipped_constants_have_one_sign_and_one_weight_for_each_figure():
 def test_saved_constants_are_read_back(tmp_path):
     import json
 
-    c = Calibration((1.0, 2.0, 0.5), -1.5, (1.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5))
+    c = Calibration((1.0, 1.0, 2.0, 0.5), -1.5, (1.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5), 0.05)
     c.save(tmp_path / "constants.json")
     assert from_json(json.loads((tmp_path / "constants.json").read_text())) == c
 

@@ -47,11 +47,17 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Share:
-    """A share of the gap with its 90 % interval: noise of the records, and how it varies between tests (jackknife)."""
+    """A share of the gap with its 90 % interval: noise of the records, how it varies between tests (jackknife), and
+    where it is said of a cause, that nature's law is not quite ours."""
 
     value: float
     low: float
     high: float
+
+    def widened(self, sd: float) -> Share:
+        """With a further independent error of this standard deviation."""
+        low, high = (float(np.hypot(x, NINETY * sd)) for x in (self.value - self.low, self.high - self.value))
+        return Share(self.value, max(self.value - low, -1.0), min(self.value + high, 1.0))
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,13 @@ from bayes_iwan.gap.judging.guards import Figures
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
 #: nats up to which evidence counts in full; beyond, by its logarithm
-LINEAR_NATS = 10.0
+LINEAR_NATS = 30.0
 #: share of the friction force that what is left is compared with: a sound specimen's usual gap
 USUAL_REST = 0.004
 #: no answer claims more
 SUREST = 0.99
 #: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
-EFFECT_FIGURES = ("gain", "unseen", "steady")
+EFFECT_FIGURES = ("gain", "fitted", "unseen", "steady")
 REST_FIGURES = ("left", "subharmonic")
 
 
@@ -38,6 +38,7 @@ class Calibration:
     effect : of EFFECT_FIGURES, effect_bias their intercept; rest, rest_bias : the same of REST_FIGURES
     within : power of the evidence among rivals for one place; apart : nats within which rivals cannot be told apart
     usual : median and sd of ln share of a sound specimen's difference from the model
+    law : sd of a share of the gap beyond noise and what differs between tests: nature's law is not quite ours
     """
 
     effect: tuple[float, ...]
@@ -47,6 +48,7 @@ class Calibration:
     within: float
     apart: float
     usual: tuple[float, float]
+    law: float
 
     def contributes(self, f: Figures) -> float:
         """Probability that something of this effect's kind contributes to the gap."""
@@ -68,9 +70,11 @@ class Calibration:
 
 
 def effect_figures(f: Figures) -> Array:
-    """(3,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES: its evidence, what it
-    removes on tests left out (the mean of first and last effect of the set), the steadiness of its strength."""
-    return np.array([np.arcsinh(f.gain / LINEAR_NATS), 0.5 * (f.unseen + f.alone), -min(f.differs, 5.0)])
+    """(4,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES: its evidence, the share
+    of the gap that it removes, what it removes on tests left out (the mean of first and last effect of the set), the
+    steadiness of its strength."""
+    gain = np.log1p(max(f.gain, 0.0) / LINEAR_NATS)
+    return np.array([gain, f.fitted, 0.5 * (f.unseen + f.alone), -min(f.differs, 5.0)])
 
 
 def rest_figures(left: float, subharmonic: float) -> Array:

@@ -16,11 +16,13 @@ from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import moved_shares
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, halves, left_out, refitted
-from bayes_iwan.gap.searching.search import LAST, TIED_NATS, Search, gap_rms_N, look_alike
+from bayes_iwan.gap.searching.search import LAST, TIED_NATS, WORTH_NATS, Search, gap_rms_N, look_alike
 
 #: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:
 #: nature's law is not quite the catalogue's
 LOOSE = 0.2
+#: a rival beside which an effect still gains this share of its nats, and WORTH_NATS, does not stand in for it: both act
+COMPANION = 0.5
 #: nats that a rival may be behind for each share of the base's gap that it leaves more: evidence counts every harmonic
 #: by its noise, and between two laws that are both a little off it counts differences that no newton bears out
 NATS_OF_GAP = 600.0
@@ -83,6 +85,7 @@ def guard_figures(
                 n in LAST or look_alike(search.effects, name, n),
             )
             for n, f in search.rivals(name).items()
+            if not _companion(search, whole, less, f, n)
         }
         others = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
         fitted = float(np.clip(share[name], -1.0, 1.0))
@@ -103,6 +106,15 @@ def guard_figures(
             )
         )
     return tuple(out)
+
+
+def _companion(search: Search, whole: Fit, less: Fit, rival: Fit, name: str) -> bool:
+    """Does the effect that is judged gain nats beside this rival, too? Then the rival does not take its place."""
+    both = search.fits.get(whole.names | {name})
+    if both is None or name in whole.names:
+        return False
+    gain, beside = whole.log_evidence - less.log_evidence, both.log_evidence - rival.log_evidence
+    return beside > max(COMPANION * gain, WORTH_NATS)
 
 
 def _only(name: str) -> frozenset[str]:

@@ -173,7 +173,7 @@ def _causes(
             if n != f.name and n not in NO_CAUSE and v > -c.apart
         )
         by = " and ".join(dict.fromkeys(u.by for u in judges)) if predicts else ""
-        held = predicted.get(f.name) if predicts else None
+        held = predicted[f.name].widened(c.law) if predicts and f.name in predicted else None
         law = str(getattr(effect, "law", ""))
-        out.append(Cause(f.name, law, probabilities[f.name], share[f.name], held, by, apart, f))
+        out.append(Cause(f.name, law, probabilities[f.name], share[f.name].widened(c.law), held, by, apart, f))
     return tuple(sorted(out, key=lambda x: -x.share.value))
