@@ -224,7 +224,8 @@ def named_in(case: dict[str, Any], c: Calibration) -> frozenset[str]:
     kept = set(named_by(figures_of(case), c))
     share = sets(case.get("share", {}))
     while kept and frozenset(kept) in share:
-        short = {n: share[frozenset(kept)][n] - least_share(n) for n in kept}
+        gap = figures_of(case)[0].before
+        short = {n: share[frozenset(kept)][n] - least_share(n, gap) for n in kept}
         worst = min(short, key=lambda n: short[n])
         if short[worst] >= 0.0:
             break

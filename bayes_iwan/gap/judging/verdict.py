@@ -31,6 +31,8 @@ from bayes_iwan.gap.searching.search import LAST, Search
 
 #: share of the gap that an effect must remove to be named, and more where it is so flexible that it always removes some
 LEAST_SHARE, LEAST_FLEXIBLE = 0.02, 0.2
+#: and of the friction force: two sensors of one kind differ by as much
+LEAST_OF_FRICTION = 0.001
 #: gap over the friction force below which no flexible effect is named: so much every specimen differs from the family
 LEAST_GAP = 0.01
 
@@ -103,9 +105,9 @@ def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
     return tuple(out)
 
 
-def least_share(name: str) -> float:
-    """Share of the gap that an effect must remove to be named."""
-    return LEAST_FLEXIBLE if name in LAST else LEAST_SHARE
+def least_share(name: str, gap: float) -> float:
+    """Share of the gap that an effect must remove to be named; gap : over the friction force."""
+    return max(LEAST_FLEXIBLE if name in LAST else LEAST_SHARE, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))
 
 
 def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
@@ -114,7 +116,8 @@ def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
     kept = list(named)
     while kept:
         share = shares(kept, {k: found.sizes[k] for k in subsets(kept)})
-        short = {n: share[n].value - least_share(n) for n in kept}
+        gap = found.sizes[frozenset()].all.share
+        short = {n: share[n].value - least_share(n, gap) for n in kept}
         worst = min(kept, key=lambda n: short[n])
         if short[worst] >= 0.0:
             break
