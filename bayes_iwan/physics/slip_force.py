@@ -88,15 +88,21 @@ def _unit_gamma() -> Array:
 
 @_jit
 def _cubics(limited, survival, width, top, out):
-    """Hermite cubics from L and S at the nodes, (draws, cells + 1); width : (cells,) in shares of top."""
+    """One draw's Hermite cubics (cells, 4) from L and S at the nodes, (cells + 1,); width : (cells,) in shares of top."""
     apart_and_wide()
+    for j in range(width.size):
+        h = width[j] * top
+        rise = limited[j + 1] - limited[j]
+        slope, slope_1 = h * survival[j], h * survival[j + 1]
+        out[j, 0], out[j, 1] = limited[j], slope
+        out[j, 2], out[j, 3] = 3.0 * rise - 2.0 * slope - slope_1, slope + slope_1 - 2.0 * rise
+
+
+@_jit
+def _all_cubics(limited, survival, width, top, out):
+    """:func:`_cubics` of all draws."""
     for d in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            h = width[j] * top[d]
-            rise = limited[d, j + 1] - limited[d, j]
-            slope, slope_1 = h * survival[d, j], h * survival[d, j + 1]
-            out[d, j, 0], out[d, j, 1] = limited[d, j], slope
-            out[d, j, 2], out[d, j, 3] = 3.0 * rise - 2.0 * slope - slope_1, slope + slope_1 - 2.0 * rise
+        _cubics(limited[d], survival[d], width, top[d], out[d])
 
 
 def _closed_form(limited, survival, top: Array) -> tuple[Array, Array]:
@@ -105,15 +111,18 @@ def _closed_form(limited, survival, top: Array) -> tuple[Array, Array]:
     out = np.empty((len(top), len(nodes.width), 4))
     with np.errstate(all="ignore"):  # a draw with values that make no sense gets NaN, not a warning
         phi = nodes.at * top[:, None]
-        _cubics(limited(phi), survival(phi), nodes.width, top, out)
+        _all_cubics(limited(phi), survival(phi), nodes.width, top, out)
     return out, top
 
 
 @_jit
-def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inverse, top, limited, survival):
-    """L and S of mixtures at the nodes: blend the unit table along η^¼ (cubic), read it along (φ/t)^¼ (Hermite).
+def _gamma_tables(
+    t, eta, g, unit, row_0, row_step, column_step, reach, root, inverse, width, limited, survival, top, out
+):  # fmt: skip
+    """Tables of mixtures: blend the unit table along η^¼ (cubic), read it along (φ/t)^¼ (Hermite), one draw at a time.
 
-    Where each node lies in the table, the cubics and their values are worked out in vectors, one after the other.
+    What lies at the nodes goes through `limited` and `survival`, (cells + 1,). Where each node lies in the unit table,
+    the cubics and their values are worked out in vectors, one after the other.
     """
     apart_and_wide()
     draws, components = t.shape
@@ -127,11 +136,11 @@ def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inv
             if not end <= top[d]:  # so that NaN is passed on
                 top[d] = end
         for j in range(nodes):
-            limited[d, j] = survival[d, j] = 0.0
+            limited[j] = survival[j] = 0.0
         for i in range(components):
             at = (math.sqrt(math.sqrt(eta[d, i])) - row_0) / row_step
             if not (0.0 < t[d, i] < math.inf and -1e-9 <= at <= unit.shape[0] - 1 + 1e-9):
-                limited[d, :] = math.nan
+                limited[:] = math.nan
                 break
             first = min(max(int(at) - 1, 0), unit.shape[0] - 4)
             w = at - first
@@ -165,8 +174,9 @@ def _gamma_nodes(t, eta, g, unit, row_0, row_step, column_step, reach, root, inv
             for j in range(nodes):
                 q, w = cell[j], place[j]
                 c1, c2, c3 = cubic[q, 1], cubic[q, 2], cubic[q, 3]
-                limited[d, j] += value_scale * (cubic[q, 0] + w * (c1 + w * (c2 + w * c3)))
-                survival[d, j] += slope_scale * inverse[j] * (c1 + w * (2.0 * c2 + w * 3.0 * c3))
+                limited[j] += value_scale * (cubic[q, 0] + w * (c1 + w * (c2 + w * c3)))
+                survival[j] += slope_scale * inverse[j] * (c1 + w * (2.0 * c2 + w * 3.0 * c3))
+        _cubics(limited, survival, width, top[d], out[d])
 
 
 @dataclass(frozen=True)
@@ -199,9 +209,9 @@ class Gammas:
     def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
         t, eta, g = self._arrays(parameter_values)
         nodes = _nodes(CELLS)
-        limited, survival = (np.empty((len(t), len(nodes.at))) for _ in range(2))
-        top = np.empty(len(t))
-        _gamma_nodes(
+        limited, survival = np.empty(len(nodes.at)), np.empty(len(nodes.at))
+        top, out = np.empty(len(t)), np.empty((len(t), len(nodes.width), 4))
+        _gamma_tables(
             t,
             eta,
             g,
@@ -212,12 +222,12 @@ class Gammas:
             _REACH,
             nodes.root,
             nodes.inverse,
-            top,
+            nodes.width,
             limited,
             survival,
+            top,
+            out,
         )
-        out = np.empty((len(t), len(nodes.width), 4))
-        _cubics(limited, survival, nodes.width, top, out)
         return out, top
 
     def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
