@@ -88,7 +88,7 @@ def _unit_gamma() -> Array:
 
 @_jit
 def _cubics(limited, survival, width, top, out):
-    """One draw's Hermite cubics (cells, 4) from L and S at the (cells + 1,) nodes; width : (cells,) in shares of top."""
+    """One draw's Hermite cubics (cells, 4) from L and S at its (cells + 1,) nodes; width (cells,) in shares of top."""
     apart_and_wide()
     for j in range(width.size):
         h = width[j] * top
