@@ -19,12 +19,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
 import numba as nb
 from threadpoolctl import threadpool_limits
 from tqdm.auto import tqdm
+
+from bayes_iwan.threads import alongside
 
 Shared = TypeVar("Shared")
 Piece = TypeVar("Piece")
@@ -161,15 +164,13 @@ class Rounds(Generic[Shared]):
         self._there = None if executor is None else _sent(executor, shared)
 
     def results(self, pieces: Sequence[Piece], work: Callable[[Shared, Piece], Result]) -> Iterator[Result]:
-        """work(shared, piece) of each piece, in their order; a single one stays in this process.
+        """work(shared, piece) of each piece, in their order; a single one stays in this process, and all of them do
+        where there is no executor, shared out over its threads.
 
         What a piece raises here is raised. Raises ExecutorError where one failed elsewhere.
         """
         if self._executor is None or len(pieces) < 2:
-            for piece in pieces:
-                with serial():
-                    result = work(self._shared, piece)
-                yield result
+            yield from alongside(partial(work, self._shared), pieces)
             return
         numbered = dict(enumerate(pieces))
         done = dict(_elsewhere(self._executor, numbered, work, self._shared, self._there))

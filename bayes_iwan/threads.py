@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
 from typing import TypeVar
 
 import numba as nb
+from threadpoolctl import threadpool_limits
 
 #: samples of all draws and loops that go through together: what lies between stages stays in the processor's cache
 CHUNK = 1 << 16
@@ -17,6 +18,7 @@ CHUNK = 1 << 16
 ALONE = 1 << 14
 
 
+Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
 
@@ -60,3 +62,16 @@ def side_by_side(work: Callable[[slice], Result], rows: int, size: int) -> Seque
     if threads == 1 or len(parts) == 1:
         return [work(part) for part in parts]
     return list(_side_by_side(threads, os.getpid()).map(work, parts))
+
+
+def alongside(work: Callable[[Piece], Result], pieces: Sequence[Piece]) -> Iterator[Result]:
+    """work(piece) of each piece in their order, on as many threads as numba is set to.
+
+    Each works on one thread, and its linear algebra too, so results are the same to the bit however many there are.
+    """
+    threads = nb.get_num_threads()
+    with threadpool_limits(limits=1):
+        if threads > 1 and len(pieces) > 1:
+            yield from _side_by_side(threads, os.getpid()).map(work, pieces)
+        else:
+            yield from map(work, pieces)

@@ -124,28 +124,32 @@ class Rows:
             np.zeros(int(real.sum() + imaginary.sum()), dtype=bool),
         )
         self.rest = loop
-        self.constant = 0.0
-        changing = self._changing()
         if self.evolving:
-            lines = 2 * int(self._line.sum())
+            changing, lines = self._changing, 2 * int(self._line.sum())
             self.rest = Rest(
                 np.r_[loop.eigen, changing.eigen, np.zeros(lines)],
                 np.r_[loop.order, changing.order, np.zeros(lines, dtype=np.int64)],
                 np.r_[loop.changing, changing.changing, np.zeros(lines, dtype=bool)],
             )
-        else:  # a steady model misses all changes and lines: what that costs, whatever its numbers
-            sizes = [RestSize(0.0, LENGTHS[-1], b) for b in ALONG_SHARES]
-            logdet = [0.5 * float(np.sum(np.log(changing.variance(size)))) for size in sizes]
-            cost = [-self.missed(size.along) - d for size, d in zip(sizes, logdet)]
-            self.constant = float(np.logaddexp.reduce(cost) - np.log(len(cost)))
+
+    @cached_property
+    def constant(self) -> float:
+        """ln evidence that a steady model has whatever its numbers: it misses all changes and lines."""
+        if self.evolving:
+            return 0.0
+        sizes = [RestSize(0.0, LENGTHS[-1], b) for b in ALONG_SHARES]
+        logdet = [0.5 * float(np.sum(np.log(self._changing.variance(size)))) for size in sizes]
+        cost = [-self.missed(size.along) - d for size, d in zip(sizes, logdet)]
+        return float(np.logaddexp.reduce(cost) - np.log(len(cost)))
 
     def missed(self, along: float) -> float:
         """Half the squares of all changes along the record and lines, in units of noise and rest: a steady model's."""
         change = (self.data.trend_N / self.data.trend_noise_N)[self._trend]
         lines = np.abs(self.data.mains_N[self._line] / self.data.mains_noise_N[self._line]) ** 2
-        square = np.r_[change.real, change.imag] ** 2 / self._changing().variance(RestSize(0.0, LENGTHS[-1], along))
+        square = np.r_[change.real, change.imag] ** 2 / self._changing.variance(RestSize(0.0, LENGTHS[-1], along))
         return 0.5 * float(square.sum() + lines.sum())
 
+    @cached_property
     def _changing(self) -> Rest:
         """The rest in the contrasts along the record: each as large as its test's friction level times b."""
         level = np.broadcast_to(self.data.level_N[:, None, None], self.data.trend_noise_N.shape)[self._trend]
@@ -191,7 +195,9 @@ class Rows:
                 return np.concatenate([self.residual(z) / sd, z], axis=1)
 
         box = np.tile([-Z_BOX, Z_BOX], (starts.shape[1], 1))
-        return least_squares_batch(rows, starts, box, max_iterations=iterations, ftol=TOLERANCE, xtol=1e-4, gtol=1e-5)
+        return least_squares_batch(
+            rows, starts, box, max_iterations=iterations, ftol=TOLERANCE, xtol=1e-4, gtol=1e-5, finish=False
+        )
 
 
 def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 40) -> Fit:

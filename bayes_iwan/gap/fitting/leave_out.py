@@ -16,6 +16,7 @@ from bayes_iwan.gap.fitting.evidence import Fit, Rows
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import residual_of
 from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.threads import alongside
 
 #: tests whose frequencies (amplitudes) differ by less than this share are of one frequency (amplitude)
 SAME = 0.05
@@ -91,14 +92,20 @@ def left_out(fits: Sequence[Fit], data: GapData, held_out: Sequence[Loop] = ()) 
         parts = groups_of(data.loops, name)
         if len(parts) < 2:
             continue
+        parted = [(data.part([i for i in range(data.tests) if i not in part]), data.part(part)) for part in parts]
+        pieces = [(fit, rest, left) for rest, left in parted for fit in fits]
         found: dict[frozenset[str], list[Array]] = {f.names: [] for f in fits}
-        for part in parts:
-            rest, left = data.part([i for i in range(data.tests) if i not in part]), data.part(part)
-            for fit in fits:
-                found[fit.names].append(gap_power_N2(residual_of(left, refitted(fit, rest), refitted=False)))
+        for (fit, _, _), power_N2 in zip(pieces, alongside(_missed_N2, pieces)):
+            found[fit.names].append(power_N2)
         files = tuple(data.loops[i].file for part in parts for i in part)
         out.append(Unseen(by, files, {k: np.concatenate(v) for k, v in found.items()}))
     return tuple(out)
+
+
+def _missed_N2(piece: tuple[Fit, GapData, GapData]) -> Array:
+    """Squared gaps on the tests left out, (n,), of a fit to the rest."""
+    fit, rest, left = piece
+    return gap_power_N2(residual_of(left, refitted(fit, rest), refitted=False))
 
 
 def halves(data: GapData) -> list[tuple[list[int], list[int]]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import moved_shares
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, halves, left_out, refitted
 from bayes_iwan.gap.searching.search import LAST, TIED_NATS, WORTH_NATS, Search, gap_rms_N, look_alike
+from bayes_iwan.threads import alongside
 
 #: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:
 #: nature's law is not quite the catalogue's
@@ -72,20 +74,21 @@ def guard_figures(
     differs = _differences(whole, data)
     moved = moved_shares(whole, data)
     level = float(np.sqrt(np.mean(data.level_N**2)))
-    gap = {k: gap_rms_N(data, nearest[k]) for k in sets}
+    gap_of = partial(gap_rms_N, data)
+    gap = dict(zip(sets, alongside(gap_of, [nearest[k] for k in sets])))
     before = gap[frozenset()]
     out = []
     for name in search.chosen:
         less = without[name]
+        others_of = {n: f for n, f in search.rivals(name).items() if not _companion(search, whole, less, f, n)}
         rivals = {
             n: borne_out(
                 f.log_evidence - whole.log_evidence,
-                gap_rms_N(data, f) - gap[whole.names],
+                gap_N - gap[whole.names],
                 before,
                 n in LAST or look_alike(search.effects, name, n),
             )
-            for n, f in search.rivals(name).items()
-            if not _companion(search, whole, less, f, n)
+            for (n, f), gap_N in zip(others_of.items(), alongside(gap_of, [*others_of.values()]))
         }
         others = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
         fitted = float(np.clip(share[name], -1.0, 1.0))

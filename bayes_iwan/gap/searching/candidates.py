@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -15,6 +16,7 @@ from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, Rows, extended
 from bayes_iwan.gap.fitting.rest import FIRST, RestSize
 from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.threads import alongside
 
 #: z of the strength, signed or not, and of extra parameters at which an effect is tried
 STRENGTHS = {False: (-2.0, -1.0, -0.2, 0.6, 1.4, 2.2), True: (-1.2, -0.4, 0.4, 1.2)}
@@ -40,21 +42,21 @@ class Candidate:
 
 def candidates(data: GapData, smaller: Fit, effects: Mapping[str, tuple[Effect, ...]]) -> list[Candidate]:
     """All effects (each law) that the records allow on top of a smaller fit, the most promising first."""
-    out = []
+    of_one = partial(_candidate, data, smaller)
+    tried = [e for some in effects.values() for e in some if e.possible(data)]
+    return sorted(alongside(of_one, tried), key=lambda c: -c.gain)
+
+
+def _candidate(data: GapData, smaller: Fit, effect: Effect) -> Candidate:
     optima = np.concatenate([smaller.z[None], smaller.optima[1:2]])
     at = replace(smaller.size, share=max(smaller.size.share, LEAST_SHARE), along=max(smaller.size.along, FIRST.along))
-    for some in effects.values():
-        for effect in some:
-            if not effect.possible(data):
-                continue
-            problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
-            rows = Rows(data, problem)
-            points = start_points(effect, problem, optima, smaller.problem.names)
-            starts, gain = promising(rows, points, smaller, at, EFFECT_STARTS)
-            if effect.strength_name not in problem.names:  # a number for each test: nothing of it is in any start
-                gain = stepped(rows, points[0], smaller, at)
-            out.append(Candidate(effect, problem, starts, gain))
-    return sorted(out, key=lambda c: -c.gain)
+    problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
+    rows = Rows(data, problem)
+    points = start_points(effect, problem, optima, smaller.problem.names)
+    starts, gain = promising(rows, points, smaller, at, EFFECT_STARTS)
+    if effect.strength_name not in problem.names:  # a number for each test: nothing of it is in any start
+        gain = stepped(rows, points[0], smaller, at)
+    return Candidate(effect, problem, starts, gain)
 
 
 def failing(data: GapData, smaller: Fit, effect: Effect) -> str:

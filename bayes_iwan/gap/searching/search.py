@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from itertools import islice
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.physics import Simulator
+from bayes_iwan.threads import alongside
 
 BASE_POINTS, BASE_STARTS = 600, 16
 #: single effects are refitted if they are among so many most promising ones or promise PROMISE nats, or are sudden
@@ -124,8 +126,10 @@ class _Explorer:
         base = fit_base(data, settings, scales, rng, simulator)
         self.fits[frozenset()] = base
         self.effects: dict[str, tuple[Effect, ...]] = {}
+        every = [k for some in kinds.values() for k in some]
+        scaled = iter(list(alongside(lambda k: calibrated(k, scales, data, base.problem, base.z), every)))
         for name, classes in kinds.items():
-            some = tuple(calibrated(k, scales, data, base.problem, base.z) for k in classes)
+            some = tuple(islice(scaled, len(classes)))
             wrong = [w for w in (failing(data, base, e) for e in some) if w]
             if wrong and len(wrong) == len(some):
                 self.failed[name] = wrong[0]
