@@ -49,11 +49,12 @@ def watched(problem: Problem, z: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def short_posterior(
-    problem: Problem, seed: int, budget_s: float, starts: int = 12
+    problem: Problem, seed: int, budget_s: float, starts: int = 36
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """(draws, ndim) of the posterior from the package's own sampling, started at optima found from prior draws.
 
-    The rule of convergence is the package's own; budget_s is seconds on the clock.
+    The rule of convergence is the package's own; budget_s is seconds on the clock. With a dozen starts the best maximum
+    was missed by 4 and 10 nats on two of four specimens of the rig: then no way of sampling converges.
     """
     began = time.process_time()
     rng = np.random.default_rng([seed, 3])
