@@ -28,10 +28,10 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from pypdf import PdfReader, PdfWriter
 
-from bayes_iwan.report.style import RC, settle
+from bayes_iwan.report.style import DPI, RC, settle
 
 #: of PNG: a little larger than the smallest files, in a third of the time
-_PNG: dict[str, Any] = {"format": "png", "dpi": 150, "pil_kwargs": {"compress_level": 3}}
+_PNG: dict[str, Any] = {"format": "png", "dpi": DPI, "pil_kwargs": {"compress_level": 3}}
 #: the second process: deaf to Ctrl-C from its first line on, it ends when its input does
 _SERVE = (
     "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); from bayes_iwan.report.rendering import serve; "

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import matplotlib as mpl
+import numpy as np
 import pytest
 from matplotlib.ticker import FuncFormatter
 from PIL import Image
@@ -97,3 +98,15 @@ def test_a_page_s_files_come_from_both_processes(tmp_path, figure_files):
         with Image.open(tmp_path / "figures" / f"page_figure-{i}.png") as picture:
             assert picture.size == (600, 300)
         assert (tmp_path / "figures" / f"page_figure-{i}.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_no_label_is_cut_off_in_the_files():
+    figure, axes = subplots(1, 1, 4, 2)
+    axes[0, 0].barh([0, 1], [0.2, 0.9])
+    axes[0, 0].set_yticks([0, 1], ["unknown: the rest has a cause", "none: the model suffices"])
+    order = Order("bars", "bars", True, ("png",))
+    renderer = Renderer()
+    renderer.order(order, figure)
+    with Image.open(io.BytesIO(renderer.rendered(order).png)) as picture:
+        margin = np.asarray(picture.convert("L"))[:, :4]
+    assert (margin == 255).all()
