@@ -52,7 +52,7 @@ from bayes_iwan.gap.judging.calibration import (
 )
 from bayes_iwan.gap.judging.guards import Figures
 from bayes_iwan.gap.judging.verdict import Weighed, helping, least_share, named_by, weighed
-from bayes_iwan.gap.searching.search import LAST, fit_base, gap_rms_N
+from bayes_iwan.gap.searching.search import OWN_FORM, fit_base, gap_rms_N
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -175,7 +175,9 @@ def place_rows(cases: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]
     for case in cases:
         true = truths(case)
         for f in figures_of(case):
-            if f.name in LAST:  # named by its share alone: on the rig every specimen differs a little from the family
+            if (
+                f.name in OWN_FORM
+            ):  # named by its share alone: on the rig every specimen differs a little from the family
                 continue
             rows.append(effect_figures(f))
             near = {n for n, v in f.rivals.items() if v > -APART}
@@ -205,7 +207,7 @@ def within_fit(cases: Sequence[dict[str, Any]]) -> float:
         missed = true - {f.name for f in given}
         for f in given:
             right = [n for n in f.rivals if n == f.name and n in true] or [n for n in f.rivals if n in missed]
-            if len(right) == 1 and f.name not in NO_CAUSE | LAST:
+            if len(right) == 1 and f.name not in NO_CAUSE | OWN_FORM:
                 places.append((np.array(list(f.rivals.values())), list(f.rivals).index(right[0])))
 
     def cost(power: float) -> float:
@@ -281,7 +283,7 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
 
     for case, c in zip(cases, constants):
         given, true, kind = figures_of(case), truths(case), case["truth"]["kind"]
-        named = {n for n in named_in(case, c) if n not in LAST}
+        named = {n for n in named_in(case, c) if n not in OWN_FORM}
         apart = {n for f in given if f.name in named for n, v in f.rivals.items() if v > -c.apart}
         flagged = c.unknown_rest(rest_row(case, c)) >= 0.5
         gap = sets(case["gap_N"])[frozenset()]
@@ -339,7 +341,7 @@ def reliability(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration
         p, _ = contributing(figures_of(case), c)
         true = truths(case)
         for name, value in p.items():
-            if name not in NO_CAUSE | LAST:
+            if name not in NO_CAUSE | OWN_FORM:
                 stated.append(value)
                 right.append(name in true)
         stated.append(c.unknown_rest(rest_row(case, c)))

@@ -24,7 +24,7 @@ from bayes_iwan.gap.fitting.gap_size import Gap, GapSize
 from bayes_iwan.gap.fitting.leave_out import Unseen
 from bayes_iwan.gap.judging.calibration import Calibration
 from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.searching.search import LAST, Search
+from bayes_iwan.gap.searching.search import OWN_FORM, Search
 
 #: half width of a 90 % interval in standard deviations
 NINETY = 1.645
@@ -246,5 +246,5 @@ def contributing(given: Iterable[Figures], c: Calibration) -> tuple[dict[str, fl
 
 def left_unnamed(named: frozenset[str], gap: Mapping[frozenset[str], float]) -> float:
     """The gap beside the named effects, of gaps by set of effects. What causes in the base's own form explain
-    (:data:`LAST`) is a specimen's usual difference from the model and not left."""
-    return gap[named | (max(gap, key=len) & LAST)]
+    (:data:`OWN_FORM`) is a specimen's usual difference from the model and not left."""
+    return gap[named | (max(gap, key=len) & OWN_FORM)]

@@ -27,13 +27,14 @@ from bayes_iwan.gap.judging.budget import (
 )
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.guards import Figures, guard_figures
-from bayes_iwan.gap.searching.search import LAST, Search
+from bayes_iwan.gap.searching.search import OWN_FORM, Search
 
-#: share of the gap that an effect must remove to be named, and more where it is so flexible that it always removes some
-LEAST_SHARE, LEAST_FLEXIBLE = 0.02, 0.2
+#: share of the gap that an effect must remove to be named, and a cause in the base's own form, which always removes
+#: some
+LEAST_SHARE, LEAST_OWN_FORM = 0.02, 0.2
 #: and of the friction force: two sensors of one kind differ by as much
 LEAST_OF_FRICTION = 0.001
-#: gap over the friction force below which no flexible effect is named: so much every specimen differs from the family
+#: gap over the friction force below which no cause in the base's own form is named: so much every specimen differs
 LEAST_GAP = 0.01
 
 
@@ -73,7 +74,7 @@ def weighed(search: Search, seed: int) -> Weighed:
     fits = {k: f for k, f in fits.items() if k <= frozenset(kept)}
     sizes = {k: s for k, s in sizes.items() if k in fits}
     share = {n: s.value for n, s in shares(search.chosen, sizes).items()} if search.chosen else {}
-    said = tuple(f for f in guard_figures(search, nearest, share) if f.name not in LAST or f.gap >= LEAST_GAP)
+    said = tuple(f for f in guard_figures(search, nearest, share) if f.name not in OWN_FORM or f.gap >= LEAST_GAP)
     return Weighed(
         search, said, fits, {k: nearest[k] for k in fits}, sizes, float(np.max(search.data.subharmonic, initial=0.0))
     )
@@ -107,7 +108,7 @@ def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
 
 def least_share(name: str, gap: float) -> float:
     """Share of the gap that an effect must remove to be named; gap : over the friction force."""
-    return max(LEAST_FLEXIBLE if name in LAST else LEAST_SHARE, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))
+    return max(LEAST_OWN_FORM if name in OWN_FORM else LEAST_SHARE, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))
 
 
 def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:

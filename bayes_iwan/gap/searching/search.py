@@ -58,7 +58,9 @@ STOOD_IN, ALONE = 0.05, 0.2
 #: draws of the noise behind each gap
 DRAWS = 100
 
-#: causes in the base's own form, and others so flexible that they are sought only beside what the rest explains
+#: causes in the base's own form: every specimen differs a little from the family
+OWN_FORM = frozenset(e.name for e in FORM)
+#: these, and others so flexible that they are sought only beside what the rest explains
 LAST = frozenset(e.name for e in (*FORM, *(e for e in BUILT_IN if e.flexible)))
 
 Report = Callable[[str], None]
