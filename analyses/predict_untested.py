@@ -113,7 +113,7 @@ def on_the_rig(count, seed, what, laplace):
         loops = simulated(seed, index)["loops"]
         if laplace:
             left = without_sampling(loops, index)
-            print(f"{index}: {left_out_said(left)}", flush=True)
+            print(f"{index}: {left_out_said(left) or 'one frequency only'}", flush=True)
             every += [(x.points_50, x.points_90, x.quantities_90) for x in left]
             continue
         for name, files in folds(loops, what).items():

@@ -21,7 +21,7 @@ from bayes_iwan.threads import side_by_side
 
 _DEPTH = 12.0  # optima so many nats below the best are left out
 #: draws of each round: of every branch in the first one, then of all of them by their shares, each this share at least
-_ROUNDS, _LEAST_LEARNT = (128, 256, 512, 512, 512, 512), 0.2
+_ROUNDS, _LEAST_LEARNT = (128, 256, 512, 512, 512, 512), 0.1
 _GOOD, _LEAST_WORTH = 0.3, 0.02  # what a draw is worth: where rounds end, and where proposals do not fit
 _MISSED = 10.0  # nats, and half a nat a number, by which the draws' best may lie below the best optimum
 _NEGLIGIBLE = 1e-3  # share of the weight
@@ -109,7 +109,7 @@ class Source:
             if not mass.any():
                 return False
             kept = [kept[j] for j in np.argsort(-mass) if mass[j] > _NEGLIGIBLE * mass.sum()]
-            if i == 1:
+            if i <= 1:
                 kept, touching = self._apart(kept, seed)
             shares, worth = _shared([log_w[k] for k in kept])
             if i >= 2 and worth > _GOOD:
@@ -130,10 +130,17 @@ class Source:
         return np.exp(mass - mass.max()) if np.isfinite(mass).any() else np.zeros(len(which))
 
     def _apart(self, kept: Sequence[int], seed: int) -> tuple[list[int], set[tuple[int, int]]]:
-        """The branches, of most mass first, that are not all within one before them; pairs of them that overlap."""
+        """The branches that are not all within one before them, and pairs of them that overlap. Those come first whose
+        draws are worth most of the whole's: of two that find the same, the one that draws it better."""
         out: list[int] = []
         touching = set()
+        worth = {}
         for k in kept:
+            log_w = self.branches[k].tried()[2]
+            top = log_w.max()
+            first, second = (np.mean(np.exp(power * (log_w - top))) for power in (1, 2))
+            worth[k] = top + 3.0 * np.log(first) - np.log(second)
+        for k in sorted(kept, key=lambda k: -worth[k]):
             z, _, log_w = self.branches[k].tried()
             weight = np.exp(log_w - log_w.max())
             some = np.random.default_rng([seed, 22, k]).choice(len(z), _CHECKED, p=weight / weight.sum())
