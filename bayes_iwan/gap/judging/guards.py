@@ -112,9 +112,11 @@ def guard_figures(
 
 
 def _companion(search: Search, whole: Fit, less: Fit, rival: Fit, name: str) -> bool:
-    """Does the effect that is judged gain nats beside this rival, too? Then the rival does not take its place."""
+    """Does the effect that is judged gain nats beside this rival, too? Then the rival does not take its place. Of two
+    that look alike nature seldom has both: what one gains beside the other is the difference between two laws."""
     both = search.fits.get(whole.names | {name})
-    if both is None or name in whole.names:
+    (judged,) = whole.names - less.names
+    if both is None or look_alike(search.effects, judged, name):
         return False
     gain, beside = whole.log_evidence - less.log_evidence, both.log_evidence - rival.log_evidence
     return beside > max(COMPANION * gain, WORTH_NATS)
