@@ -1,11 +1,13 @@
 """The budget's arithmetic against closed forms, and the calibration's promises."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from bayes_iwan.gap.judging.budget import shapley, subsets
+from bayes_iwan.effects.catalogue import variants
+from bayes_iwan.gap.judging.budget import Share, shapley, subsets
 from bayes_iwan.gap.judging.calibration import (
     EFFECT_FIGURES,
     REST_FIGURES,
@@ -16,7 +18,7 @@ from bayes_iwan.gap.judging.calibration import (
     from_json,
     rest_figures,
 )
-from bayes_iwan.gap.judging.guards import Figures, borne_out
+from bayes_iwan.gap.judging.guards import Figures, borne_out, companion
 from bayes_iwan.gap.telling.words import title
 
 
@@ -60,7 +62,7 @@ PLACE = Figures("a", 20.0, 10.0, {"a": 0.0, "b": -4.0}, 0.5, 0.4, 0.4, 1.0, 0.5,
 
 @pytest.mark.parametrize(
     "change",
-    [{"gain": 80.0}, {"unseen": 0.9}, {"alone": 0.9}, {"differs": 0.1}],
+    [{"gain": 80.0}, {"fitted": 0.9}, {"unseen": 0.9}, {"alone": 0.9}, {"differs": 0.1}],
     ids=lambda c: next(iter(c)),
 )
 def test_better_figures_never_make_a_cause_less_probable(change):
@@ -74,6 +76,35 @@ def test_evidence_between_rivals_counts_as_far_as_the_gap_bears_it_out():
     assert borne_out(-4.0, 0.5, 1.0, False) == -4.0 and borne_out(-200.0, -0.1, 1.0, False) == 0.0
     assert borne_out(3.0, 0.0, 1.0, True) == 0.0 and borne_out(3.0, 0.0, 1.0, False) == 3.0
     assert borne_out(9.0, 0.0, 1.0, True) == 9.0
+
+
+@pytest.mark.parametrize(
+    ("rival", "both", "expected"),
+    [
+        ("moving_mass", 95.0, True),  # the delay gains 45 of its 50 nats beside the mass: both act
+        ("moving_mass", 60.0, False),  # it gains 10: the mass stands in for it
+        ("moving_mass", None, False),  # not known
+        ("force_lowpass", 95.0, False),  # a look-alike stays a rival
+    ],
+)
+def test_a_rival_beside_which_an_effect_still_gains_is_a_companion(rival, both, expected, kit):
+    """Evidence by hand: base 0, delay 50, the rival alone 50."""
+
+    def fit(nats, *names):
+        return SimpleNamespace(log_evidence=nats, names=frozenset(names))
+
+    fits = {} if both is None else {frozenset({"channel_delay", rival}): fit(both, "channel_delay", rival)}
+    effects = {n: tuple(k(kit.scales, ("a.csv",)) for k in kinds) for n, kinds in variants().items()}
+    search = SimpleNamespace(fits=fits, effects=effects)
+    assert companion(search, fit(50.0, "channel_delay"), fit(0.0), fit(50.0, rival), rival) is expected
+
+
+def test_a_share_s_interval_widens_by_an_independent_error():
+    wide = Share(0.5, 0.4, 0.6).widened(0.1)
+    assert wide.high - 0.5 == pytest.approx(np.hypot(0.1, 1.645 * 0.1)) and 0.5 - wide.low == pytest.approx(
+        wide.high - 0.5
+    )
+    assert Share(0.95, 0.9, 1.0).widened(0.1).high == 1.0
 
 
 def test_no_evidence_names_nothing():

@@ -80,7 +80,7 @@ def guard_figures(
     out = []
     for name in search.chosen:
         less = without[name]
-        others_of = {n: f for n, f in search.rivals(name).items() if not _companion(search, whole, less, f, n)}
+        others_of = {n: f for n, f in search.rivals(name).items() if not companion(search, whole, less, f, n)}
         rivals = {
             n: borne_out(
                 f.log_evidence - whole.log_evidence,
@@ -111,7 +111,7 @@ def guard_figures(
     return tuple(out)
 
 
-def _companion(search: Search, whole: Fit, less: Fit, rival: Fit, name: str) -> bool:
+def companion(search: Search, whole: Fit, less: Fit, rival: Fit, name: str) -> bool:
     """Does the effect that is judged gain nats beside this rival, too? Then the rival does not take its place. Of two
     that look alike nature seldom has both: what one gains beside the other is the difference between two laws."""
     both = search.fits.get(whole.names | {name})
