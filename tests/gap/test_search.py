@@ -8,11 +8,12 @@ import pytest
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.paper import missing_terms
+from bayes_iwan.gap.diagnosis import diagnose_loops
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import Rows, extended
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
 from bayes_iwan.gap.searching.candidates import candidates, start_points
-from bayes_iwan.gap.searching.search import LAST, SINGLE_MOST, fit_base, search
+from bayes_iwan.gap.searching.search import LAST, SINGLE_MOST, fit_base, missed, search
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
@@ -39,6 +40,22 @@ def test_sound_rig_has_no_cause(kit):
     d = kit.diagnosed(None)
     assert d.verdict.kind == Kind.NONE and d.verdict.causes == () and not d.verdict.unknown_rest
     assert d.verdict.probabilities["none"] > 0.5
+
+
+def test_where_nothing_is_missed_nothing_is_searched(kit):
+    """Loops of the base model itself and noise; and the same with a spring that hardens a little."""
+    tests = [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)]
+    right = kit.made_up(kit.specimen_force, tests, noise_N=0.01)
+    d = diagnose_loops(right, right.loops(**kit.small), seed=1, quick=True)
+    assert d.verdict.kind == Kind.NONE and set(d.search.fits) == {frozenset()}
+
+    def hardened(f, a, n):
+        u = a * np.sin(2.0 * np.pi * np.arange(n) / n)
+        return kit.specimen_force(f, a, n) + 0.05 * u**3
+
+    off = kit.made_up(hardened, tests, noise_N=0.01).loops(**kit.small)
+    scales, data = scales_of(off), gap_data(off)
+    assert missed(data, fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(0)))
 
 
 def test_cause_outside_the_catalogue_leaves_a_rest_without_a_name(kit):

@@ -368,11 +368,14 @@ def search(
     simulator: Simulator | None = None,
     executor: Executor | None = None,
 ) -> Search:
-    """Fit the base and every single effect, then grow a set of up to `most` effects, with exchanges on the way.
+    """Fit the base and every single effect, then grow a set of up to `most` effects, with exchanges on the way; the
+    base alone where it misses nothing.
 
     executor : from :func:`bayes_iwan.executors.opened`, to refit the candidates of a step side by side.
     """
     found = _Explorer(data, scales, settings, kinds, rng, report, simulator, executor)
+    if not missed(data, found.fits[frozenset()]):
+        return Search(data, scales, settings, found.fits, (), found.effects, found.failed)
     found.singles()
     if found.base_again():  # the base had missed its optimum: once more from there
         found.singles()
@@ -386,6 +389,12 @@ def search(
     gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
     return Search(data, scales, settings, found.fits, order, found.effects, found.failed)
+
+
+def missed(data: GapData, base: Fit) -> bool:
+    """Does the base miss more than noise in any test, or in any part of the gap?"""
+    size = gap_size(residual_of(data, in_newtons(data, base)), draws=DRAWS)
+    return any(g.low_N > 0.0 for g in (size.all, size.loop, size.along, size.mains, *size.tests))
 
 
 def gap_rms_N(data: GapData, fit: Fit) -> float:
