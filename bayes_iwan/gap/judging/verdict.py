@@ -27,13 +27,11 @@ from bayes_iwan.gap.judging.budget import (
 )
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.guards import Figures, guard_figures
-from bayes_iwan.gap.searching.search import OWN_FORM, Search
+from bayes_iwan.gap.searching.search import LEAST_OF_FRICTION, OWN_FORM, Search
 
 #: share of the gap that an effect must remove to be named, and a cause in the base's own form, which always removes
 #: some
 LEAST_SHARE, LEAST_OWN_FORM = 0.02, 0.2
-#: and of the friction force: two sensors of one kind differ by as much
-LEAST_OF_FRICTION = 0.001
 #: gap over the friction force below which no cause in the base's own form is named: so much every specimen differs
 LEAST_GAP = 0.01
 

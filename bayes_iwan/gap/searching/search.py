@@ -55,6 +55,8 @@ MOST_EFFECTS = 4
 #: an effect is dropped if the gap without it is larger by at most this share of the base's gap, though alone it would
 #: remove ALONE of it: the others of the set stand in for it, and nats beyond that are the difference between two laws
 STOOD_IN, ALONE = 0.05, 0.2
+#: what removes less of the friction force is not named: two sensors of one kind differ by as much
+LEAST_OF_FRICTION = 0.001
 #: draws of the noise behind each gap
 DRAWS = 100
 
@@ -235,8 +237,8 @@ class _Explorer:
         return best if best.log_evidence > current.log_evidence + WORTH_NATS else None
 
     def plainest(self, shared: frozenset[str], fits: Sequence[Fit]) -> Fit:
-        """The best of fits with one effect beside those shared; among look-alikes that are all but tied the one that
-        the catalogue lists first, which is the simpler story."""
+        """The best of fits with one effect beside those shared; among look-alikes that are all but tied, in newtons
+        too, the one that the catalogue lists first, which is the simpler story."""
         best = max(fits, key=lambda f: f.log_evidence)
         (name,) = best.names - shared
         tied = [
@@ -245,6 +247,9 @@ class _Explorer:
             if f.log_evidence > best.log_evidence - TIED_NATS
             and look_alike(self.effects, name, next(iter(f.names - shared)))
         ]
+        if len(tied) > 1:
+            most = self.gap_N(best) + ALIKE_SHARE * self.gap_N(self.fits[frozenset()])
+            tied = [f for f in tied if f is best or self.gap_N(f) <= most]
         listed = list(self.effects)
         return min(tied, key=lambda f: listed.index(next(iter(f.names - shared))))
 
@@ -392,9 +397,10 @@ def search(
 
 
 def missed(data: GapData, base: Fit) -> bool:
-    """Does the base miss more than noise in any test, or in any part of the gap?"""
+    """Does the base miss more than noise in any test or part of the gap, or could it, beyond what would be named?"""
     size = gap_size(residual_of(data, in_newtons(data, base)), draws=DRAWS)
-    return any(g.low_N > 0.0 for g in (size.all, size.loop, size.along, size.mains, *size.tests))
+    parts = (size.all, size.loop, size.along, size.mains, *size.tests)
+    return size.all.share_high > LEAST_OF_FRICTION or any(g.low_N > 0.0 for g in parts)
 
 
 def gap_rms_N(data: GapData, fit: Fit) -> float:
