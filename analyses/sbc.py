@@ -54,7 +54,7 @@ def short_posterior(
     """(draws, ndim) of the posterior from the package's own sampling, started at optima found from prior draws.
 
     The rule of convergence is the package's own; budget_s is seconds on the clock. With a dozen starts the best maximum
-    was missed by 4 and 10 nats on two of four specimens of the rig: then no way of sampling converges.
+    was missed by 4 and 10 nats on both specimens that were checked: then no way of sampling converges.
     """
     began = time.process_time()
     rng = np.random.default_rng([seed, 3])
