@@ -20,7 +20,7 @@ from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import Fit, extended, fit_model
 from bayes_iwan.gap.fitting.gap_size import gap_size
 from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.searching.search import fit_base
+from bayes_iwan.gap.searching.base import fit_base
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings

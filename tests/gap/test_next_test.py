@@ -5,7 +5,7 @@ import pytest
 
 from bayes_iwan.campaign.limits import RigLimits
 from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.searching.search import fit_base
+from bayes_iwan.gap.searching.base import fit_base
 from bayes_iwan.gap.telling.next_test import TESTABLE_NATS, next_test, plans_of, visible_nats
 from bayes_iwan.physics import sine_motion
 

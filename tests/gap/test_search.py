@@ -12,8 +12,9 @@ from bayes_iwan.gap.diagnosis import diagnose_loops
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import Rows, extended
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
+from bayes_iwan.gap.searching.base import fit_base, missed
 from bayes_iwan.gap.searching.candidates import candidates, start_points
-from bayes_iwan.gap.searching.search import LAST, SINGLE_MOST, fit_base, missed, search
+from bayes_iwan.gap.searching.search import LAST, SINGLE_MOST, search
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings

@@ -9,7 +9,7 @@ import pytest
 
 from bayes_iwan.effects.conditions import conditions_of, following
 from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.searching.search import fit_base
+from bayes_iwan.gap.searching.base import fit_base
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings

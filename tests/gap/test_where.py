@@ -13,7 +13,7 @@ from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import extended, fit_model
 from bayes_iwan.gap.fitting.gap_size import gap_size, shrink
 from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.searching.search import fit_base
+from bayes_iwan.gap.searching.base import fit_base
 from bayes_iwan.gap.telling.findings import pictures, where_json, where_sentences
 from bayes_iwan.gap.telling.where import where
 from bayes_iwan.inference.setup.scales import scales_of

@@ -17,7 +17,8 @@ from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import moved_shares
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, halves, left_out, refitted
-from bayes_iwan.gap.searching.search import LAST, TIED_NATS, WORTH_NATS, Search, gap_rms_N, look_alike
+from bayes_iwan.gap.searching.base import gap_rms_N
+from bayes_iwan.gap.searching.search import LAST, TIED_NATS, WORTH_NATS, Search, look_alike
 from bayes_iwan.threads import alongside
 
 #: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:

@@ -19,10 +19,9 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import BUILT_IN, FORM, Maker
 from bayes_iwan.gap.fitting.data import GapData
-from bayes_iwan.gap.fitting.evidence import Fit, base_problem, extended, fit_model, in_newtons
-from bayes_iwan.gap.fitting.gap_size import gap_size
-from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.searching.candidates import Candidate, candidates, cheapest, failing
+from bayes_iwan.gap.fitting.evidence import Fit, extended
+from bayes_iwan.gap.searching.base import BASE_POINTS, fit_base, gap_rms_N, missed
+from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing
 from bayes_iwan.gap.searching.refits import Refit, Refits
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.problem import Problem
@@ -31,7 +30,6 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.physics import Simulator
 from bayes_iwan.threads import alongside
 
-BASE_POINTS, BASE_STARTS = 600, 16
 #: single effects are refitted if they are among so many most promising ones or promise PROMISE nats, or are sudden
 SINGLE_MOST = 7
 #: a further effect is refitted if one Gauss–Newton step promises so many nats, and at most so many are
@@ -55,10 +53,6 @@ MOST_EFFECTS = 4
 #: an effect is dropped if the gap without it is larger by at most this share of the base's gap, though alone it would
 #: remove ALONE of it: the others of the set stand in for it, and nats beyond that are the difference between two laws
 STOOD_IN, ALONE = 0.05, 0.2
-#: what removes less of the friction force is not named: two sensors of one kind differ by as much
-LEAST_OF_FRICTION = 0.001
-#: draws of the noise behind each gap
-DRAWS = 100
 
 #: causes in the base's own form: every specimen differs a little from the family
 OWN_FORM = frozenset(e.name for e in FORM)
@@ -349,19 +343,6 @@ class _Explorer:
         return self.fits[current.names]
 
 
-def fit_base(
-    data: GapData,
-    settings: DiagnoseSettings,
-    scales: Scales,
-    rng: np.random.Generator,
-    simulator: Simulator | None = None,
-) -> Fit:
-    """The base model from the best of many prior draws."""
-    problem = base_problem(data, settings, scales, simulator)
-    draws = problem.prior.draw(rng, BASE_POINTS)
-    return fit_model(data, problem, cheapest(data, problem, draws, BASE_STARTS))
-
-
 def search(
     data: GapData,
     scales: Scales,
@@ -394,18 +375,6 @@ def search(
     gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
     return Search(data, scales, settings, found.fits, order, found.effects, found.failed)
-
-
-def missed(data: GapData, base: Fit) -> bool:
-    """Does the base miss more than noise in any test or part of the gap, or could it, beyond what would be named?"""
-    size = gap_size(residual_of(data, in_newtons(data, base)), draws=DRAWS)
-    parts = (size.all, size.loop, size.along, size.mains, *size.tests)
-    return size.all.share_high > LEAST_OF_FRICTION or any(g.low_N > 0.0 for g in parts)
-
-
-def gap_rms_N(data: GapData, fit: Fit) -> float:
-    """RMS gap that a fit's model leaves where it misses least, N."""
-    return gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS).all.rms_N
 
 
 def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:

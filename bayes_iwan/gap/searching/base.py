@@ -1,0 +1,45 @@
+"""The base model alone: its fit from many starts, the gap that it leaves, and whether that is any."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_iwan.gap.fitting.data import GapData
+from bayes_iwan.gap.fitting.evidence import Fit, base_problem, fit_model, in_newtons
+from bayes_iwan.gap.fitting.gap_size import gap_size
+from bayes_iwan.gap.fitting.residuals import residual_of
+from bayes_iwan.gap.searching.candidates import cheapest
+from bayes_iwan.inference.setup.scales import Scales
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.physics import Simulator
+
+BASE_POINTS, BASE_STARTS = 600, 16
+#: draws of the noise behind each gap
+DRAWS = 100
+#: what removes less of the friction force is not named: two sensors of one kind differ by as much
+LEAST_OF_FRICTION = 0.001
+
+
+def fit_base(
+    data: GapData,
+    settings: DiagnoseSettings,
+    scales: Scales,
+    rng: np.random.Generator,
+    simulator: Simulator | None = None,
+) -> Fit:
+    """The base model from the best of many prior draws."""
+    problem = base_problem(data, settings, scales, simulator)
+    draws = problem.prior.draw(rng, BASE_POINTS)
+    return fit_model(data, problem, cheapest(data, problem, draws, BASE_STARTS))
+
+
+def gap_rms_N(data: GapData, fit: Fit) -> float:
+    """RMS gap that a fit's model leaves where it misses least, N."""
+    return gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS).all.rms_N
+
+
+def missed(data: GapData, base: Fit) -> bool:
+    """Does the base miss more than noise in any test or part of the gap, or could it, beyond what would be named?"""
+    size = gap_size(residual_of(data, in_newtons(data, base)), draws=DRAWS)
+    parts = (size.all, size.loop, size.along, size.mains, *size.tests)
+    return size.all.share_high > LEAST_OF_FRICTION or any(g.low_N > 0.0 for g in parts)
