@@ -176,9 +176,7 @@ def place_rows(cases: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]
     for case in cases:
         true = truths(case)
         for f in figures_of(case):
-            if (
-                f.name in OWN_FORM
-            ):  # named by its share alone: on the rig every specimen differs a little from the family
+            if f.name in OWN_FORM:  # named by its share alone: every specimen of the rig differs from the family
                 continue
             rows.append(effect_figures(f))
             near = {n for n, v in f.rivals.items() if v > -APART}

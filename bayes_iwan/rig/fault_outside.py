@@ -21,8 +21,8 @@ from bayes_iwan.rig.kernel import FaultValues
 from bayes_iwan.rig.sensors import Chain
 
 
-def _one(name: str, main: str, ceiling, acts, draw: Draw = lambda g, s: {}, evolves: bool = False) -> FaultKind:
-    return FaultKind(name, main, linear(ceiling), (Law(name, acts, evolves=evolves),), draw, listed=False)
+def _one(name: str, main: str, ceiling, acts, draw: Draw = lambda g, s: {}) -> FaultKind:
+    return FaultKind(name, main, linear(ceiling), (Law(name, acts),), draw, listed=False)
 
 
 def _base(p: Parameters) -> Acting:
