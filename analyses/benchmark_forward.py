@@ -29,7 +29,7 @@ from bayes_iwan.physics.paper import table_1
 
 LOOPS, SAMPLES = 9, 128
 #: floating-point operations a sample, counted in the source: sliders, α, k, and the draw's table shared by its samples
-FLOPS = {"sliders": 43, "alpha": 50, "k": 46, "table": 32_600 / (LOOPS * SAMPLES)}
+FLOPS = {"sliders": 39, "alpha": 47, "k": 43, "table": 32_600 / (LOOPS * SAMPLES)}
 #: bytes a sample that must go to memory: the force, written once and fetched before (the rest stays in cache)
 BYTES = 16
 EQUAL = 20_000  # elements that are as exact as the sliders

@@ -18,25 +18,25 @@ _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"
 
 @_jit
 def _expm1(x):
-    """e^x − 1 to 1e-14 relative for |x| < 700 (saturating beyond): (2ⁿ − 1) + 2ⁿ(e^r − 1), |r| ≤ ½ ln 2, by Taylor."""
+    """e^x − 1 to 1e-14 relative for |x| < 700 (saturating beyond): (2ⁿ − 1) + 2ⁿ(e^r − 1), |r| ≤ ½ ln 2."""
     near = x if x > -700.0 else -700.0  # NaN comes out of the comparisons as a number, and is put back below
     near = near if near < 700.0 else 700.0
-    n = math.floor(near * 1.4426950408889634 + 0.5)
+    shifted = near * 1.4426950408889634 + 6755399441055744.0  # 1.5·2⁵²: n, rounded, stands in its last bits
+    n = shifted - 6755399441055744.0
     r = (near - n * 0.693147180369123816490) - n * 1.90821492927058770002e-10  # ln 2 in two parts
-    q = 1.0 / 6227020800.0
-    q = q * r + 1.0 / 479001600.0
-    q = q * r + 1.0 / 39916800.0
-    q = q * r + 1.0 / 3628800.0
-    q = q * r + 1.0 / 362880.0
-    q = q * r + 1.0 / 40320.0
-    q = q * r + 1.0 / 5040.0
-    q = q * r + 1.0 / 720.0
-    q = q * r + 1.0 / 120.0
-    q = q * r + 1.0 / 24.0
-    q = q * r + 1.0 / 6.0
-    q = q * r + 0.5
+    # (e^r − 1 − r)/r² on |r| ≤ ½ ln 2, to 1e-16, by the polynomial of degree 9 that errs least (mpmath.chebyfit)
+    q = 2.51003758325612337e-8
+    q = q * r + 2.76200758799833666e-7
+    q = q * r + 2.75572684803100255e-6
+    q = q * r + 2.48015213223686933e-5
+    q = q * r + 1.98412698630405453e-4
+    q = q * r + 1.38888889171967191e-3
+    q = q * r + 8.33333333333006445e-3
+    q = q * r + 4.16666666666241619e-2
+    q = q * r + 0.166666666666666675
+    q = q * r + 0.500000000000000102
     q = q * r + 1.0
-    power = np.int64((np.int64(n) + 1023) << 52).view(np.float64)
+    power = np.int64((np.float64(shifted).view(np.int64) + 1023) << 52).view(np.float64)
     return (power - 1.0) + power * r * q + 0.0 * x
 
 

@@ -231,8 +231,10 @@ def _series(alpha, k, d, j, where, off, turns, first, grip, stiff):
 
 
 @_inner
-def _glide(at, j, grip, stiff, begin, stop, s, asymmetry, top, st, edge):
+def _glide(at, j, grip, stiff, begin, stop, s, asymmetry, top, st, edge, rest, ends, slope, held):
     """The first entry from `begin` on that the front need not reach by gliding along its piece; `stop` if all do.
+    What their forces need goes into ends, slope and held (what is written there beyond the first such entry, or beyond
+    `stop`, is written again).
 
     Until there it slips on as a whole (its end, s(u − p)k/(α(1 ± a) + s m k), moves out), meets no end of a piece, and
     no vertex beyond it leaves the cone: nothing but the front changes. To stop early costs time only, as
@@ -263,22 +265,24 @@ def _glide(at, j, grip, stiff, begin, stop, s, asymmetry, top, st, edge):
         inside &= (low_0 + low_slope * du) * stiff[e] <= behind * grip[e]
         reached = min(reached, b if forward & inside else e)  # type: ignore[arg-type]
         over_before, under_before = over, under
+        ends[e], slope[e], held[e] = over / under, s * under, rest
     return min(np.int64(reached), stop)
 
 
 @_inner
-def _gliding_force(at, j, grip, stiff, begin, stop, cone, p, m, rest, parallel, row, scale, shift, force):
-    """Force at entries over which the front glides."""
+def _forces(at, j, first, count, stiff, ends, slope, held, parallel, row, scale, shift, force):
+    """Force at the entries from `first` on, k ∫ e' S and the parallel spring's: the front, [0, ends] with k e' = slope,
+    and what the pieces beyond it hold. All at once, since short stretches of a gathering loop cost twice as much."""
     apart_and_wide()
-    for e in range(np.uint64(begin), np.uint64(begin + (stop - begin + 15) // 16 * 16)):
-        slope = cone * grip[e] + m * stiff[e]
-        ell = _limited_mean((at[j, e] - p) * stiff[e] / slope, row, scale, shift)
-        force[e] = slope * ell + stiff[e] * rest + parallel * at[j, e]
+    for e in range(np.uint64(first), np.uint64(first + (count - first + 15) // 16 * 16)):  # whole vectors
+        ell = _limited_mean(ends[e], row, scale, shift)
+        force[e] = slope[e] * ell + stiff[e] * held[e] + parallel * at[j, e]
 
 
 @_inner
 def _follow(
-    at, stop, j, first, count, grip, stiff, asymmetry, parallel, row, scale, shift, limit, st, work, force
+    at, stop, j, first, count, grip, stiff, asymmetry, parallel, row, scale, shift, limit,
+    st, work, ends, slope, held, force,
 ):  # fmt: skip
     """Follow the way of loop j from rest; force at the entries from `first` on, k times ∫ e φ̃ dφ, and the spring's.
 
@@ -317,18 +321,15 @@ def _follow(
         m, end = st[top - 1, M], step + 1
         rest = st[top - 1, REST] - m * st[top - 1, L_END]
         if step >= first:
-            ell = _limited_mean(edge, row, scale, shift)
-            force[step] = (q + m) * stiff[step] * ell + stiff[step] * rest + parallel * now
+            ends[step], slope[step], held[step] = edge, (q + m) * stiff[step], rest
         if glides and end < stop[j, step]:
             stretch = min(stop[j, step], end + LONGEST)
-            end = _glide(at, j, grip, stiff, end, stretch, s, asymmetry, top, st, edge)
+            end = _glide(at, j, grip, stiff, end, stretch, s, asymmetry, top, st, edge, rest, ends, slope, held)
             if end > step + 1:
-                cone = s * (1.0 + s * asymmetry)
-                begin, p = max(step + 1, first), st[top - 1, P]
-                _gliding_force(at, j, grip, stiff, begin, end, cone, p, m, rest, parallel, row, scale, shift, force)
-                now, q = at[j, end - 1], cone * grip[end - 1] / stiff[end - 1]
+                now, q = at[j, end - 1], s * (1.0 + s * asymmetry) * grip[end - 1] / stiff[end - 1]
                 edge = (now - p) / (q + m)
         last, step = now, end
+    _forces(at, j, first, count, stiff, ends, slope, held, parallel, row, scale, shift, force)
 
 
 @_jit
@@ -354,6 +355,7 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
     where, stop = np.empty((loops, longest), np.uint64), np.empty((loops, longest), np.int64)
     count, first = np.empty(loops, np.int64), np.empty(loops, np.int64)
     grip, stiff, force = np.zeros(longest), np.zeros(longest), np.zeros(longest)
+    ends, slope, held = np.zeros(longest), np.zeros(longest), np.zeros(longest)
     row, st, work = np.empty(4 * cells + 4), np.empty((MAX_PIECES, 6)), np.empty((2 * MAX_PIECES + 1, 2))
     for d in range(draws):
         _in_a_row(tables[d], shift, row)
@@ -365,7 +367,7 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
             _series(alpha, k, d, j, where, off, turns, first[j], grip, stiff)
             _follow(
                 at, stop, j, first[j], count[j], grip, stiff, asymmetry[d],
-                parallel[d], row, scale, shift, limit, st, work, force,
+                parallel[d], row, scale, shift, limit, st, work, ends, slope, held, force,
             )  # fmt: skip
             begin, i = first[j], 0
             for t in range(1, turns[j, 0] + 2):

@@ -127,7 +127,7 @@ def _gamma_tables(
     apart_and_wide()
     draws, components = t.shape
     nodes, columns = root.size, unit.shape[2]
-    value, slope, cubic = np.empty(columns), np.empty(columns), np.empty((columns, 4))
+    value, slope, square, cube = np.empty(columns), np.empty(columns), np.empty(columns), np.empty(columns)
     cell, place = np.empty(nodes, np.uint64), np.empty(nodes)
     for d in range(draws):
         top[d] = 0.0
@@ -155,15 +155,9 @@ def _gamma_tables(
                 slope[j] = a * r0[1, j] + b * r1[1, j] + c * r2[1, j] + e * r3[1, j]
             for p in range(last):
                 rise = value[p + 1] - value[p]
-                cubic[p, 0], cubic[p, 1] = value[p], slope[p]
-                cubic[p, 2] = 3.0 * rise - 2.0 * slope[p] - slope[p + 1]
-                cubic[p, 3] = slope[p] + slope[p + 1] - 2.0 * rise
-            cubic[last, 0], cubic[last, 1], cubic[last, 2], cubic[last, 3] = (
-                value[last],
-                0.0,
-                0.0,
-                0.0,
-            )  # S has died out
+                square[p] = 3.0 * rise - 2.0 * slope[p] - slope[p + 1]
+                cube[p] = slope[p] + slope[p + 1] - 2.0 * rise
+            slope[last] = square[last] = cube[last] = 0.0  # S has died out
             stride = math.sqrt(math.sqrt(top[d] / t[d, i])) / column_step
             value_scale = g[d, i] * t[d, i]
             slope_scale = g[d, i] / (4.0 * column_step**4 * stride**3)
@@ -173,8 +167,8 @@ def _gamma_tables(
                 cell[j], place[j] = p, s - p
             for j in range(nodes):
                 q, w = cell[j], place[j]
-                c1, c2, c3 = cubic[q, 1], cubic[q, 2], cubic[q, 3]
-                limited[j] += value_scale * (cubic[q, 0] + w * (c1 + w * (c2 + w * c3)))
+                c1, c2, c3 = slope[q], square[q], cube[q]
+                limited[j] += value_scale * (value[q] + w * (c1 + w * (c2 + w * c3)))
                 survival[j] += slope_scale * inverse[j] * (c1 + w * (2.0 * c2 + w * 3.0 * c3))
         _cubics(limited, survival, width, top[d], out[d])
 
