@@ -29,6 +29,7 @@ _NU, _WIDER = 12.0, 1.05
 _HELD_NU, _HELD_WIDER, _HELD_DRAWS = 6.0, 1.2, 128
 _PRIOR_DRAWS = 20.0  # how many draws the map's own standard normal counts for beside those that are learnt from
 _SAME = 1e-2  # places nearer than this are one place
+_KNOWN = 400  # of the places found in the rounds, those that solutions start from
 BLOCK = 128  # proposals that are solved for together, on one thread
 
 
@@ -45,11 +46,12 @@ class Optimum:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Proposals: z (n, ndim), x (n, free) in the map's coordinates, log_prob (n,), the logarithm of the posterior with
-    the held numbers integrated out (n,), −∞ where there is no such place, ln|det ∂x/∂z| (n,)."""
+    """Proposals: z (n, ndim), x (n, free) in the map's coordinates, ∂x/∂z (n, free, free), log_prob (n,), the logarithm
+    of the posterior with the held numbers integrated out (n,), −∞ where there is no such place, ln|det ∂x/∂z| (n,)."""
 
     z: Array
     x: Array
+    slope: Array
     log_prob: Array
     log_total: Array
     log_det: Array
@@ -104,7 +106,7 @@ class Branch:
             pick = (cumulative < chances.chance[some, None]).sum(axis=1).clip(max=count - 1)
             z[some[:, None], self.held] = held[some, pick]
             log_p[some] = level[np.arange(len(some)), pick]
-        return Drawn(z, place.x, log_p, log_total, place.log_det)
+        return Drawn(z, place.x, place.slope, log_p, log_total, place.log_det)
 
     def log_density(self, z: Array) -> Array:
         """ln of the proposal's density (n,) at any places z (n, ndim); −∞ where this branch's map does not lead to."""
@@ -156,7 +158,14 @@ class Branch:
 
     def learn(self) -> None:
         """Take mean and covariance in the map's coordinates from all rounds' draws, the standard normal's counted in;
-        single heavy weights are cut (Ionides, J. Comp. Graph. Stat. 17, 2008, 295)."""
+        single heavy weights are cut (Ionides, J. Comp. Graph. Stat. 17, 2008, 295). Solutions start from the latest
+        places from now on."""
+        z, x, slope, log_total = (
+            np.concatenate([getattr(r.drawn, name) for r in self._tried]) for name in ("z", "x", "slope", "log_total")
+        )
+        z[:, self.held] = self.map.optimum[self.held]
+        met = np.flatnonzero(np.isfinite(log_total))[-_KNOWN:]
+        self.map.remember(z[met], x[met], slope[met])
         _, x, log_w = self.tried()
         there = np.isfinite(log_w)
         if not there.any():

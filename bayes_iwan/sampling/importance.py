@@ -44,7 +44,7 @@ _STAGE = "proposals"
 _BATCH = 128  # proposals of a chain that are solved for together
 _FIRST_CHECK = 256
 _MOST_UNREACHED = 0.05  # share of walks from draws that may end where no proposal leads
-_GIVE_UP, _GIVE_UP_SHARE = 768, 0.1  # steps at which the least effective size must be this share of its target
+_GIVE_UP, _GIVE_UP_SHARE = 4096, 0.1  # steps at which the least effective size must be this share of its target
 
 
 def sample_independently(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.sampling.branches import BLOCK, Branch, Drawn, HeldFunction, Optimum, log_mean_exp
-from bayes_iwan.sampling.residual_map import Residuals
+from bayes_iwan.sampling.residual_map import Known, Residuals
 from bayes_iwan.threads import side_by_side
 
 _DEPTH = 12.0  # optima so many nats below the best are left out
@@ -164,14 +164,15 @@ class Source:
             "heavy": np.array(self.heavy),
             "centre": np.stack([b.centre for b in self.branches]),
             "root": np.stack([b.root for b in self.branches]),
-        }
+        } | {f"{name} {i}": x for i, b in enumerate(self.branches) for name, x in b.map.known.arrays().items()}
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Be as the pilot of an earlier run had left it."""
         overlaps = {(int(j), int(k)) for j, k in state["overlaps"]}
         self._keep(np.asarray(state["kept"], np.int64), state["shares"], overlaps, [float(x) for x in state["heavy"]])
-        for branch, centre, root in zip(self.branches, state["centre"], state["root"]):
-            branch.centre, branch.root = centre, root
+        for i, branch in enumerate(self.branches):
+            branch.centre, branch.root = state["centre"][i], state["root"][i]
+            branch.map.known = Known(**{name: state[f"{name} {i}"] for name in ("z", "x", "slope")})
 
     @property
     def evaluations(self) -> int:
