@@ -2,8 +2,8 @@
 
 Proposals come from residual maps (see :mod:`.residual_map`), one for each branch of the posterior, and are weighed by
 the ratio of posterior to proposal density (see :mod:`.branches`). A pilot says where the proposals should lie; then
-they are frozen, there is no burn-in, and a proposal costs what it costs, some 120 evaluations; where the maps fit, one
-in three is worth an independent draw.
+they are frozen, there is no burn-in, and a proposal costs what it costs, some 30 evaluations where the maps fit; one in
+three is then worth an independent draw.
 
 Several chains, each with proposals of its own, take the place of the ensembles. A chain is its proposals in the order
 in which they came, each as often as its weight says (systematic resampling), so a heavy one is a chain that stands
@@ -44,7 +44,7 @@ _STAGE = "proposals"
 _BATCH = 128  # proposals of a chain that are solved for together
 _FIRST_CHECK = 256
 _MOST_UNREACHED = 0.05  # share of walks from draws that may end where no proposal leads
-_GIVE_UP, _GIVE_UP_SHARE = 4096, 0.1  # steps at which the least effective size must be this share of its target
+_GIVE_UP, _GIVE_UP_SHARE = 2048, 0.1  # steps at which the least effective size must be this share of its target
 
 
 def sample_independently(

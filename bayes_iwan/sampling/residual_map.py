@@ -31,7 +31,10 @@ Residuals = Callable[[Array], Array]
 
 #: step of the Jacobian's differences; x is met to within TOLERANCE of its standard deviation
 _STEP, TOLERANCE = 1e-6, 1e-3
-_ITERATIONS, _LEAST_PART = 60, 1e-4  # who has not got there by then rarely does, and would cost more than all others
+#: steps at most from the optimum alone, and from known places; who has not got there by then rarely does, and would
+#: cost more than all others
+_ITERATIONS = (200, 60)
+_LEAST_PART = 1e-4
 _LONGEST = 1.0  # step of any coordinate
 _SLOW = 3.0  # a step that is off its promise by more than this many times its length asks for a fresh Jacobian
 _TUBE = 1.0  # by how much of x a step may be off its promise, on the way
@@ -142,7 +145,7 @@ class ResidualMap:
         error = np.linalg.norm(at - wanted, axis=1)
         part, fresh = np.ones(n), np.ones(n, bool)  # of the whole step; is the Jacobian that of this very place?
         active = np.flatnonzero(error > TOLERANCE)
-        for _ in range(_ITERATIONS):
+        for _ in range(_ITERATIONS[len(self.known.z) > 1]):
             if len(active) == 0:
                 break
             step = _solved(slope[active], (wanted - at)[active])

@@ -199,9 +199,29 @@ def test_a_run_that_is_given_up_leaves_no_checkpoint(tmp_path):
 
     file = tmp_path / "chains.ckpt"
     optimum = Optimum(np.array([0.05, 0.0025]), 0.0, np.eye(2), np.empty((0, 0)))
-    at = dict(limit=7.0, names=("a", "b"), seed=1, progress=False, checkpoint=file, target_ess=1e5)
+    at = dict(limit=7.0, names=("a", "b"), seed=1, progress=False, checkpoint=file, target_ess=1e6)
     assert sample_independently(bent, held_log_prob, [optimum], NONE, **at) is None
     assert not file.exists()
+
+
+def test_solutions_that_start_from_known_places_are_the_same_and_cheaper():
+    def residuals(z):
+        return np.stack([40.0 * (z[:, 1] - z[:, 0] ** 2), 25.0 * (z[:, 2] - np.sin(2.0 * z[:, 1])), z[:, 0]], axis=1)
+
+    place = ResidualMap(residuals, np.eye(3), np.zeros(3), NONE)
+    x = np.random.default_rng(5).standard_normal((400, 3))
+    first = place.place(x[:300], 7.0)
+    began = place.n_evaluations
+    alone = place.place(x[300:], 7.0)
+    spent = place.n_evaluations - began
+    place.remember(first.z[first.met], first.x[first.met], first.slope[first.met])
+    began = place.n_evaluations
+    near = place.place(x[300:], 7.0)
+    both = near.met & alone.met
+    assert near.met.mean() > 0.9 and both.mean() > 0.9
+    assert place.n_evaluations - began < 0.6 * spent
+    np.testing.assert_allclose(near.z[both], alone.z[both], atol=1e-3)
+    np.testing.assert_allclose(near.log_det[both], alone.log_det[both], atol=1e-2)
 
 
 def test_proposals_learn_where_the_posterior_is_not_standard_normal():
