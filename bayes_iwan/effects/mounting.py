@@ -41,7 +41,6 @@ class RigCompliance(Effect):
                 "-",
                 "compliance at small forces over that at large ones",
                 stats.lognorm(s=0.7, scale=1.0),
-                scan=False,
             ),
             "soft_N": ExtraParameter(
                 "F₁",

@@ -7,16 +7,17 @@ tests, and its lead over effects of another kind speak with it (:mod:`bayes_iwan
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
+from bayes_iwan.effects.base import Effect
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import moved_shares
-from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, halves, left_out, refitted
+from bayes_iwan.gap.fitting.leave_out import HELD_OUT, halves, left_out, refitted
 from bayes_iwan.gap.searching.base import gap_rms_N
 from bayes_iwan.gap.searching.search import LAST, TIED_NATS, WORTH_NATS, Search, look_alike
 from bayes_iwan.threads import alongside
@@ -40,6 +41,9 @@ class Figures:
     fitted : share of the whole gap that it removes (Shapley value in the chosen set), on the fitted tests; unseen :
         share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
         fitted one where no test can judge it)
+    foreseen, foreseen_alone : nats by which it betters the density of tests left out, as the last and the first effect
+        of the set (its gain where no test can judge it); by_test : the mean over tests left out of the share of each one's
+        gap that it removes, as the last effect
     differs : by how many standard deviations its strength differs between halves of the tests (larger split)
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
@@ -52,6 +56,9 @@ class Figures:
     fitted: float
     unseen: float
     alone: float
+    foreseen: float
+    foreseen_alone: float
+    by_test: float
     differs: float
     moved: float
     gap: float
@@ -59,18 +66,19 @@ class Figures:
 
 
 def guard_figures(
-    search: Search, nearest: Mapping[frozenset[str], Fit], share: Mapping[str, float]
+    search: Search, nearest: Mapping[frozenset[str], Fit], share: Mapping[str, float], judged: Iterable[str]
 ) -> tuple[Figures, ...]:
-    """The figures of every effect of the chosen set.
+    """The figures of every effect of the chosen set that is judged.
 
-    nearest : by subset of it, the fit that misses least in newtons; share : of the gap, by effect
+    nearest : by subset of those, the fit that misses least in newtons; share : of the gap, by effect
     (:func:`.budget.shares`)
     """
-    if not search.chosen:
+    judged = tuple(judged)
+    if not judged:
         return ()
-    data, whole = search.data, search.fit(search.chosen)
-    without = {n: search.fit(set(search.chosen) - {n}) for n in search.chosen}
-    sets = dict.fromkeys((whole.names, *(f.names for f in without.values()), *map(_only, search.chosen), frozenset()))
+    data, whole = search.data, search.fit(judged)
+    without = {n: search.fit(set(judged) - {n}) for n in judged}
+    sets = dict.fromkeys((whole.names, *(f.names for f in without.values()), *map(_only, judged), frozenset()))
     unseen = [u for u in left_out([nearest[k] for k in sets], data) if u.by != HELD_OUT]
     differs = _differences(whole, data)
     moved = moved_shares(whole, data)
@@ -79,30 +87,37 @@ def guard_figures(
     gap = dict(zip(sets, alongside(gap_of, [nearest[k] for k in sets])))
     before = gap[frozenset()]
     out = []
-    for name in search.chosen:
-        less = without[name]
-        others_of = {n: f for n, f in search.rivals(name).items() if not companion(search, whole, less, f, n)}
+    asked = search.fit(search.chosen)  # rivals were sought beside all that was chosen
+    asked_N = gap[whole.names] if asked.names == whole.names else gap_of(asked)
+    for name in judged:
+        less, others = without[name], search.fit(asked.names - {name})
+        there = {n: f for n, f in search.rivals(name).items() if not companion(search, asked, others, f, n)}
         rivals = {
             n: borne_out(
-                f.log_evidence - whole.log_evidence,
-                gap_N - gap[whole.names],
+                f.log_evidence - asked.log_evidence,
+                gap_N - asked_N,
                 before,
                 n in LAST or look_alike(search.effects, name, n),
             )
-            for (n, f), gap_N in zip(others_of.items(), alongside(gap_of, [*others_of.values()]))
+            for (n, f), gap_N in zip(there.items(), alongside(gap_of, [*there.values()]))
         }
-        others = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
+        others_nats = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
         fitted = float(np.clip(share[name], -1.0, 1.0))
         gain = whole.log_evidence - less.log_evidence
+        predicts = bool(unseen) and _effect(whole, name).strength_name in whole.problem.names
+        last, first = (less.names, whole.names), (frozenset[str](), _only(name))
         out.append(
             Figures(
                 name,
                 gain,
-                min(gain, -max(others, default=-np.inf)),
+                min(gain, -max(others_nats, default=-np.inf)),
                 rivals,
                 fitted,
-                _judged(whole, name, unseen, whole.names, fitted),
-                _judged(whole, name, unseen, _only(name), fitted),
+                _mean([u.shrink(*last) for u in unseen], fitted) if predicts else fitted,
+                _mean([u.shrink(*first) for u in unseen], fitted) if predicts else fitted,
+                _mean([u.gain(*last) for u in unseen], gain) if predicts else gain,
+                _mean([u.gain(*first) for u in unseen], gain) if predicts else gain,
+                _mean([u.by_test(*last) for u in unseen], fitted) if predicts else fitted,
                 differs.get(name, 0.0),
                 moved[name],
                 gap[less.names] / level,
@@ -137,15 +152,14 @@ def borne_out(nats: float, more_N: float, before_N: float, alike: bool) -> float
     return max(nats, -NATS_OF_GAP * more)
 
 
-def _judged(whole: Fit, name: str, unseen: list[Unseen], names: frozenset[str], fitted: float) -> float:
-    """Shrink on tests left out by one effect of some; parameters of single tests (a mains line) no other test can
-    judge."""
-    effect = next(e for e in whole.effects if e.name == name)
-    if effect.strength_name not in whole.problem.names or not unseen:
-        return fitted
-    found = [u.shrink(names - {name}, names) for u in unseen]
-    found = [x for x in found if np.isfinite(x)]
-    return float(np.mean(found)) if found else fitted
+def _effect(fit: Fit, name: str) -> Effect:
+    return next(e for e in fit.effects if e.name == name)
+
+
+def _mean(values: Sequence[float], otherwise: float) -> float:
+    """Over what was left out; parameters of single tests (a mains line) no other test can judge."""
+    finite = [x for x in values if np.isfinite(x)]
+    return float(np.mean(finite)) if finite else otherwise
 
 
 def _differences(whole: Fit, data: GapData) -> dict[str, float]:

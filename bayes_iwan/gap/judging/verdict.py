@@ -69,11 +69,13 @@ def weighed(search: Search, seed: int) -> Weighed:
         for k, f in nearest.items()
     }
     kept = _removing(search.chosen, {k: s.all.rms_N for k, s in sizes.items()})
-    search = replace(search, chosen=kept, fits=dict(search.fits) | fits)
+    search = replace(search, fits=dict(search.fits) | fits)
     fits = {k: f for k, f in fits.items() if k <= frozenset(kept)}
     sizes = {k: s for k, s in sizes.items() if k in fits}
-    share = {n: s.value for n, s in shares(search.chosen, sizes).items()} if search.chosen else {}
-    said = tuple(f for f in guard_figures(search, nearest, share) if f.name not in OWN_FORM or f.gap >= LEAST_GAP)
+    share = {n: s.value for n, s in shares(kept, sizes).items()} if kept else {}
+    figures = guard_figures(search, nearest, share, kept)
+    said = tuple(f for f in figures if f.name not in OWN_FORM or f.gap >= LEAST_GAP)
+    search = replace(search, chosen=kept)
     return Weighed(
         search, said, fits, {k: nearest[k] for k in fits}, sizes, float(np.max(search.data.subharmonic, initial=0.0))
     )

@@ -24,6 +24,8 @@ EXTRAS = (-1.6, -0.8, 0.0, 0.8, 1.6)
 EFFECT_STARTS = 2
 #: smallest share of the friction level at which a step is judged
 LEAST_SHARE = 1e-3
+#: step of the differences behind a trial's own Jacobian, and the longest step that is believed of it, in prior sd
+STEP, LONGEST = 1e-3, 1.5
 
 
 @dataclass(frozen=True)
@@ -107,8 +109,8 @@ def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Se
 
 
 def promising(rows: Rows, points: Array, smaller: Fit, size: RestSize, most: int) -> tuple[Array, float]:
-    """The `most` points whose cost is least after one step of the smaller model's parameters, and the promised gain
-    in nats of the best over the smaller model."""
+    """Where the `most` points whose cost is least after one step of the smaller model's parameters lead in one step of
+    all parameters, where that helps, and the promised gain in nats of the best over the smaller model."""
     names = rows.problem.names
     at = [names.index(n) for n in smaller.problem.names]
     variance = smaller.linear.variance(size)
@@ -125,8 +127,39 @@ def promising(rows: Rows, points: Array, smaller: Fit, size: RestSize, most: int
     gain = np.einsum("ni,ni->n", b, np.linalg.solve(precision, b.T).T)
     cost = np.sum(shared**2, axis=1) + np.sum(rest**2, axis=1) + np.sum(points**2, axis=1) - gain
     cost = np.where(good, cost, np.inf)
-    order = np.argsort(cost)
-    return points[order[:most]], _cost(rows, smaller, size) - 0.5 * float(cost[order[0]])
+    order = np.argsort(cost)[:most]
+    starts, least = points[order].copy(), cost[order]
+    own = [i for i in range(len(names)) if i not in at]
+    for n, i in enumerate(order):
+        if good[i]:
+            moved, its_cost = _bent(rows, points[i], r[i], j, at, own, rows.sd(size))
+            if its_cost < least[n]:
+                starts[n], least[n] = moved, its_cost
+    better = np.argsort(least)
+    return starts[better], _cost(rows, smaller, size) - 0.5 * float(least[better[0]])
+
+
+def _bent(
+    rows: Rows, point: Array, residual: Array, shared: Array, at: list[int], own: list[int], sd: Array
+) -> tuple[Array, float]:
+    """Where one Gauss–Newton step of the effect's own parameters and the smaller model's leads from a trial point, and
+    what that costs: a law's shape may matter more than its strength, and trial points have few shapes.
+
+    residual (m,) there and shared (m of the smaller model, ndim of it), its Jacobian, both in units of `sd`
+    """
+    j = np.zeros((len(residual), len(point)))
+    j[: len(shared), at] = shared
+    with np.errstate(all="ignore"):
+        tried = point + STEP * np.eye(len(point))[own]
+        j[:, own] = (residual - rows.residual(tried) / sd).T / STEP  # residual = measured − predicted
+        if not np.all(np.isfinite(j)):
+            return point, np.inf
+        b = j.T @ residual - point  # minimise |r − J d|² + |z + d|²
+        step = np.linalg.solve(j.T @ j + np.eye(len(point)), b)
+        moved = point + np.clip(step, -LONGEST, LONGEST)
+        left = rows.residual(moved[None])[0] / sd
+    cost = float(left @ left + moved @ moved)
+    return moved, cost if np.isfinite(cost) else np.inf
 
 
 def stepped(rows: Rows, point: Array, smaller: Fit, size: RestSize) -> float:
