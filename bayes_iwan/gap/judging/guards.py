@@ -42,8 +42,8 @@ class Figures:
         share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
         fitted one where no test can judge it)
     foreseen, foreseen_alone : nats by which it betters the density of tests left out, as the last and the first effect
-        of the set (its gain where no test can judge it); by_test : the mean over tests left out of the share of each one's
-        gap that it removes, as the last effect
+        of the set (its gain where no test can judge it); by_test : the mean over tests left out of the share of each
+        one's gap that it removes, as the last effect
     differs : by how many standard deviations its strength differs between halves of the tests (larger split)
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own

@@ -148,19 +148,24 @@ class _Explorer:
             self.fits[fit.names] = fit
         return self.fits[fit.names]
 
-    def add(self, some: Sequence[Candidate], smaller: Fit) -> None:
-        """Refit candidates, from where each promised most and from where it was best beside the base alone."""
-        found = self.refits([self._start(one, smaller) for one in some])
+    def add(self, some: Sequence[Candidate], smaller: Fit, instead_of: Fit | None = None) -> None:
+        """Refit candidates, from where each promised most, from where it was best beside the base alone, and from the
+        others of the set that it is tried in."""
+        found = self.refits([self._start(one, smaller, instead_of) for one in some])
         for one in some:
             self.report("+".join((*sorted(smaller.names), one.name)))
             self._kept(next(found))
 
-    def _start(self, one: Candidate, smaller: Fit) -> Refit:
+    def _start(self, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
         starts, draws = one.starts, one.starts[:0]
         alone = self.fits.get(frozenset({one.name}))
         if smaller.effects and alone is not None:
             z = dict(zip(smaller.problem.names, smaller.z)) | dict(zip(alone.problem.names, alone.z))
             starts = np.concatenate([starts, np.array([[z.get(n, 0.0) for n in one.problem.names]])])
+        if instead_of is not None:
+            z = dict(zip(one.problem.names, one.starts[0]))
+            z |= {n: v for n, v in zip(instead_of.problem.names, instead_of.z) if n in smaller.problem.names}
+            starts = np.concatenate([starts, np.array([[z[n] for n in one.problem.names]])])
         if one.effect.sudden and not smaller.effects:  # the base may have bent too far to lead there
             draws = one.problem.prior.draw(self.rng, BASE_POINTS)
         return Refit(one.problem, starts, draws)
@@ -274,7 +279,7 @@ class _Explorer:
                 continue
             needed = current.log_evidence - less.log_evidence
             near = self.offered(less)[:FURTHER_MOST]
-            self.add([x for x in near if x.gain > 0.5 * needed and x.name != name], less)
+            self.add([x for x in near if x.gain > 0.5 * needed and x.name != name], less, current)
             current = self.best_beside(less, current)
         return current
 
@@ -336,7 +341,7 @@ class _Explorer:
                     elif one.gain > least and len(others) < RIVALS_MOST:
                         chosen[one.name] = one
                         others.append(one.name)
-                self.add(list(chosen.values()), less)
+                self.add(list(chosen.values()), less, current)
                 current = self.best_beside(less, current)
             if current is before:
                 break
