@@ -172,8 +172,16 @@ class _Explorer:
 
     def offered(self, smaller: Fit, last: bool = False) -> list[Candidate]:
         """Candidates on top of a fit, LAST alone or all others, LAWS_MOST laws of each effect, the most promising
-        first."""
-        on_offer = {n: e for n, e in self.effects.items() if n not in smaller.names and (n in LAST) == last}
+        first. Of two look-alikes that each solve for the specimen's motion only one: each takes the other's part, and
+        one within the other costs its passes squared."""
+        solved = [e for e in smaller.effects if "around" in e.stations]
+        on_offer = {
+            n: some
+            for n, some in self.effects.items()
+            if n not in smaller.names
+            and (n in LAST) == last
+            and not ("around" in some[0].stations and any(look_alike(self.effects, n, e.name) for e in solved))
+        }
         seen: dict[str, int] = {}
         out = []
         for one in candidates(self.data, smaller, on_offer):
@@ -334,11 +342,13 @@ class _Explorer:
                 chosen: dict[str, Candidate] = {}
                 others: list[str] = []
                 for one in [*self.offered(less), *self.offered(less, last=True)]:
-                    if one.name in (name, *chosen) or less.names | {one.name} in self.fits:
+                    known = self.fits.get(less.names | {one.name})
+                    if one.name in (name, *chosen):
                         continue
-                    if look_alike(self.effects, name, one.name) and one.gain > 0.0:
-                        chosen[one.name] = one  # whatever its first step promises: ties are what is asked here
-                    elif one.gain > least and len(others) < RIVALS_MOST:
+                    if look_alike(self.effects, name, one.name):  # whatever a first step promises: ties are asked here
+                        if known is None or known.log_evidence < current.log_evidence - TIED_NATS:
+                            chosen[one.name] = one
+                    elif known is None and one.gain > least and len(others) < RIVALS_MOST:
                         chosen[one.name] = one
                         others.append(one.name)
                 self.add(list(chosen.values()), less, current)
