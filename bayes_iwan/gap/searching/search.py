@@ -317,9 +317,8 @@ class _Explorer:
         for name in sorted(weakest_first, key=lambda n: n not in LAST):
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
             alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
-            opposed = (
-                alone is not None and self.gap_N(alone) > base
-            )  # one is held by the other, that moves as much back
+            # opposed: one is held by the other, that moves as much back
+            opposed = alone is not None and self.gap_N(alone) > base
             cheap = less.log_evidence > current.log_evidence - BESIDE_ALIKE
             if alike and ((cheap and removes[name] < ALIKE_SHARE) or (opposed and removes[name] < 2.0 * ALIKE_SHARE)):
                 return self.pruned(less)
