@@ -172,8 +172,7 @@ class _Explorer:
 
     def offered(self, smaller: Fit, last: bool = False) -> list[Candidate]:
         """Candidates on top of a fit, LAST alone or all others, LAWS_MOST laws of each effect, the most promising
-        first. Of two look-alikes that each solve for the specimen's motion only one: each takes the other's part, and
-        one within the other costs its passes squared."""
+        first; of two look-alikes that solve for the specimen's motion one, since one within the other costs most."""
         solved = [e for e in smaller.effects if "around" in e.stations]
         on_offer = {
             n: some
@@ -300,7 +299,7 @@ class _Explorer:
         return self.plainest(less.names, [top, *(f for f in same_size if f.log_evidence < top.log_evidence)])
 
     def gap_N(self, fit: Fit) -> float:
-        """See :func:`gap_rms_N`; found once for each fit."""
+        """See :func:`gap_rms_N`; once for each fit."""
         at = (fit.names, fit.log_evidence)
         if at not in self._gaps:
             self._gaps[at] = gap_rms_N(self.data, fit)
