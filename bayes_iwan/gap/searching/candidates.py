@@ -22,6 +22,8 @@ from bayes_iwan.threads import alongside
 STRENGTHS = {False: (-2.0, -1.0, -0.2, 0.6, 1.4, 2.2), True: (-1.2, -0.4, 0.4, 1.2)}
 EXTRAS = (-1.6, -0.8, 0.0, 0.8, 1.6)
 EFFECT_STARTS = 2
+#: laws of one effect that are refitted, the most promising first
+LAWS_MOST = 2
 #: smallest share of the friction level at which a step is judged
 LEAST_SHARE = 1e-3
 #: step of the differences behind a trial's own Jacobian, and the longest step that is believed of it, in prior sd
@@ -47,6 +49,17 @@ def candidates(data: GapData, smaller: Fit, effects: Mapping[str, tuple[Effect, 
     of_one = partial(_candidate, data, smaller)
     tried = [e for some in effects.values() for e in some if e.possible(data)]
     return sorted(alongside(of_one, tried), key=lambda c: -c.gain)
+
+
+def leading(some: Sequence[Candidate]) -> list[Candidate]:
+    """Of candidates, the most promising first, LAWS_MOST laws of each effect."""
+    seen: dict[str, int] = {}
+    out = []
+    for one in some:
+        seen[one.name] = seen.get(one.name, 0) + 1
+        if seen[one.name] <= LAWS_MOST:
+            out.append(one)
+    return out
 
 
 def _candidate(data: GapData, smaller: Fit, effect: Effect) -> Candidate:

@@ -21,7 +21,7 @@ from bayes_iwan.effects.catalogue import BUILT_IN, FORM, Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, extended
 from bayes_iwan.gap.searching.base import BASE_POINTS, fit_base, gap_rms_N, missed
-from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing
+from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing, leading
 from bayes_iwan.gap.searching.refits import Refit, Refits
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.problem import Problem
@@ -34,8 +34,6 @@ from bayes_iwan.threads import alongside
 SINGLE_MOST = 7
 #: a further effect is refitted if one Gauss–Newton step promises so many nats, and at most so many are
 PROMISE, FURTHER_MOST = 3.0, 4
-#: laws of one effect that are refitted, the most promising first
-LAWS_MOST = 2
 #: an effect is taken in if it gains so many nats, and dropped again below half of that
 WORTH_NATS = 3.0
 #: and so many, or this share of the base's gap, where one that looks alike is in the set: nature seldom has both
@@ -119,6 +117,7 @@ class _Explorer:
         self.fits: dict[frozenset[str], Fit] = {}
         self._gaps: dict[tuple[frozenset[str], float], float] = {}
         self._left: set[tuple[frozenset[str], str, float]] = set()
+        self._offers: dict[tuple[frozenset[str], float, bool], list[Candidate]] = {}  # found once for each fit
         self.failed: dict[str, str] = {}
         report("base model")
         base = fit_base(data, settings, scales, rng, simulator)
@@ -181,13 +180,10 @@ class _Explorer:
             and (n in LAST) == last
             and not ("around" in some[0].stations and any(look_alike(self.effects, n, e.name) for e in solved))
         }
-        seen: dict[str, int] = {}
-        out = []
-        for one in candidates(self.data, smaller, on_offer):
-            seen[one.name] = seen.get(one.name, 0) + 1
-            if seen[one.name] <= LAWS_MOST:
-                out.append(one)
-        return out
+        at = (smaller.names, smaller.log_evidence, last)
+        if at not in self._offers:
+            self._offers[at] = leading(candidates(self.data, smaller, on_offer))
+        return self._offers[at]
 
     def singles(self) -> None:
         """Every single effect that promises anything."""
