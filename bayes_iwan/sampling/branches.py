@@ -28,7 +28,6 @@ _NU, _WIDER = 12.0, 1.05
 #: that of the held numbers, and how many of its draws the integral over them takes
 _HELD_NU, _HELD_WIDER, _HELD_DRAWS = 6.0, 1.2, 128
 _PRIOR_DRAWS = 20.0  # how many draws the map's own standard normal counts for beside those that are learnt from
-_SAME = 1e-2  # places nearer than this are one place
 _KNOWN = 400  # of the places found in the rounds, those that solutions start from
 BLOCK = 128  # proposals that are solved for together, on one thread
 
@@ -113,9 +112,8 @@ class Branch:
         there = self.map.coordinates(z)
         out = np.full(len(z), -np.inf)
         some = np.flatnonzero(there.met & np.isfinite(there.log_det))
-        again = self.map.place(there.x[some], self.limit)
-        near = again.met & (np.max(np.abs(again.z - there.z[some]), axis=1, initial=0.0) < _SAME)
-        out[some[near]] = self.log_density_at(there)[some[near]]
+        led = some[self.map.leads_to(there.some(some), self.limit)]
+        out[led] = self.log_density_at(there)[led]
         return out
 
     def log_density_at(self, place: Solved | Drawn) -> Array:

@@ -12,16 +12,19 @@ still, and R-hat, effective sizes and autocorrelation times mean what they alway
 Effective sizes know only of the weights that came: converged are draws whose weights' tail is short, too (Pareto's k,
 see :mod:`.weights`), and whose proposals lead wherever the posterior is (see :mod:`.reach`).
 
-It is tried first and given up (None) where it does not fit: where too few draws of a pilot, or of those after it, carry
-the weight, where they miss the optimum, or where proposals do not lead everywhere. Block by block the proposals go into
-a checkpoint; a run that goes on from it draws the very same, for the random numbers of a block follow from the seed and
-the block's number.
+It is tried first and given up where it does not fit: where too few draws of a pilot, or of those after it, carry the
+weight, where they miss the optimum, or where proposals do not lead everywhere. Then it is tried once more with spare
+branches, whose maps fold elsewhere, and given up for good (None) if they do not serve either.
+
+Block by block the proposals go into a checkpoint; a run that goes on from it draws the very same, for the random
+numbers of a block follow from the seed and the block's number.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +33,7 @@ from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.sampling.branches import HeldFunction, Optimum
-from bayes_iwan.sampling.checkpoint import Checkpoint
+from bayes_iwan.sampling.checkpoint import Checkpoint, read_checkpoint
 from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import BatchFunction, Chains, Stop
 from bayes_iwan.sampling.reach import unreached
@@ -44,7 +47,9 @@ _STAGE = "proposals"
 _BATCH = 128  # proposals of a chain that are solved for together
 _FIRST_CHECK = 256
 _MOST_UNREACHED = 0.05  # share of walks from draws that may end where no proposal leads
-_GIVE_UP, _GIVE_UP_SHARE = 2048, 0.1  # steps at which the least effective size must be this share of its target
+#: attempts: branches that are kept although they are within others, for the folds of these, which cost each proposal
+#: another solution; and steps from which the least effective size must be so great a share of its target
+_ATTEMPTS = ((0, 768, 0.2), (2, 2048, 0.1))
 
 
 def sample_independently(
@@ -84,12 +89,59 @@ def sample_independently(
     The same seed gives the same draws. Ctrl-C ends the run with the draws that are there.
     """
     began = time.monotonic()
-    names, quantity_names = tuple(names), tuple(quantity_names)
-    source = Source.of(residuals, held_log_prob, optima, held, limit)
+    first = _attempt_of(checkpoint) if resume and checkpoint is not None and checkpoint.exists() else 0
+    for attempt in range(first, len(_ATTEMPTS)):
+        left = None if budget_s is None else max(budget_s - (time.monotonic() - began), 0.0)
+        source = Source.of(residuals, held_log_prob, optima, held, limit)
+        chains = _attempt(
+            source,
+            attempt,
+            names=tuple(names),
+            seed=seed,
+            quantities=quantities,
+            quantity_names=tuple(quantity_names),
+            checkpoint=checkpoint,
+            fingerprint=fingerprint or {},
+            resume=resume,
+            n_chains=n_chains,
+            budget_s=left,
+            max_steps=max_steps,
+            target_r_hat=target_r_hat,
+            target_ess=target_ess,
+            chain_taus=chain_taus,
+            progress=progress,
+        )
+        if chains is not None:
+            return replace(chains, seconds=time.monotonic() - began)
+    return None
+
+
+def _attempt(
+    source: Source,
+    attempt: int,
+    *,
+    names: tuple[str, ...],
+    seed: int,
+    quantities: BatchFunction | None,
+    quantity_names: tuple[str, ...],
+    checkpoint: Path | None,
+    fingerprint: Mapping[str, str],
+    resume: bool,
+    n_chains: int,
+    budget_s: float | None,
+    max_steps: int,
+    target_r_hat: float,
+    target_ess: float,
+    chain_taus: float,
+    progress: bool,
+) -> Chains | None:
+    """One of _ATTEMPTS at :func:`sample_independently`; None where it does not fit."""
+    began = time.monotonic()
+    beside, patience, least_share = _ATTEMPTS[attempt]
     chains = [
         _Chain(float(x), len(names), len(quantity_names)) for x in np.random.default_rng([seed, 23]).random(n_chains)
     ]
-    store = _Store(checkpoint, {**METHOD, **(fingerprint or {}), "seed": str(seed), "chains": str(n_chains)}, names)
+    store = _Store(checkpoint, {**METHOD, **fingerprint, "seed": str(seed), "chains": str(n_chains)}, names)
 
     def add(fresh: Sequence[Array]) -> None:
         """Proposals of all chains, one chain's after the other's."""
@@ -100,8 +152,8 @@ def sample_independently(
     if resume and checkpoint is not None and checkpoint.exists():
         for block in store.resume(source):
             add(block)
-    elif source.pilot(seed):
-        store.create(source, n_chains)
+    elif source.pilot(seed, beside):
+        store.create(source, n_chains, attempt)
     else:
         return None
     blocks = -(-chains[0].length // _BATCH)
@@ -132,7 +184,7 @@ def sample_independently(
                             store.remove()
                             return None
                         stop, said = Stop.CONVERGED, "converged"
-                    elif planned and steps >= _GIVE_UP and result.least_ess < _GIVE_UP_SHARE * target_ess:
+                    elif planned and steps >= patience and result.least_ess < least_share * target_ess:
                         store.remove()
                         return None
                     elif steps >= max_steps:
@@ -186,10 +238,12 @@ class _Store:
         self.path, self.fingerprint, self.names = path, fingerprint, (*names, "log_weight")
         self.evaluations = 0
         self._file: Checkpoint | None = None
+        self._attempt: NDArray = np.array(0)
 
-    def create(self, source: Source, n_chains: int) -> None:
+    def create(self, source: Source, n_chains: int, attempt: int) -> None:
+        self._attempt = np.array(attempt)
         if self.path is not None:
-            state = source.state() | {"evaluations": np.array(source.evaluations)}
+            state = self._state(source)
             self._file = Checkpoint.create(self.path, self.fingerprint, self.names, {_STAGE: n_chains}, state)
 
     def resume(self, source: Source) -> Iterator[tuple[Array, Array, Array]]:
@@ -197,7 +251,7 @@ class _Store:
         assert self.path is not None
         self._file, found = Checkpoint.resume(self.path, self.fingerprint, self.names, (_STAGE,))
         source.restore(found.state)
-        self.evaluations = int(found.state["evaluations"])
+        self.evaluations, self._attempt = int(found.state["evaluations"]), found.state["attempt"]
         draws, log_prob = found.draws[_STAGE], found.log_prob[_STAGE]
         for first in range(0, len(draws), _BATCH):
             rows = np.concatenate(np.moveaxis(draws[first : first + _BATCH], 1, 0))
@@ -210,7 +264,11 @@ class _Store:
         rows = np.concatenate([z, log_weight[:, None]], axis=1)
         by_step = np.moveaxis(rows.reshape(n_chains, -1, rows.shape[1]), 0, 1)
         self._file.append(_STAGE, by_step, log_prob.reshape(n_chains, -1).T)
-        self._file.commit(source.state() | {"evaluations": np.array(self.evaluations + source.evaluations)})
+        self._file.commit(self._state(source))
+
+    def _state(self, source: Source) -> dict[str, NDArray]:
+        more = {"evaluations": np.array(self.evaluations + source.evaluations), "attempt": self._attempt}
+        return {**source.state(), **more}
 
     def close(self) -> None:
         if self._file is not None:
@@ -220,6 +278,12 @@ class _Store:
         self.close()
         if self.path is not None:
             self.path.unlink(missing_ok=True)
+
+
+def _attempt_of(checkpoint: Path) -> int:
+    """The attempt that wrote a checkpoint; 0 for what is no checkpoint of ours, which resuming from it will say."""
+    state = read_checkpoint(checkpoint, ())[2].state
+    return int(state.get("attempt", 0))
 
 
 class _Chain:

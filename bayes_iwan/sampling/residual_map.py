@@ -38,6 +38,7 @@ _LEAST_PART = 1e-4
 _LONGEST = 1.0  # step of any coordinate
 _SLOW = 3.0  # a step that is off its promise by more than this many times its length asks for a fresh Jacobian
 _TUBE = 1.0  # by how much of x a step may be off its promise, on the way
+_SAME = 1e-2  # places nearer than this are one place
 _TOGETHER = 512  # rows evaluated at a time
 
 
@@ -51,6 +52,10 @@ class Solved:
     slope: Array
     log_det: Array
     met: NDArray[np.bool_]
+
+    def some(self, rows: NDArray[np.int64]) -> Solved:
+        """Some of them."""
+        return Solved(self.z[rows], self.x[rows], self.slope[rows], self.log_det[rows], self.met[rows])
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,13 @@ class ResidualMap:
         met = self._solve(z, at, slope, x, limit)
         return Solved(z, at, slope, _log_det(slope), met)
 
+    def leads_to(self, place: Solved, limit: float) -> NDArray[np.bool_]:
+        """Are these places (n,) where their own x leads?"""
+        start = self.known.nearest(place.x)
+        z, at, slope = self.known.z[start], self.known.x[start], self.known.slope[start]
+        met = self._solve(z, at, slope, place.x, limit, last=False)
+        return np.asarray(met & (np.max(np.abs(z - place.z), axis=1, initial=0.0) < _SAME))
+
     def coordinates(self, z: Array) -> Solved:
         """x of given places z (n, ndim), whatever their held numbers."""
         at_optimum = np.tile(self.optimum, (len(z), 1))
@@ -139,8 +151,13 @@ class ResidualMap:
         out = function(moved.reshape(-1, z.shape[1])).reshape(n, k + 1, -1)
         return out[:, 0], (out[:, 1:] - out[:, :1]).transpose(0, 2, 1) / _STEP
 
-    def _solve(self, z: Array, at: Array, slope: Array, wanted: Array, limit: float) -> NDArray[np.bool_]:
-        """Move z (n, ndim) and with it `at`, its QᵀF, and `slope`, QᵀF′, to where `at` is `wanted`; who got there."""
+    def _solve(
+        self, z: Array, at: Array, slope: Array, wanted: Array, limit: float, last: bool = True
+    ) -> NDArray[np.bool_]:
+        """Move z (n, ndim) and with it `at`, its QᵀF, and `slope`, QᵀF′, to where `at` is `wanted`; who got there.
+
+        last : take the slope there, too.
+        """
         n = len(z)
         error = np.linalg.norm(at - wanted, axis=1)
         part, fresh = np.ones(n), np.ones(n, bool)  # of the whole step; is the Jacobian that of this very place?
@@ -175,7 +192,7 @@ class ResidualMap:
                 at[ask], slope[ask] = self._jacobian(z[ask], self.values)
                 fresh[ask] = True
         met: NDArray[np.bool_] = np.asarray(error <= TOLERANCE)
-        if met.any():
+        if last and met.any():
             at[met], slope[met] = self._jacobian(z[met], self.values)
         return met
 

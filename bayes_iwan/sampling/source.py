@@ -93,9 +93,9 @@ class Source:
                 out[asked] = np.logaddexp(out[asked], other)
         return out
 
-    def pilot(self, seed: int) -> bool:
+    def pilot(self, seed: int, beside: int = 0) -> bool:
         """Leave out branches that are not needed, share the proposals between the others and let them learn; False
-        where all this does not fit."""
+        where all this does not fit. beside : as for :meth:`_apart`."""
         kept, shares = list(range(len(self.branches))), np.ones(len(self.branches))
         touching: set[tuple[int, int]] = set()
         worth = 0.0
@@ -110,7 +110,7 @@ class Source:
                 return False
             kept = [kept[j] for j in np.argsort(-mass) if mass[j] > _NEGLIGIBLE * mass.sum()]
             if i <= 1:
-                kept, touching = self._apart(kept, seed)
+                kept, touching = self._apart(kept, seed, beside)
             shares, worth = _shared([log_w[k] for k in kept])
             if i >= 2 and worth > _GOOD:
                 break
@@ -129,12 +129,16 @@ class Source:
         mass = np.array([log_mean_exp(self.branches[k].tried()[2][None])[0][0] for k in which])
         return np.exp(mass - mass.max()) if np.isfinite(mass).any() else np.zeros(len(which))
 
-    def _apart(self, kept: Sequence[int], seed: int) -> tuple[list[int], set[tuple[int, int]]]:
+    def _apart(self, kept: Sequence[int], seed: int, beside: int) -> tuple[list[int], set[tuple[int, int]]]:
         """The branches that are not all within one before them, and pairs of them that overlap. Those come first whose
-        draws are worth most of the whole's: of two that find the same, the one that draws it better."""
+        draws are worth most of the whole's: of two that find the same, the one that draws it better.
+
+        A posterior that folds over is reached from either side of its fold, but near it a map proposes hardly anything:
+        `beside` branches are kept although they are within another.
+        """
         out: list[int] = []
         touching = set()
-        worth = {}
+        worth, spare = {}, beside
         for k in kept:
             log_w = self.branches[k].tried()[2]
             top = log_w.max()
@@ -145,7 +149,9 @@ class Source:
             weight = np.exp(log_w - log_w.max())
             some = np.random.default_rng([seed, 22, k]).choice(len(z), _CHECKED, p=weight / weight.sum())
             reached = {j: float(np.mean(np.isfinite(self.branches[j].log_density(z[some])))) for j in out}
-            if max(reached.values(), default=0.0) < _WITHIN:
+            within = max(reached.values(), default=0.0) >= _WITHIN
+            if not within or spare > 0:
+                spare -= within
                 touching |= {(j, k) for j, share in reached.items() if share > 0.0}
                 out.append(k)
         return out, touching

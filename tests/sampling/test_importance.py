@@ -4,7 +4,8 @@ import numba as nb
 import numpy as np
 import pytest
 
-from bayes_iwan.sampling.branches import Optimum
+from bayes_iwan.sampling import importance
+from bayes_iwan.sampling.branches import Optimum, log_mean_exp
 from bayes_iwan.sampling.checkpoint import CheckpointError
 from bayes_iwan.sampling.ensembles import Stop
 from bayes_iwan.sampling.importance import sample_independently
@@ -270,6 +271,36 @@ def test_a_branch_that_no_map_leads_to_is_noticed():
     both, _ = drawn(residuals, [[0.8, 0.4], [-0.8, -0.4]])
     assert both is not None and both.converged
     assert drawn(residuals, [[0.8, 0.4]])[0] is None
+
+
+def test_spare_branches_draw_the_same_posterior():
+    """An optimum given twice is one branch, and two where spare ones are wanted; the second attempt is such, and a
+    run resumed in it goes on as it."""
+
+    def log_prob(z, held):
+        return (-0.5 * np.sum(bent(z) ** 2, axis=1) - 0.5 * np.sum(z * z, axis=1))[:, None]
+
+    peaks = [Optimum(np.array(z), 0.0, np.eye(2), np.empty((0, 0))) for z in ([0.05, 0.0025], [0.4, 0.16])]
+    found = []
+    for beside, branches in ((0, 1), (2, 2)):
+        source = Source.of(bent, log_prob, peaks, NONE, 7.0)
+        assert source.pilot(1, beside) and len(source.branches) == branches
+        z, _, log_w = source.draw(4000, np.random.default_rng(0))
+        w = np.exp(log_w - log_w.max())
+        found.append((w @ z / w.sum(), log_mean_exp(log_w[None])[0][0]))
+    np.testing.assert_allclose(found[0][0], found[1][0], atol=0.1)
+    assert found[0][1] == pytest.approx(found[1][1], abs=0.1)
+
+
+def test_the_second_attempt_is_gone_on_from(tmp_path, monkeypatch):
+    monkeypatch.setattr(importance, "_ATTEMPTS", ((0, 128, 1e9), (2, 2048, 0.1)))
+    options = dict(optima=[[0.05, 0.0025], [0.4, 0.16]], target_ess=1500)
+    whole, _ = drawn(bent, **options)
+    file = tmp_path / "chains.ckpt"
+    cut, _ = drawn(bent, **options, checkpoint=file, max_steps=384)
+    assert cut.n_steps == 384 and not cut.converged
+    again, _ = drawn(bent, **options, checkpoint=file, resume=True)
+    np.testing.assert_array_equal(again.draws, whole.draws)
 
 
 def test_weights_of_a_long_tail_are_not_trusted():
