@@ -288,6 +288,8 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         gap = sets(case["gap_N"])[frozenset()]
         visible = {n for n, share in case["true_share"].items() if share * gap > case["noise_N"]}
         listed = {n for n in visible if n not in rig_cases.OUTSIDE}
+        usual = USUAL_REST * case["truth"]["friction_rms_N"]
+        clear = {n for n in visible if case["true_share"][n] * gap > usual}
         false = {n for n in named - true if not ({r for f in given if f.name == n for r, v in f.rivals.items()
                                                   if v > -c.apart} & true)}  # fmt: skip
         count("false names (a name neither true nor tied with a true one), of all cases", bool(false))
@@ -295,8 +297,9 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         if kind == "none":
             count("none: false alarm", bool(named) or flagged)
         if kind == "single" and listed:
-            count("single, visible: named", true <= named)
-            count("single, visible: named or in the set", true <= named | apart)
+            for what in ("visible", *(("larger than a sound specimen's gap",) if clear else ())):
+                count(f"single, {what}: named", true <= named)
+                count(f"single, {what}: named or in the set", true <= named | apart)
             if named:
                 count("single, visible: something named, a rest flagged beside it", flagged)
             else:
@@ -305,11 +308,17 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
             for n in listed:
                 count("pairs and triples: visible effect found", n in named)
                 count("pairs and triples: visible effect found or in a set", n in named | apart)
+                if n in clear:
+                    count("pairs and triples: effect larger than a sound specimen's gap found", n in named)
         if kind == "known_beside_outside":
             for n in listed:
                 count("known beside unknown: known named", n in named)
+                if n in clear:
+                    count("known beside unknown: known larger than a sound specimen's gap named", n in named)
             if visible - listed:
                 count("known beside unknown: rest flagged", flagged)
+            if clear - listed:
+                count("known beside unknown: rest larger than a sound specimen's gap flagged", flagged)
         if kind == "outside" and visible:
             count("outside: flagged", flagged)
             count("outside: something named", bool(named))
