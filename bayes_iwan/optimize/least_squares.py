@@ -88,7 +88,6 @@ def least_squares_batch(
     x_scale: ArrayLike | None = None,
     offsets: ArrayLike | None = None,
     chunk: int = 4096,
-    finish: bool = True,
 ) -> LeastSquaresFit:
     """Minimise ½‖residuals(x)‖² within box bounds from every start, all starts in lock-step.
 
@@ -114,8 +113,6 @@ def least_squares_batch(
         optimise", Bardsley et al. 2014), exact for linear residuals. They are part of `cost` and `residuals`.
     chunk
         most rows given to `residuals` in one call.
-    finish
-        False: `jacobian` is the last that was taken, perhaps on the way to x, which saves 2·ndim evaluations a start.
 
     Raises
     ------
@@ -129,7 +126,7 @@ def least_squares_batch(
     """
     x, lower, upper = _check(starts, bounds)
     scale = _typical(x_scale, lower, upper)
-    call = _Counted(residuals, x.shape[1], chunk)
+    call = Counted(residuals, x.shape[1], chunk)
     n_starts, ndim = x.shape
 
     def h(at: Array, central: bool) -> Array:  # steps that balance truncation and rounding
@@ -140,7 +137,7 @@ def least_squares_batch(
     if offsets is not None and add.shape != r.shape:
         raise LeastSquaresError(f"offsets must have the residuals' shape {r.shape}, not {add.shape}")
     r = r + add
-    cost = _half_square(r)
+    cost = half_square(r)
     status = np.where(np.isfinite(cost), OUT_OF_ITERATIONS, BAD_START).astype(np.int64)
     damping = np.full(n_starts, 1e-3)
     column = np.zeros((n_starts, ndim))  # Marquardt's scaling: largest column norm so far
@@ -158,7 +155,7 @@ def least_squares_batch(
         for want_central in (False, True):
             some = renew[central[renew] == want_central]
             if some.size:
-                jacobian[some] = _jacobian(
+                jacobian[some] = jacobian_of(
                     call, x[some], r[some] - add[some], lower, upper, h(x[some], want_central), want_central
                 )
                 last_central[some] = want_central
@@ -177,7 +174,7 @@ def least_squares_batch(
         trial_x, predicted = _trial_steps(jacobian[active], r[active], x[active], d, damping[active], lower, upper)
         n_trials = len(_DAMPING_LADDER)
         trial_r = call(trial_x.reshape(-1, ndim)).reshape(active.size, n_trials, -1) + add[active, None, :]
-        trial_cost = _half_square(trial_r)
+        trial_cost = half_square(trial_r)
         pick = np.argmin(np.where(np.isfinite(trial_cost), trial_cost, np.inf), axis=1)
         rows = np.arange(active.size)
         new_cost = trial_cost[rows, pick]
@@ -211,9 +208,9 @@ def least_squares_batch(
         status[active[hopeless]] = np.where(small_promise[hopeless], CONVERGED_COST, CONVERGED_STEP)
 
     good = np.flatnonzero(np.isfinite(cost))
-    left = good[~last_central[good] | stale[good]] if finish else good[:0]
+    left = good[~last_central[good] | stale[good]]
     if left.size:
-        jacobian[left] = _jacobian(call, x[left], r[left] - add[left], lower, upper, h(x[left], True), True)
+        jacobian[left] = jacobian_of(call, x[left], r[left] - add[left], lower, upper, h(x[left], True), True)
     return LeastSquaresFit(
         x=x,
         cost=cost,
@@ -226,7 +223,7 @@ def least_squares_batch(
     )
 
 
-class _Counted:
+class Counted:
     """The residual function in pieces of at most `chunk` rows, its shape checked, its rows counted."""
 
     def __init__(self, function: BatchResiduals, ndim: int, chunk: int) -> None:
@@ -266,13 +263,13 @@ def _typical(x_scale: ArrayLike | None, lower: Array, upper: Array) -> Array:
     return scale
 
 
-def _half_square(r: Array) -> Array:
+def half_square(r: Array) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
         cost = 0.5 * np.einsum("...m,...m->...", r, r)
     return np.where(np.isfinite(cost), cost, np.inf)
 
 
-def _jacobian(call: _Counted, x: Array, r: Array, lower: Array, upper: Array, h: Array, central: bool) -> Array:
+def jacobian_of(call: Counted, x: Array, r: Array, lower: Array, upper: Array, h: Array, central: bool) -> Array:
     """(n, m, ndim) finite-difference derivative with steps h (n, ndim).
 
     One-sided at a bound and beside an x without finite residuals; 0 where neither side has any.
@@ -304,7 +301,7 @@ def _jacobian(call: _Counted, x: Array, r: Array, lower: Array, upper: Array, h:
     jacobian = np.moveaxis(slope, 1, 2)
     blocked = np.flatnonzero((width == 0).any(axis=1))
     if blocked.size and not central:
-        jacobian[blocked] = _jacobian(call, x[blocked], r[blocked], lower, upper, h[blocked], True)
+        jacobian[blocked] = jacobian_of(call, x[blocked], r[blocked], lower, upper, h[blocked], True)
     return jacobian
 
 
@@ -312,6 +309,16 @@ def _trial_steps(
     jacobian: Array, r: Array, x: Array, d: Array, damping: Array, lower: Array, upper: Array
 ) -> tuple[Array, Array]:
     """Damped steps from each x: (n, ladder, ndim) points in the box and (n, ladder) gains they promise."""
+    trial, predicted, _ = damped_steps(jacobian, r, x, d, damping[:, None] * _DAMPING_LADDER, lower, upper)
+    return trial, predicted
+
+
+def damped_steps(
+    jacobian: Array, r: Array, x: Array, d: Array, lam: Array, lower: Array, upper: Array
+) -> tuple[Array, Array, Array]:
+    """Steps from each x (n, ndim) at several dampings lam (n, ladder) in the scale d (n, ndim) of its variables:
+    (n, ladder, ndim) points in the box, (n, ladder) gains they promise, and (n,) what the linear model without
+    damping or box promises."""
     ndim = x.shape[1]
     stacked = np.concatenate([jacobian / d[:, None, :], r[:, :, None]], axis=2)
     if stacked.shape[1] <= ndim:  # fewer residuals than variables: rows of zeros change nothing
@@ -319,7 +326,6 @@ def _trial_steps(
     triangle = _triangle(stacked)
     small, rhs = triangle[:, :ndim, :ndim], triangle[:, :ndim, ndim]
     u, s, vt = np.linalg.svd(small)
-    lam = damping[:, None] * _DAMPING_LADDER
     factor = s[:, None, :] / (s[:, None, :] ** 2 + lam[:, :, None])
     p = -(factor * np.einsum("nji,nj->ni", u, rhs)[:, None, :]) @ vt
 
@@ -336,7 +342,7 @@ def _trial_steps(
     trial = np.clip(x[:, None, :] + p / d[:, None, :], lower, upper)
     linear = (trial - x[:, None, :]) @ np.swapaxes(jacobian, 1, 2)
     predicted = -(linear @ r[:, :, None])[..., 0] - 0.5 * np.einsum("nlm,nlm->nl", linear, linear)
-    return trial, predicted
+    return trial, predicted, 0.5 * np.einsum("ni,ni->n", rhs, rhs)
 
 
 def _triangle(matrix: Array) -> Array:

@@ -109,11 +109,3 @@ def test_bad_input_is_named(starts, bounds, words):
 def test_wrong_shape_of_residuals_is_named():
     with pytest.raises(LeastSquaresError, match="shape"):
         least_squares_batch(lambda x: x[:, 0], [[0.0, 0.0]])
-
-
-def test_a_fit_that_is_not_asked_for_its_jacobian_ends_at_the_same_place():
-    starts = np.random.default_rng(5).uniform(-3, 3, (6, 2))
-    whole, quick = (least_squares_batch(rosenbrock, starts, max_iterations=8, finish=f) for f in (True, False))
-    assert quick.n_evaluations < whole.n_evaluations
-    for name in ("x", "cost", "residuals", "status"):
-        np.testing.assert_array_equal(getattr(quick, name), getattr(whole, name))

@@ -23,11 +23,9 @@ from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.setup.problem import Problem, iwan_model, make_problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings, LikelihoodSettings, ParameterChange
-from bayes_iwan.optimize.least_squares import LeastSquaresFit, least_squares_batch
+from bayes_iwan.optimize.descent import Descent, descend
 from bayes_iwan.physics import Model, Simulator
 
-#: relative change of a cost of some hundreds at which a refit ends: a tenth of a nat
-TOLERANCE = 2e-4
 #: z of every parameter stays within these prior standard deviations
 Z_BOX = 5.0
 #: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
@@ -198,7 +196,7 @@ class Rows:
         """(m,) what the rows are divided by, so that they are white."""
         return np.sqrt(self.rest.variance(size))
 
-    def fit(self, starts: Array, size: RestSize, iterations: int) -> LeastSquaresFit:
+    def fit(self, starts: Array, size: RestSize, iterations: int) -> Descent:
         """Least squares from all starts at one size of the rest."""
         sd = self.sd(size)
 
@@ -207,9 +205,7 @@ class Rows:
                 return np.concatenate([self.residual(z) / sd, z], axis=1)
 
         box = np.tile([-Z_BOX, Z_BOX], (starts.shape[1], 1))
-        return least_squares_batch(
-            rows, starts, box, max_iterations=iterations, ftol=TOLERANCE, xtol=1e-4, gtol=1e-5, finish=False
-        )
+        return descend(rows, starts, box, iterations)
 
 
 def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 40) -> Fit:
@@ -219,8 +215,7 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     """
     rows = Rows(data, problem)
     found = rows.fit(starts, FIRST, iterations)
-    cost = np.where(np.isfinite(found.cost), found.cost, np.inf)
-    order = np.argsort(cost)
+    cost, order = found.cost, np.argsort(found.cost)
     if not np.isfinite(cost[order[0]]):
         raise FitError(f"{'+'.join(e.name for e in effects_of(problem)) or 'the base model'}: no finite force")
     optima = _distinct(found.x[order], cost[order])
@@ -238,7 +233,7 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
         np.asarray(np.linalg.inv(grid.best.precision)),
         optima,
         grid.linear,
-        bool(found.converged[order[0]]),
+        bool(found.arrived[order[0]]),
     )
 
 

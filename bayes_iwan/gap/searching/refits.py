@@ -18,6 +18,9 @@ from bayes_iwan.gap.searching.candidates import cheapest
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.user_file import UserFiles
 
+#: most steps of a refit; nearly all have arrived before
+ITERATIONS = 25
+
 
 @dataclass(frozen=True)
 class Refit:
@@ -26,7 +29,7 @@ class Refit:
     problem: Problem
     starts: Array
     draws: Array
-    iterations: int = 15
+    iterations: int = ITERATIONS
 
 
 @dataclass(frozen=True)

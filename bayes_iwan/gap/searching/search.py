@@ -22,7 +22,7 @@ from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, extended
 from bayes_iwan.gap.searching.base import BASE_POINTS, fit_base, gap_rms_N, missed
 from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing, leading
-from bayes_iwan.gap.searching.refits import Refit, Refits
+from bayes_iwan.gap.searching.refits import ITERATIONS, Refit, Refits
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.scales import Scales
@@ -134,7 +134,7 @@ class _Explorer:
                 self.effects[name] = some
         self.refits = Refits(executor, data, base.problem, [e for some in self.effects.values() for e in some])
 
-    def keep(self, problem: Problem, starts: Array, iterations: int = 15) -> Fit | None:
+    def keep(self, problem: Problem, starts: Array, iterations: int = ITERATIONS) -> Fit | None:
         """Fit a model; remember it if it is the best of its set. None where it has no finite force."""
         (fit,) = self.refits([Refit(problem, starts, starts[:0], iterations)])
         return self._kept(fit)

@@ -1,0 +1,128 @@
+"""Descent of a cost in nats from many starts at once, to a tenth of a nat and no further.
+
+Where many models are compared, most evaluations go into digits that nobody asks for and into starts that end nowhere.
+:func:`least_squares_batch` finds optima to all digits, and is the judge in the tests; this one ends a start once its
+linear model promises next to nothing, and gives it up where it falls behind the best or runs into its valley. Jacobians
+are forward differences.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.optimize.least_squares import BatchResiduals, Counted, damped_steps, half_square, jacobian_of
+
+#: a start has arrived if its linear model promises no more nats than this, or two steps in a row gained no more
+ENOUGH = 0.1
+#: a start that is so many nats behind the best one and promises no better is given up, and any after LATE iterations
+BEHIND, LATE = 30.0, 20
+#: starts nearer than this in every variable, and by no more nats than BEHIND, are in one valley: the better one goes on
+NEAR = 0.05
+#: steps in vain in a row after which a start has arrived where it can; each is damped so much more
+IN_VAIN, MORE = 4, 1e3
+#: damping factors tried together, as multiples of the current one
+LADDER = np.array([1e-2, 1e-1, 1.0, 10.0])
+#: most rows in one call
+CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where each start ended: x (starts, ndim), cost (starts,) half the squared residuals (inf where they were never
+    finite), arrived (starts,) False where it was given up or ran out of iterations, evaluations in all."""
+
+    x: Array
+    cost: Array
+    arrived: NDArray[np.bool_]
+    n_evaluations: int
+
+    @property
+    def best(self) -> int:
+        """Index of the start that ended with the lowest cost."""
+        return int(np.argmin(self.cost))
+
+
+def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: int, step: float = 1e-6) -> Descent:
+    """Lower ½‖residuals(x)‖² from every start, all in lock-step.
+
+    Parameters
+    ----------
+    residuals
+        maps (n, ndim) to (n, m), in units of their noise; a row that is not finite marks an x without a model.
+    starts, box
+        (starts, ndim), clipped into the box (ndim, 2); variables are of the order of one.
+    iterations
+        at most so many steps of each start.
+    step
+        of the forward differences.
+    """
+    lower, upper = box.T
+    x = np.clip(np.asarray(starts, dtype=float), lower, upper)
+    n, ndim = x.shape
+    call = Counted(residuals, ndim, CHUNK)
+    r = call(x)
+    cost = half_square(r)
+    alive, arrived = np.isfinite(cost), np.zeros(n, dtype=bool)
+    damping, column = np.full(n, 1e-3), np.zeros((n, ndim))
+    jacobian = np.zeros((n, r.shape[1], ndim))
+    stale = np.ones(n, dtype=bool)
+    idle = np.zeros(n, dtype=np.int64)
+    for iteration in range(iterations):
+        alive &= ~_twins(x, cost, alive)
+        active = np.flatnonzero(alive)
+        if active.size == 0:
+            break
+        renew = active[stale[active]]
+        if renew.size:
+            h = step * np.maximum(np.abs(x[renew]), 1.0)
+            jacobian[renew] = jacobian_of(call, x[renew], r[renew], lower, upper, h, central=False)
+            stale[renew] = False
+        column[active] = np.maximum(column[active], np.linalg.norm(jacobian[active], axis=1))
+        d = np.where(column[active] > 0, column[active], 1.0)
+        trial, promised, most = damped_steps(
+            jacobian[active], r[active], x[active], d, damping[active, None] * LADDER, lower, upper
+        )
+        there = most <= ENOUGH
+        behind = cost[active] - cost.min() > BEHIND
+        lost = behind & ((cost[active] - most - cost.min() > BEHIND) | (iteration >= LATE))
+        arrived[active[there]] = True
+        alive[active[there | lost]] = False
+        go = ~(there | lost)
+        active, trial, promised = active[go], trial[go], promised[go]
+        if active.size == 0:
+            continue
+
+        new_r, new_cost = np.empty((*trial.shape[:2], r.shape[1])), np.full(promised.shape, np.inf)
+        tried = np.ones(promised.shape, dtype=bool)  # of steps that promise the same the most damped one
+        tried[:, :-1] = np.abs(np.diff(promised, axis=1)) > 0.2 * ENOUGH
+        new_r[tried] = call(trial[tried])
+        new_cost[tried] = half_square(new_r[tried])
+        at, pick = np.arange(active.size), np.argmin(new_cost, axis=1)
+        gain = cost[active] - new_cost[at, pick]
+        won = gain > 0.0
+        some, best = active[won], pick[won]
+        x[some], r[some], cost[some] = trial[won, best], new_r[won, best], new_cost[won, best]
+        damping[some] *= LADDER[best]
+        damping[active[~won]] *= MORE  # where nothing has moved the Jacobian is as good as it was
+        np.clip(damping, 1e-14, 1e12, out=damping)
+        stale[some] = True
+        idle[active] = np.where(gain > ENOUGH, 0, idle[active] + 1)
+        done = idle[active] >= np.where(won, 2, IN_VAIN)
+        arrived[active[done]] = True
+        alive[active[done]] = False
+    return Descent(x, cost, arrived, call.count)
+
+
+def _twins(x: Array, cost: Array, alive: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(starts,) those that lie in the valley of a better one."""
+    out = np.zeros(len(x), dtype=bool)
+    order = np.argsort(cost)
+    for i, one in enumerate(order):
+        better = order[:i]
+        near = np.max(np.abs(x[better] - x[one]), axis=1, initial=0.0) < NEAR
+        out[one] = alive[one] and bool(np.any(near & (cost[one] - cost[better] < BEHIND) & ~out[better]))
+    return out
