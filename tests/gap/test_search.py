@@ -7,18 +7,22 @@ import pytest
 
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.mounting import RigCompliance
 from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.gap.diagnosis import diagnose_loops
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import Rows, extended
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
 from bayes_iwan.gap.searching.base import fit_base, missed
-from bayes_iwan.gap.searching.candidates import candidates, start_points
+from bayes_iwan.gap.searching.candidates import candidates, start_points, stepped_on
 from bayes_iwan.gap.searching.search import LAST, SINGLE_MOST, search
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model
+from bayes_iwan.rig.fault import Fault
+from bayes_iwan.rig.planning import simulate_campaign
+from bayes_iwan.rig.simulate import PlannedTest
 
 FOUND = {"viscous_damping": "c_N_s_mm", "channel_delay": "delay_s"}
 
@@ -104,6 +108,48 @@ def test_effects_with_a_number_for_each_test_promise_what_a_step_of_these_gains(
         gain[name] = [c.gain for c in candidates(data, base, effects)]
     assert max(gain["hum"]) > 100.0 and len(gain["hum"]) == 1  # 50 Hz alone: no line stands at 60
     assert gain["quiet"] == []
+
+
+class _Straight:
+    """Rows of a model that is linear in its numbers: what :class:`Rows` offers and no more."""
+
+    def __init__(self, jacobian, measured):
+        self.jacobian, self.measured = jacobian, measured
+
+    def residual(self, z):
+        return self.measured - z @ self.jacobian.T
+
+
+def test_a_candidates_step_ends_at_the_least_cost_of_a_linear_model():
+    rng = np.random.default_rng(3)
+    jacobian, measured, sd = rng.standard_normal((40, 5)), 0.3 * rng.standard_normal(40), rng.uniform(0.5, 2.0, 40)
+    point = np.array([0.1, -0.2, 0.3, 0.0, 0.4])
+    rows = _Straight(jacobian, measured)
+    white = jacobian / sd[:, None]
+    # the smaller model has numbers 0, 2 and 3, and 30 of the rows
+    moved, cost = stepped_on(
+        rows, point, rows.residual(point[None])[0] / sd, white[:30][:, [0, 2, 3]], [0, 2, 3], [1, 4], sd
+    )
+    known = white.copy()
+    known[30:, [0, 2, 3]] = 0.0  # what the smaller model does not know of the further rows
+    r = (measured - jacobian @ point) / sd
+    step = np.linalg.solve(known.T @ known + np.eye(5), known.T @ r - point)
+    assert moved == pytest.approx(point + step, abs=1e-6)
+    left = (measured - jacobian @ moved) / sd
+    assert cost == pytest.approx(left @ left + moved @ moved)
+
+
+def test_a_law_that_only_its_shape_tells_from_the_base_is_found(kit):
+    """A joint that stiffens under load is all but another slip-force density, unless its shape moves, too."""
+    tests = [PlannedTest(f, a, cycles=12) for f in (8.0, 20.0) for a in (0.3, 0.6, 0.9)]
+    fault = Fault("rig_compliance", {"compliance_mm_N": 0.025, "reference_N": 1.0}, "stiffening")
+    rig = simulate_campaign(tests, fault=fault, seed=3)
+    loops = kit.campaign_of(rig).loops(**kit.small)
+    data, scales = gap_data(loops), scales_of(loops)
+    base = fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(0))
+    effect = calibrated(RigCompliance, scales, data, base.problem, base.z)
+    (one,) = candidates(data, base, {"rig_compliance": (effect,)})
+    assert one.gain > 10.0
 
 
 def test_sudden_effects_are_always_refitted(kit):

@@ -145,14 +145,14 @@ def promising(rows: Rows, points: Array, smaller: Fit, size: RestSize, most: int
     own = [i for i in range(len(names)) if i not in at]
     for n, i in enumerate(order):
         if good[i]:
-            moved, its_cost = _bent(rows, points[i], r[i], j, at, own, rows.sd(size))
+            moved, its_cost = stepped_on(rows, points[i], r[i], j, at, own, rows.sd(size))
             if its_cost < least[n]:
                 starts[n], least[n] = moved, its_cost
     better = np.argsort(least)
     return starts[better], _cost(rows, smaller, size) - 0.5 * float(least[better[0]])
 
 
-def _bent(
+def stepped_on(
     rows: Rows, point: Array, residual: Array, shared: Array, at: list[int], own: list[int], sd: Array
 ) -> tuple[Array, float]:
     """Where one Gauss–Newton step of the effect's own parameters and the smaller model's leads from a trial point, and
