@@ -35,6 +35,7 @@ from bayes_iwan.gap.judging.budget import (
     Share,
     contributing,
     left_unnamed,
+    rest_without_name,
     shapley,
     shares,
     subsets,
@@ -63,6 +64,8 @@ from bayes_iwan.rig import cases as rig_cases
 APART = 30.0
 #: nats that one place may cost: beyond, the search missed the truth, which no power mends
 SEARCH_MISSED = 3.0
+#: power of a line at half a test's frequency over its background that no sound specimen reaches
+CLEAR_LINE = 20.0
 #: pull of every weight to zero, per squared unit: a figure that tells nothing gets no weight
 PULL = 0.1
 
@@ -239,10 +242,17 @@ def rest_row(case: dict[str, Any], c: Calibration) -> np.ndarray:
     return rest_figures(left_unnamed(named_in(case, c), sets(case["gap_share"])), case["subharmonic"])
 
 
+def rest_has_cause(case: dict[str, Any], c: Calibration) -> float:
+    """The probability that these constants state."""
+    return rest_without_name(c.unknown_rest(rest_row(case, c)), figures_of(case), c)
+
+
 def rest_is_real(case: dict[str, Any], c: Calibration) -> bool:
-    """Does a true effect, listed or not, that these constants do not name make a part of the gap that can be seen?"""
+    """Does a true effect, listed or not, that these constants do not name make a part of the gap that can be seen: more
+    than noise, and more than a sound specimen's own gap or with a line that no sound specimen has?"""
     gap, named = sets(case["gap_N"])[frozenset()], named_in(case, c)
-    least = max(case["noise_N"], USUAL_REST * case["truth"]["friction_rms_N"])
+    usual = USUAL_REST * case["truth"]["friction_rms_N"]
+    least = max(case["noise_N"], usual if case["subharmonic"] < CLEAR_LINE else 0.0)
     return any(share * gap > least for n, share in case["true_share"].items() if n not in named)
 
 
@@ -284,7 +294,7 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         given, true, kind = figures_of(case), truths(case), case["truth"]["kind"]
         named = {n for n in named_in(case, c) if n not in OWN_FORM}
         apart = {n for f in given if f.name in named for n, v in f.rivals.items() if v > -c.apart}
-        flagged = c.unknown_rest(rest_row(case, c)) >= 0.5
+        flagged = rest_has_cause(case, c) >= 0.5
         gap = sets(case["gap_N"])[frozenset()]
         visible = {n for n, share in case["true_share"].items() if share * gap > case["noise_N"]}
         listed = {n for n in visible if n not in rig_cases.OUTSIDE}
@@ -352,7 +362,7 @@ def reliability(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration
             if name not in NO_CAUSE | OWN_FORM:
                 stated.append(value)
                 right.append(name in true)
-        stated.append(c.unknown_rest(rest_row(case, c)))
+        stated.append(rest_has_cause(case, c))
         right.append(rest_is_real(case, c))
     x, y = np.array(stated), np.array(right, float)
     bins = np.digitize(x, [0.1, 0.3, 0.5, 0.7, 0.9])

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy import integrate, stats
 
 from bayes_iwan.effects.along_record import MainsHum
 from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.fitting.evidence import Rows, extended
-from bayes_iwan.gap.fitting.leave_out import Unseen, for_loops, groups_of, halves, left_out, refitted
-from bayes_iwan.gap.fitting.rest import LENGTHS, SHARES, SPECTRUM_SD
-from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
+from bayes_iwan.gap.fitting.evidence import extended
+from bayes_iwan.gap.fitting.leave_out import Unseen, for_loops, groups_of, halves, refitted
 
 
 def test_groups_are_tests_of_one_frequency_or_amplitude(kit):
@@ -50,46 +47,10 @@ def test_hums_numbers_go_with_their_tests(kit):
     assert hums == [f"mains_hum.{p}[{f}]" for p in ("cosine", "sine") for f in files[1:3]]
 
 
-def test_density_of_tests_left_out_is_the_integral_over_every_size_of_the_rest(kit):
-    """Against quadrature over each harmonic's own size, at the sizes of the grid."""
-    found = kit.diagnosed("channel_delay").search
-    few = gap_data(found.data.loops[:2])
-    fit = refitted(found.base, few)
-    rows = Rows(few, fit.problem)
-    r = rows.residual(fit.z[None])[0]
-    rest = rows.rest
-
-    def harmonic(h, share, length):
-        at = rest.order == h
-        eigen = discrepancy_spectrum(np.array([share]), np.array([length]), rest.orders)[0, h] * rest.eigen[at]
-
-        def log_p(x):
-            v = 1.0 + eigen * np.exp(x)
-            return -0.5 * np.sum(r[at] ** 2 / v + np.log(v)) + stats.norm.logpdf(x, scale=SPECTRUM_SD)
-
-        ends = 3.0 * SPECTRUM_SD  # the package's grid ends there, too
-        top = max(log_p(x) for x in np.linspace(-ends, ends, 200))
-        value = integrate.quad(lambda x: np.exp(log_p(x) - top), -ends, ends, limit=200)[0]
-        return np.log(value) + top
-
-    by_hand = [
-        sum(harmonic(h, a, n) for h in range(rest.orders) if np.any(rest.order == h)) for a in SHARES for n in LENGTHS
-    ]
-    expected = np.logaddexp.reduce(by_hand) - np.log(len(by_hand)) + rows.constant
-    assert rows.log_density(fit.z) == pytest.approx(expected, abs=0.5)
-
-
-def test_a_cause_betters_the_density_of_tests_left_out_and_one_that_is_not_there_does_not(kit):
-    found = kit.diagnosed("channel_delay").search
-    other = next(f for k, f in found.fits.items() if len(k) == 1 and f.log_evidence < found.base.log_evidence)
-    unseen = left_out([found.base, found.fit({"channel_delay"}), other], found.data)
-    for one in unseen:
-        assert one.gain((), {"channel_delay"}) > 20.0 and one.by_test((), {"channel_delay"}) > 0.4
-        assert one.gain((), other.names) < 3.0
-
-
 def test_shares_test_by_test_count_each_test_alike():
     power = {frozenset(): np.array([100.0, 1.0, 1.0]), frozenset("a"): np.array([100.0, 0.25, 4.0])}
-    unseen = Unseen("one frequency left out", ("x", "y", "z"), power, {k: np.zeros(2) for k in power})
+    along = {frozenset(): np.array([0.0, 1.0, 4.0]), frozenset("a"): np.array([0.0, 0.0, 1.0])}
+    unseen = Unseen("one frequency left out", ("x", "y", "z"), power, along)
     assert unseen.by_test((), "a") == pytest.approx((0.0 + 0.5 - 0.5) / 3.0)
     assert unseen.shrink((), "a") == pytest.approx(1.0 - np.sqrt(104.25 / 102.0))
+    assert unseen.by_test((), "a", along=True) == pytest.approx((0.0 + 1.0 + 0.5) / 3.0)

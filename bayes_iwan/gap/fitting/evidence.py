@@ -172,18 +172,6 @@ class Rows:
             parts += [r.real, r.imag, q.real, q.imag]
         return np.concatenate(parts, axis=1)
 
-    def log_density(self, z: Array) -> float:
-        """ln density of the data at z (ndim,) beside a rest whose sizes are averaged over, without constants of 2π."""
-        r = self.residual(z[None])[0]
-        loop = [[self.rest.spectrum(r, float(a), float(n))[1] for n in LENGTHS] for a in SHARES]
-        value = float(np.logaddexp.reduce(np.ravel(loop)) - np.log(np.size(loop)))
-        if not self.evolving:
-            return value + self.constant
-        at = self.rest.changing
-        variances = [self.rest.variance(RestSize(0.0, LENGTHS[-1], float(b)))[at] for b in ALONG_SHARES]
-        changes = [-0.5 * float(np.sum(r[at] ** 2 / v + np.log(v))) for v in variances]
-        return value + float(np.logaddexp.reduce(changes) - np.log(len(changes)))
-
     def linear(self, z: Array, step: float = 1e-4) -> Linear:
         """Residual and central-difference Jacobian at z (ndim,), in one batch call."""
         n = len(z)

@@ -127,11 +127,11 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
     )
 
 
-def gap_power_N2(residual: Residual) -> Array:
-    """(T,) squared gap of each test, its noise taken off: may be negative. The quick form of :func:`gap_size` for
-    tests that the model was not fitted to."""
-    raw = {kind: residual.power(residual.value, kind) for kind in COUNTED}
-    return np.sum([raw[kind] - _at_most(residual.noise_power(kind), raw[kind]) for kind in COUNTED], axis=0)
+def gap_power_N2(residual: Residual, kinds: Sequence[int] = COUNTED) -> Array:
+    """(T,) squared gap of each test, or some parts of it, its noise taken off: may be negative. The quick form of
+    :func:`gap_size` for tests that the model was not fitted to."""
+    raw = {kind: residual.power(residual.value, kind) for kind in kinds}
+    return np.sum([raw[kind] - _at_most(residual.noise_power(kind), raw[kind]) for kind in kinds], axis=0)
 
 
 def _at_most(noise: Array, raw: Array) -> Array:

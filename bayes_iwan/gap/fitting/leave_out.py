@@ -14,7 +14,7 @@ from bayes_iwan.effects.base import effects_of
 from bayes_iwan.gap.fitting.data import GapData, gap_data
 from bayes_iwan.gap.fitting.evidence import Fit, Rows
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
-from bayes_iwan.gap.fitting.residuals import residual_of
+from bayes_iwan.gap.fitting.residuals import ALONG, residual_of
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.threads import alongside
 
@@ -31,13 +31,13 @@ class Unseen:
 
     by : "one frequency left out", "one amplitude left out" or "held-out tests"; files (n,) of these tests
     power_N2 : by set of effects, (n,) squared gap of each test, noise taken off (may be negative)
-    nats : by set of effects, ln density of what was left out, group by group, beside a rest of any size
+    along_N2 : the same of its part that changes along the record
     """
 
     by: str
     files: tuple[str, ...]
     power_N2: dict[frozenset[str], Array]
-    nats: dict[frozenset[str], Array]
+    along_N2: dict[frozenset[str], Array]
 
     def gap_N(self, names: Iterable[str]) -> float:
         """RMS gap over these tests with a set of effects in the model."""
@@ -48,14 +48,11 @@ class Unseen:
         before, after = self.gap_N(smaller), self.gap_N(larger)
         return float(np.clip(1.0 - after / before, -1.0, 1.0)) if before > 0.0 else float("nan")
 
-    def gain(self, smaller: Iterable[str], larger: Iterable[str]) -> float:
-        """Nats by which the larger set predicts what was left out better than the smaller one."""
-        return float(np.sum(self.nats[frozenset(larger)] - self.nats[frozenset(smaller)]))
-
-    def by_test(self, smaller: Iterable[str], larger: Iterable[str]) -> float:
+    def by_test(self, smaller: Iterable[str], larger: Iterable[str], along: bool = False) -> float:
         """Mean over the tests of 1 − gap with the larger set / gap with the smaller one, each in −1 … 1: one test with
-        a large gap of another cause does not decide."""
-        before, after = (np.sqrt(np.maximum(self.power_N2[frozenset(k)], 0.0)) for k in (smaller, larger))
+        a large gap of another cause does not decide. along : of the part that changes along the record alone."""
+        power_N2 = self.along_N2 if along else self.power_N2
+        before, after = (np.sqrt(np.maximum(power_N2[frozenset(k)], 0.0)) for k in (smaller, larger))
         top = np.maximum(before, after)
         return float(np.mean(np.where(top > 0.0, (before - after) / np.maximum(top, 1e-300), 0.0)))
 
@@ -99,37 +96,36 @@ def left_out(fits: Sequence[Fit], data: GapData, held_out: Sequence[Loop] = ()) 
     out = []
     if held_out:
         other = gap_data(held_out)
-        of_all = {f.names: _missed(f, other) for f in fits}
-        power, nats = {k: v[0] for k, v in of_all.items()}, {k: np.array([v[1]]) for k, v in of_all.items()}
-        out.append(Unseen(HELD_OUT, tuple(x.file for x in held_out), power, nats))
+        missed = {f.names: _missed_N2(f, other) for f in fits}
+        out.append(_unseen(HELD_OUT, [x.file for x in held_out], missed))
     for name, by in (("frequency_hz", "one frequency left out"), ("amplitude_mm", "one amplitude left out")):
         parts = groups_of(data.loops, name)
         if len(parts) < 2:
             continue
         parted = [(data.part([i for i in range(data.tests) if i not in part]), data.part(part)) for part in parts]
         pieces = [(fit, rest, left) for rest, left in parted for fit in fits]
-        found: dict[frozenset[str], list[tuple[Array, float]]] = {f.names: [] for f in fits}
-        for (fit, _, _), missed in zip(pieces, alongside(_refit_missed, pieces)):
-            found[fit.names].append(missed)
-        files = tuple(data.loops[i].file for part in parts for i in part)
-        power = {k: np.concatenate([x for x, _ in v]) for k, v in found.items()}
-        out.append(Unseen(by, files, power, {k: np.array([x for _, x in v]) for k, v in found.items()}))
+        found: dict[frozenset[str], list[Array]] = {f.names: [] for f in fits}
+        for (fit, _, _), missed_N2 in zip(pieces, alongside(_refit_missed_N2, pieces)):
+            found[fit.names].append(missed_N2)
+        files = [data.loops[i].file for part in parts for i in part]
+        out.append(_unseen(by, files, {k: np.concatenate(v, axis=1) for k, v in found.items()}))
     return tuple(out)
 
 
-def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> tuple[Array, float]:
-    """What a fit to the rest of the tests misses on those left out: see :func:`_missed`."""
+def _unseen(by: str, files: Sequence[str], missed_N2: dict[frozenset[str], Array]) -> Unseen:
+    return Unseen(by, tuple(files), {k: v[0] for k, v in missed_N2.items()}, {k: v[1] for k, v in missed_N2.items()})
+
+
+def _refit_missed_N2(piece: tuple[Fit, GapData, GapData]) -> Array:
+    """See :func:`_missed_N2`, of a fit to the rest of the tests on those left out."""
     fit, rest, left = piece
-    return _missed(refitted(fit, rest), left)
+    return _missed_N2(refitted(fit, rest), left)
 
 
-def _missed(fit: Fit, data: GapData) -> tuple[Array, float]:
-    """Squared gaps of a fit on other tests, (n,), and ln density of these tests beside a rest of any size."""
-    power_N2 = gap_power_N2(residual_of(data, fit, refitted=False))
-    problem = for_loops(fit.problem, data.loops, data)
-    at = {n: z for n, z in zip(fit.problem.names, fit.z)}
-    z = np.array([at.get(n, 0.0) for n in problem.names])
-    return power_N2, Rows(data, problem).log_density(z)
+def _missed_N2(fit: Fit, data: GapData) -> Array:
+    """(2, n) squared gaps on tests that it was not fitted to, and their parts that change along the record."""
+    residual = residual_of(data, fit, refitted=False)
+    return np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))])
 
 
 def halves(data: GapData) -> list[tuple[list[int], list[int]]]:

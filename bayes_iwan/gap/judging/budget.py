@@ -22,7 +22,7 @@ from bayes_iwan.effects.catalogue import UNLISTED
 from bayes_iwan.gap.fitting.evidence import Fit, FitError, extended, fit_model
 from bayes_iwan.gap.fitting.gap_size import Gap, GapSize
 from bayes_iwan.gap.fitting.leave_out import Unseen
-from bayes_iwan.gap.judging.calibration import Calibration
+from bayes_iwan.gap.judging.calibration import SUREST, Calibration
 from bayes_iwan.gap.judging.guards import Figures
 from bayes_iwan.gap.searching.search import OWN_FORM, Search
 
@@ -242,6 +242,16 @@ def contributing(given: Iterable[Figures], c: Calibration) -> tuple[dict[str, fl
         for name, share in c.among(f).items():
             p[name] = 1.0 - (1.0 - p.get(name, 0.0)) * (1.0 - places[f.name] * share)
     return p, places
+
+
+def rest_without_name(by_size: float, given: Iterable[Figures], c: Calibration) -> float:
+    """Probability that the rest has a cause of its own: by its size and lines (:meth:`Calibration.unknown_rest`), or
+    because a pattern is there that no listed cause makes, however small it is."""
+    none = 1.0 - by_size
+    for f in given:
+        if f.name in NO_CAUSE:
+            none *= 1.0 - c.contributes(f) * c.among(f)[f.name]
+    return min(1.0 - none, SUREST)
 
 
 def left_unnamed(named: frozenset[str], gap: Mapping[frozenset[str], float]) -> float:

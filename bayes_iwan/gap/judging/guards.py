@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 
-from bayes_iwan.effects.base import Effect
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import moved_shares
@@ -41,9 +40,8 @@ class Figures:
     fitted : share of the whole gap that it removes (Shapley value in the chosen set), on the fitted tests; unseen :
         share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
         fitted one where no test can judge it)
-    foreseen, foreseen_alone : nats by which it betters the density of tests left out, as the last and the first effect
-        of the set (its gain where no test can judge it); by_test : the mean over tests left out of the share of each
-        one's gap that it removes, as the last effect
+    by_test : the mean over tests left out of the share of each one's gap that it removes, or of the part that changes
+        along the record where that is what it acts on
     differs : by how many standard deviations its strength differs between halves of the tests (larger split)
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
@@ -56,8 +54,6 @@ class Figures:
     fitted: float
     unseen: float
     alone: float
-    foreseen: float
-    foreseen_alone: float
     by_test: float
     differs: float
     moved: float
@@ -104,7 +100,8 @@ def guard_figures(
         others_nats = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
         fitted = float(np.clip(share[name], -1.0, 1.0))
         gain = whole.log_evidence - less.log_evidence
-        predicts = bool(unseen) and _effect(whole, name).strength_name in whole.problem.names
+        effect = next(e for e in whole.effects if e.name == name)
+        predicts = bool(unseen) and effect.strength_name in whole.problem.names
         last, first = (less.names, whole.names), (frozenset[str](), _only(name))
         out.append(
             Figures(
@@ -115,9 +112,7 @@ def guard_figures(
                 fitted,
                 _mean([u.shrink(*last) for u in unseen], fitted) if predicts else fitted,
                 _mean([u.shrink(*first) for u in unseen], fitted) if predicts else fitted,
-                _mean([u.gain(*last) for u in unseen], gain) if predicts else gain,
-                _mean([u.gain(*first) for u in unseen], gain) if predicts else gain,
-                _mean([u.by_test(*last) for u in unseen], fitted) if predicts else fitted,
+                _mean([u.by_test(*last, along=effect.evolving) for u in unseen], fitted) if predicts else fitted,
                 differs.get(name, 0.0),
                 moved[name],
                 gap[less.names] / level,
@@ -150,10 +145,6 @@ def borne_out(nats: float, more_N: float, before_N: float, alike: bool) -> float
         return 0.0 if alike and nats < TIED_NATS else nats
     more = max(more_N, 0.0) / before_N if before_N > 0.0 else np.inf
     return max(nats, -NATS_OF_GAP * more)
-
-
-def _effect(fit: Fit, name: str) -> Effect:
-    return next(e for e in fit.effects if e.name == name)
 
 
 def _mean(values: Sequence[float], otherwise: float) -> float:

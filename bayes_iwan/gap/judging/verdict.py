@@ -21,6 +21,7 @@ from bayes_iwan.gap.judging.budget import (
     contributing,
     fits_of_subsets,
     left_unnamed,
+    rest_without_name,
     shares,
     subsets,
     unseen_shares,
@@ -130,7 +131,7 @@ def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
 def unknown_rest(found: Weighed, named: Sequence[str], c: Calibration) -> float:
     """Probability that what is left beside the named effects has a cause of its own."""
     left = left_unnamed(frozenset(named), {k: s.all.resolved_share for k, s in found.sizes.items()})
-    return c.unknown_rest(rest_figures(left, found.subharmonic))
+    return rest_without_name(c.unknown_rest(rest_figures(left, found.subharmonic)), found.figures, c)
 
 
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
