@@ -257,12 +257,15 @@ def rest_is_real(case: dict[str, Any], c: Calibration) -> bool:
 
 
 def law_fit(cases: Sequence[dict[str, Any]]) -> float:
-    """Sd of a share beyond its interval, such that nine of ten shares found on unseen tests lie within."""
-    rows = [s for case in cases for n, s in case.get("named", {}).items() if n in truths(case)]
+    """Sd of a share beyond its interval, such that nine of ten shares found on tests left out and on unseen tests lie
+    within."""
     needed = []
-    for s in rows:
-        width = s["high"] - s["value"] if s["found"] > s["value"] else s["value"] - s["low"]
-        needed.append(np.sqrt(max((s["found"] - s["value"]) ** 2 - width**2, 0.0)) / NINETY)
+    for case in cases:
+        for n, s in case.get("named", {}).items():
+            for at in (s["found"], s["left_out"]):
+                if n in truths(case) and np.isfinite(at):
+                    width = s["high"] - s["value"] if at > s["value"] else s["value"] - s["low"]
+                    needed.append(np.sqrt(max((at - s["value"]) ** 2 - width**2, 0.0)) / NINETY)
     return float(np.quantile(needed, 0.9)) if needed else calibration().law
 
 
