@@ -57,12 +57,12 @@ def test_shapley_of_three_by_the_orders_written_out():
         assert found[n] == pytest.approx(by_hand[n])
 
 
-PLACE = Figures("a", 20.0, 10.0, {"a": 0.0, "b": -4.0}, 0.5, 0.4, 0.4, 0.4, 1.0, 0.5, 0.03, 0.04)
+PLACE = Figures("a", 20.0, 10.0, {"a": 0.0, "b": -4.0}, 0.5, 0.4, 0.4, 1.0, 0.5, 0.03, 0.04)
 
 
 @pytest.mark.parametrize(
     "change",
-    [{"gain": 80.0}, {"fitted": 0.9}, {"unseen": 0.9}, {"alone": 0.9}, {"differs": 0.1}],
+    [{"gain": 80.0}, {"fitted": 0.9}, {"unseen": 0.9}, {"by_test": 0.9}, {"differs": 0.1}],
     ids=lambda c: next(iter(c)),
 )
 def test_better_figures_never_make_a_cause_less_probable(change):
@@ -108,7 +108,7 @@ def test_a_share_s_interval_widens_by_an_independent_error():
 
 
 def test_no_evidence_names_nothing():
-    weak = Figures("a", 3.0, 0.5, {"a": 0.0, "b": -0.5}, 0.05, -0.2, -0.2, -0.2, 4.0, 0.002, 0.002, 0.002)
+    weak = Figures("a", 3.0, 0.5, {"a": 0.0, "b": -0.5}, 0.05, -0.2, -0.2, 4.0, 0.002, 0.002, 0.002)
     assert calibration().contributes(weak) < 0.5
 
 

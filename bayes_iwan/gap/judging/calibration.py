@@ -71,10 +71,10 @@ class Calibration:
 
 def effect_figures(f: Figures) -> Array:
     """(4,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES: its evidence, the share
-    of the gap that it removes, what it removes on tests left out (the mean of first and last effect of the set), the
-    steadiness of its strength."""
+    of the gap that it removes, what it removes on tests left out (the mean over the tests), the steadiness of its
+    strength."""
     gain = np.log1p(max(f.gain, 0.0) / LINEAR_NATS)
-    return np.array([gain, f.fitted, 0.5 * (f.unseen + f.alone), -min(f.differs, 5.0)])
+    return np.array([gain, f.fitted, f.by_test, -min(f.differs, 5.0)])
 
 
 def rest_figures(left: float, subharmonic: float) -> Array:

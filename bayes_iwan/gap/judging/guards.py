@@ -53,7 +53,6 @@ class Figures:
     rivals: dict[str, float]
     fitted: float
     unseen: float
-    alone: float
     by_test: float
     differs: float
     moved: float
@@ -74,7 +73,7 @@ def guard_figures(
         return ()
     data, whole = search.data, search.fit(judged)
     without = {n: search.fit(set(judged) - {n}) for n in judged}
-    sets = dict.fromkeys((whole.names, *(f.names for f in without.values()), *map(_only, judged), frozenset()))
+    sets = dict.fromkeys((whole.names, *(f.names for f in without.values()), frozenset()))
     unseen = [u for u in left_out([nearest[k] for k in sets], data) if u.by != HELD_OUT]
     differs = _differences(whole, data)
     moved = moved_shares(whole, data)
@@ -102,7 +101,7 @@ def guard_figures(
         gain = whole.log_evidence - less.log_evidence
         effect = next(e for e in whole.effects if e.name == name)
         predicts = bool(unseen) and effect.strength_name in whole.problem.names
-        last, first = (less.names, whole.names), (frozenset[str](), _only(name))
+        last = less.names, whole.names
         out.append(
             Figures(
                 name,
@@ -111,7 +110,6 @@ def guard_figures(
                 rivals,
                 fitted,
                 _mean([u.shrink(*last) for u in unseen], fitted) if predicts else fitted,
-                _mean([u.shrink(*first) for u in unseen], fitted) if predicts else fitted,
                 _mean([u.by_test(*last, along=effect.evolving) for u in unseen], fitted) if predicts else fitted,
                 differs.get(name, 0.0),
                 moved[name],
@@ -131,10 +129,6 @@ def companion(search: Search, whole: Fit, less: Fit, rival: Fit, name: str) -> b
         return False
     gain, beside = whole.log_evidence - less.log_evidence, both.log_evidence - rival.log_evidence
     return beside > max(COMPANION * gain, WORTH_NATS)
-
-
-def _only(name: str) -> frozenset[str]:
-    return frozenset({name})
 
 
 def borne_out(nats: float, more_N: float, before_N: float, alike: bool) -> float:
