@@ -62,7 +62,7 @@ PLACE = Figures("a", 20.0, 10.0, {"a": 0.0, "b": -4.0}, 0.5, 0.4, 0.4, 1.0, 0.5,
 
 @pytest.mark.parametrize(
     "change",
-    [{"gain": 80.0}, {"fitted": 0.9}, {"unseen": 0.9}, {"by_test": 0.9}, {"differs": 0.1}],
+    [{"gain": 80.0}, {"fitted": 0.9}, {"by_test": 0.9}, {"differs": 0.1}],
     ids=lambda c: next(iter(c)),
 )
 def test_better_figures_never_make_a_cause_less_probable(change):
