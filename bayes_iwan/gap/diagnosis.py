@@ -320,8 +320,10 @@ def _next(
         if not rivals and not open_question:
             continue
         other = rivals[0] if rivals else "none"
-        less = whole - {f.name}
-        fits = found.search.fit(whole), found.search.fit(less | {other}) if rivals else found.fits[less]
+        if rivals:
+            fits = found.search.fit(found.asked), found.search.fit(found.asked - {f.name} | {other})
+        else:
+            fits = found.fits[whole], found.fits[whole - {f.name}]
         effects = found.search.effects
         bench = [effects[n][0].bench for n in (f.name, other) if n in effects]
         return next_test(data, *fits, (f.name, other), bench, campaign.limits)

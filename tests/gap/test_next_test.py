@@ -1,10 +1,14 @@
 """What tests could have shown, and which would show more."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from bayes_iwan.campaign.limits import RigLimits
+from bayes_iwan.gap import diagnosis
 from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.judging.budget import Kind
 from bayes_iwan.gap.searching.base import fit_base
 from bayes_iwan.gap.telling.next_test import TESTABLE_NATS, next_test, plans_of, visible_nats
 from bayes_iwan.physics import sine_motion
@@ -66,3 +70,15 @@ def test_a_plan_keeps_to_what_the_rig_can_do(kit):
     assert np.abs(base.force(base.parameter_values(found.base.z[None]), motion)).max() < 0.52 * force
     (only,) = plans_of(found.data, found.base, RigLimits(1e-6, None, None))
     assert only[1] == min(a)
+
+
+def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
+    """What removes nothing has left the set, but rivals were fitted beside it."""
+    fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("a"): "kept"}
+    place = SimpleNamespace(name="a", moved=0.1, rivals={"a": 0.0, "c": -2.0})
+    search = SimpleNamespace(chosen=("a",), fit=lambda names: fits[frozenset(names)], effects={})
+    found = SimpleNamespace(search=search, asked=frozenset("ab"), figures=(place,), fits=fits)
+    constants = SimpleNamespace(apart=30.0, contributes=lambda f: 0.99)
+    monkeypatch.setattr(diagnosis, "next_test", lambda data, *asked: asked[:3])
+    verdict, campaign = SimpleNamespace(kind=Kind.EXPLAINED), SimpleNamespace(limits=None)
+    assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))

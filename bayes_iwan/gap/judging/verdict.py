@@ -42,12 +42,14 @@ LEAST_GAP = 0.01
 class Weighed:
     """Everything behind a verdict but the calibration's constants.
 
+    search : its chosen effects are those that remove anything; asked : all that it chose, beside which rivals stood
     figures : of every effect of the chosen set that may be named; by every subset of it: fits; in_newtons, the same
     models where they miss least in newtons, and sizes, what they miss there. subharmonic : the largest power of a line
     at half a test's frequency over its background
     """
 
     search: Search
+    asked: frozenset[str]
     figures: tuple[Figures, ...]
     fits: Mapping[frozenset[str], Fit]
     in_newtons: Mapping[frozenset[str], Fit]
@@ -76,9 +78,15 @@ def weighed(search: Search, seed: int) -> Weighed:
     share = {n: s.value for n, s in shares(kept, sizes).items()} if kept else {}
     figures = guard_figures(search, nearest, share, kept)
     said = tuple(f for f in figures if f.name not in OWN_FORM or f.gap >= LEAST_GAP)
-    search = replace(search, chosen=kept)
+    asked, search = frozenset(search.chosen), replace(search, chosen=kept)
     return Weighed(
-        search, said, fits, {k: nearest[k] for k in fits}, sizes, float(np.max(search.data.subharmonic, initial=0.0))
+        search,
+        asked,
+        said,
+        fits,
+        {k: nearest[k] for k in fits},
+        sizes,
+        float(np.max(search.data.subharmonic, initial=0.0)),
     )
 
 
