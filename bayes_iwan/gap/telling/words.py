@@ -99,7 +99,9 @@ def _found(d: Diagnosis) -> list[str]:
 
 def _sentence(c: Cause, d: Diagnosis) -> str:
     """One cause: its size, its share of the gap, fitted and on tests left out, and what it cannot be told from."""
-    text = f"{_capital(title(c.name))}{_strength(d.parameters[c.name])} (probability {c.probability:.2f}) removes "
+    name = title(c.name)
+    verb = "remove" if name.startswith("slip forces") else "removes"
+    text = f"{_capital(name)}{_strength(d.parameters[c.name])} (probability {c.probability:.2f}) {verb} "
     text += f"{_percent(c.share.value)} of the gap ({_percent(c.share.low)} to {_percent(c.share.high)})"
     if c.held_out is not None:
         text += f", {_percent(c.held_out.value)} on tests left out of the fit"
