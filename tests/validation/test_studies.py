@@ -110,7 +110,7 @@ def made_case(rng, kind, name, law, strong):
         "rivals": {name: 0.0, "other": -20.0 if true else -0.5},
         "fitted": 0.8 if true else 0.1,
         "unseen": 0.7 if true else -0.2,
-        "alone": 0.7 if true else -0.2,
+        "by_test": 0.7 if true else -0.2,
         "differs": 0.5 if true else 3.0,
         "moved": 0.05 if true else 0.004,
         "gap": 0.05,
