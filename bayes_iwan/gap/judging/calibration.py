@@ -27,7 +27,7 @@ USUAL_REST = 0.004
 #: no answer claims more
 SUREST = 0.99
 #: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
-EFFECT_FIGURES = ("gain", "fitted", "unseen", "steady")
+EFFECT_FIGURES = ("gain", "fitted", "by_test", "steady")
 REST_FIGURES = ("left", "subharmonic")
 
 
