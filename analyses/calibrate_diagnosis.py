@@ -52,7 +52,7 @@ from bayes_iwan.gap.judging.calibration import (
     rest_figures,
 )
 from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.judging.verdict import Weighed, helping, least_share, named_by, weighed
+from bayes_iwan.gap.judging.verdict import Weighed, falls_short, helping, least_share, named_by, weighed
 from bayes_iwan.gap.searching.base import fit_base, gap_rms_N
 from bayes_iwan.gap.searching.search import OWN_FORM
 from bayes_iwan.gap.telling.saved_fits import LOOPS
@@ -133,6 +133,7 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
         "gap_N": {key(k): v for k, v in found.gap_N.items()},
         "gap_share": {key(k): s.all.resolved_share for k, s in found.sizes.items()},
         "share": {key(k): {n: s.value for n, s in shares(k, found.sizes).items()} for k in found.fits if k},
+        "along": {key(k): found.along(k) for k in found.fits if k},
         "named": named_shares(found, unseen),
         "subharmonic": found.subharmonic,
         "cpu_s": took,
@@ -226,14 +227,13 @@ def sets(by_name: dict[str, Any]) -> dict[frozenset[str], Any]:
 def named_in(case: dict[str, Any], c: Calibration) -> frozenset[str]:
     """What these constants name, less what does not make the gap smaller."""
     kept = set(named_by(figures_of(case), c))
-    share = sets(case.get("share", {}))
-    while kept and frozenset(kept) in share:
-        gap = figures_of(case)[0].before
-        short = {n: share[frozenset(kept)][n] - least_share(n, gap) for n in kept}
-        worst = min(short, key=lambda n: short[n])
-        if short[worst] >= 0.0:
+    share, along = sets(case["share"]), sets(case.get("along", {}))
+    while kept:
+        gap, its, changes = figures_of(case)[0].before, share[frozenset(kept)], along.get(frozenset(kept), {})
+        short = [n for n in sorted(kept) if falls_short(n, its[n], changes.get(n, 0.0), gap)]
+        if not short:
             break
-        kept.remove(worst)
+        kept.remove(min(short, key=lambda n: its[n] - least_share(n, gap)))
     return frozenset(kept)
 
 

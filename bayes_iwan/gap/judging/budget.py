@@ -66,6 +66,7 @@ class Cause:
 
     share : on the fitted tests; held_out : on whole frequencies and amplitudes left out of the fit (or on held-out
     tests, as `held_out_by` says); None where no other test can judge it, its parameters belonging to single records
+    along : share that it removes of what changes along the record, where that is what it acts on
     """
 
     name: str
@@ -76,6 +77,7 @@ class Cause:
     held_out_by: str
     cannot_tell_apart: tuple[str, ...]
     figures: Figures
+    along: float | None = None
 
 
 @dataclass(frozen=True)
@@ -188,6 +190,14 @@ def shares(names: Iterable[str], sizes: Mapping[frozenset[str], GapSize]) -> dic
     whole = np.maximum(draws[frozenset()], 1e-3 * float(np.sqrt(power[frozenset()].mean())) + 1e-300)
     by_noise = shapley(names, lambda k: -draws[k] / whole)
     return _with_intervals(names, power, tests, {n: float(np.var(v)) for n, v in by_noise.items()})
+
+
+def along_shares(names: Iterable[str], along_N: Mapping[frozenset[str], float]) -> dict[str, float]:
+    """Share that each of the named effects removes of what changes along the record: Shapley values of its RMS, N."""
+    before = along_N[frozenset()]
+    if before <= 0.0:
+        return dict.fromkeys(names, 0.0)
+    return {n: float(v) for n, v in shapley(names, lambda k: np.array(-along_N[k] / before)).items()}
 
 
 def rest_share(names: Iterable[str], sizes: Mapping[frozenset[str], GapSize]) -> Share:

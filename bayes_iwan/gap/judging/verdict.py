@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from bayes_iwan.gap.judging.budget import (
     Cause,
     Kind,
     Verdict,
+    along_shares,
     contributing,
     fits_of_subsets,
     left_unnamed,
@@ -34,6 +35,9 @@ from bayes_iwan.gap.searching.search import OWN_FORM, Search
 #: share of the gap that an effect must remove to be named, and a cause in the base's own form, which always removes
 #: some
 LEAST_SHARE, LEAST_OWN_FORM = 0.02, 0.2
+#: an effect that changes along the record is named for less, if it removes this share of all that changes there: a
+#: large steady gap of another cause must not hide it
+LEAST_ALONG = 0.2
 #: gap over the friction force below which no cause in the base's own form is named: so much every specimen differs
 LEAST_GAP = 0.01
 
@@ -61,6 +65,20 @@ class Weighed:
         """RMS gap by set of effects."""
         return {k: s.all.rms_N for k, s in self.sizes.items()}
 
+    @property
+    def along_N(self) -> dict[frozenset[str], float]:
+        """RMS of its part that changes along the record, by set of effects."""
+        return {k: s.along.rms_N for k, s in self.sizes.items()}
+
+    def along(self, names: Iterable[str]) -> dict[str, float]:
+        """Of each of these effects that changes along the record: the share that it removes of what changes there, 0
+        where that is less than anything is named for."""
+        kept = frozenset(names)
+        there = self.sizes[frozenset()].along.share >= LEAST_OF_FRICTION
+        removed = along_shares(kept, {k: self.along_N[k] for k in subsets(kept)})
+        evolving = {e.name for e in self.fits[kept].effects if e.evolving}
+        return {n: v if there else 0.0 for n, v in removed.items() if n in evolving}
+
 
 def weighed(search: Search, seed: int) -> Weighed:
     """Figures of the chosen effects that remove anything, fits and gaps of all their subsets."""
@@ -71,7 +89,8 @@ def weighed(search: Search, seed: int) -> Weighed:
         k: before if not k else gap_size(residual_of(search.data, f), seed, friction_N=before.friction_N)
         for k, f in nearest.items()
     }
-    kept = _removing(search.chosen, {k: s.all.rms_N for k, s in sizes.items()})
+    evolving = [e.name for e in search.fit(search.chosen).effects if e.evolving]
+    kept = _removing(search.chosen, evolving, sizes)
     search = replace(search, fits=dict(search.fits) | fits)
     fits = {k: f for k, f in fits.items() if k <= frozenset(kept)}
     sizes = {k: s for k, s in sizes.items() if k in fits}
@@ -90,14 +109,30 @@ def weighed(search: Search, seed: int) -> Weighed:
     )
 
 
-def _removing(chosen: Sequence[str], gap_N: Mapping[frozenset[str], float]) -> tuple[str, ...]:
-    """The chosen effects less those that remove next to nothing of the gap, neither alone nor beside the others: what
-    raises the evidence without that is the difference between two laws, and clouds what is said of the others."""
-    kept, least = list(chosen), LEAST_SHARE * gap_N[frozenset()]
-    while kept:
+def _removing(
+    chosen: Sequence[str], evolving: Sequence[str], sizes: Mapping[frozenset[str], GapSize]
+) -> tuple[str, ...]:
+    """The chosen effects less those that remove next to nothing of the gap, neither alone nor beside the others, nor of
+    what changes along the record: what raises the evidence without that is the difference between two laws, and clouds
+    what is said of the others."""
+    none: frozenset[str] = frozenset()
+    kept = list(chosen)
+
+    def removes(name: str, part: str) -> float:
+        """Share of the gap, or of a part of it, that an effect removes, alone or last."""
+        rms = {k: float(getattr(s, part).rms_N) for k, s in sizes.items()}
         whole = frozenset(kept)
+        most = max(rms[none] - rms[frozenset({name})], rms[whole - {name}] - rms[whole])
+        return most / rms[none] if rms[none] > 0.0 else 0.0
+
+    changes = sizes[none].along.share >= LEAST_OF_FRICTION
+    while kept:
         most = {
-            n: max(gap_N[frozenset()] - gap_N[frozenset({n})], gap_N[whole - {n}] - gap_N[whole]) - least for n in kept
+            n: max(
+                removes(n, "all") - LEAST_SHARE,
+                removes(n, "along") - LEAST_ALONG if n in evolving and changes else -1.0,
+            )
+            for n in kept
         }
         worst = min(kept, key=lambda n: most[n])
         if most[worst] >= 0.0:
@@ -121,18 +156,22 @@ def least_share(name: str, gap: float) -> float:
     return max(LEAST_OWN_FORM if name in OWN_FORM else LEAST_SHARE, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))
 
 
+def falls_short(name: str, share: float, along: float, gap: float) -> bool:
+    """Does an effect make too little of the gap to be named? along : share that it removes of what changes along the
+    record, 0 for a steady effect; gap : over the friction force."""
+    return share < least_share(name, gap) and (along < LEAST_ALONG or share < 0.0)
+
+
 def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
     """The named effects less those that do not make the gap smaller: evidence weighs every harmonic by its noise and
     may rise where the force in newtons is missed by more. The least helpful goes first, the rest is judged anew."""
-    kept = list(named)
+    kept, gap = list(named), found.sizes[frozenset()].all.share
     while kept:
-        share = shares(kept, {k: found.sizes[k] for k in subsets(kept)})
-        gap = found.sizes[frozenset()].all.share
-        short = {n: share[n].value - least_share(n, gap) for n in kept}
-        worst = min(kept, key=lambda n: short[n])
-        if short[worst] >= 0.0:
+        share, along = shares(kept, {k: found.sizes[k] for k in subsets(kept)}), found.along(kept)
+        short = [n for n in kept if falls_short(n, share[n].value, along.get(n, 0.0), gap)]
+        if not short:
             break
-        kept.remove(worst)
+        kept.remove(min(short, key=lambda n: share[n].value - least_share(n, gap)))
     return tuple(kept)
 
 
@@ -174,7 +213,7 @@ def _causes(
     unseen = left_out([found.in_newtons[k] for k in keys], found.search.data, held_out)
     judges: tuple[Unseen, ...] = tuple(u for u in unseen if u.by == HELD_OUT) or unseen
     predicted = unseen_shares(named, judges) if judges else {}
-    whole = found.fits[frozenset(named)]
+    whole, along = found.fits[frozenset(named)], found.along(named)
     out = []
     for f in found.figures:
         if f.name not in named:
@@ -189,5 +228,6 @@ def _causes(
         by = " and ".join(dict.fromkeys(u.by for u in judges)) if predicts else ""
         held = predicted[f.name].widened(c.law) if predicts and f.name in predicted else None
         law = str(getattr(effect, "law", ""))
-        out.append(Cause(f.name, law, probabilities[f.name], share[f.name].widened(c.law), held, by, apart, f))
+        said = share[f.name].widened(c.law)
+        out.append(Cause(f.name, law, probabilities[f.name], said, held, by, apart, f, along.get(f.name)))
     return tuple(sorted(out, key=lambda x: -x.share.value))

@@ -102,6 +102,7 @@ def _cause(c: Cause) -> dict[str, Any]:
         "share_held_out": None if c.held_out is None else c.held_out.value,
         "share_held_out_interval": _interval(c.held_out),
         "held_out_by": c.held_out_by or None,
+        "share_along_record": c.along,
         "cannot_tell_apart": list(c.cannot_tell_apart),
     }
 

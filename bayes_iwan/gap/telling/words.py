@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: probability above which an effect that is not named is listed
 WORTH_LISTING = 0.02
+#: by so much the share of what changes along the record must be larger than that of the gap to be told beside it
+WORTH_TELLING = 0.1
 
 TITLES = {
     "channel_delay": "a delay between the channels",
@@ -105,6 +107,8 @@ def _sentence(c: Cause, d: Diagnosis) -> str:
     text += f"{_percent(c.share.value)} of the gap ({_percent(c.share.low)} to {_percent(c.share.high)})"
     if c.held_out is not None:
         text += f", {_percent(c.held_out.value)} on tests left out of the fit"
+    if c.along is not None and c.along > c.share.value + WORTH_TELLING:
+        text += f", and {_percent(c.along)} of what changes along the record"
     if c.cannot_tell_apart:
         text += f"; these tests cannot tell it from {listed(c.cannot_tell_apart)}"
     return text + "."
