@@ -17,7 +17,7 @@ from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import moved_shares
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, halves, left_out, refitted
-from bayes_iwan.gap.searching.base import gap_rms_N
+from bayes_iwan.gap.searching.base import gap_rms_N, newton_nats
 from bayes_iwan.gap.searching.search import LAST, TIED_NATS, WORTH_NATS, Search, look_alike
 from bayes_iwan.threads import alongside
 
@@ -89,7 +89,7 @@ def guard_figures(
         there = {n: f for n, f in search.rivals(name).items() if not companion(search, asked, others, f, n)}
         rivals = {
             n: borne_out(
-                f.log_evidence - asked.log_evidence,
+                f.log_evidence - asked.log_evidence + newton_nats(data, gap_N) - newton_nats(data, asked_N),
                 gap_N - asked_N,
                 before,
                 n in LAST or look_alike(search.effects, name, n),

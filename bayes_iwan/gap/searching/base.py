@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from bayes_iwan.gap.fitting.data import GapData
-from bayes_iwan.gap.fitting.evidence import Fit, base_problem, fit_model, in_newtons
-from bayes_iwan.gap.fitting.gap_size import gap_size
+from bayes_iwan.gap.fitting.evidence import Z_BOX, Fit, base_problem, fit_model, in_newtons
+from bayes_iwan.gap.fitting.gap_size import gap_power_N2, gap_size
 from bayes_iwan.gap.fitting.residuals import residual_of
+from bayes_iwan.gap.fitting.rest import RestSize
 from bayes_iwan.gap.searching.candidates import cheapest
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -18,6 +21,9 @@ BASE_POINTS, BASE_STARTS = 600, 16
 DRAWS = 100
 #: what removes less of the friction force is not named: two sensors of one kind differ by as much
 LEAST_OF_FRICTION = 0.001
+#: nats of the logarithm of the gap in newtons, for each test, and the share of the friction force below which a smaller
+#: gap is worth no more: so much a sound specimen differs
+NEWTON_NATS, SOUND = 2.0, 0.004
 
 
 def fit_base(
@@ -36,6 +42,24 @@ def fit_base(
 def gap_rms_N(data: GapData, fit: Fit) -> float:
     """RMS gap that a fit's model leaves where it misses least, N."""
     return gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS).all.rms_N
+
+
+def stepped_gap_N(data: GapData, fit: Fit) -> float:
+    """About the same as :func:`gap_rms_N` from one Gauss–Newton step, where the latter fits anew."""
+    z, _, _ = fit.linear.step(RestSize(fit.rest_share[0], 0.0, fit.size.along))
+    there = residual_of(data, replace(fit, z=np.clip(z, -Z_BOX, Z_BOX)))
+    return float(np.sqrt(max(float(gap_power_N2(there).mean()), 0.0)))
+
+
+def newton_nats(data: GapData, gap_N: float) -> float:
+    """What a gap in newtons is worth beside the evidence.
+
+    Evidence follows the harmonics that are quiet, and takes tests together for what is smooth between them: a law that
+    fits what is small in newtons may win there while another halves the gap. So a gap counts as evidence would count it
+    that knew one harmonic of each test and nothing of the other tests: by ln of its square, once a test.
+    """
+    sound = SOUND * float(np.sqrt(np.mean(data.level_N**2)))
+    return -0.5 * NEWTON_NATS * data.tests * float(np.log(gap_N**2 + sound**2))
 
 
 def missed(data: GapData, base: Fit) -> bool:

@@ -20,7 +20,7 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import BUILT_IN, FORM, Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, extended
-from bayes_iwan.gap.searching.base import BASE_POINTS, fit_base, gap_rms_N, missed
+from bayes_iwan.gap.searching.base import BASE_POINTS, fit_base, gap_rms_N, missed, newton_nats, stepped_gap_N
 from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing, leading
 from bayes_iwan.gap.searching.refits import ITERATIONS, Refit, Refits
 from bayes_iwan.gap.searching.strength import calibrated
@@ -34,6 +34,8 @@ from bayes_iwan.threads import alongside
 SINGLE_MOST = 7
 #: a further effect is refitted if one Gauss–Newton step promises so many nats, and at most so many are
 PROMISE, FURTHER_MOST = 3.0, 4
+#: and so are at most so many that promise to remove this share of the squares missed in newtons
+REMOVES, REMOVING_MOST = 0.3, 3
 #: an effect is taken in if it gains so many nats, and dropped again below half of that
 WORTH_NATS = 3.0
 #: and so many, or this share of the base's gap, where one that looks alike is in the set: nature seldom has both
@@ -116,6 +118,7 @@ class _Explorer:
         self.data, self.rng, self.report = data, rng, report
         self.fits: dict[frozenset[str], Fit] = {}
         self._gaps: dict[tuple[frozenset[str], float], float] = {}
+        self._worth: dict[tuple[frozenset[str], float], float] = {}
         self._left: set[tuple[frozenset[str], str, float]] = set()
         self._offers: dict[tuple[frozenset[str], float, bool], list[Candidate]] = {}  # found once for each fit
         self.failed: dict[str, str] = {}
@@ -189,10 +192,11 @@ class _Explorer:
         """Every single effect that promises anything."""
         base = self.fits[frozenset()]
         ranked: dict[str, int] = {}
-        chosen = []
-        for one in self.offered(base):
+        chosen, offered = [], self.offered(base)
+        near = removing(offered)
+        for one in offered:
             rank = ranked.setdefault(one.name, len(ranked))
-            if rank < SINGLE_MOST or one.gain > PROMISE or one.effect.sudden:
+            if rank < SINGLE_MOST or one.gain > PROMISE or one.effect.sudden or one.name in near:
                 chosen.append(one)
         self.add(chosen, base)
 
@@ -221,11 +225,12 @@ class _Explorer:
     def grow(self, current: Fit, last: bool = False) -> Fit | None:
         """The best fit with one effect more, of LAST or of all others, if it is worth it."""
         if current.effects or last:
-            chosen = []
-            for i, one in enumerate(self.offered(current, last)):
+            chosen, offered = [], self.offered(current, last)
+            near = removing(offered)
+            for i, one in enumerate(offered):
                 alone = self.fits.get(frozenset({one.name}))
                 helps = alone is not None and alone.log_evidence > self.fits[frozenset()].log_evidence + PROMISE
-                if (i < FURTHER_MOST and one.gain > PROMISE) or (one.effect.sudden and helps):
+                if (i < FURTHER_MOST and one.gain > PROMISE) or (one.effect.sudden and helps) or one.name in near:
                     chosen.append(one)
             self.add(chosen, current)
         larger = [
@@ -236,17 +241,24 @@ class _Explorer:
         if not larger:
             return None
         best = self.plainest(current.names, larger)
-        return best if best.log_evidence > current.log_evidence + WORTH_NATS else None
+        return best if self.worth(best) > self.worth(current) + WORTH_NATS else None
+
+    def worth(self, fit: Fit) -> float:
+        """ln evidence, and what the gap that is left is worth in newtons; once for each fit."""
+        at = (fit.names, fit.log_evidence)
+        if at not in self._worth:
+            self._worth[at] = fit.log_evidence + newton_nats(self.data, stepped_gap_N(self.data, fit))
+        return self._worth[at]
 
     def plainest(self, shared: frozenset[str], fits: Sequence[Fit]) -> Fit:
         """The best of fits with one effect beside those shared; among look-alikes that are all but tied, in newtons
         too, the one that the catalogue lists first, which is the simpler story."""
-        best = max(fits, key=lambda f: f.log_evidence)
+        best = max(fits, key=self.worth)
         (name,) = best.names - shared
         tied = [
             f
             for f in fits
-            if f.log_evidence > best.log_evidence - TIED_NATS
+            if self.worth(f) > self.worth(best) - TIED_NATS
             and look_alike(self.effects, name, next(iter(f.names - shared)))
         ]
         if len(tied) > 1:
@@ -259,7 +271,7 @@ class _Explorer:
         """Effect after effect taken in, with exchanges on the way, while it is worth it."""
         while len(current.names - LAST) < most and (larger := self.grow(current)) is not None:
             before, current = current, self.exchange(larger)
-            if current.log_evidence < before.log_evidence + 0.5 * WORTH_NATS:
+            if self.worth(current) < self.worth(before) + 0.5 * WORTH_NATS:
                 break
         return current
 
@@ -275,7 +287,7 @@ class _Explorer:
             if name not in current.names or len(current.effects) < 2:
                 continue
             less = self.without(current, name)
-            if less.log_evidence > current.log_evidence - 0.5 * WORTH_NATS:
+            if self.worth(less) > self.worth(current) - 0.5 * WORTH_NATS:
                 current = less
                 continue
             if name in LAST:
@@ -290,9 +302,9 @@ class _Explorer:
         """The current fit, or a clearly better one of as many effects that has those of a smaller one, or the simpler
         story of two that look alike and are all but tied."""
         same_size = [f for k, f in self.fits.items() if less.names < k and len(k) == len(current.names)]
-        better = [f for f in same_size if f.log_evidence > current.log_evidence + 1.0]
-        top = max(better, key=lambda f: f.log_evidence, default=current)
-        return self.plainest(less.names, [top, *(f for f in same_size if f.log_evidence < top.log_evidence)])
+        better = [f for f in same_size if self.worth(f) > self.worth(current) + 1.0]
+        top = max(better, key=self.worth, default=current)
+        return self.plainest(less.names, [top, *(f for f in same_size if self.worth(f) < self.worth(top))])
 
     def gap_N(self, fit: Fit) -> float:
         """See :func:`gap_rms_N`; once for each fit."""
@@ -384,6 +396,15 @@ def search(
     gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
     return Search(data, scales, settings, found.fits, order, found.effects, found.failed)
+
+
+def removing(some: Sequence[Candidate]) -> frozenset[str]:
+    """The effects that promise to remove most in newtons, if any removes much."""
+    most: dict[str, float] = {}
+    for one in some:
+        most[one.name] = max(most.get(one.name, 0.0), one.removes)
+    ranked = sorted((n for n, v in most.items() if v > REMOVES), key=lambda n: -most[n])
+    return frozenset(ranked[:REMOVING_MOST])
 
 
 def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:
