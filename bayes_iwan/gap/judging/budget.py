@@ -30,6 +30,8 @@ from bayes_iwan.gap.searching.search import OWN_FORM, Search
 NINETY = 1.645
 #: a cause as probable as this is named: a false name costs more than a missed one. A rest is flagged from 0.5 on
 NAMED = 0.7
+#: and it must have this probability of its own, however many share its place: else they are said together
+OWN_PROBABILITY = 0.3
 #: names of patterns that stand for no cause: what they remove belongs to the rest
 NO_CAUSE = frozenset(e.name for e in UNLISTED)
 
@@ -81,6 +83,16 @@ class Cause:
 
 
 @dataclass(frozen=True)
+class OneOf:
+    """Effects of which one probably contributes, though these tests cannot tell which, the likeliest first; share : of
+    the gap that the one removes."""
+
+    names: tuple[str, ...]
+    probability: float
+    share: float
+
+
+@dataclass(frozen=True)
 class RestOfGap:
     """What is left beside the named causes.
 
@@ -112,6 +124,7 @@ class Verdict:
     """The headline: its kind, the named causes (largest share first), and whether the rest has a cause without a name.
 
     probabilities : that each effect contributes, of "none" and of "unknown" (a rest that has a cause)
+    one_of : places that are probably filled, where no effect is likely enough to be named
     cornered : files of the tests whose drive has corners; corners_gap : share of the friction force that channels may
     make the model miss of such a drive
     """
@@ -122,6 +135,7 @@ class Verdict:
     probabilities: dict[str, float]
     cornered: tuple[str, ...] = ()
     corners_gap: float = 0.0
+    one_of: tuple[OneOf, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -15,8 +15,10 @@ from bayes_iwan.gap.fitting.residuals import residual_of
 from bayes_iwan.gap.judging.budget import (
     NAMED,
     NO_CAUSE,
+    OWN_PROBABILITY,
     Cause,
     Kind,
+    OneOf,
     Verdict,
     along_shares,
     contributing,
@@ -146,8 +148,23 @@ def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
     out = []
     for f in given:
         among = c.among(f)
-        if f.name not in NO_CAUSE and c.contributes(f) * among[f.name] >= NAMED * max(among.values()):
+        own = c.contributes(f) * among[f.name]
+        if f.name not in NO_CAUSE and own >= max(NAMED * max(among.values()), OWN_PROBABILITY):
             out.append(f.name)
+    return tuple(out)
+
+
+def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tuple[OneOf, ...]:
+    """Places that some effect of the catalogue probably fills, though none is likely enough to be named."""
+    out = []
+    for f in given:
+        among = c.among(f)
+        some = tuple(n for n in sorted(among, key=lambda n: -among[n]) if n not in NO_CAUSE and f.rivals[n] > -c.apart)
+        listed = sum(v for n, v in among.items() if n not in NO_CAUSE)
+        if {f.name, *some} & {*named, *NO_CAUSE} or f.name in OWN_FORM or f.fitted < least_share(f.name, f.before):
+            continue
+        if len(some) > 1 and (p := c.contributes(f) * listed) >= NAMED:
+            out.append(OneOf(some, p, f.fitted))
     return tuple(out)
 
 
@@ -200,7 +217,8 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         none = probabilities["none"]
         sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
         return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
-    return Verdict(kind, causes, flagged, probabilities, cornered, theirs)
+    some = one_of(found.figures, [x.name for x in causes], c) if flagged else ()
+    return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some)
 
 
 def _causes(

@@ -85,7 +85,9 @@ def _cornered(d: Diagnosis) -> str:
 
 def _found(d: Diagnosis) -> list[str]:
     if d.verdict.causes:
-        return [_sentence(c, d) for c in d.verdict.causes]
+        return [_sentence(c, d) for c in d.verdict.causes] + _one_of(d)
+    if d.verdict.one_of:
+        return _one_of(d)
     others = not_excluded(d)
     tail = f"; {listed(others)} cannot be excluded" if others else ""
     if d.verdict.kind is Kind.NONE:
@@ -96,6 +98,15 @@ def _found(d: Diagnosis) -> list[str]:
     return [
         f"The cause is unknown (probability {d.budget.rest.probability:.2f}): the gap is real, but no effect of the "
         f"catalogue explains a part of it that holds on all tests{tail}."
+    ]
+
+
+def _one_of(d: Diagnosis) -> list[str]:
+    """Places that something fills, these tests cannot tell what."""
+    return [
+        f"One of {listed(x.names, 'or')} removes {_percent(x.share)} of the gap (probability {x.probability:.2f} together); "
+        "these tests cannot tell which."
+        for x in d.verdict.one_of
     ]
 
 
@@ -186,10 +197,10 @@ def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str], last: str = "and") -> str:
     """Names of effects in running text."""
     words = [title(n) for n in names]
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {last} " + words[-1]
 
 
 def force(newton: float) -> str:
