@@ -104,8 +104,8 @@ def _found(d: Diagnosis) -> list[str]:
 def _one_of(d: Diagnosis) -> list[str]:
     """Places that something fills, these tests cannot tell what."""
     return [
-        f"One of {listed(x.names, 'or')} removes {_percent(x.share)} of the gap (probability {x.probability:.2f} together); "
-        "these tests cannot tell which."
+        f"One of {listed(x.names, 'or')} removes {_percent(x.share)} of the gap (together of probability "
+        f"{x.probability:.2f}); these tests cannot tell which."
         for x in d.verdict.one_of
     ]
 
