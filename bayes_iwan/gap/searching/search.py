@@ -46,8 +46,8 @@ RIVALS_MOST = 3
 RIVAL_SHARE = 0.3
 #: look-alikes that differ by no more are tied
 TIED_NATS = 5.0
-#: rounds in which a better rival takes its place
-EXCHANGES_MOST = 2
+#: rounds in which a better rival takes its place, and in which the set grows again after that
+EXCHANGES_MOST, ASKED_MOST = 2, 2
 #: effects in a set, at most; those of LAST beside them are not counted
 MOST_EFFECTS = 4
 #: an effect is dropped if the gap without it is larger by at most this share of the base's gap, though alone it would
@@ -391,7 +391,14 @@ def search(
     if bent is not current:  # what stood in for the base's own form is no longer needed
         current = found.grown(found.exchange(bent), most)
     current = found.pruned(current)
-    if current.effects:
+    asked: set[frozenset[str]] = set()
+    while current.effects and current.names not in asked and len(asked) < ASKED_MOST:
+        asked.add(current.names)
+        better = found.rivals(current)
+        if better.names == current.names:
+            break
+        current = found.pruned(found.grown(better, most))  # what an exchange opened, or made needless
+    if current.effects and current.names not in asked:
         current = found.rivals(current)
     gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
