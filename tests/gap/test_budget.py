@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.effects.catalogue import variants
-from bayes_iwan.gap.judging.budget import Share, shapley, subsets
+from bayes_iwan.gap.judging.budget import OWN_PROBABILITY, Share, along_shares, shapley, subsets
 from bayes_iwan.gap.judging.calibration import (
     EFFECT_FIGURES,
     REST_FIGURES,
@@ -19,6 +19,8 @@ from bayes_iwan.gap.judging.calibration import (
     rest_figures,
 )
 from bayes_iwan.gap.judging.guards import Figures, borne_out, companion
+from bayes_iwan.gap.judging.verdict import LEAST_ALONG, _removing, falls_short, named_by, one_of
+from bayes_iwan.gap.searching.base import SOUND, gap_rms_N, newton_nats, quick_gap_N
 from bayes_iwan.gap.telling.words import title
 
 
@@ -115,6 +117,81 @@ def test_no_evidence_names_nothing():
 def test_rivals_share_their_places_probability():
     shares = calibration().among(PLACE)
     assert sum(shares.values()) == pytest.approx(1.0) and shares["a"] > shares["b"] > 0.0
+
+
+CLEAR = replace(PLACE, name="moving_mass", gain=300.0, fitted=0.6, by_test=0.6, differs=0.0)
+OTHERS = ("viscous_damping", "end_stop", "free_play", "force_lowpass")
+
+
+@pytest.mark.parametrize(("tied", "named"), [(0, True), (1, True), (2, True), (3, False), (4, False)])
+def test_a_name_needs_a_probability_of_its_own_and_many_are_said_together(tied, named):
+    """With so many tied rivals in its place an effect has 1/(1 + tied) of the place's probability, 0.99."""
+    c = calibration()
+    f = replace(CLEAR, rivals=dict.fromkeys((CLEAR.name, *OTHERS[:tied]), 0.0))
+    assert (c.contributes(f) / (1 + tied) >= OWN_PROBABILITY) is named
+    assert named_by([f], c) == ((CLEAR.name,) if named else ())
+    said = one_of([f], named_by([f], c), c)
+    if named:
+        assert said == ()
+    else:
+        assert set(said[0].names) == set(f.rivals) and said[0].probability == pytest.approx(c.contributes(f))
+        assert said[0].share == f.fitted
+
+
+def test_what_nothing_of_the_catalogue_fills_is_not_said_to_be_one_of_it():
+    c = calibration()
+    tied = dict.fromkeys((CLEAR.name, *OTHERS), 0.0)
+    assert one_of([replace(CLEAR, rivals={**tied, "break_away": 9.0})], (), c) == ()  # a pattern without a cause
+    assert one_of([replace(CLEAR, rivals=tied, gain=1.0, by_test=0.0, fitted=0.03)], (), c) == ()  # nothing there
+    assert one_of([replace(CLEAR, rivals={CLEAR.name: 0.0})], (), c) == ()  # one alone is named or not
+
+
+def _sized(**rms_N):
+    """Gap sizes by set of effects, "a_b" for two: (all, along) in N, at a friction force of 1 N."""
+    return {
+        frozenset(k.split("_")) if k != "none" else frozenset(): SimpleNamespace(
+            all=SimpleNamespace(rms_N=whole, share=whole), along=SimpleNamespace(rms_N=along, share=along)
+        )
+        for k, (whole, along) in rms_N.items()
+    }
+
+
+@pytest.mark.parametrize(("evolving", "kept"), [((), ("a",)), (("b",), ("a", "b"))])
+def test_what_changes_along_the_record_is_judged_there(evolving, kept):
+    """b removes nine tenths of what changes along the record, a hundredth of the gap."""
+    sizes = _sized(none=(0.1, 0.01), a=(0.05, 0.01), b=(0.099, 0.001), a_b=(0.0495, 0.001))
+    assert _removing(("a", "b"), evolving, sizes) == kept
+    quiet = _sized(none=(0.1, 5e-4), a=(0.05, 5e-4), b=(0.099, 5e-5), a_b=(0.0495, 5e-5))
+    assert _removing(("a", "b"), evolving, quiet) == ("a",)  # less changes than anything is named for
+
+
+def test_an_effect_falls_short_of_its_share_unless_it_acts_along_the_record():
+    assert falls_short("moving_mass", 0.01, 0.0, 0.1) and not falls_short("moving_mass", 0.03, 0.0, 0.1)
+    assert not falls_short("friction_fade", 0.01, LEAST_ALONG, 0.1)
+    assert falls_short("friction_fade", -0.01, 0.9, 0.1)  # it makes the whole gap larger
+
+
+def test_shares_of_what_changes_along_the_record_sum_to_what_is_removed():
+    along = {frozenset(k): v for k, v in {"": 0.01, "a": 0.004, "b": 0.01, "ab": 0.003}.items()}
+    found = along_shares("ab", along)
+    assert sum(found.values()) == pytest.approx(0.7) and found["a"] == pytest.approx(0.65)
+    assert along_shares("a", {frozenset(): 0.0, frozenset("a"): 0.0}) == {"a": 0.0}
+
+
+def test_a_gap_in_newtons_counts_by_its_logarithm_down_to_a_sound_specimens(kit):
+    data = kit.diagnosed("viscous_damping", "held out").data
+    level = float(np.sqrt(np.mean(data.level_N**2)))
+    half = newton_nats(data, 0.5 * level) - newton_nats(data, level)
+    assert half == pytest.approx(data.tests * np.log(4.0), rel=1e-3)  # as one complex number of each test would
+    assert newton_nats(data, 0.0) - newton_nats(data, SOUND * level) == pytest.approx(data.tests * np.log(2.0))
+
+
+def test_the_quick_gap_is_nearly_that_of_a_whole_refit(kit):
+    found = kit.diagnosed("viscous_damping", "held out").search
+    for names in (frozenset(), frozenset({"viscous_damping"})):
+        fit = found.fits[names]
+        floor = SOUND * float(np.sqrt(np.mean(found.data.level_N**2)))
+        assert quick_gap_N(found.data, fit) == pytest.approx(gap_rms_N(found.data, fit), rel=0.1, abs=0.1 * floor)
 
 
 def test_a_larger_rest_is_likelier_to_have_a_cause():

@@ -20,7 +20,15 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import BUILT_IN, FORM, Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, extended
-from bayes_iwan.gap.searching.base import BASE_POINTS, fit_base, gap_rms_N, missed, newton_nats, stepped_gap_N
+from bayes_iwan.gap.searching.base import (
+    BASE_POINTS,
+    NEWTON_NATS,
+    fit_base,
+    gap_rms_N,
+    missed,
+    newton_nats,
+    quick_gap_N,
+)
 from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing, leading
 from bayes_iwan.gap.searching.refits import ITERATIONS, Refit, Refits
 from bayes_iwan.gap.searching.strength import calibrated
@@ -50,6 +58,8 @@ TIED_NATS = 5.0
 EXCHANGES_MOST, ASKED_MOST = 2, 2
 #: effects in a set, at most; those of LAST beside them are not counted
 MOST_EFFECTS = 4
+#: fits whose gaps differ by this in ln may still exchange their places, whatever their evidence
+REACH = 1.6
 #: an effect is dropped if the gap without it is larger by at most this share of the base's gap, though alone it would
 #: remove ALONE of it: the others of the set stand in for it, and nats beyond that are the difference between two laws
 STOOD_IN, ALONE = 0.05, 0.2
@@ -247,17 +257,23 @@ class _Explorer:
         """ln evidence, and what the gap that is left is worth in newtons; once for each fit."""
         at = (fit.names, fit.log_evidence)
         if at not in self._worth:
-            self._worth[at] = fit.log_evidence + newton_nats(self.data, stepped_gap_N(self.data, fit))
+            self._worth[at] = fit.log_evidence + newton_nats(self.data, quick_gap_N(self.data, fit))
         return self._worth[at]
+
+    def within_reach(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Of these fits those that may be worth most: no other gap can make up for more evidence."""
+        least = max(f.log_evidence for f in fits) - NEWTON_NATS * self.data.tests * REACH
+        return [f for f in fits if f.log_evidence >= least]
 
     def plainest(self, shared: frozenset[str], fits: Sequence[Fit]) -> Fit:
         """The best of fits with one effect beside those shared; among look-alikes that are all but tied, in newtons
         too, the one that the catalogue lists first, which is the simpler story."""
-        best = max(fits, key=self.worth)
+        near = self.within_reach(fits)
+        best = max(near, key=self.worth)
         (name,) = best.names - shared
         tied = [
             f
-            for f in fits
+            for f in near
             if self.worth(f) > self.worth(best) - TIED_NATS
             and look_alike(self.effects, name, next(iter(f.names - shared)))
         ]
@@ -302,6 +318,7 @@ class _Explorer:
         """The current fit, or a clearly better one of as many effects that has those of a smaller one, or the simpler
         story of two that look alike and are all but tied."""
         same_size = [f for k, f in self.fits.items() if less.names < k and len(k) == len(current.names)]
+        same_size = self.within_reach(same_size)
         better = [f for f in same_size if self.worth(f) > self.worth(current) + 1.0]
         top = max(better, key=self.worth, default=current)
         return self.plainest(less.names, [top, *(f for f in same_size if self.worth(f) < self.worth(top))])
