@@ -48,10 +48,10 @@ class ChannelDelay(Effect):
         return filtered(force_N, motion.frequency_hz, response)
 
 
-def _highpass(f: Array, corner_hz: Array, second: Array) -> np.ndarray:
-    """1/(1 − ix − q x²), x = corner/f, and 1 at f = 0 (callers say what becomes of the mean)."""
+def _highpass(f: Array, corner_hz: Array, second: Array, kept: Array) -> np.ndarray:
+    """g + (1 − g)/(1 − ix − q x²), x = corner/f, and 1 at f = 0 (callers say what becomes of the mean)."""
     x = np.where(f > 0.0, corner_hz / np.where(f > 0.0, f, 1.0), 0.0)
-    return 1.0 / (1.0 - 1j * x - second * x * x)
+    return kept + (1.0 - kept) / (1.0 - 1j * x - second * x * x)
 
 
 def _second(sd: float) -> ExtraParameter:
@@ -66,9 +66,19 @@ def _second(sd: float) -> ExtraParameter:
     )
 
 
+def _kept() -> ExtraParameter:
+    """A shelf: a leak that another resistance bounds, a charge amplifier that is coupled to DC in part."""
+    return ExtraParameter(
+        "g", "-", "share that is left far below the corner; 0: none", about(0.0, 0.08), -0.2, 0.7, scan=False
+    )
+
+
 class IntegrationHighpass(Effect):
     name = "integration_highpass"
-    law = "high-pass 1/(1 − ix − q x²), x = f_c/f, of the displacement; q = 0: first order, ½: Butterworth of order 2"
+    law = (
+        "high-pass g + (1 − g)/(1 − ix − q x²), x = f_c/f, of the displacement; g = 0, q = 0: first order, ½: "
+        "Butterworth of order 2; g > 0: a shelf"
+    )
     strength = ("corner_hz", "f_c", "Hz", "corner of the high-pass in the displacement channel (first order's)")
     order = -1
     physics = (
@@ -85,13 +95,13 @@ class IntegrationHighpass(Effect):
         return 0.01 * 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm)
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        return {"second": _second(0.25)}
+        return {"second": _second(0.25), "kept": _kept()}
 
     def motion(self, motion: Motion, parameter_values: ParameterValues) -> Motion:
-        corner, second = self.get(parameter_values, "corner_hz"), self.get(parameter_values, "second")
+        corner, second, kept = (self.get(parameter_values, n) for n in ("corner_hz", "second", "kept"))
 
         def response(f: Array) -> np.ndarray:  # the inverse of the high-pass; no mean came through it
-            return 1.0 / _highpass(f, corner, second)
+            return 1.0 / _highpass(f, corner, second, kept)
 
         seen = np.stack([motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2])
         return motion.moved(*filtered(seen, motion.frequency_hz, response))
@@ -99,7 +109,10 @@ class IntegrationHighpass(Effect):
 
 class ForceHighpass(Effect):
     name = "force_highpass"
-    law = "high-pass 1/(1 − ix − q x²), x = f_c/f, of the force; q = 0: first order, ½: Butterworth of order 2"
+    law = (
+        "high-pass g + (1 − g)/(1 − ix − q x²), x = f_c/f, of the force; g = 0, q = 0: first order, ½: Butterworth of "
+        "order 2; g > 0: a shelf, through which the mean comes"
+    )
     strength = ("corner_hz", "f_c", "Hz", "corner of the high-pass in the force channel (first order's)")
     order = 3
     physics = "A piezoelectric or AC-coupled force channel loses the mean and turns slow forces ahead."
@@ -113,13 +126,16 @@ class ForceHighpass(Effect):
         return 0.01 * 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm)
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        return {"second": _second(0.25)}
+        return {"second": _second(0.25), "kept": _kept()}
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         corner, second = self.get(parameter_values, "corner_hz"), self.get(parameter_values, "second")
         # below a millihertz no test would be long enough to lose the mean, so the effect has a neutral limit
-        mean = 1.0 / (1.0 + (corner / 1e-3) ** 2)
-        return filtered(force_N, motion.frequency_hz, lambda f: np.where(f > 0.0, _highpass(f, corner, second), mean))
+        kept = self.get(parameter_values, "kept")
+        mean = kept + (1.0 - kept) / (1.0 + (corner / 1e-3) ** 2)
+        return filtered(
+            force_N, motion.frequency_hz, lambda f: np.where(f > 0.0, _highpass(f, corner, second, kept), mean)
+        )
 
 
 class ForceLowpass(Effect):

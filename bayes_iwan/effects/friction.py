@@ -233,8 +233,8 @@ class FrictionFade(Effect):
 class SpringSoftening(Effect):
     name = "spring_softening"
     law = (
-        "1 − d·(2π f A/v)^p·(1 − (1 + q x)^(−1/q)), x = (t/τ)·(2π f ℓ/v)^m, of all springs; m = 0: by time, 1: by "
-        "cycles; p = 1: with the power that friction turns to heat"
+        "1 − d·(2π f A/v)^p·(A/ℓ)^r·(1 − (1 + q x)^(−1/q)), x = (t/τ)·(2π f ℓ/v)^m, of all springs; m = 0: by time, "
+        "1: by cycles; p = 1: with the power that friction turns to heat, r that of loops that widen with the amplitude"
     )
     strength = ("drop", "d", "-", "share of the stiffness that is lost in the end")
     limit = 0.9
@@ -268,6 +268,9 @@ class SpringSoftening(Effect):
             "by_power": ExtraParameter(
                 "p", "-", "power of amplitude × frequency in the loss", about(0.0, 0.6), -2.5, 2.5, scan=False
             ),
+            "by_amplitude": ExtraParameter(
+                "r", "-", "power of the amplitude in the loss beside that", about(0.0, 0.4), -2.0, 2.0, scan=False
+            ),
         }
 
     def left(self, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -275,10 +278,12 @@ class SpringSoftening(Effect):
         tau, tail, by_cycles, by_power, drop = (
             parameter_values[f"{self.name}.{n}"][:, None] for n in ("tau_s", "tail", "by_cycles", "by_power", "drop")
         )
+        by_amplitude = parameter_values[f"{self.name}.by_amplitude"][:, None]
         omega = 2e-3 * np.pi * motion.frequency_hz / self.scales.speed_m_s  # over the speed, 1/mm
         pace = (omega * self.scales.length_mm) ** by_cycles / (motion.frequency_hz * tau)
         still = over_block(motion, lambda n: falling(n * pace, tail))
         loss = drop * (omega * motion.amplitude_mm) ** by_power
+        loss = loss * (motion.amplitude_mm / self.scales.length_mm) ** by_amplitude
         return np.maximum(1.0 - loss * (1.0 - still), 0.05)[:, :, None]
 
     def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -337,8 +342,25 @@ class DirectionDependentGrip(DirectionDependentFriction):
         return np.zeros_like(parameter_values[self.strength_name])
 
     def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return alpha * self.leaning(motion, parameter_values)
+
+    def leaning(self, motion: Motion, parameter_values: ParameterValues) -> Array:
+        """1 + a·tanh(v/v₀), (draws, loops, samples)"""
         turned = np.tanh(motion.velocity_m_s / self.get(parameter_values, "v0_m_s"))
-        return alpha * (1.0 + self.get(parameter_values, "asymmetry") * turned)
+        return 1.0 + self.get(parameter_values, "asymmetry") * turned
+
+
+class DirectionDependentSlip(DirectionDependentGrip):
+    """The same of the slip forces alone: asperities that lean, and yield the more the faster they are met."""
+
+    law = "slip forces × (1 + a·tanh(v/v₀)): turns over with the motion, the stiffness stays"
+    reference = DirectionDependentFriction.reference
+
+    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return alpha
+
+    def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        return alpha * self.leaning(motion, parameter_values)
 
 
 EFFECTS: tuple[type[Effect], ...] = (
@@ -350,4 +372,5 @@ EFFECTS: tuple[type[Effect], ...] = (
     SpringSoftening,
     DirectionDependentFriction,
     DirectionDependentGrip,
+    DirectionDependentSlip,
 )
