@@ -49,6 +49,11 @@ def quick_gap_N(data: GapData, fit: Fit) -> float:
     return float(np.sqrt(max(float(gap_power_N2(residual).mean()), 0.0)))
 
 
+def sound_gap_N(data: GapData) -> float:
+    """By so much a sound specimen differs from the model, RMS, N."""
+    return SOUND * float(np.sqrt(np.mean(data.level_N**2)))
+
+
 def newton_nats(data: GapData, gap_N: float) -> float:
     """What a gap in newtons is worth beside the evidence.
 
@@ -56,8 +61,7 @@ def newton_nats(data: GapData, gap_N: float) -> float:
     fits what is small in newtons may win there while another halves the gap. So a gap counts as evidence would count it
     that knew one harmonic of each test and nothing of the other tests: by ln of its square, once a test.
     """
-    sound = SOUND * float(np.sqrt(np.mean(data.level_N**2)))
-    return -0.5 * NEWTON_NATS * data.tests * float(np.log(gap_N**2 + sound**2))
+    return -0.5 * NEWTON_NATS * data.tests * float(np.log(gap_N**2 + sound_gap_N(data) ** 2))
 
 
 def missed(data: GapData, base: Fit) -> bool:

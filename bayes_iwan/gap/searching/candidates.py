@@ -46,9 +46,12 @@ class Candidate:
         return self.effect.name
 
 
-def candidates(data: GapData, smaller: Fit, effects: Mapping[str, tuple[Effect, ...]]) -> list[Candidate]:
-    """All effects (each law) that the records allow on top of a smaller fit, the most promising first."""
-    of_one = partial(_candidate, data, smaller)
+def candidates(
+    data: GapData, smaller: Fit, effects: Mapping[str, tuple[Effect, ...]], newtons: bool = True
+) -> list[Candidate]:
+    """All effects (each law) that the records allow on top of a smaller fit, the most promising first; newtons : say
+    what each would remove there, too."""
+    of_one = partial(_candidate, data, smaller, newtons)
     tried = [e for some in effects.values() for e in some if e.possible(data)]
     return sorted(alongside(of_one, tried), key=lambda c: -c.gain)
 
@@ -64,17 +67,21 @@ def leading(some: Sequence[Candidate]) -> list[Candidate]:
     return out
 
 
-def _candidate(data: GapData, smaller: Fit, effect: Effect) -> Candidate:
+def _candidate(data: GapData, smaller: Fit, newtons: bool, effect: Effect) -> Candidate:
     optima = np.concatenate([smaller.z[None], smaller.optima[1:2]])
     at = replace(smaller.size, share=max(smaller.size.share, LEAST_SHARE), along=max(smaller.size.along, FIRST.along))
     problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
     rows = Rows(data, problem)
     points = start_points(effect, problem, optima, smaller.problem.names)
-    starts, gain = promising(rows, points, smaller, at, EFFECT_STARTS)
+    with np.errstate(all="ignore"):
+        residual = rows.residual(points)
+    starts, gain = promising(rows, points, residual, smaller, at, EFFECT_STARTS)
     if effect.strength_name not in problem.names:  # a number for each test: nothing of it is in any start
         gain = stepped(rows, points[0], smaller, at)
+    if not newtons:
+        return Candidate(effect, problem, starts, gain, 0.0)
     alike = RestSize(max(smaller.rest_share[0], LEAST_SHARE), 0.0, at.along)  # in every harmonic: as newtons count
-    nearest, less = promising(rows, points, smaller, alike, 1)
+    nearest, less = promising(rows, points, residual, smaller, alike, 1)
     removes = less / max(_cost(rows, smaller, alike), 1e-300)
     return Candidate(effect, problem, np.concatenate([starts, nearest]), gain, removes)
 
@@ -126,16 +133,18 @@ def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Se
     return np.array(out)
 
 
-def promising(rows: Rows, points: Array, smaller: Fit, size: RestSize, most: int) -> tuple[Array, float]:
-    """Where the `most` points whose cost is least after one step of the smaller model's parameters lead in one step of
-    all parameters, where that helps, and the promised gain in nats of the best over the smaller model."""
+def promising(
+    rows: Rows, points: Array, residual: Array, smaller: Fit, size: RestSize, most: int
+) -> tuple[Array, float]:
+    """Of trial points (n, ndim) with their residuals (n, m): where the `most` whose cost is least after one step of the
+    smaller model's parameters lead in one step of all parameters, where that helps, and the promised gain in nats of
+    the best over the smaller model."""
     names = rows.problem.names
     at = [names.index(n) for n in smaller.problem.names]
     variance = smaller.linear.variance(size)
     j = smaller.linear.jacobian / np.sqrt(variance)[:, None]
     n_shared = len(variance)
-    with np.errstate(all="ignore"):
-        r = rows.residual(points) / rows.sd(size)
+    r = residual / rows.sd(size)
     good = np.all(np.isfinite(r), axis=1)
     r = np.where(good[:, None], r, 0.0)
     shared, rest = r[:, :n_shared], r[:, n_shared:]

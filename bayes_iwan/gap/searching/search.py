@@ -28,6 +28,7 @@ from bayes_iwan.gap.searching.base import (
     missed,
     newton_nats,
     quick_gap_N,
+    sound_gap_N,
 )
 from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing, leading
 from bayes_iwan.gap.searching.refits import ITERATIONS, Refit, Refits
@@ -43,8 +44,9 @@ SINGLE_MOST = 7
 #: a further effect is refitted if one Gauss–Newton step promises so many nats, and at most so many are
 PROMISE, FURTHER_MOST = 3.0, 4
 #: and so are at most so many that promise to remove this share of the squares missed in newtons
-REMOVES, REMOVING_MOST = 0.3, 3
-#: an effect is taken in if it gains so many nats, and dropped again below half of that
+REMOVES, REMOVING_MOST = 0.4, 2
+#: an effect is taken in if it gains so many nats (twice as many where newtons speak for it and not the evidence), and
+#: dropped again below half of that
 WORTH_NATS = 3.0
 #: and so many, or this share of the base's gap, where one that looks alike is in the set: nature seldom has both
 BESIDE_ALIKE, ALIKE_SHARE = 25.0, 0.1
@@ -195,7 +197,8 @@ class _Explorer:
         }
         at = (smaller.names, smaller.log_evidence, last)
         if at not in self._offers:
-            self._offers[at] = leading(candidates(self.data, smaller, on_offer))
+            large = self.gap_N(smaller) > sound_gap_N(self.data)
+            self._offers[at] = leading(candidates(self.data, smaller, on_offer, large))
         return self._offers[at]
 
     def singles(self) -> None:
@@ -251,7 +254,9 @@ class _Explorer:
         if not larger:
             return None
         best = self.plainest(current.names, larger)
-        return best if self.worth(best) > self.worth(current) + WORTH_NATS else None
+        evidence = best.log_evidence - current.log_evidence
+        least = WORTH_NATS if evidence > WORTH_NATS else 2.0 * WORTH_NATS
+        return best if self.worth(best) > self.worth(current) + least else None
 
     def worth(self, fit: Fit) -> float:
         """ln evidence, and what the gap that is left is worth in newtons; once for each fit."""
