@@ -141,8 +141,10 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     if named and name in before:  # it was there before: its strength must have moved
         a, b = (next(iter(e["parameters"].values())) for e in (before[name], _effect(answer, name)))
         named = abs(a["mean"] - b["mean"]) > MOVED * float(np.hypot(a["sd"], b["sd"]))
-    near = named or any(name in c["cannot_tell_apart"] for c in causes.values())
-    kept = set(before) <= set(causes) | {n for c in causes.values() for n in c["cannot_tell_apart"]}
+    together = {n for some in answer["verdict"]["one_of"] for n in some["names"]}
+    together |= {n for c in causes.values() for n in c["cannot_tell_apart"]}
+    near = named or name in together
+    kept = set(before) <= set(causes) | together
     return {"named": named, "named or in the set": near, "natural causes still named": kept}
 
 

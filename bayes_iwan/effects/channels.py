@@ -69,7 +69,7 @@ def _second(sd: float) -> ExtraParameter:
 def _kept() -> ExtraParameter:
     """A shelf: a leak that another resistance bounds, a charge amplifier that is coupled to DC in part."""
     return ExtraParameter(
-        "g", "-", "share that is left far below the corner; 0: none", about(0.0, 0.08), -0.2, 0.7, scan=False
+        "g", "-", "share that is left far below the corner; 0: none", about(0.0, 0.08), -0.5, 0.5, scan=False
     )
 
 

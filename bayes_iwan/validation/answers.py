@@ -37,7 +37,8 @@ class Named:
 class Answer:
     """A verdict: its kind, the causes it names, whether it says that a rest has no name, and marginal probabilities.
 
-    `rest` is the rest's share of the gap with its interval, nan where not said.
+    `rest` is the rest's share of the gap with its interval, nan where not said; `one_of` effects of which one is said
+    to contribute, though it cannot be told which.
     """
 
     kind: str
@@ -47,6 +48,7 @@ class Answer:
     rest_low: float
     rest_high: float
     probabilities: Mapping[str, float]
+    one_of: tuple[frozenset[str], ...] = ()
 
     @property
     def names(self) -> frozenset[str]:
@@ -54,8 +56,8 @@ class Answer:
 
     @property
     def in_sets(self) -> frozenset[str]:
-        """The causes named and all that they cannot be told from."""
-        return self.names.union(*(c.alike for c in self.causes))
+        """The causes named, all that they cannot be told from, and those that are only named together."""
+        return self.names.union(*(c.alike for c in self.causes), *self.one_of)
 
 
 def read_answer(name: str, answer: Mapping[str, Any]) -> Answer:
@@ -101,7 +103,14 @@ def _second(name: str, answer: Mapping[str, Any], probabilities: Mapping[str, fl
     left = answer.get("rest") or {}
     low, high = left.get("interval") or (float("nan"), float("nan"))
     return Answer(
-        kind, causes, rest, json_number(left.get("share")), json_number(low), json_number(high), probabilities
+        kind,
+        causes,
+        rest,
+        json_number(left.get("share")),
+        json_number(low),
+        json_number(high),
+        probabilities,
+        tuple(frozenset(map(str, some["names"])) for some in verdict.get("one_of") or ()),
     )
 
 

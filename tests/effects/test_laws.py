@@ -323,6 +323,8 @@ def test_springs_soften_by_time_by_cycles_and_with_power(kit):
     np.testing.assert_allclose(cycles, 1.0 - 0.3 * (1.0 - np.exp(-at.cycle / (1.5 * reference_hz))), rtol=1e-6)
     lost = 1.0 - left(by_power=1.0)
     assert lost[0] / lost[1] == pytest.approx(4.0, rel=1e-9)  # twice the frequency at twice the amplitude
+    lost = 1.0 - left(by_amplitude=1.0)
+    assert lost[0] / lost[1] == pytest.approx(2.0, rel=1e-9)  # loops that widen with the amplitude
 
     # all springs: a specimen that is a spring loses as much of its force
     model, parameter_values = kit.elastic(kit.reference)
@@ -345,6 +347,22 @@ def test_self_tightening_grip_moves_normal_force_and_so_the_stiffness(kit):
     force = recorded_force(model, (effect,), base | parameter_values, small)[0, 0]
     plain = recorded_force(model, (), base, small)[0, 0]
     assert np.ptp(force) != pytest.approx(np.ptp(plain), rel=1e-3)
+
+
+def test_slip_forces_that_lean_with_the_speed_leave_the_stiffness(kit):
+    effect, at = made(kit, "DirectionDependentSlip"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
+    v0 = 0.3 * 1e-3 * A_MM * OMEGA
+    own = parameter_values_of(effect, asymmetry=0.2, v0_m_s=v0)
+    slip = effect.slip(np.ones((1, 1, 64)), at, own)[0, 0]
+    np.testing.assert_allclose(slip, 1.0 + 0.2 * np.tanh(np.ravel(at.velocity_m_s) / v0), rtol=1e-12)
+    np.testing.assert_array_equal(effect.grip(np.ones((1, 1, 64)), at, own), 1.0)
+    model = Model(kit.reference)
+    base = kit.parameter_values(model)
+    small = sine_motion(frequency_hz=F_HZ, amplitude_mm=1e-6, samples=64)  # hardly an element slips
+    force, plain = (recorded_force(model, some, base | own, small)[0, 0] for some in ((effect,), ()))
+    assert np.ptp(force) == pytest.approx(np.ptp(plain), rel=1e-3)
+    force, plain = (recorded_force(model, some, base | own, at)[0, 0] for some in ((effect,), ()))
+    assert abs(np.mean(force - plain)) > 0.01 * np.std(plain)  # where they slip the force leans
 
 
 # ---- in series
@@ -408,6 +426,16 @@ def test_filters_are_of_first_order_or_butterworths_of_second(kit):
         got, f = transfer(kit, class_name, **{name: one, "second": 0.0})
         b, a = signal.butter(1, 2.0 * np.pi * corner, kind, analog=True)
         np.testing.assert_allclose(got, signal.freqs(b, a, 2.0 * np.pi * f)[1], rtol=1e-9)
+
+
+def test_a_shelf_keeps_a_share_far_below_its_corner(kit):
+    """Against (iω + g w)/(iω + w), a leak that another resistance bounds."""
+    corner, kept = 70.0, 0.2
+    got, f = transfer(kit, "ForceHighpass", corner_hz=corner, second=0.0, kept=kept)
+    np.testing.assert_allclose(got, (1j * f + kept * corner) / (1j * f + corner), rtol=1e-9)
+    effect, at = made(kit, "ForceHighpass"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
+    own = parameter_values_of(effect, corner_hz=corner, second=0.0, kept=kept)
+    assert effect.force(np.full((1, 1, 64), 2.0), at, own)[0, 0, 0] == pytest.approx(2.0 * kept)  # the mean comes too
 
 
 def test_integrators_highpass_of_second_order_is_undone(kit):

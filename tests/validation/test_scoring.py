@@ -11,6 +11,7 @@ from bayes_iwan.report import score_figures
 from bayes_iwan.rig.faults import CATALOGUE, KINDS, OUTSIDE
 from bayes_iwan.validation import scoring
 from bayes_iwan.validation.answers import read_answer
+from bayes_iwan.validation.case_score import score_case
 from bayes_iwan.validation.estimates import bootstrap, findable, share
 from bayes_iwan.validation.metrics import by_law, by_outside, confusion, reliability
 from bayes_iwan.validation.sealed import WithheldError
@@ -47,6 +48,14 @@ def answer(*causes, rest=False, none=0.0, unknown=0.1, **more):
         "rest": {"share": 0.2, "interval": [0.1, 0.3], "where": ""},
         "probabilities": {"none": none, "unknown_rest": 0.9 if rest else unknown, **p, **more},
     }
+
+
+def test_effects_that_are_only_named_together_are_in_the_set():
+    said = answer(rest=True)
+    said["verdict"]["one_of"] = [{"names": ["free_play", "end_stop"], "probability": 0.9, "share": 0.4}]
+    found = score_case("x", read_truth("x", truth("single", "free_play")), said)
+    assert found.in_set and not found.found and not found.false_names
+    assert not score_case("x", read_truth("x", truth("single", "free_play")), answer(rest=True)).in_set
 
 
 def test_clopper_pearson_interval():

@@ -86,10 +86,13 @@ def test_plan_puts_masses_only_where_frequencies_differ(study):
 def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_its_strength_moved(study):
     judged = study("half_real").judged
 
-    def answer(effect, **strengths):
+    def answer(effect, *together, **strengths):
         return {
             "effect": effect,
-            "verdict": {"causes": [{"name": n, "cannot_tell_apart": []} for n in strengths]},
+            "verdict": {
+                "causes": [{"name": n, "cannot_tell_apart": []} for n in strengths],
+                "one_of": [{"names": list(together)}] if together else [],
+            },
             "effects": [{"name": n, "parameters": {"x": {"mean": v, "sd": 0.1}}} for n, v in strengths.items()],
         }
 
@@ -98,6 +101,8 @@ def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_its_streng
     assert not judged(answer("channel_delay", channel_delay=1.1), natural)["named"]
     assert judged(answer("channel_delay", channel_delay=2.0), natural)["named"]
     assert not judged(answer("moving_mass", moving_mass=2.0), natural)["natural causes still named"]
+    among = judged(answer("moving_mass", "moving_mass", "channel_delay"), natural)
+    assert not among["named"] and among["named or in the set"] and among["natural causes still named"]
 
 
 def made_case(rng, kind, name, law, strong):

@@ -221,9 +221,11 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
     verdict, following = d["verdict"], d["next_test"]
     section.heading_below("Cannot be told apart")
     tied = [c for c in verdict["causes"] if c["cannot_tell_apart"]]
+    some = verdict.get("one_of") or []
     section.text(
-        *(f"These tests do not separate {title(c['name'])} from {listed(c['cannot_tell_apart'])}." for c in tied)
-        or ("No named cause has a rival that explains these tests nearly as well.",)
+        *(f"These tests do not separate {title(c['name'])} from {listed(c['cannot_tell_apart'])}." for c in tied),
+        *(f"One of {listed(x['names'], 'or')} contributes; these tests cannot tell which." for x in some),
+        *(() if tied or some else ("No named cause has a rival that explains these tests nearly as well.",)),
     )
     section.heading_below("Next test")
     if verdict["kind"] == "drive":
@@ -255,6 +257,7 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
         "warning",
     )
     asked = {n for c in verdict["causes"] for n in (c["name"], *c["cannot_tell_apart"])}
+    asked |= {n for x in some for n in x["names"]}
     benches = [(title(n), a["bench"]) for n, a in about.items() if a.get("bench") and n in asked]
     if benches:
         section.table(("cause", "what on the bench would show it"), benches, "At the bench")
