@@ -54,7 +54,7 @@ from bayes_iwan.gap.judging.calibration import (
 from bayes_iwan.gap.judging.guards import Figures
 from bayes_iwan.gap.judging.verdict import Weighed, falls_short, helping, least_share, named_by, weighed
 from bayes_iwan.gap.searching.base import fit_base, gap_rms_N
-from bayes_iwan.gap.searching.search import OWN_FORM
+from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings

@@ -31,7 +31,8 @@ from bayes_iwan.campaign import Loop, Record, average, read_campaign
 from bayes_iwan.effects import catalogue
 from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.gap.fitting.data import GapData, gap_data
-from bayes_iwan.gap.searching.search import Search, search
+from bayes_iwan.gap.searching.found import Search
+from bayes_iwan.gap.searching.search import search
 from bayes_iwan.inference.results.population import SpecimenDraws, population
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.scales import scales_of

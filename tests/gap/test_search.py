@@ -15,7 +15,8 @@ from bayes_iwan.gap.fitting.evidence import Rows, extended
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
 from bayes_iwan.gap.searching.base import fit_base, missed
 from bayes_iwan.gap.searching.candidates import candidates, start_points, stepped_on
-from bayes_iwan.gap.searching.search import LAST, SINGLE_MOST, search
+from bayes_iwan.gap.searching.found import LAST
+from bayes_iwan.gap.searching.search import SINGLE_MOST, search
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings

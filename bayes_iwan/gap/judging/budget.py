@@ -24,7 +24,7 @@ from bayes_iwan.gap.fitting.gap_size import Gap, GapSize
 from bayes_iwan.gap.fitting.leave_out import Unseen
 from bayes_iwan.gap.judging.calibration import SUREST, Calibration
 from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.searching.search import OWN_FORM, Search
+from bayes_iwan.gap.searching.found import OWN_FORM, Search
 
 #: half width of a 90 % interval in standard deviations
 NINETY = 1.645

@@ -18,7 +18,8 @@ from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import moved_shares
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, halves, left_out, refitted
 from bayes_iwan.gap.searching.base import gap_rms_N, newton_nats
-from bayes_iwan.gap.searching.search import LAST, TIED_NATS, WORTH_NATS, Search, look_alike
+from bayes_iwan.gap.searching.found import LAST, Search, look_alike
+from bayes_iwan.gap.searching.search import TIED_NATS, WORTH_NATS
 from bayes_iwan.threads import alongside
 
 #: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:

@@ -32,7 +32,7 @@ from bayes_iwan.gap.judging.budget import (
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.guards import Figures, guard_figures
 from bayes_iwan.gap.searching.base import LEAST_OF_FRICTION
-from bayes_iwan.gap.searching.search import OWN_FORM, Search
+from bayes_iwan.gap.searching.found import OWN_FORM, Search
 
 #: share of the gap that an effect must remove to be named, and a cause in the base's own form, which always removes
 #: some

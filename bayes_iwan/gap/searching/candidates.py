@@ -26,6 +26,8 @@ EFFECT_STARTS = 2
 LAWS_MOST = 2
 #: smallest share of the friction level at which a step is judged
 LEAST_SHARE = 1e-3
+#: of all candidates at most so many remove much: this share of the squares missed in newtons
+REMOVES, REMOVING_MOST = 0.4, 2
 #: step of the differences behind a trial's own Jacobian, and the longest step that is believed of it, in prior sd
 STEP, LONGEST = 1e-3, 1.5
 
@@ -65,6 +67,15 @@ def leading(some: Sequence[Candidate]) -> list[Candidate]:
         if seen[one.name] <= LAWS_MOST:
             out.append(one)
     return out
+
+
+def removing(some: Sequence[Candidate]) -> frozenset[str]:
+    """The effects that promise to remove most in newtons, if any removes much."""
+    most: dict[str, float] = {}
+    for one in some:
+        most[one.name] = max(most.get(one.name, 0.0), one.removes)
+    ranked = sorted((n for n, v in most.items() if v > REMOVES), key=lambda n: -most[n])
+    return frozenset(ranked[:REMOVING_MOST])
 
 
 def _candidate(data: GapData, smaller: Fit, newtons: bool, effect: Effect) -> Candidate:

@@ -8,16 +8,15 @@ parameters: those that promise most once the smaller model's own parameters may 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.effects.catalogue import BUILT_IN, FORM, Maker
+from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, extended
 from bayes_iwan.gap.searching.base import (
@@ -30,7 +29,8 @@ from bayes_iwan.gap.searching.base import (
     quick_gap_N,
     sound_gap_N,
 )
-from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing, leading
+from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing, leading, removing
+from bayes_iwan.gap.searching.found import LAST, Search, look_alike
 from bayes_iwan.gap.searching.refits import ITERATIONS, Refit, Refits
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.problem import Problem
@@ -43,8 +43,6 @@ from bayes_iwan.threads import alongside
 SINGLE_MOST = 7
 #: a further effect is refitted if one Gauss–Newton step promises so many nats, and at most so many are
 PROMISE, FURTHER_MOST = 3.0, 4
-#: and so are at most so many that promise to remove this share of the squares missed in newtons
-REMOVES, REMOVING_MOST = 0.4, 2
 #: an effect is taken in if it gains so many nats (twice as many where newtons speak for it and not the evidence), and
 #: dropped again below half of that
 WORTH_NATS = 3.0
@@ -66,51 +64,11 @@ REACH = 1.6
 #: remove ALONE of it: the others of the set stand in for it, and nats beyond that are the difference between two laws
 STOOD_IN, ALONE = 0.05, 0.2
 
-#: causes in the base's own form: every specimen differs a little from the family
-OWN_FORM = frozenset(e.name for e in FORM)
-#: these, and others so flexible that they are sought only beside what the rest explains
-LAST = frozenset(e.name for e in (*FORM, *(e for e in BUILT_IN if e.flexible)))
-
 Report = Callable[[str], None]
 
 
 def silent(what: str) -> None:
     """No progress shown."""
-
-
-@dataclass(frozen=True)
-class Search:
-    """All fits of one campaign.
-
-    fits : the best fit of every set of effects that was refitted, the base under the empty set
-    chosen : the set that explains most for its size, the effect that gains most first
-    effects : every law on offer by effect; failed : effects without a finite force or calibration, and why
-    """
-
-    data: GapData
-    scales: Scales
-    settings: DiagnoseSettings
-    fits: Mapping[frozenset[str], Fit]
-    chosen: tuple[str, ...]
-    effects: Mapping[str, tuple[Effect, ...]]
-    failed: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def base(self) -> Fit:
-        return self.fits[frozenset()]
-
-    def fit(self, names: Iterable[str]) -> Fit:
-        """The best fit of a set of effects. Raises KeyError where it was not refitted."""
-        return self.fits[frozenset(names)]
-
-    def rivals(self, name: str) -> dict[str, Fit]:
-        """Fits with one effect of the chosen set exchanged, by what stands in its place (itself included)."""
-        others = frozenset(self.chosen) - {name}
-        return {
-            next(iter(key - others)): fit
-            for key, fit in self.fits.items()
-            if others < key and len(key) == len(others) + 1
-        }
 
 
 class _Explorer:
@@ -425,20 +383,6 @@ def search(
     gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
     return Search(data, scales, settings, found.fits, order, found.effects, found.failed)
-
-
-def removing(some: Sequence[Candidate]) -> frozenset[str]:
-    """The effects that promise to remove most in newtons, if any removes much."""
-    most: dict[str, float] = {}
-    for one in some:
-        most[one.name] = max(most.get(one.name, 0.0), one.removes)
-    ranked = sorted((n for n, v in most.items() if v > REMOVES), key=lambda n: -most[n])
-    return frozenset(ranked[:REMOVING_MOST])
-
-
-def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:
-    """Do the catalogue's authors expect the two to be hard to tell apart?"""
-    return one == other or other in effects[one][0].look_alikes or one in effects[other][0].look_alikes
 
 
 def _part(fit: Fit, problem: Problem) -> Array:

@@ -1,0 +1,58 @@
+"""A finished search: the fits of all sets of effects that were tried, and which effects look alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.catalogue import BUILT_IN, FORM
+from bayes_iwan.gap.fitting.data import GapData
+from bayes_iwan.gap.fitting.evidence import Fit
+from bayes_iwan.inference.setup.scales import Scales
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
+
+#: causes in the base's own form: every specimen differs a little from the family
+OWN_FORM = frozenset(e.name for e in FORM)
+#: these, and others so flexible that they are sought only beside what the rest explains
+LAST = frozenset(e.name for e in (*FORM, *(e for e in BUILT_IN if e.flexible)))
+
+
+@dataclass(frozen=True)
+class Search:
+    """All fits of one campaign.
+
+    fits : the best fit of every set of effects that was refitted, the base under the empty set
+    chosen : the set that explains most for its size, the effect that gains most first
+    effects : every law on offer by effect; failed : effects without a finite force or calibration, and why
+    """
+
+    data: GapData
+    scales: Scales
+    settings: DiagnoseSettings
+    fits: Mapping[frozenset[str], Fit]
+    chosen: tuple[str, ...]
+    effects: Mapping[str, tuple[Effect, ...]]
+    failed: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def base(self) -> Fit:
+        return self.fits[frozenset()]
+
+    def fit(self, names: Iterable[str]) -> Fit:
+        """The best fit of a set of effects. Raises KeyError where it was not refitted."""
+        return self.fits[frozenset(names)]
+
+    def rivals(self, name: str) -> dict[str, Fit]:
+        """Fits with one effect of the chosen set exchanged, by what stands in its place (itself included)."""
+        others = frozenset(self.chosen) - {name}
+        return {
+            next(iter(key - others)): fit
+            for key, fit in self.fits.items()
+            if others < key and len(key) == len(others) + 1
+        }
+
+
+def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:
+    """Do the catalogue's authors expect the two to be hard to tell apart?"""
+    return one == other or other in effects[one][0].look_alikes or one in effects[other][0].look_alikes
