@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Record, average
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_whole
@@ -70,21 +69,34 @@ CLEAR_LINE = 20.0
 PULL = 0.1
 
 
-def true_shares(case: rig_cases.Case, seed: int) -> dict[str, float]:
-    """Share of the base model's gap that each fault makes: the gap of the base refitted to the same tests with some of
-    the faults, Shapley value over those; what they leave of one is the specimen's own difference from the model."""
+def true_gaps(case: rig_cases.Case, seed: int) -> dict[frozenset[str], float]:
+    """RMS gap, N, of the base model refitted to the same tests with some of the faults, by every set of them."""
 
-    def gap_N(some: frozenset[str]) -> Array:
+    def gap_N(some: frozenset[str]) -> float:
         fewer = replace(case, faults=tuple(f for f in case.faults if f.name in some), unseen=())
         loops = [average(r, **LOOPS) for r in rig_cases.simulate(fewer)[0] if r.role != "held-out"]
         data = gap_data(loops)
-        base = fit_base(data, DiagnoseSettings(), scales_of(loops), np.random.default_rng(seed))
-        return np.array(gap_rms_N(data, base))
+        return gap_rms_N(data, fit_base(data, DiagnoseSettings(), scales_of(loops), np.random.default_rng(seed)))
 
     names = [f.name for f in case.faults]
-    sizes = {some: gap_N(some) for some in subsets(names)} if names else {}
-    whole = sizes.get(frozenset(names), np.zeros(()))
-    return {n: float(v / whole) if whole > 0.0 else 0.0 for n, v in shapley(names, sizes.__getitem__).items()}
+    return {some: gap_N(some) for some in subsets(names)} if names else {}
+
+
+def made(gap_N: dict[frozenset[str], float]) -> dict[str, float]:
+    """Share of the base model's gap that each fault makes, Shapley value over all faults; what they leave of one is the
+    specimen's own difference from the model."""
+    whole = max(gap_N, key=len, default=frozenset())
+    return removed(gap_N, whole)
+
+
+def removed(gap_N: dict[frozenset[str], float], some: frozenset[str]) -> dict[str, float]:
+    """Share of the gap that would be gone with each of some faults, all others there: what an answer says that names
+    these and no others. Shapley value over these."""
+    whole = max(gap_N, key=len, default=frozenset())
+    before = gap_N.get(whole, 0.0)
+    if before <= 0.0:
+        return dict.fromkeys(some, 0.0)
+    return {n: float(v) for n, v in shapley(some, lambda k: np.array(1.0 - gap_N[whole - k] / before)).items()}
 
 
 def named_shares(found: Weighed, unseen: Sequence[Record]) -> dict[str, dict[str, float]]:
@@ -124,10 +136,12 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     def key(names: frozenset[str]) -> str:
         return "+".join(sorted(names))
 
+    true_N = true_gaps(case, 0)
     return {
         "truth": case.truth(f"{shared['seed']}/{index}"),
         "tests": len(loops),
-        "true_share": true_shares(case, 0),
+        "true_gap_N": {key(k): v for k, v in true_N.items()},
+        "true_share": made(true_N),
         "noise_N": found.sizes[frozenset()].all.noise_N,
         "figures": [asdict(f) for f in found.figures],
         "gap_N": {key(k): v for k, v in found.gap_N.items()},
@@ -336,21 +350,21 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
             count("outside: flagged", flagged)
             count("outside: something named", bool(named))
         share = sets(case["share"]).get(frozenset(named), {})
+        gone = removed(sets(case["true_gap_N"]), frozenset(named & true))
         for e in case["truth"]["effects"]:
             if e["name"] in named:
                 if (own := case.get("named", {}).get(e["name"])) is not None:
                     wide = Share(own["value"], own["low"], own["high"]).widened(c.law)
                     for what, at in (
-                        ("true share", case["true_share"][e["name"]]),
+                        ("true share", gone[e["name"]]),
                         ("share on tests left out", own["left_out"]),
                         ("share found on unseen tests", own["found"]),
                     ):
                         if np.isfinite(at):
                             count(f"{what} in the 90 % interval", wide.low <= at <= wide.high)
-                count(
-                    "share of a true cause within 10 points",
-                    abs(share[e["name"]] - case["true_share"][e["name"]]) <= 0.1,
-                )
+                count("share of a true cause within 10 points", abs(share[e["name"]] - gone[e["name"]]) <= 0.1)
+                made_by_it = case["true_share"][e["name"]]
+                count("the same against Shapley's value over all faults", abs(share[e["name"]] - made_by_it) <= 0.1)
     return {k: (v[0], v[1]) for k, v in out.items()}
 
 

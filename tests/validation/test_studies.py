@@ -140,10 +140,21 @@ def made_case(rng, kind, name, law, strong):
         "figures": [figures],
         "gap_N": {"": 0.05 if kind != "none" else 0.001, name: 0.01 if true else 0.045},
         "gap_share": {"": 0.05 if kind != "none" else 0.001, name: 0.004 if true else 0.045},
+        "true_gap_N": {"": 0.0025, **{e["name"]: 0.05 for e in effects}} if effects else {},
         "true_share": {e["name"]: 0.95 for e in effects},
         "subharmonic": 1.0,
         "share": {name: {name: 0.95 if true else 0.1}},
     }
+
+
+def test_true_shares_of_what_is_named_and_of_all_faults(study):
+    """Two faults whose gaps add in squares, 3 and 4 N: without the first 4 of 5 N are left, which is a fifth less."""
+    calibrate = study("calibrate_diagnosis")
+    gap_N = {frozenset(k): v for k, v in {"": 0.0, "a": 3.0, "b": 4.0, "ab": 5.0}.items()}
+    assert calibrate.removed(gap_N, frozenset("a")) == pytest.approx({"a": 0.2})
+    assert calibrate.removed(gap_N, frozenset("b")) == pytest.approx({"b": 0.4})
+    assert calibrate.made(gap_N) == pytest.approx({"a": 0.4, "b": 0.6})
+    assert calibrate.made({}) == {}
 
 
 def test_calibration_tells_true_places_from_idle_ones_with_their_laws_left_out(study):
