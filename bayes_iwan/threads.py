@@ -10,7 +10,7 @@ from functools import cache, partial
 from typing import TypeVar
 
 import numba as nb
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 #: samples of all draws and loops that go through together: what lies between stages stays in the processor's cache
 CHUNK = 1 << 16
@@ -64,13 +64,20 @@ def side_by_side(work: Callable[[slice], Result], rows: int, size: int) -> Seque
     return list(_side_by_side(threads, os.getpid()).map(work, parts))
 
 
+@cache
+def _linear_algebra() -> ThreadpoolController:
+    """The libraries' own threads. To look for the libraries takes ten milliseconds, longer than much of the work; all
+    of them are loaded by the time that anything is done side by side."""
+    return ThreadpoolController()
+
+
 def alongside(work: Callable[[Piece], Result], pieces: Sequence[Piece]) -> Iterator[Result]:
     """work(piece) of each piece in their order, on as many threads as numba is set to.
 
     Each works on one thread, and its linear algebra too, so results are the same to the bit however many there are.
     """
     threads = nb.get_num_threads()
-    with threadpool_limits(limits=1):
+    with _linear_algebra().limit(limits=1):
         if threads > 1 and len(pieces) > 1:
             yield from _side_by_side(threads, os.getpid()).map(work, pieces)
         else:
