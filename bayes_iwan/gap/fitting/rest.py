@@ -10,6 +10,7 @@ that are quiet, whatever fills the others (a scale mixture; West, Biometrika 74 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,10 +62,15 @@ class Rest:
     order: NDArray[np.int64]
     changing: NDArray[np.bool_]
 
-    @property
+    @cached_property
     def orders(self) -> int:
         """Number of harmonics, the mean's included."""
         return int(self.order.max(initial=0)) + 1
+
+    @cached_property
+    def _of_order(self) -> Array:
+        """(orders, m) 1 where a row belongs to a harmonic and carries its λ."""
+        return np.where(self.changing, 0.0, np.arange(self.orders)[:, None] == self.order)
 
     def variance(self, size: RestSize) -> Array:
         """(m,) variance of each row."""
@@ -77,7 +83,18 @@ class Rest:
         return 1.0 + np.where(self.changing, self._shape(size.along, LENGTHS[-1]), loop * self.eigen)
 
     def _shape(self, share: float, length: float) -> Array:
-        return discrepancy_spectrum(np.array([share]), np.array([length]), self.orders)[0, self.order] * self.eigen
+        return share**2 * self._unit(length)
+
+    def _unit(self, length: float) -> Array:
+        """(m,) the variance of each row at a share of 1."""
+        if length not in self._units:
+            unit = discrepancy_spectrum(np.ones(1), np.array([length]), self.orders)[0, self.order] * self.eigen
+            self._units[length] = unit
+        return self._units[length]
+
+    @cached_property
+    def _units(self) -> dict[float, Array]:
+        return {}
 
     def spectrum(self, residual: Array, share: float, length: float) -> tuple[Array, float]:
         """Geometric posterior mean of every λ given a residual (m,), and ln ∫ Π p(residual | λ) p(λ) of the rows that
@@ -86,11 +103,7 @@ class Rest:
         prior = -0.5 * (LN_SPECTRUM / SPECTRUM_SD) ** 2
         prior -= np.logaddexp.reduce(prior)
         variance = 1.0 + shape[:, None] * np.exp(LN_SPECTRUM)
-        log_p = -0.5 * (residual[:, None] ** 2 / variance + np.log(variance))
-        log_p[self.changing] = 0.0
-        by_order = np.zeros((self.orders, len(LN_SPECTRUM)))
-        np.add.at(by_order, self.order, log_p)
-        by_order += prior
+        by_order = prior - 0.5 * self._of_order @ (residual[:, None] ** 2 / variance + np.log(variance))
         whole = np.logaddexp.reduce(by_order, axis=1)
         mean = np.sum(np.exp(by_order - whole[:, None]) * LN_SPECTRUM, axis=1)
         return np.exp(mean), float(whole.sum())
