@@ -2,8 +2,9 @@
 
 Where many models are compared, most evaluations go into digits that nobody asks for and into starts that end nowhere.
 :func:`least_squares_batch` finds optima to all digits, and is the judge in the tests; this one ends a start once its
-linear model promises next to nothing, and gives it up where it falls behind the best or runs into its valley. Jacobians
-are forward differences.
+linear model promises next to nothing, and gives it up where it falls behind the best, gains too little to catch up, or
+runs into its valley. Jacobians are forward differences; in a bent valley the one at hand corrects its own steps, since
+a new one costs as many evaluations as there are variables.
 """
 
 from __future__ import annotations
@@ -22,8 +23,16 @@ ENOUGH = 0.1
 BEHIND, LATE = 30.0, 20
 #: starts nearer than this in every variable, and by no more nats than BEHIND, are in one valley: the better one goes on
 NEAR = 0.05
+#: and so are two whose residuals one start's linear model tells, both to so many nats: nothing lies between them
+TOLD = 1.0
 #: steps in vain in a row after which a start has arrived where it can; each is damped so much more
 IN_VAIN, MORE = 4, 1e3
+#: a step that brings less than this share of what the linear model promised is corrected for the valley's bend, where
+#: the correction is shorter than this share of the step
+STRAIGHT, BEND = 0.75, 0.75
+#: a start behind the best is given up, after FEW iterations, if CATCH times what it will gain, its gains falling off as
+#: they last did, does not catch up
+CATCH, FEW = 3.0, 4
 #: damping factors tried together, as multiples of the current one
 LADDER = np.array([1e-2, 1e-1, 1.0, 10.0])
 #: most rows in one call
@@ -71,8 +80,11 @@ def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: in
     jacobian = np.zeros((n, r.shape[1], ndim))
     stale = np.ones(n, dtype=bool)
     idle = np.zeros(n, dtype=np.int64)
+    gains = np.full((n, 2), np.inf)  # of the last two steps
+    seen, seen_r = x.copy(), r.copy()  # where the Jacobians were taken
     for iteration in range(iterations):
-        alive &= ~_twins(x, cost, alive)
+        told = _told(x, r, alive, seen, seen_r, jacobian) if iteration else None
+        alive &= ~_twins(x, cost, alive, told)
         active = np.flatnonzero(alive)
         if active.size == 0:
             break
@@ -81,6 +93,7 @@ def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: in
             h = step * np.maximum(np.abs(x[renew]), 1.0)
             jacobian[renew] = jacobian_of(call, x[renew], r[renew], lower, upper, h, central=False)
             stale[renew] = False
+            seen[renew], seen_r[renew] = x[renew], r[renew]
         column[active] = np.maximum(column[active], np.linalg.norm(jacobian[active], axis=1))
         d = np.where(column[active] > 0, column[active], 1.0)
         trial, promised, most = damped_steps(
@@ -88,7 +101,9 @@ def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: in
         )
         there = most <= ENOUGH
         behind = cost[active] - cost.min() > BEHIND
-        lost = behind & ((cost[active] - most - cost.min() > BEHIND) | (iteration >= LATE))
+        late = behind & ((cost[active] - most - cost.min() > BEHIND) | (iteration >= LATE))
+        to_come = CATCH * _to_come(gains[active], iterations - iteration)
+        lost = late | ((iteration >= FEW) & (cost[active] - cost.min() > np.maximum(to_come, ENOUGH)))
         arrived[active[there]] = True
         alive[active[there | lost]] = False
         go = ~(there | lost)
@@ -96,15 +111,31 @@ def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: in
         if active.size == 0:
             continue
 
-        new_r, new_cost = np.empty((*trial.shape[:2], r.shape[1])), np.full(promised.shape, np.inf)
+        new_r, new_cost = np.full((*trial.shape[:2], r.shape[1]), np.nan), np.full(promised.shape, np.inf)
         tried = np.ones(promised.shape, dtype=bool)  # of steps that promise the same the most damped one
         tried[:, :-1] = np.abs(np.diff(promised, axis=1)) > 0.2 * ENOUGH
         new_r[tried] = call(trial[tried])
         new_cost[tried] = half_square(new_r[tried])
+        fell_short = cost[active] - new_cost.min(axis=1) < STRAIGHT * promised.max(axis=1)
+        bends = np.flatnonzero(fell_short & np.isfinite(new_cost).any(axis=1))
+        if bends.size:
+            who = active[bends]
+            corrected, short = _bent(
+                jacobian[who], x[who], r[who], trial[bends], new_r[bends], d[go][bends], damping[who, None] * LADDER
+            )
+            start, rung = np.nonzero(short & np.isfinite(new_cost[bends]))
+            if start.size:
+                point = np.clip(corrected[start, rung], lower, upper)
+                its_r = call(point)
+                its_cost = half_square(its_r)
+                better = its_cost < new_cost[bends[start], rung]
+                to = bends[start[better]], rung[better]
+                trial[to], new_r[to], new_cost[to] = point[better], its_r[better], its_cost[better]
         at, pick = np.arange(active.size), np.argmin(new_cost, axis=1)
         gain = cost[active] - new_cost[at, pick]
         won = gain > 0.0
         some, best = active[won], pick[won]
+        gains[some] = np.stack([gains[some, 1], gain[won]], axis=1)
         x[some], r[some], cost[some] = trial[won, best], new_r[won, best], new_cost[won, best]
         damping[some] *= LADDER[best]
         damping[active[~won]] *= MORE  # where nothing has moved the Jacobian is as good as it was
@@ -117,12 +148,53 @@ def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: in
     return Descent(x, cost, arrived, call.count)
 
 
-def _twins(x: Array, cost: Array, alive: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(starts,) those that lie in the valley of a better one."""
+def _bent(
+    jacobian: Array, x: Array, r: Array, trial: Array, new_r: Array, d: Array, damping: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Where the same linear model leads from what it got wrong at trial points (starts, ladder, ndim), and whether each
+    of these corrections is short enough to be believed (geodesic acceleration: Transtrum and Sethna, arXiv 1201.5885).
+    """
+    scaled = jacobian / d[:, None, :]
+    turned = np.swapaxes(scaled, 1, 2)
+    step = (trial - x[:, None, :]) * d[:, None, :]
+    wrong = np.where(np.isfinite(new_r), new_r - r[:, None, :], 0.0) - step @ turned
+    ridge = (turned @ scaled)[:, None] + damping[:, :, None, None] * np.eye(x.shape[1])
+    back = -np.linalg.solve(ridge, (wrong @ scaled)[..., None])[..., 0]
+    short = np.linalg.norm(back, axis=2) <= BEND * np.linalg.norm(step, axis=2)
+    return trial + back / d[:, None, :], short
+
+
+def _to_come(gains: Array, left: int) -> Array:
+    """(n,) what steps will gain in all if they fall off as the last two did; gains (n, 2)."""
+    known = np.isfinite(gains).all(axis=1)
+    before, last = np.where(known[:, None], gains, 1.0).T
+    steps = np.where(last < before, last / np.maximum(before - last, 1e-9 * before), left)
+    return np.where(known, last * np.minimum(steps, left), np.inf)
+
+
+def _twins(x: Array, cost: Array, alive: NDArray[np.bool_], told: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """(starts,) those that lie in the valley of a better one; told (starts, starts) : see :func:`_told`."""
     out = np.zeros(len(x), dtype=bool)
     order = np.argsort(cost)
     for i, one in enumerate(order):
         better = order[:i]
         near = np.max(np.abs(x[better] - x[one]), axis=1, initial=0.0) < NEAR
-        out[one] = alive[one] and bool(np.any(near & (cost[one] - cost[better] < BEHIND) & ~out[better]))
+        near &= cost[one] - cost[better] < BEHIND
+        if told is not None:
+            near |= told[better, one]
+        out[one] = alive[one] and bool(np.any(near & ~out[better]))
+    return out
+
+
+def _told(
+    x: Array, r: Array, alive: NDArray[np.bool_], seen: Array, seen_r: Array, jacobian: Array
+) -> NDArray[np.bool_]:
+    """(starts, starts): is the latest linear model of a start, taken at `seen`, right to TOLD nats where it has come to
+    since and where another one is?"""
+    out = np.zeros((len(x), len(x)), dtype=bool)
+    at = np.flatnonzero(alive)
+    for i in at if len(at) > 1 else ():
+        off = seen_r[i] + (x[at] - seen[i]) @ jacobian[i].T - r[at]
+        right = half_square(off) < TOLD
+        out[i, at] = right & right[at == i]
     return out

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from bayes_iwan.optimize import descent
 from bayes_iwan.optimize.descent import BEHIND, ENOUGH, descend
 from bayes_iwan.optimize.least_squares import least_squares_batch
 
@@ -57,3 +58,41 @@ def test_a_start_without_a_model_ends_nowhere_and_the_box_holds():
     apart = descend(model, np.array([[4.5], [0.0]]), np.array([[-5.0, 5.0]]), 20)
     assert np.isinf(apart.cost[0]) and not apart.arrived[0]
     np.testing.assert_allclose(apart.x[1], 3.0, atol=0.5)
+
+
+def bent(x):  # Rosenbrock's valley, in units of a noise that makes it narrow
+    return np.stack([200.0 * (x[:, 1] - x[:, 0] ** 2), 10.0 * (1.0 - x[:, 0])], axis=1)
+
+
+def test_along_a_bent_valley_the_jacobian_at_hand_corrects_its_own_steps(monkeypatch):
+    starts, box = np.array([[-1.2, 1.0]]), np.tile([-3.0, 3.0], (2, 1))
+    corrected = descend(bent, starts, box, 60)
+    monkeypatch.setattr(descent, "STRAIGHT", -np.inf)
+    straight = descend(bent, starts, box, 60)
+    assert corrected.cost[0] < ENOUGH and corrected.arrived[0]
+    assert corrected.n_evaluations < straight.n_evaluations
+
+
+def test_starts_that_one_linear_model_tells_are_in_one_valley():
+    matrix = np.random.default_rng(5).normal(0.0, 1.0, (30, 6))
+    calls = []
+
+    def linear(x):
+        calls.append(len(x))
+        return x @ matrix.T - 3.0
+
+    starts = np.random.default_rng(6).normal(0.0, 2.0, (5, 6))  # far apart in every variable
+    found = descend(linear, starts, np.tile([-50.0, 50.0], (6, 1)), 40)
+    best = 0.5 * np.sum((matrix @ np.linalg.lstsq(matrix, np.full(30, 3.0), rcond=None)[0] - 3.0) ** 2)
+    assert found.cost.min() < best + ENOUGH
+    assert calls[1] == 5 * 6 and all(n <= 6 for n in calls[3:])  # five Jacobians at first, then one start's
+
+
+def test_a_start_that_gains_too_little_to_catch_up_is_given_up():
+    def creeping(x):  # left of 0 a crest 8 nats up that falls off ever more slowly, right of it a plain valley
+        left = x[:, 0] < 0.0
+        return np.stack([np.where(left, np.sqrt(16.0 + np.exp(0.3 * x[:, 0])), x[:, 0] - 1.0), 0.01 * x[:, 0]], axis=1)
+
+    found = descend(creeping, np.array([[-0.5], [3.0]]), np.array([[-60.0, 5.0]]), 40)
+    assert found.best == 1 and found.arrived[1]
+    assert 8.0 < found.cost[0] - found.cost[1] < BEHIND  # not by the rule for starts far behind
