@@ -23,8 +23,6 @@ ENOUGH = 0.1
 BEHIND, LATE = 30.0, 20
 #: starts nearer than this in every variable, and by no more nats than BEHIND, are in one valley: the better one goes on
 NEAR = 0.05
-#: and so are two whose residuals one start's linear model tells, both to so many nats: nothing lies between them
-TOLD = 1.0
 #: steps in vain in a row after which a start has arrived where it can; each is damped so much more
 IN_VAIN, MORE = 4, 1e3
 #: a step that brings less than this share of what the linear model promised is corrected for the valley's bend, where
@@ -81,10 +79,8 @@ def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: in
     stale = np.ones(n, dtype=bool)
     idle = np.zeros(n, dtype=np.int64)
     gains = np.full((n, 2), np.inf)  # of the last two steps
-    seen, seen_r = x.copy(), r.copy()  # where the Jacobians were taken
     for iteration in range(iterations):
-        told = _told(x, r, alive, seen, seen_r, jacobian) if iteration else None
-        alive &= ~_twins(x, cost, alive, told)
+        alive &= ~_twins(x, cost, alive)
         active = np.flatnonzero(alive)
         if active.size == 0:
             break
@@ -93,7 +89,6 @@ def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: in
             h = step * np.maximum(np.abs(x[renew]), 1.0)
             jacobian[renew] = jacobian_of(call, x[renew], r[renew], lower, upper, h, central=False)
             stale[renew] = False
-            seen[renew], seen_r[renew] = x[renew], r[renew]
         column[active] = np.maximum(column[active], np.linalg.norm(jacobian[active], axis=1))
         d = np.where(column[active] > 0, column[active], 1.0)
         trial, promised, most = damped_steps(
@@ -172,29 +167,12 @@ def _to_come(gains: Array, left: int) -> Array:
     return np.where(known, last * np.minimum(steps, left), np.inf)
 
 
-def _twins(x: Array, cost: Array, alive: NDArray[np.bool_], told: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-    """(starts,) those that lie in the valley of a better one; told (starts, starts) : see :func:`_told`."""
+def _twins(x: Array, cost: Array, alive: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(starts,) those that lie in the valley of a better one."""
     out = np.zeros(len(x), dtype=bool)
     order = np.argsort(cost)
     for i, one in enumerate(order):
         better = order[:i]
         near = np.max(np.abs(x[better] - x[one]), axis=1, initial=0.0) < NEAR
-        near &= cost[one] - cost[better] < BEHIND
-        if told is not None:
-            near |= told[better, one]
-        out[one] = alive[one] and bool(np.any(near & ~out[better]))
-    return out
-
-
-def _told(
-    x: Array, r: Array, alive: NDArray[np.bool_], seen: Array, seen_r: Array, jacobian: Array
-) -> NDArray[np.bool_]:
-    """(starts, starts): is the latest linear model of a start, taken at `seen`, right to TOLD nats where it has come to
-    since and where another one is?"""
-    out = np.zeros((len(x), len(x)), dtype=bool)
-    at = np.flatnonzero(alive)
-    for i in at if len(at) > 1 else ():
-        off = seen_r[i] + (x[at] - seen[i]) @ jacobian[i].T - r[at]
-        right = half_square(off) < TOLD
-        out[i, at] = right & right[at == i]
+        out[one] = alive[one] and bool(np.any(near & (cost[one] - cost[better] < BEHIND) & ~out[better]))
     return out
