@@ -161,7 +161,7 @@ def _bent(
 
 def _to_come(gains: Array, left: int) -> Array:
     """(n,) what steps will gain in all if they fall off as the last two did; gains (n, 2)."""
-    known = np.isfinite(gains).all(axis=1)
+    known = np.asarray(np.isfinite(gains).all(axis=1))
     before, last = np.where(known[:, None], gains, 1.0).T
     steps = np.where(last < before, last / np.maximum(before - last, 1e-9 * before), left)
     return np.where(known, last * np.minimum(steps, left), np.inf)
