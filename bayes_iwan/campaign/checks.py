@@ -8,7 +8,7 @@ only test, all times scaled with the stated frequency, whole cycles lost, and bo
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -156,7 +156,8 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         ("displacement", record.displacement_mm[index] - loop.offset_mm, loop.displacement_mm),
         ("force", record.force_N[index], loop.force_N),
     ):
-        notes += _rails(name, values, loop.n_cycles)
+        raw = record.force_N if name == "force" else record.displacement_mm
+        notes += _rails(name, raw[index], loop.n_cycles)
         spikes = np.flatnonzero(np.abs(values - (mean.max() + mean.min()) / 2) > SPIKE * np.ptp(mean))
         if spikes.size:
             notes.append(
@@ -205,8 +206,8 @@ def _flat_tops(loop: Loop) -> list[str]:
             notes.append(
                 f"the {side} of the force's loop is flat over {stroke:.0%} of the stroke, with a corner before it: "
                 "clipped, "
-                "under noise? Slip forces would be too small and the friction too sharp; lower the gain and record "
-                "again"
+                "under noise? Slip forces would be too small and the friction too sharp; raise the force range (lower "
+                "the gain) and record again"
             )
     return notes
 
@@ -287,25 +288,41 @@ def _loss(loop: Loop) -> tuple[float, float]:
     return along(loop.velocity_m_s), along(loop.displacement_mm)
 
 
-def _rails(name: str, values: Array, n_cycles: int) -> list[str]:
-    """A warning where a channel rests on its extreme value in runs, cycle after cycle, as a clipped one does.
+@dataclass(frozen=True)
+class Rail:
+    """An extreme value on which a channel rests: side ("highest" or "lowest"), level, and share of the time there."""
+
+    side: str
+    level: float
+    share: float
+
+
+def rails(values: Array, n_cycles: int) -> tuple[Rail, ...]:
+    """Where a channel rests on its extreme value in runs, cycle after cycle, as a clipped one does.
 
     A rounded peak also repeats its top level, but then the levels next to it fill as well.
     """
-    notes = []
+    found = []
     for side, extreme in (("highest", values.max()), ("lowest", values.min())):
         at = values == extreme
-        share = at.mean()
         runs = np.count_nonzero(at[1:] & at[:-1])
-        if share < RAIL_SHARE or runs < 2 * n_cycles:
+        if at.mean() < RAIL_SHARE or runs < 2 * n_cycles:
             continue
         span = np.ptp(values)
         levels = np.unique(values[np.abs(values - extreme) < 0.02 * span])
         near = np.count_nonzero((np.abs(values - extreme) < 0.02 * span) & ~at)
         if levels.size < 2 or np.count_nonzero(at) > 3 * near:
-            wrong = "Slip forces would be too small" if name == "force" else "The stroke would be too small"
-            notes.append(
-                f"the {name} rests on its {side} value {extreme:.6g} for {share:.1%} of the time: clipped? {wrong}; "
-                "lower the gain and record again"
-            )
-    return notes
+            found.append(Rail(side, float(extreme), float(at.mean())))
+    return tuple(found)
+
+
+def _rails(name: str, values: Array, n_cycles: int) -> list[str]:
+    """A warning for each extreme on which a channel rests."""
+    wrong, unit = (
+        ("slip forces would be too small", "N") if name == "force" else ("the stroke would be too small", "mm")
+    )
+    return [
+        f"the {name} rests on its {rail.side} value {rail.level:.6g} {unit} for {rail.share:.1%} of the time: clipped? "
+        f"As it is, {wrong} would be too small; raise the {name} range (lower the gain) and record again"
+        for rail in rails(values, n_cycles)
+    ]

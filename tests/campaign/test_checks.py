@@ -84,7 +84,9 @@ def test_clipping_is_said(tmp_path, record, channel):
     values = getattr(r, name)
     clipped = replace(r, **{name: np.minimum(values, 0.93 * values.max())})
     (test,) = campaign(tmp_path, [clipped]).tests
-    assert any(channel in w and "clipped" in w and "highest" in w for w in test.warnings)
+    (said,) = (w for w in test.warnings if "clipped" in w)
+    assert f"{channel} rests on its highest value {0.93 * values.max():.6g}" in said
+    assert f"raise the {channel} range" in said
     assert not any("lowest" in w for w in test.warnings)
 
 

@@ -13,6 +13,9 @@ import pytest
 
 from bayes_iwan.campaign.units import Units
 from bayes_iwan.files import finite
+from bayes_iwan.gap.fitting.data import TREND_HARMONICS
+from bayes_iwan.gap.fitting.gap_size import gap_power_N2
+from bayes_iwan.gap.fitting.residuals import ALONG
 from bayes_iwan.gap.judging.budget import Kind
 from bayes_iwan.gap.telling.answer import effects_described, to_dict
 from bayes_iwan.gap.telling.findings import GapPictures
@@ -266,6 +269,39 @@ def test_the_headline_shows_the_worst_test_with_and_without_the_cause(found, fig
     worst = int(np.argmax([t.rms_N for t in found.before.tests]))
     np.testing.assert_array_equal(alone, found.where.phase_N[worst])
     assert np.sqrt(np.mean(left**2)) < 0.2 * np.sqrt(np.mean(alone**2))
+
+
+def test_a_gap_that_changes_along_the_record_is_shown_at_its_ends(found):
+    along = replace(found.before.along, rms_N=2.0 * found.before.loop.rms_N)
+    ends = diagnosis_figures(replace(found, before=replace(found.before, along=along)))["headline"].axes[1:]
+    assert len(ends) == 2 and "cycles 1 to" in ends[0].get_title(loc="left")
+    test = int(np.argmax(gap_power_N2(found.residual, (ALONG,))))
+    loop = found.residual.data.loops[test]
+    assert ends[1].get_title(loc="left").endswith(f"to {round(loop.n_cycles)}")
+    drawn = [dict((x.get_label(), x.get_ydata()) for x in ax.lines)["model alone"] for ax in ends]
+    # what both ends have in common is the averaged loop's; what differs is what the cycles themselves differ by
+    low = slice(0, TREND_HARMONICS + 1)
+    differ = loop.block_harmonics_N[0, low] - loop.block_harmonics_N[-1, low]
+    phase = np.arange(len(drawn[0])) / len(drawn[0])
+    want = (differ @ np.exp(2j * np.pi * np.outer(np.arange(len(differ)), phase))).real
+    np.testing.assert_allclose(drawn[0] - drawn[1], want, atol=1e-6)
+
+
+def test_a_clipped_record_is_said_beside_the_verdict(found):
+    assert not any("clipped" in s for s in found.sentences())
+    first, *others = found.data.loops
+    low = 0.9 * float(first.record.force_N.max())
+    clipped = replace(first, record=replace(first.record, force_N=np.minimum(first.record.force_N, low)))
+    (said,) = (
+        s for s in replace(found, data=replace(found.data, loops=(clipped, *others))).sentences() if "clipped" in s
+    )
+    assert first.file in said and "raise the force range" in said and f"1 of {1 + len(others)} tests" in said
+
+
+def test_labels_of_ticks_keep_apart():
+    assert gap_figures._apart([0.3, 0.31, 0.6, 0.9, 0.95]) == [0.3, 0.6, 0.95]
+    assert gap_figures._apart([8.0, 14.0, 22.0]) == [8.0, 14.0, 22.0]
+    assert gap_figures._apart([5.0]) == [5.0] and gap_figures._apart([5.0, 5.1]) == [5.0, 5.1]
 
 
 def test_figures_show_what_they_are_given(found, figures):

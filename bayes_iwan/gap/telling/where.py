@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.gap.fitting.data import MAINS_HZ
+from bayes_iwan.gap.fitting.data import MAINS_HZ, TREND_HARMONICS
 from bayes_iwan.gap.fitting.gap_size import LEVEL
 from bayes_iwan.gap.fitting.residuals import ALONG, LOOP, MAINS, MEAN, Residual
 from bayes_iwan.gap.fitting.rest import LENGTHS
@@ -157,6 +157,25 @@ def along_cycle(residual: Residual, value: np.ndarray) -> Array:
     whole[..., : len(use)] = value[..., use] * (0.5 * samples)
     whole[..., 0] = 0.0
     return fft.irfft(whole, n=samples, axis=-1)
+
+
+def of_blocks(residual: Residual, value: np.ndarray, test: int) -> Array:
+    """(…, blocks, samples) residual force in N of each block of a test's cycles on the loop's phases, from (…, T, M)
+    complex numbers: the averaged loop's, and what differs in the block, slow shifts of its mean among it."""
+    loop, data = residual.data.loops[test], residual.data
+    steady = along_cycle(residual, value)[..., test, :]
+    contrasts = value[..., test, residual.kind == ALONG].reshape(*value.shape[:-2], -1, TREND_HARMONICS + 1)
+    change = np.einsum("kb,...kh->...bh", data.contrast[test], contrasts)[..., : len(loop.block_cycle), :]
+    samples = steady.shape[-1]
+    turning = np.exp(2j * np.pi * np.outer(np.arange(TREND_HARMONICS + 1), np.arange(samples) / samples))
+    return steady[..., None, :] + (change @ turning).real
+
+
+def right_model_of_blocks(residual: Residual, test: int, seed: int = 0, draws: int = 100) -> Array:
+    """(blocks, samples) standard deviation of what a right model would leave of each block of a test's cycles, N."""
+    rng = np.random.default_rng([seed, 73])
+    null = simulated(residual, draws, rng, calibration().usual[0])
+    return np.asarray(of_blocks(residual, null, test).std(axis=0))
 
 
 def simulated(residual: Residual, draws: int, rng: np.random.Generator, typical_misfit: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_iwan.campaign.checks import rails
 from bayes_iwan.effects.catalogue import UNLISTED
 from bayes_iwan.gap.fitting.gap_size import Gap
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Cause, Kind
@@ -46,7 +47,7 @@ def not_excluded(d: Diagnosis) -> list[str]:
 
 def sentences(d: Diagnosis) -> list[str]:
     """The answer: how large the gap is, what makes it, what is left, what to do."""
-    return [_size(d.budget.before), *_which(d), *_rest(d), *_remedies(d), _next(d)]
+    return [_size(d.budget.before), *_clipped(d), *_which(d), *_rest(d), *_remedies(d), _next(d)]
 
 
 def _size(gap: Gap) -> str:
@@ -60,6 +61,18 @@ def _size(gap: Gap) -> str:
         f"The model misses {force(gap.rms_N)} RMS ({force(gap.low_N)} to {force(gap.high_N)}), "
         f"{_percent(gap.share)} of the friction force, beyond the records' own noise of {force(gap.noise_N)}."
     )
+
+
+def _clipped(d: Diagnosis) -> list[str]:
+    """What the records themselves say of a clipped force, whatever the fits say."""
+    at = {x.file: found[0].level for x in d.data.loops if (found := rails(x.record.force_N[x.cut.index], x.n_cycles))}
+    if not at:
+        return []
+    which = ", ".join(f"{file} at {force(level)}" for file, level in list(at.items())[:3])
+    return [
+        f"The recorded force rests on its extreme value in {len(at)} of {len(d.data.loops)} tests "
+        f"({which}{' …' if len(at) > 3 else ''}), as a clipped channel does: raise the force range and record again."
+    ]
 
 
 def _which(d: Diagnosis) -> list[str]:

@@ -33,7 +33,8 @@ _WORDS = (
 CAPTIONS = {
     "headline": (
         "Left: the gap as a sum, from the whole gap down to the rest, the records' noise beside it. Right: what the "
-        "model misses in the test where it misses most, along one cycle; the grey band is what a right model leaves.",
+        "model misses in the test where it misses most, along one cycle (where most of the gap is change along the "
+        "record: in the first and the last cycles); the grey band is what a right model leaves.",
         "Waterfall of the gap and the residual force of one test with and without the named causes",
     ),
     "budget": (

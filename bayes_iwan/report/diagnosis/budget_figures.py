@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from textwrap import fill
 
 import numpy as np
@@ -61,30 +62,56 @@ def budget_figure(budget: GapBudget) -> Figure:
     return figure
 
 
+@dataclass(frozen=True)
+class Missed:
+    """What is missed along a cycle, (n,) each, N: by the model alone, by one with the causes (None: none is named), and
+    what a right model would leave (sd). name : of the test, and of the cycles where it is not their average."""
+
+    name: str
+    before_N: Array
+    after_N: Array | None
+    expected_N: Array
+
+
 @styled
-def headline_figure(
-    budget: GapBudget, name: str, before_N: Array, expected_N: Array, after_N: Array | None, causes: str
-) -> Figure:
-    """The answer in one picture: the budget, and the worst test's residual (n,) with and without the named causes."""
-    figure, axes = subplots(1, 2, 7.8, 2.8, width_ratios=[1.05, 1.2])
-    ax, right = axes[0]
+def headline_figure(budget: GapBudget, shown: Sequence[Missed], causes: str) -> Figure:
+    """The answer in one picture: the budget, and where the gap shows most what is missed with and without the named
+    causes: one average cycle, or two that are apart in the record, one below the other."""
+    figure = Figure(figsize=(7.8, 2.8 if len(shown) == 1 else 3.6), layout="constrained")
+    grid = figure.add_gridspec(len(shown), 2, width_ratios=[1.05, 1.2])
+    ax = figure.add_subplot(grid[:, 0])
     _waterfall(ax, budget)
     ax.set_title("what makes the gap", loc="left")
-    phase = np.arange(len(before_N)) / len(before_N)
-    right.fill_between(
-        phase, -2 * expected_N, 2 * expected_N, color="#D9D9D9", linewidth=0, label="a right model leaves (2 sd)"
-    )
-    right.plot(phase, before_N, color=RED, linestyle=(0, (5, 1.5)), label="model alone")
-    if after_N is not None:
-        right.plot(phase, after_N, color=BLUE, label=f"with {causes}")
-    right.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
-    right.set_xlabel("phase of the cycle")
-    right.set_ylabel("measured − model (N)")
-    right.set_title(f"where it shows most: {name}", loc="left")
-    low, high = right.get_ylim()
-    right.set_ylim(low, high + 0.5 * (high - low))
-    right.legend(loc="upper left", fontsize=7)
+    right: list[Axes] = []
+    for i, one in enumerate(shown):
+        first = right[0] if right else None
+        right.append(_missed(figure.add_subplot(grid[i, 1], sharex=first, sharey=first), one, causes))
+    right[0].set_title(f"where it shows most: {shown[0].name}", loc="left")
+    for below, one in zip(right[1:], shown[1:]):
+        below.set_title(one.name, loc="left")
+    right[-1].set_xlabel("phase of the cycle")
+    low, high = right[0].get_ylim()
+    if len(shown) == 1:
+        right[0].set_ylim(low, high + 0.5 * (high - low))
+        right[0].legend(loc="upper left", fontsize=7)
+        right[0].set_ylabel("measured − model (N)")
+    else:
+        for above in right[:-1]:
+            above.tick_params(labelbottom=False)
+        figure.legend(*right[0].get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=3)
+        right[-1].set_ylabel("measured − model (N)", y=1.1)
     return figure
+
+
+def _missed(ax: Axes, one: Missed, causes: str) -> Axes:
+    """One cycle's residual with and without the causes over what a right model leaves."""
+    phase, band = np.arange(len(one.before_N)) / len(one.before_N), 2 * one.expected_N
+    ax.fill_between(phase, -band, band, color="#D9D9D9", linewidth=0, label="a right model leaves (2 sd)")
+    ax.plot(phase, one.before_N, color=RED, linestyle=(0, (5, 1.5)), label="model alone")
+    if one.after_N is not None:
+        ax.plot(phase, one.after_N, color=BLUE, label=f"with {causes}")
+    ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
+    return ax
 
 
 @styled

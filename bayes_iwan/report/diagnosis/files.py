@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -9,15 +10,19 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.files import clear, finite, owned
 from bayes_iwan.gap.diagnosis import BASES, Diagnosis, diagnose_folder
+from bayes_iwan.gap.fitting.gap_size import gap_power_N2
+from bayes_iwan.gap.fitting.residuals import ALONG
 from bayes_iwan.gap.telling.answer import effects_described, to_dict, write_answer
-from bayes_iwan.gap.telling.findings import pictures
-from bayes_iwan.gap.telling.where import along_cycle
+from bayes_iwan.gap.telling.findings import GapPictures, pictures
+from bayes_iwan.gap.telling.where import along_cycle, of_blocks, right_model_of_blocks
 from bayes_iwan.gap.telling.words import listed
 from bayes_iwan.inference.setup.config import Config, diagnose_settings_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
+from bayes_iwan.report.diagnosis.budget_figures import Missed
 from bayes_iwan.report.diagnosis.page import write_diagnosis_page
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.style import relabel
@@ -30,7 +35,6 @@ def diagnosis_figures(found: Diagnosis) -> dict[str, Figure]:
     verdict, budget = found.verdict, found.budget
     out["budget"] = budget_figures.budget_figure(budget)
     out["probabilities"] = budget_figures.probabilities_figure(verdict.probabilities, verdict.names)
-    worst = int(np.argmax(drawn.gap_N))
     after, causes = None, ""
     if verdict.causes:
         causes = listed(verdict.names) if len(verdict.names) < 3 else "all named causes"
@@ -40,17 +44,41 @@ def diagnosis_figures(found: Diagnosis) -> dict[str, Figure]:
         )
         out["moved"] = budget_figures.moved_figure(found.moved)
         out["shares"] = budget_figures.shares_figure(budget)
-    out["headline"] = budget_figures.headline_figure(
-        budget,
-        drawn.names[worst],
-        drawn.residual_N[worst],
-        drawn.expected_N[worst],
-        None if after is None else after[worst],
-        causes,
-    )
+    shown = _changing(found, drawn.names) or (_average(drawn, after),)
+    out["headline"] = budget_figures.headline_figure(budget, shown, causes)
     for figure in out.values():
         relabel(figure, found.campaign.units)
     return out
+
+
+def _average(drawn: GapPictures, after_N: Array | None) -> Missed:
+    """What is missed along the average cycle of the test where most is."""
+    worst = int(np.argmax(drawn.gap_N))
+    return Missed(
+        drawn.names[worst],
+        drawn.residual_N[worst],
+        None if after_N is None else after_N[worst],
+        drawn.expected_N[worst],
+    )
+
+
+def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[Missed, ...]:
+    """What is missed in the first and the last block of cycles of the test that changes most, where most of the gap is
+    change along the record, which the average cycle does not show; else nothing."""
+    if found.before.along.rms_N <= found.before.loop.rms_N:
+        return ()
+    test = int(np.argmax(gap_power_N2(found.residual, (ALONG,))))
+    cycle = found.residual.data.loops[test].block_cycle
+    half = 0.5 * float(cycle[1] - cycle[0])
+    before = of_blocks(found.residual, found.residual.value, test)
+    after = of_blocks(found.after_residual, found.after_residual.value, test) if found.verdict.causes else None
+    expected = right_model_of_blocks(found.residual, test, found.seed)
+    shown = []
+    for b in (0, len(cycle) - 1):
+        span = f"cycles {cycle[b] - half + 1:.0f} to {cycle[b] + half:.0f}"
+        left = None if after is None else after[b]
+        shown.append(Missed(span if b else f"{names[test]}, {span}", before[b], left, expected[b]))
+    return tuple(shown)
 
 
 def diagnose_campaign(

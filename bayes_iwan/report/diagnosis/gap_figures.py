@@ -199,7 +199,7 @@ def gap_growth_figure(
             ax.plot([], [], label=f"{_nominal(value):g} {unit}", linestyle=series(i)["linestyle"], **style)
         ax.set_xscale("log")
         ax.set_yscale("log")
-        ticks = sorted({float(f"{v:.2g}") for v in x})
+        ticks = _apart(sorted({float(f"{v:.2g}") for v in x}))
         ax.set_xticks(ticks, [f"{v:g}" for v in ticks])
         ax.minorticks_off()
         ax.set_xlabel(label)
@@ -208,6 +208,17 @@ def gap_growth_figure(
     ticked(list(axes[0]))
     axes[0, 0].set_ylabel("gap (N RMS)")
     return figure
+
+
+def _apart(values: Sequence[float], least: float = 0.11) -> list[float]:
+    """Of ascending values those whose labels do not touch on a logarithmic axis over all of them: both ends, and
+    between them what lies `least` of the axis from its neighbours."""
+    whole = math.log(values[-1] / values[0]) if len(values) > 1 else 0.0
+    kept = list(values[:1])
+    for value in values[1:-1]:
+        if min(math.log(value / kept[-1]), math.log(values[-1] / value)) >= least * whole:
+            kept.append(value)
+    return kept + list(values[1:][-1:])
 
 
 def _nominal(value: float) -> float:
