@@ -2,31 +2,25 @@
 
 A branch is what its optimum's residual map leads to (see :mod:`.residual_map`). In the map's coordinates the posterior
 is nearly standard normal; rounds of weighed draws say what its mean and covariance there really are, and the proposals
-are a t distribution of these. Numbers that are held in a map, those of the noise, cost no prediction: they are
-integrated out by importance sampling at each proposed place, and one of their draws is kept. The weight is then an
-unbiased estimate, so nothing is approximated (importance sampling squared: Tran et al. 2013).
+are a t distribution of these. Numbers that are held in a map, those of the noise, are integrated out at each proposed
+place (see :mod:`.held`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.special import gammaln
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.sampling.held import Held, HeldFunction, log_t, t_draws
 from bayes_iwan.sampling.residual_map import ResidualMap, Residuals, Solved
 from bayes_iwan.threads import side_by_side
 
-HeldFunction = Callable[[Array, Array], Array]
-
 #: the t distribution in the map's coordinates: degrees of freedom, and its scale over the posterior's there
 _NU, _WIDER = 12.0, 1.05
-#: that of the held numbers, and how many of its draws the integral over them takes
-_HELD_NU, _HELD_WIDER, _HELD_DRAWS = 6.0, 1.2, 128
+_HELD_DRAWS = 128  # of the held numbers, that the integral over them takes
 _PRIOR_DRAWS = 20.0  # how many draws the map's own standard normal counts for beside those that are learnt from
 _KNOWN = 400  # of the places found in the rounds, those that solutions start from
 BLOCK = 128  # proposals that are solved for together, on one thread
@@ -77,13 +71,12 @@ class Branch:
     ) -> None:
         self.map, self.held, self.limit = ResidualMap(residuals, optimum.whiten, optimum.z, held), held, limit
         self.held_log_prob = held_log_prob
-        self.held_root = _HELD_WIDER * optimum.held_root
+        self.noise = Held(held, optimum.z[held], optimum.held_root, _HELD_DRAWS)
         self.centre, self.root = np.zeros(len(self.map.free)), _WIDER * np.eye(len(self.map.free))
         self._tried: list[_Round] = []
 
     def chances(self, n: int, rng: np.random.Generator) -> Chances:
-        count = _HELD_DRAWS if len(self.held) else 1
-        unit, held = _t_draws(rng, (n, len(self.map.free)), _NU), _t_draws(rng, (n, count, len(self.held)), _HELD_NU)
+        unit, held = t_draws(rng, (n, len(self.map.free)), _NU), self.noise.chances(n, rng)
         return Chances(unit, held, rng.random(n))
 
     def log_prob(self, z: Array) -> Array:
@@ -94,17 +87,13 @@ class Branch:
         """The proposals that these random numbers lead to."""
         place = self.map.place(self.centre + chances.unit @ self.root.T, self.limit)
         there = place.met & np.isfinite(place.log_det)
-        z, count = place.z, chances.held.shape[1]
-        held = self.map.optimum[self.held] + chances.held @ self.held_root.T
-        log_h = _t_log_density(chances.held, _HELD_NU) - np.log(np.diag(self.held_root)).sum()
+        z = place.z
         log_p, log_total = np.full(len(z), -np.inf), np.full(len(z), -np.inf)
         some = np.flatnonzero(there)
         if len(some):
-            level = self.held_log_prob(z[some], held[some])
-            log_total[some], cumulative = log_mean_exp(level - log_h[some])
-            pick = (cumulative < chances.chance[some, None]).sum(axis=1).clip(max=count - 1)
-            z[some[:, None], self.held] = held[some, pick]
-            log_p[some] = level[np.arange(len(some)), pick]
+            log_total[some], z[some], log_p[some] = self.noise.integrated(
+                self.held_log_prob, z[some], chances.held[some], chances.chance[some]
+            )
         return Drawn(z, place.x, place.slope, log_p, log_total, place.log_det)
 
     def log_density(self, z: Array) -> Array:
@@ -118,11 +107,7 @@ class Branch:
 
     def log_density_at(self, place: Solved | Drawn) -> Array:
         """The same (n,) where the map's coordinates are known."""
-        return self._log_t(place.x, self.centre, self.root) + place.log_det
-
-    def _log_t(self, x: Array, centre: Array, root: Array) -> Array:
-        unit = solve_triangular(root, (x - centre).T, lower=True).T
-        return _t_log_density(unit, _NU) - np.log(np.diag(root)).sum()
+        return log_t(place.x, self.centre, self.root, _NU) + place.log_det
 
     def log_weight(self, drawn: Drawn) -> Array:
         """Logarithm of the weights (n,) of this branch's own draws beside its own density, −∞ for none."""
@@ -150,7 +135,7 @@ class Branch:
         log_w = np.full(len(x), -np.inf)
         log_w[there] = log_total[there] - log_det[there]
         shares = [len(r.drawn.x) / len(x) for r in self._tried]
-        log_g = [np.log(p) + self._log_t(x[there], r.centre, r.root) for p, r in zip(shares, self._tried)]
+        log_g = [np.log(p) + log_t(x[there], r.centre, r.root, _NU) for p, r in zip(shares, self._tried)]
         log_w[there] -= np.logaddexp.reduce(log_g, axis=0)
         return z, x, log_w
 
@@ -198,25 +183,3 @@ class _Round:
     drawn: Drawn
     centre: Array
     root: Array
-
-
-def _t_draws(rng: np.random.Generator, shape: tuple[int, ...], nu: float) -> Array:
-    """Standard t draws over the last axis."""
-    unit = rng.standard_normal(shape)
-    return unit / np.sqrt(rng.chisquare(nu, shape[:-1]) / nu)[..., None]
-
-
-def _t_log_density(unit: Array, nu: float) -> Array:
-    """(…,) of standard t draws (…, ndim)."""
-    ndim = unit.shape[-1]
-    norm = gammaln(0.5 * (nu + ndim)) - gammaln(0.5 * nu) - 0.5 * ndim * np.log(nu * np.pi)
-    return norm - 0.5 * (nu + ndim) * np.log1p(np.sum(unit * unit, axis=-1) / nu)
-
-
-def log_mean_exp(x: Array) -> tuple[Array, Array]:
-    """(n,) logarithm of the mean of e^x (n, count), and the terms' shares added up (n, count); −∞ where all are."""
-    top = np.max(x, axis=1, keepdims=True)
-    part = np.exp(x - np.where(np.isfinite(top), top, 0.0))
-    total = part.sum(axis=1, keepdims=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return (top + np.log(total / x.shape[1]))[:, 0], np.nan_to_num(np.cumsum(part, axis=1) / total, nan=1.0)

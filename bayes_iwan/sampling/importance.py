@@ -32,10 +32,11 @@ from numpy.typing import NDArray
 from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.sampling.branches import HeldFunction, Optimum
+from bayes_iwan.sampling.branches import Optimum
 from bayes_iwan.sampling.checkpoint import Checkpoint, read_checkpoint
 from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import BatchFunction, Chains, Stop
+from bayes_iwan.sampling.held import HeldFunction
 from bayes_iwan.sampling.reach import unreached
 from bayes_iwan.sampling.residual_map import Residuals
 from bayes_iwan.sampling.source import Source

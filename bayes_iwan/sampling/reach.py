@@ -33,7 +33,7 @@ def unreached(source: Source, z: Array, log_weight: Array, seed: int) -> float:
         size = rng.choice(_SIZE, (len(z), 1))
         new = z.copy()
         new[:, free] += size * np.einsum("nij,nj->ni", scale, rng.standard_normal((len(z), len(free))))
-        new[:, held] += size * (rng.standard_normal((len(z), len(held))) @ branch.held_root.T)
+        new[:, held] += size * (rng.standard_normal((len(z), len(held))) @ branch.noise.root.T)
         there = branch.log_prob(new)
         gone = np.log(rng.random(len(z))) < there - log_p
         z[gone], log_p[gone] = new[gone], there[gone]

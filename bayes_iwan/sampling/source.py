@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.sampling.branches import BLOCK, Branch, Drawn, HeldFunction, Optimum, log_mean_exp
+from bayes_iwan.sampling.branches import BLOCK, Branch, Drawn, Optimum
+from bayes_iwan.sampling.held import HeldFunction, log_mean_exp
 from bayes_iwan.sampling.residual_map import Known, Residuals
 from bayes_iwan.threads import side_by_side
 

@@ -329,7 +329,7 @@ def test_independent_proposals_go_on_from_their_checkpoint(small_loops, tmp_path
     assert again.message == whole.message
 
 
-def test_ensembles_get_the_time_that_independent_proposals_left(small_loops, monkeypatch):
+def test_ensembles_get_the_time_that_the_others_left(small_loops, monkeypatch):
     problem = make_problem(small_loops, SMALL)
     given = []
 
@@ -340,6 +340,25 @@ def test_ensembles_get_the_time_that_independent_proposals_left(small_loops, mon
         given.append(s.budget_s)
 
     monkeypatch.setattr(chains, "independent_chains", given_up)
+    monkeypatch.setattr(chains, "manifold_chains", given_up)
     monkeypatch.setattr(chains, "ensemble_chains", ensembles)
     chains.sampled(problem, None, SamplingSettings(budget_s=10.0), 0, None, {}, False, False)
-    assert 9.0 < given[0] <= 9.7
+    assert 8.0 < given[0] <= 9.4
+
+
+def test_what_independent_proposals_do_not_fit_is_sampled_along_its_manifold(small_loops, monkeypatch, tmp_path):
+    """Given up, and gone on from the checkpoint that the manifold's chains have written: they alone are asked."""
+    sampling = SMALL["sampling"] | {"method": "auto", "budget_s": 1e-3}
+    settings = SMALL | {"sampling": sampling}
+    problem = make_problem(small_loops, settings)
+    asked = []
+
+    def given_up(*args):
+        asked.append(args)
+
+    monkeypatch.setattr(chains, "independent_chains", given_up)
+    one = identify_problem(problem, 1, config=settings, out=tmp_path, progress=False)
+    assert len(asked) == 1 and "cut warm-up short" in one.message and one.z.shape[0] == sampling["ensembles"]
+    again = identify_problem(problem, 1, config=settings, out=tmp_path, resume=True, progress=False)
+    assert len(asked) == 1
+    np.testing.assert_array_equal(again.z, one.z)

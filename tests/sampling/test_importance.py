@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from bayes_iwan.sampling import importance
-from bayes_iwan.sampling.branches import Optimum, log_mean_exp
+from bayes_iwan.sampling.branches import Optimum
 from bayes_iwan.sampling.checkpoint import CheckpointError
 from bayes_iwan.sampling.ensembles import Stop
+from bayes_iwan.sampling.held import log_mean_exp
 from bayes_iwan.sampling.importance import sample_independently
 from bayes_iwan.sampling.residual_map import ResidualMap
 from bayes_iwan.sampling.source import Source

@@ -1,4 +1,4 @@
-"""A leading model sampled with emcee, its discrepancy with it, in place of Laplace's approximation."""
+"""A leading model sampled along its manifold, its discrepancy with it, in place of Laplace's approximation."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from bayes_iwan.arrays import Array
@@ -14,60 +15,84 @@ from bayes_iwan.gap.fitting.evidence import Fit, Rows
 from bayes_iwan.gap.fitting.rest import LENGTHS
 from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.inference.setup.parameters import Z_LIMIT
-from bayes_iwan.sampling.ensembles import sample
-from bayes_iwan.sampling.walkers import enough_walkers
+from bayes_iwan.sampling.held import log_mean_exp
+from bayes_iwan.sampling.on_manifold import sample_on_manifold
 
 #: seconds that one model may be sampled for
-BUDGET_S = 100.0
+BUDGET_S = 45.0
+_TRIED = 4096  # sizes of the discrepancy from which those at the optimum are learnt
 
 
 class Target:
     """ln posterior over (z, score of ln share, score of ln length), each standard normal under its prior."""
 
     def __init__(self, data: GapData, fit: Fit) -> None:
-        self.rows = Rows(data, fit.problem)
+        self.residuals = Rows(data, fit.problem)
         self.ndim, self.size = len(fit.z) + 2, fit.size
+        self.held: NDArray[np.int64] = np.array([self.ndim - 2, self.ndim - 1])
         self.share_prior = stats.lognorm(s=1.2, scale=4.0 * calibration().usual[0])
 
-    def log_prob(self, points: Array) -> Array:
-        """(n, ndim) to (n,)."""
-        inside = np.all(np.abs(points) <= Z_LIMIT, axis=1)
-        z = np.clip(points, -Z_LIMIT, Z_LIMIT)
-        share = self.share_prior.kwds["scale"] * np.exp(self.share_prior.kwds["s"] * z[:, -2])
-        length = np.clip(np.sqrt(LENGTHS[0] * LENGTHS[-1]) * np.exp(0.5 * z[:, -1]), 0.01, 0.5)
+    def _variance(self, held: Array) -> Array:
+        """(n, m) of the rows, with held numbers (n, 2)."""
+        share = self.share_prior.kwds["scale"] * np.exp(self.share_prior.kwds["s"] * held[:, 0])
+        length = np.clip(np.sqrt(LENGTHS[0] * LENGTHS[-1]) * np.exp(0.5 * held[:, 1]), 0.01, 0.5)
+        return self.residuals.rest.variances(share, length, self.size)
+
+    def rows(self, z: Array) -> Array:
+        """Whitened residuals (n, m) at z (n, ndim)."""
+        return self.residuals.residual(z[:, :-2]) / np.sqrt(self._variance(z[:, -2:]))
+
+    def log_prob_of_held(self, z: Array, held: Array) -> Array:
+        """(n, count) with held numbers (n, count, 2) in the place of z's own, −∞ outside ±Z_LIMIT."""
         with np.errstate(all="ignore"):
-            r = self.rows.residual(z[:, :-2])
-            variance = self.rows.rest.variances(share, length, self.size)
-            value = -0.5 * np.sum(r * r / variance + np.log(variance), axis=1) - 0.5 * np.sum(points**2, axis=1)
+            square = self.residuals.residual(np.clip(z[:, :-2], -Z_LIMIT, Z_LIMIT)) ** 2
+            value = np.empty(held.shape[:2])
+            for i, one in enumerate(square):  # all at once would be hundreds of megabytes
+                variance = self._variance(np.clip(held[i], -Z_LIMIT, Z_LIMIT))
+                value[i] = -0.5 * np.sum(one / variance + np.log(variance), axis=1)
+        value -= 0.5 * np.sum(z[:, :-2] ** 2, axis=1)[:, None] + 0.5 * np.sum(held**2, axis=2)
+        inside = np.all(np.abs(z[:, :-2]) <= Z_LIMIT, axis=1)[:, None] & np.all(np.abs(held) <= Z_LIMIT, axis=2)
         return np.where(inside & np.isfinite(value), value, -np.inf)
+
+    def held_at(self, z: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Mean (2,) and lower triangular root (2, 2) of the covariance of the held numbers at z (1, ndim)."""
+        tried = rng.standard_normal((1, _TRIED, 2))
+        log_w = self.log_prob_of_held(z, tried) + 0.5 * np.sum(tried**2, axis=2)
+        weight = np.diff(log_mean_exp(log_w)[1][0], prepend=0.0)
+        mean = weight @ tried[0]
+        apart = tried[0] - mean
+        return mean, np.linalg.cholesky((apart.T * weight) @ apart + 1e-4 * np.eye(2))
 
 
 def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], None]) -> Fit:
-    """The fit with mean and covariance of z from emcee's draws (numbers of effects and of the base alike)."""
+    """The fit with mean and covariance of z from draws (numbers of effects and of the base alike); as it was, but not
+    converged, where there are none."""
     progress(f"sampling {fit.name}")
     target = Target(data, fit)
-    rng = np.random.default_rng([seed, 3])
-    n = len(fit.z)
-    root = np.linalg.cholesky(fit.covariance)
-    share = (np.log(fit.size.share) - np.log(4.0 * calibration().usual[0])) / 1.2 + 0.3 * rng.standard_normal((512, 1))
-    start = np.concatenate(
-        [fit.z + 1.5 * rng.standard_normal((512, n)) @ root.T, share, 0.5 * rng.standard_normal((512, 1))], axis=1
-    )
-    names = (*fit.problem.names, "discrepancy_share", "discrepancy_length")
-    chains = sample(
-        target.log_prob,
-        start,
-        names=names,
+    z = np.concatenate([fit.z[None], fit.optima])
+    mean, root = target.held_at(np.append(fit.z, [0.0, 0.0])[None], np.random.default_rng([seed, 3]))
+    starts = np.concatenate([z, np.tile(mean, (len(z), 1))], axis=1)
+    log_prob = target.log_prob_of_held(starts, starts[:, None, -2:])[:, 0]
+    order = np.argsort(-log_prob)
+    chains = sample_on_manifold(
+        target.rows,
+        target.log_prob_of_held,
+        starts[order],
+        log_prob[order],
+        target.held,
+        root,
+        limit=Z_LIMIT,
+        names=(*fit.problem.names, "discrepancy_share", "discrepancy_length"),
         seed=seed,
-        n_walkers=max(40, enough_walkers(len(names))),
         budget_s=BUDGET_S,
         progress=True,
     )
-    draws = chains.flat(4000)[:, :n]
-    covariance = np.cov(draws.T) + 1e-12 * np.eye(n)
+    if chains is None:
+        return replace(fit, converged=False)
+    draws = chains.flat(4000)[:, : len(fit.z)]
     return replace(
         fit,
-        covariance=covariance,
+        covariance=np.cov(draws.T) + 1e-12 * np.eye(len(fit.z)),
         z=draws.mean(axis=0) if chains.converged else fit.z,
         converged=fit.converged and chains.converged,
     )

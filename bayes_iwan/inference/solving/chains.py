@@ -1,4 +1,5 @@
-"""The two ways in which a problem's posterior is sampled: independent proposals where they fit, else ensembles."""
+"""The ways in which a problem's posterior is sampled: independent proposals where they fit, else chains along its
+manifold, else ensembles of walkers."""
 
 from __future__ import annotations
 
@@ -18,7 +19,10 @@ from bayes_iwan.physics.parameter import Z_LIMIT
 from bayes_iwan.sampling.branches import Optimum
 from bayes_iwan.sampling.checkpoint import read_checkpoint
 from bayes_iwan.sampling.ensembles import Chains, sample
-from bayes_iwan.sampling.importance import METHOD, sample_independently
+from bayes_iwan.sampling.importance import METHOD as INDEPENDENT
+from bayes_iwan.sampling.importance import sample_independently
+from bayes_iwan.sampling.on_manifold import METHOD as ON_MANIFOLD
+from bayes_iwan.sampling.on_manifold import sample_on_manifold
 from bayes_iwan.sampling.run import CROWD, POWERS
 from bayes_iwan.sampling.walkers import enough_walkers
 
@@ -87,6 +91,45 @@ def independent_chains(
     )
 
 
+def manifold_chains(
+    problem: Problem,
+    point: Point,
+    s: SamplingSettings,
+    seed: int,
+    checkpoint: Path | None,
+    origin: Mapping[str, str],
+    resume: bool,
+    progress: bool,
+) -> Chains | None:
+    """Chains along the posterior's manifold, from the maxima that were found; None where they do not move."""
+    held = problem.noise_columns
+    root = laplace_scale(problem, point.optima[0])
+    names, parameter_values = _unsampled(problem)
+    return sample_on_manifold(
+        lambda z: problem.rows(z)[:, : -problem.ndim],
+        problem.log_prob_of_noise,
+        point.optima,
+        point.optima_log_prob,
+        held,
+        np.asarray(np.linalg.cholesky((root @ root.T)[np.ix_(held, held)])),
+        limit=Z_LIMIT,
+        names=problem.names,
+        seed=seed,
+        quantities=parameter_values,
+        quantity_names=names,
+        checkpoint=checkpoint,
+        fingerprint=problem.fingerprint() | dict(origin),
+        resume=resume,
+        n_ensembles=s.ensembles,
+        budget_s=s.budget_s,
+        max_steps=s.max_steps,
+        target_r_hat=s.r_hat,
+        target_ess=s.ess,
+        chain_taus=s.taus,
+        progress=progress,
+    )
+
+
 def ensemble_chains(
     problem: Problem,
     point: Point,
@@ -131,19 +174,15 @@ def sampled(
     resume: bool,
     progress: bool,
 ) -> Chains:
-    """Independent proposals where they fit, else ensembles, in the time that is left; a checkpoint is gone on from by
-    the way of sampling that wrote it."""
+    """Independent proposals where they fit, else chains along the manifold, else ensembles, each in the time that is
+    left; a checkpoint is gone on from by the way of sampling that wrote it."""
     began = time.monotonic()
-    ours = checkpoint is None or not checkpoint.exists() or _independent(checkpoint)
-    if s.method == "auto" and ours:
-        chains = independent_chains(problem, point, s, seed, checkpoint, origin, resume, progress)
-        if chains is not None:
-            return chains
+    written = read_checkpoint(checkpoint, ())[0] if checkpoint is not None and checkpoint.exists() else None
+    for way, mark in ((independent_chains, INDEPENDENT), (manifold_chains, ON_MANIFOLD)):
+        if s.method == "auto" and (written is None or mark.items() <= written.items()):
+            left = replace(s, budget_s=max(s.budget_s - (time.monotonic() - began), 0.0))
+            chains = way(problem, point, left, seed, checkpoint, origin, resume, progress)
+            if chains is not None:
+                return chains
     left = replace(s, budget_s=max(s.budget_s - (time.monotonic() - began), 0.0))
     return ensemble_chains(problem, point, left, seed, checkpoint, origin, resume, progress)
-
-
-def _independent(checkpoint: Path) -> bool:
-    """Was this checkpoint written by independent proposals?"""
-    stored, _, _ = read_checkpoint(checkpoint, ())
-    return METHOD.items() <= stored.items()

@@ -1,0 +1,260 @@
+"""Sampling a least-squares posterior that is a thin bent sheet, by chains that turn along it (see :mod:`.manifold`).
+
+For what importance sampling does not fit: a chain sees the posterior from where it is, so the sheet may bend as much as
+it likes between here and there. Chains start at all maxima that were found, those of an ensemble at others than the
+next one's. In a warm-up they learn how far a step may turn and where the held numbers lie; then both are frozen, and
+only draws from then on count. All walkers are independent of each other: ensembles are kept for R-hat alone, and a
+walker that never leaves its branch is seen by the autocorrelation time, from which the ensemble's mean is taken off.
+
+Some walkers go together, on one thread, with random numbers of their own for each block of steps, so that the draws are
+the same however many threads there are. Block by block they go into a checkpoint; a run that goes on from it draws the
+very same.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm.auto import tqdm
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.sampling.checkpoint import Checkpoint
+from bayes_iwan.sampling.convergence import convergence_of
+from bayes_iwan.sampling.ensembles import BatchFunction, Chains, Stop
+from bayes_iwan.sampling.held import Held, HeldFunction
+from bayes_iwan.sampling.manifold import Rows, Sheet, Walkers
+from bayes_iwan.threads import side_by_side
+
+#: what a checkpoint's fingerprint says of this way of sampling
+METHOD = {"method": "manifold"}
+_STAGE = "draws"
+_WALKERS = 8  # of each ensemble
+_TOGETHER = 16  # walkers on one thread
+_LEAST_TAUS = (
+    10.0  # autocorrelation times that each walker takes at least, all of an ensemble together as many as asked
+)
+_BLOCK = 25  # steps between two commits
+_WARM_UP = 4  # blocks before the held numbers are known, and again after that
+_ACCEPTANCE = 0.3  # what the angles are fitted to
+_LEAST, _MOST = 0.04, 1.1  # scale of the angles: below this the chains hardly move, above it draws are independent
+_HELD_DRAWS = 32
+_DEPTH = 12.0  # maxima so many nats below the best are no starts
+_FIRST_CHECK = 200
+
+
+def sample_on_manifold(
+    rows: Rows,
+    held_log_prob: HeldFunction,
+    optima: Array,
+    optima_log_prob: Array,
+    held: NDArray[np.int64],
+    held_root: Array,
+    *,
+    limit: float,
+    names: Sequence[str],
+    seed: int,
+    quantities: BatchFunction | None = None,
+    quantity_names: Sequence[str] = (),
+    checkpoint: Path | None = None,
+    fingerprint: Mapping[str, str] | None = None,
+    resume: bool = False,
+    n_ensembles: int = 4,
+    budget_s: float | None = None,
+    max_steps: int = 200_000,
+    target_r_hat: float = 1.01,
+    target_ess: float = 400.0,
+    chain_taus: float = 50.0,
+    progress: bool = True,
+) -> Chains | None:
+    """Draw from a posterior until converged or the budget is used up; None where steps must be too short to lead
+    anywhere.
+
+    Parameters
+    ----------
+    rows : z (n, ndim) → (n, k), residuals that are whitened with z's own held numbers: −½|rows|² − ½|z|² is ln p but for
+        what depends on the held numbers alone; the nearer, the better.
+    held_log_prob : z (n, ndim), held numbers (n, count, held) → ln p (n, count) of z with these in place of its own.
+    optima, optima_log_prob : maxima of ln p (k, ndim), best first, and ln p there (k,).
+    held, held_root : the coordinates that scale the residuals (the noise's), and the lower triangular root of their
+        covariance at the first maximum.
+    limit : z lies within ±limit.
+    chain_taus : autocorrelation times, of the steps of all walkers of an ensemble, for these are independent here.
+    checkpoint and all others : as for :func:`bayes_iwan.sampling.ensembles.sample`; a run ends after whole blocks of
+        25 steps. Where this way does not fit there is no checkpoint left.
+
+    The same seed gives the same draws. Ctrl-C ends the run with the draws that are there.
+    """
+    began = time.monotonic()
+    names, quantity_names = tuple(names), tuple(quantity_names)
+    n = n_ensembles * _WALKERS
+    taus = min(chain_taus, max(_LEAST_TAUS, chain_taus / _WALKERS))
+    known = Held(held, optima[0][held], held_root, _HELD_DRAWS)
+    run = _Run(Sheet(rows, held_log_prob, known, len(names), limit), seed)
+    stamp = {**METHOD, **(fingerprint or {}), "seed": str(seed), "ensembles": str(n_ensembles)}
+    file: Checkpoint | None = None
+    z, log_prob, other = np.empty((0, n, len(names))), np.empty((0, n)), np.empty((0, n, len(quantity_names)))
+    stop: Stop | None = None
+    said, short, result, before = "", "no draws yet", None, 0
+
+    def late() -> bool:
+        return budget_s is not None and time.monotonic() - began > budget_s
+
+    def evaluated(draws: Array) -> Array:
+        if quantities is None:
+            return np.empty((*draws.shape[:2], 0))
+        flat = np.asarray(quantities(draws.reshape(-1, draws.shape[2])), dtype=float)
+        return flat.reshape(*draws.shape[:2], len(quantity_names))
+
+    def by_ensemble(x: Array) -> Array:
+        """(ensembles, steps, walkers, …) of (steps, all walkers, …)"""
+        return np.moveaxis(x.reshape(len(x), n_ensembles, _WALKERS, *x.shape[2:]), 0, 1)
+
+    with tqdm(disable=None if progress else True, unit="step") as bar:
+        try:
+            if resume and checkpoint is not None and checkpoint.exists():
+                file, found = Checkpoint.resume(checkpoint, stamp, names, (_STAGE,))
+                run.restore(found.state)
+                before = int(found.state["evaluations"])
+                z, log_prob = found.draws[_STAGE], found.log_prob[_STAGE]
+                other = evaluated(z)
+            else:
+                bar.set_description("warm-up")
+                near = optima[optima_log_prob > optima_log_prob[0] - _DEPTH]
+                which = np.arange(n_ensembles)[:, None] + n_ensembles * np.arange(_WALKERS)
+                if not run.warm_up(near[which.ravel() % len(near)], late, bar):
+                    return None
+                if checkpoint is not None:
+                    file = Checkpoint.create(checkpoint, stamp, names, {_STAGE: n}, run.state(before))
+            bar.set_description("sampling")
+            next_check = _FIRST_CHECK
+            while next_check <= len(z) - _BLOCK:  # where an uninterrupted run would have looked
+                next_check = int(1.15 * next_check)
+            while stop is None:
+                steps = len(z)
+                planned, over = steps >= next_check, late()
+                if steps >= 8 and (planned or over or steps >= max_steps):
+                    result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), names + quantity_names)
+                    short = result.shortfall(target_r_hat, target_ess, taus)
+                    while next_check <= steps:
+                        next_check = int(1.15 * next_check)
+                    bar.set_postfix_str(
+                        f"R-hat {result.worst_r_hat:.3f}, ESS {result.least_ess:.0f}, tau {result.worst_tau:.0f}"
+                    )
+                    if not short:
+                        stop, said = Stop.CONVERGED, "converged"
+                    elif steps >= max_steps:
+                        stop, said = Stop.STEPS, f"stopped at {max_steps} steps"
+                    elif over:
+                        stop, said = Stop.BUDGET, f"stopped at the time budget of {budget_s:g} s"
+                if stop is None:
+                    fresh, level = run.block()
+                    values = evaluated(fresh)
+                    if file is not None:
+                        file.append(_STAGE, fresh, level)
+                        file.commit(run.state(before))
+                    z, log_prob, other = (
+                        np.concatenate(pair) for pair in ((z, fresh), (log_prob, level), (other, values))
+                    )
+                    bar.update(len(fresh))
+        except KeyboardInterrupt:
+            stop, said = Stop.INTERRUPTED, "interrupted" if len(z) else "interrupted in warm-up, before any draw counts"
+        finally:
+            if file is not None:
+                file.close()
+    if stop is Stop.INTERRUPTED and len(z) >= 8:
+        result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), names + quantity_names)
+        short = result.shortfall(target_r_hat, target_ess, taus)
+    if run.hurried:
+        said += "; the time budget cut warm-up short, so that more time gives other draws"
+    return Chains(
+        names=names,
+        quantity_names=quantity_names,
+        draws=by_ensemble(z),
+        log_prob=by_ensemble(log_prob),
+        quantities=by_ensemble(other),
+        thin=1,
+        n_steps=len(z),
+        n_evaluations=before + run.sheet.n_evaluations,
+        acceptance=float(np.mean(np.any(np.diff(z, axis=0) != 0.0, axis=2))) if len(z) > 1 else 0.0,
+        convergence=result,
+        converged=not short,
+        message=said if not short else f"not converged: {said}; {short}",
+        stop=stop,
+        seed=seed,
+        seconds=time.monotonic() - began,
+        proposal=None,
+    )
+
+
+class _Run:
+    """All walkers, the scale of their angles, and how many blocks of steps they have taken.
+
+    hurried : was the warm-up cut short?
+    """
+
+    def __init__(self, sheet: Sheet, seed: int) -> None:
+        self.sheet, self.seed = sheet, seed
+        self.walkers = Walkers(np.empty((0, 0)), np.empty(0), np.empty(0))
+        self.scale, self.blocks, self.acceptance, self.hurried = 0.3, 0, 0.0, False
+
+    def warm_up(self, starts: Array, late: Callable[[], bool], bar: tqdm) -> bool:
+        """From starts (n, ndim) to where draws count; False where steps must be too short to lead anywhere."""
+        held = self.sheet.held
+        self.walkers = self.sheet.begin(starts, np.random.default_rng([self.seed, 31]))
+        for stage in (32, 33):
+            z = []
+            for _ in range(_WARM_UP):
+                self.hurried |= late()
+                if self.hurried:
+                    break
+                z.append(self.block()[0][:, :, held.columns])
+                self.scale = float(np.clip(self.scale * np.exp(self.acceptance - _ACCEPTANCE), _LEAST, _MOST))
+                bar.update(_BLOCK)
+            if z:  # the first half is on the way
+                self.sheet.held = held.learnt(np.concatenate([x for block in z[len(z) // 2 :] for x in block]))
+            self.walkers = self.sheet.begin(self.walkers.z, np.random.default_rng([self.seed, stage]))
+        return self.hurried or self.scale > _LEAST
+
+    def block(self) -> tuple[Array, Array]:
+        """Some steps of all: z (steps, n, ndim) and ln p (steps, n)."""
+
+        def together(part: slice) -> tuple[Array, Array, float, Walkers]:
+            own = Walkers(*(x[part].copy() for x in self._arrays()))
+            rng = np.random.default_rng([self.seed, 34, self.blocks, part.start])
+            return *self.sheet.advance(own, _BLOCK, self.scale, rng), own
+
+        parts = side_by_side(together, len(self.walkers.z), _TOGETHER)
+        z, log_prob, accepted, walkers = zip(*parts)
+        ends = [(w.z, w.log_prob, w.log_total) for w in walkers]
+        self.walkers = Walkers(*(np.concatenate(x) for x in zip(*ends)))
+        self.acceptance = float(np.mean(accepted))
+        self.blocks += 1
+        return np.concatenate(z, axis=1), np.concatenate(log_prob, axis=1)
+
+    def _arrays(self) -> tuple[Array, Array, Array]:
+        return self.walkers.z, self.walkers.log_prob, self.walkers.log_total
+
+    def state(self, before: int) -> dict[str, NDArray]:
+        """What the run goes on from; before : evaluations of the runs before."""
+        return {
+            "z": self.walkers.z,
+            "log_prob": self.walkers.log_prob,
+            "log_total": self.walkers.log_total,
+            "centre": self.sheet.held.centre,
+            "root": self.sheet.held.root,
+            "scale": np.array(self.scale),
+            "blocks": np.array(self.blocks),
+            "hurried": np.array(self.hurried),
+            "evaluations": np.array(before + self.sheet.n_evaluations),
+        }
+
+    def restore(self, state: Mapping[str, NDArray]) -> None:
+        """Be as an earlier run was."""
+        self.walkers = Walkers(*(state[name].copy() for name in ("z", "log_prob", "log_total")))
+        held = self.sheet.held
+        self.sheet.held = Held(held.columns, state["centre"], state["root"], held.count)
+        self.scale, self.blocks, self.hurried = float(state["scale"]), int(state["blocks"]), bool(state["hurried"])
