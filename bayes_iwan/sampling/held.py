@@ -57,7 +57,7 @@ class Held:
         if not len(self.columns):
             return self
         covariance = np.atleast_2d(np.cov(held.T)) + 1e-8 * np.eye(len(self.columns))
-        return Held(self.columns, held.mean(axis=0), np.linalg.cholesky(covariance), self.count)
+        return Held(self.columns, held.mean(axis=0), np.asarray(np.linalg.cholesky(covariance)), self.count)
 
 
 def t_draws(rng: np.random.Generator, shape: tuple[int, ...], nu: float) -> Array:

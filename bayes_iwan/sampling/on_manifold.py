@@ -75,8 +75,8 @@ def sample_on_manifold(
 
     Parameters
     ----------
-    rows : z (n, ndim) → (n, k), residuals that are whitened with z's own held numbers: −½|rows|² − ½|z|² is ln p but for
-        what depends on the held numbers alone; the nearer, the better.
+    rows : z (n, ndim) → (n, k), residuals that are whitened with z's own held numbers: −½|rows|² − ½|z|² is ln p but
+        for what depends on the held numbers alone; the nearer, the better.
     held_log_prob : z (n, ndim), held numbers (n, count, held) → ln p (n, count) of z with these in place of its own.
     optima, optima_log_prob : maxima of ln p (k, ndim), best first, and ln p there (k,).
     held, held_root : the coordinates that scale the residuals (the noise's), and the lower triangular root of their
