@@ -10,7 +10,7 @@ nested samplers and pocoMC start from the prior, as they must. Burn-in and adapt
 the whole time bought. MCMC: bulk and tail ESS of the worst sampled number from four independent ensembles or chains,
 the first half of the draws left out (ours says itself when adaptation ended), and their R-hat; where that is above
 1.05 the ESS means nothing. Nested and sequential samplers: Kish's ESS of the weights if the run ended in time. The
-package's own way, importance sampling, stops by its own rule when that is sooner.
+package's own ways, importance sampling and chains along the manifold, stop by their own rule when that is sooner.
 
 NUTS needs a gradient, which the forward model does not have. It gets forward differences, ndim + 1 evaluations in one
 batch; leapfrog steps by whatever field are reversible and keep volume, and the density itself decides what is accepted,
@@ -39,7 +39,7 @@ from scipy import special
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
-from bayes_iwan.inference.solving.chains import independent_chains
+from bayes_iwan.inference.solving.chains import independent_chains, manifold_chains
 from bayes_iwan.inference.solving.point import Point, find_point, starting_population
 from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import sample
@@ -96,8 +96,18 @@ def worth(draws: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
 
 def package(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
     """What `identify` does: independent proposals, weighted, until its own rule is met."""
+    return by_its_own_rule(independent_chains, density, seed)
+
+
+def package_manifold(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
+    """What `identify` does where importance sampling does not fit: chains along the manifold."""
+    return by_its_own_rule(manifold_chains, density, seed)
+
+
+def by_its_own_rule(way: Callable, density: Density, seed: int) -> dict[str, Any]:
+    """A way of sampling of this package, until its rule is met or the clock has gone on by as many seconds."""
     settings = replace(settings_of().sampling, budget_s=density.seconds)
-    chains = independent_chains(density.problem, density.point, settings, seed, None, {}, False, False)
+    chains = way(density.problem, density.point, settings, seed, None, {}, False, False)
     if chains is None or chains.convergence is None:
         return {"note": "does not fit this posterior" if chains is None else chains.message}
     density.evaluations, density.best = chains.n_evaluations, float(chains.log_prob.max())
@@ -285,6 +295,7 @@ def pocomc_flow(density: Density, starts: np.ndarray, names: tuple[str, ...], se
 
 SAMPLERS: dict[str, tuple[Callable[..., dict[str, Any]], str]] = {
     "this package": (package, "bayes-iwan"),
+    "this package, manifold": (package_manifold, "bayes-iwan"),
     "this package, ensembles": (package_ensembles, "bayes-iwan"),
     "emcee, default": (emcee_default, "emcee"),
     "zeus": (zeus_default, "zeus-mcmc"),
@@ -312,12 +323,13 @@ def one(name: str, problem: Problem, point: Point, starts: np.ndarray, seconds: 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("campaign", nargs="?", default="data/rope_spring")
+    parser.add_argument("--embedded", action="store_true", help="the model's own form may bend a little (27 numbers)")
     parser.add_argument("--seconds", type=float, default=120.0, help="processor seconds each")
     parser.add_argument("--only", nargs="+", choices=SAMPLERS, default=list(SAMPLERS))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("runs/benchmark_samplers.json"))
     args = parser.parse_args()
-    settings = settings_of()
+    settings = settings_of({"model": {"embedded": args.embedded}})
     problem = make_problem(read_campaign(args.campaign).loops(**asdict(settings.loops)), settings)
     point = find_point(problem, args.seed, settings.search)
     starts = starting_population(problem, point, args.seed, 1024)

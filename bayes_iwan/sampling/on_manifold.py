@@ -31,7 +31,7 @@ from bayes_iwan.threads import side_by_side
 
 #: what a checkpoint's fingerprint says of this way of sampling
 METHOD = {"method": "manifold"}
-_STAGE = "draws"
+_STAGE = "production"  # as ensembles name it, so that pages find the whole run
 _WALKERS = 8  # of each ensemble
 _TOGETHER = 16  # walkers on one thread
 _LEAST_TAUS = (
@@ -40,7 +40,7 @@ _LEAST_TAUS = (
 _BLOCK = 25  # steps between two commits
 _WARM_UP = 4  # blocks before the held numbers are known, and again after that
 _ACCEPTANCE = 0.3  # what the angles are fitted to
-_LEAST, _MOST = 0.04, 1.1  # scale of the angles: below this the chains hardly move, above it draws are independent
+_LEAST, _MOST = 0.15, 1.1  # scale of the angles: below this the chains hardly move, above it draws are independent
 _HELD_DRAWS = 32
 _DEPTH = 12.0  # maxima so many nats below the best are no starts
 _FIRST_CHECK = 200

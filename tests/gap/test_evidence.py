@@ -5,6 +5,7 @@ import pytest
 
 from bayes_iwan.gap.fitting.evidence import Rows, _distinct, _grid, extended, fit_model
 from bayes_iwan.gap.fitting.rest import LENGTHS, SHARES, Linear, Rest
+from bayes_iwan.gap.judging import sample_fit
 
 
 def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record():
@@ -62,3 +63,21 @@ def test_evolving_effect_that_is_not_there_loses_a_few_nats(name, most, kit):
     start[0, problem.names.index(effect.strength_name)] = 0.0 if effect.signed else -1.6
     fit = fit_model(found.data, problem, start, iterations=20)
     assert -most < fit.log_evidence - found.base.log_evidence < 2.0
+
+
+def test_a_fit_is_sampled_with_the_discrepancy_beside_it(kit, monkeypatch):
+    """Rows and density agree but for what depends on the discrepancy alone; a run cut short is not converged."""
+    found = kit.diagnosed(None).search
+    target = sample_fit.Target(found.data, found.base)
+    rng = np.random.default_rng(1)
+    z = np.concatenate([found.base.z + 0.01 * rng.standard_normal((6, len(found.base.z))), np.zeros((6, 2))], axis=1)
+    z[3:, -2:] = [0.4, -0.7]
+    left = target.log_prob_of_held(z, z[:, None, -2:])[:, 0]
+    left += 0.5 * np.sum(target.rows(z) ** 2, axis=1) + 0.5 * np.sum(z[:, :-2] ** 2, axis=1)
+    np.testing.assert_allclose(left[:3], left[0], rtol=1e-9)
+    np.testing.assert_allclose(left[3:], left[3], rtol=1e-9)
+    assert abs(left[3] - left[0]) > 0.1
+    monkeypatch.setattr(sample_fit, "BUDGET_S", 0.0)
+    cut = sample_fit.sampled_fit(found.data, found.base, 1, lambda said: None)
+    assert not cut.converged and np.array_equal(cut.z, found.base.z)
+    assert np.all(np.linalg.eigvalsh(cut.covariance) > 0.0)

@@ -91,7 +91,7 @@ class SamplingSettings:
     Parameters
     ----------
     method
-        "auto", independent proposals where they fit and ensembles of walkers elsewhere, or "ensembles".
+        "auto", independent proposals where they fit, elsewhere chains along the manifold, or "ensembles" of walkers.
     ensembles
         their number, or that of the independent chains.
     walkers
