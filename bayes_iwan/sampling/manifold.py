@@ -1,6 +1,6 @@
 """Markov chains on the graph of a least-squares posterior, whose step is set by its curvature, not by its thickness.
 
-Whitened residuals and prior rows F(z) = (r(z) W, z) make a manifold of the places (F(z)) in data space, and −ln p =
+Whitened residuals and prior rows F(z) = (r(z) W, z) make a manifold in data space, and −ln p =
 ½|F|² + const but for the numbers that W depends on, those of the noise, which are held. Where the data say much, the
 posterior is a thin bent sheet in z, but no thin thing in data space: seen along the tangents at any place z₀, x = QᵀF
 with Q from F′(z₀) = QR, it is nearly standard normal (Zappa, Holmes-Cerf & Goodman, Comm. Pure Appl. Math. 71, 2018,
@@ -46,7 +46,7 @@ _ANGLES = (0.6, 1.4)
 @dataclass(frozen=True)
 class Places:
     """Places z (n, ndim), held numbers as at the sheet's centre: F (n, m), Qᵀ (n, free, m), ln|det R| (n,), and the
-    inverse of Rᵀᵀ = QᵀF′ (n, free, free)."""
+    inverse of R = QᵀF′ (n, free, free)."""
 
     z: Array
     values: Array
