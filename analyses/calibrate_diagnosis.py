@@ -31,11 +31,6 @@ from bayes_iwan.gap.fitting.leave_out import HELD_OUT, left_out
 from bayes_iwan.gap.judging.budget import (
     NINETY,
     NO_CAUSE,
-    Share,
-    contributing,
-    left_unnamed,
-    rest_without_name,
-    shapley,
     shares,
     subsets,
     unseen_shares,
@@ -44,27 +39,23 @@ from bayes_iwan.gap.judging.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
     REST_FIGURES,
-    USUAL_REST,
     Calibration,
     calibration,
     effect_figures,
-    rest_figures,
 )
-from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.judging.verdict import Weighed, falls_short, helping, least_share, named_by, weighed
+from bayes_iwan.gap.judging.verdict import Weighed, helping, named_by, weighed
 from bayes_iwan.gap.searching.base import fit_base, gap_rms_N
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.rig import cases as rig_cases
+from study_cases import figures_of, has_outside, made, reliability, rest_is_real, rest_row, score, tags, truths
 
 #: nats within which rivals for one place cannot be told apart
 APART = 30.0
 #: nats that one place may cost: beyond, the search missed the truth, which no power mends
 SEARCH_MISSED = 3.0
-#: power of a line at half a test's frequency over its background that no sound specimen reaches
-CLEAR_LINE = 20.0
 #: pull of every weight to zero, per squared unit: a figure that tells nothing gets no weight
 PULL = 0.1
 
@@ -80,23 +71,6 @@ def true_gaps(case: rig_cases.Case, seed: int) -> dict[frozenset[str], float]:
 
     names = [f.name for f in case.faults]
     return {some: gap_N(some) for some in subsets(names)} if names else {}
-
-
-def made(gap_N: dict[frozenset[str], float]) -> dict[str, float]:
-    """Share of the base model's gap that each fault makes, Shapley value over all faults; what they leave of one is the
-    specimen's own difference from the model."""
-    whole = max(gap_N, key=len, default=frozenset())
-    return removed(gap_N, whole)
-
-
-def removed(gap_N: dict[frozenset[str], float], some: frozenset[str]) -> dict[str, float]:
-    """Share of the gap that would be gone with each of some faults, all others there: what an answer says that names
-    these and no others. Shapley value over these."""
-    whole = max(gap_N, key=len, default=frozenset())
-    before = gap_N.get(whole, 0.0)
-    if before <= 0.0:
-        return dict.fromkeys(some, 0.0)
-    return {n: float(v) for n, v in shapley(some, lambda k: np.array(1.0 - gap_N[whole - k] / before)).items()}
 
 
 def named_shares(found: Weighed, unseen: Sequence[Record]) -> dict[str, dict[str, float]]:
@@ -171,23 +145,6 @@ def run_study(cases: int, seed: int, laws: str, out: Path, workers: int) -> None
 # ---- fit
 
 
-def figures_of(case: dict[str, Any]) -> list[Figures]:
-    return [Figures(**f) for f in case["figures"]]
-
-
-def truths(case: dict[str, Any]) -> set[str]:
-    return {e["name"] for e in case["truth"]["effects"]}
-
-
-def has_outside(case: dict[str, Any]) -> bool:
-    return case["truth"]["kind"] in ("outside", "known_beside_outside")
-
-
-def tags(case: dict[str, Any]) -> set[str]:
-    """What is left out together with a case: the laws of its faults, an outside kind among them."""
-    return {f"{e['name']}:{e['law']}" for e in case["truth"]["effects"]}
-
-
 def place_rows(cases: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
     """(n, figures), (n,): every place of every case, and whether any true effect stands among its nearest rivals."""
     rows, right = [], []
@@ -234,42 +191,6 @@ def within_fit(cases: Sequence[dict[str, Any]]) -> float:
     return float(grid[np.argmin([cost(p) for p in grid])])
 
 
-def sets(by_name: dict[str, Any]) -> dict[frozenset[str], Any]:
-    return {frozenset(k.split("+")) if k else frozenset(): v for k, v in by_name.items()}
-
-
-def named_in(case: dict[str, Any], c: Calibration) -> frozenset[str]:
-    """What these constants name, less what does not make the gap smaller."""
-    kept = set(named_by(figures_of(case), c))
-    share, along = sets(case["share"]), sets(case.get("along", {}))
-    while kept:
-        gap, its, changes = figures_of(case)[0].before, share[frozenset(kept)], along.get(frozenset(kept), {})
-        short = [n for n in sorted(kept) if falls_short(n, its[n], changes.get(n, 0.0), gap)]
-        if not short:
-            break
-        kept.remove(min(short, key=lambda n: its[n] - least_share(n, gap)))
-    return frozenset(kept)
-
-
-def rest_row(case: dict[str, Any], c: Calibration) -> np.ndarray:
-    """(figures,) of what is left beside the effects that these constants name."""
-    return rest_figures(left_unnamed(named_in(case, c), sets(case["gap_share"])), case["subharmonic"])
-
-
-def rest_has_cause(case: dict[str, Any], c: Calibration) -> float:
-    """The probability that these constants state."""
-    return rest_without_name(c.unknown_rest(rest_row(case, c)), figures_of(case), c)
-
-
-def rest_is_real(case: dict[str, Any], c: Calibration) -> bool:
-    """Does a true effect, listed or not, that these constants do not name make a part of the gap that can be seen: more
-    than noise, and more than a sound specimen's own gap or with a line that no sound specimen has?"""
-    gap, named = sets(case["gap_N"])[frozenset()], named_in(case, c)
-    usual = USUAL_REST * case["truth"]["friction_rms_N"]
-    least = max(case["noise_N"], usual if case["subharmonic"] < CLEAR_LINE else 0.0)
-    return any(share * gap > least for n, share in case["true_share"].items() if n not in named)
-
-
 def law_fit(cases: Sequence[dict[str, Any]]) -> float:
     """Sd of a share beyond its interval, such that nine of ten shares found on tests left out and on unseen tests lie
     within."""
@@ -293,102 +214,6 @@ def fitted(cases: Sequence[dict[str, Any]]) -> Calibration:
     rest = np.array([rest_row(case, half) for case in cases])
     weights, rest_bias = logistic_fit(rest, np.array([float(rest_is_real(case, half)) for case in cases]))
     return Calibration(effect, bias, weights, rest_bias, within, APART, old.usual, law)
-
-
-# ---- score
-
-
-def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> dict[str, tuple[float, float]]:
-    """Counts (right, of) of the targets, each case with its own constants."""
-    out: dict[str, list[float]] = {}
-
-    def count(what: str, right: bool) -> None:
-        out.setdefault(what, [0.0, 0.0])
-        out[what][0] += right
-        out[what][1] += 1
-
-    for case, c in zip(cases, constants):
-        given, true, kind = figures_of(case), truths(case), case["truth"]["kind"]
-        named = {n for n in named_in(case, c) if n not in OWN_FORM}
-        apart = {n for f in given if f.name in named for n, v in f.rivals.items() if v > -c.apart}
-        flagged = rest_has_cause(case, c) >= 0.5
-        gap = sets(case["gap_N"])[frozenset()]
-        visible = {n for n, share in case["true_share"].items() if share * gap > case["noise_N"]}
-        listed = {n for n in visible if n not in rig_cases.OUTSIDE}
-        usual = USUAL_REST * case["truth"]["friction_rms_N"]
-        clear = {n for n in visible if case["true_share"][n] * gap > usual}
-        false = {n for n in named - true if not ({r for f in given if f.name == n for r, v in f.rivals.items()
-                                                  if v > -c.apart} & true)}  # fmt: skip
-        count("false names (a name neither true nor tied with a true one), of all cases", bool(false))
-        count("strict false names, of all cases", bool(named - true))
-        if kind == "none":
-            count("none: false alarm", bool(named) or flagged)
-        if kind == "single" and listed:
-            for what in ("visible", *(("larger than a sound specimen's gap",) if clear else ())):
-                count(f"single, {what}: named", true <= named)
-                count(f"single, {what}: named or in the set", true <= named | apart)
-            if named:
-                count("single, visible: something named, a rest flagged beside it", flagged)
-            else:
-                count("single, visible: nothing named, called unknown", flagged)
-        if kind in ("pair", "triple"):
-            for n in listed:
-                count("pairs and triples: visible effect found", n in named)
-                count("pairs and triples: visible effect found or in a set", n in named | apart)
-                if n in clear:
-                    count("pairs and triples: effect larger than a sound specimen's gap found", n in named)
-        if kind == "known_beside_outside":
-            for n in listed:
-                count("known beside unknown: known named", n in named)
-                if n in clear:
-                    count("known beside unknown: known larger than a sound specimen's gap named", n in named)
-            if visible - listed:
-                count("known beside unknown: rest flagged", flagged)
-            if clear - listed:
-                count("known beside unknown: rest larger than a sound specimen's gap flagged", flagged)
-        if kind == "outside" and visible:
-            count("outside: flagged", flagged)
-            count("outside: something named", bool(named))
-        share = sets(case["share"]).get(frozenset(named), {})
-        gone = removed(sets(case["true_gap_N"]), frozenset(named & true))
-        for e in case["truth"]["effects"]:
-            if e["name"] in named:
-                if (own := case.get("named", {}).get(e["name"])) is not None:
-                    wide = Share(own["value"], own["low"], own["high"]).widened(c.law)
-                    for what, at in (
-                        ("true share", gone[e["name"]]),
-                        ("share on tests left out", own["left_out"]),
-                        ("share found on unseen tests", own["found"]),
-                    ):
-                        if np.isfinite(at):
-                            count(f"{what} in the 90 % interval", wide.low <= at <= wide.high)
-                count("share of a true cause within 10 points", abs(share[e["name"]] - gone[e["name"]]) <= 0.1)
-                made_by_it = case["true_share"][e["name"]]
-                count("the same against Shapley's value over all faults", abs(share[e["name"]] - made_by_it) <= 0.1)
-    return {k: (v[0], v[1]) for k, v in out.items()}
-
-
-def reliability(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> tuple[float, list[str]]:
-    """Calibration error of the probabilities that effects contribute and that the rest has a cause (mean distance of
-    stated and found in bins, weighted by their counts), and a line for each bin."""
-    stated, right = [], []
-    for case, c in zip(cases, constants):
-        p, _ = contributing(figures_of(case), c)
-        true = truths(case)
-        for name, value in p.items():
-            if name not in NO_CAUSE | OWN_FORM:
-                stated.append(value)
-                right.append(name in true)
-        stated.append(rest_has_cause(case, c))
-        right.append(rest_is_real(case, c))
-    x, y = np.array(stated), np.array(right, float)
-    bins = np.digitize(x, [0.1, 0.3, 0.5, 0.7, 0.9])
-    lines, error = [], 0.0
-    for k in np.unique(bins):
-        at = bins == k
-        error += float(at.mean() * abs(x[at].mean() - y[at].mean()))
-        lines.append(f"  stated {x[at].mean():.2f}: found {y[at].mean():.2f} ({int(y[at].sum())} of {int(at.sum())})")
-    return error, lines
 
 
 def left_out_in_turn(cases: Sequence[dict[str, Any]], folds: int) -> list[Calibration]:
