@@ -37,6 +37,8 @@ from bayes_iwan.gap.searching.found import OWN_FORM, Search
 #: share of the gap that an effect must remove to be named, and a cause in the base's own form, which always removes
 #: some
 LEAST_SHARE, LEAST_OWN_FORM = 0.02, 0.2
+#: share that it must remove on tests left out, of all of them or of each one's own gap on the mean
+HOLDS = 0.05
 #: an effect that changes along the record is named for less, if it removes this share of all that changes there: a
 #: large steady gap of another cause must not hide it
 LEAST_ALONG = 0.2
@@ -144,12 +146,14 @@ def _removing(
 
 
 def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
-    """Effects that probably contribute: the likeliest rival of each place where probably something does."""
+    """Effects that probably contribute: the likeliest rival of each place where probably something does, where it holds
+    on tests left out."""
     out = []
     for f in given:
         among = c.among(f)
         own = c.contributes(f) * among[f.name]
-        if f.name not in NO_CAUSE and own >= max(NAMED * max(among.values()), OWN_PROBABILITY):
+        holds = max(f.by_test, f.unseen) >= min(HOLDS, f.fitted)  # both are as fitted where no other test can judge it
+        if f.name not in NO_CAUSE and own >= max(NAMED * max(among.values()), OWN_PROBABILITY) and holds:
             out.append(f.name)
     return tuple(out)
 
@@ -176,7 +180,7 @@ def least_share(name: str, gap: float) -> float:
 def falls_short(name: str, share: float, along: float, gap: float) -> bool:
     """Does an effect make too little of the gap to be named? along : share that it removes of what changes along the
     record, 0 for a steady effect; gap : over the friction force."""
-    return share < least_share(name, gap) and (along < LEAST_ALONG or share < 0.0)
+    return share < least_share(name, gap) and (along < LEAST_ALONG or share < -LEAST_SHARE)
 
 
 def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
