@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 #: probability above which an effect that is not named is listed
 WORTH_LISTING = 0.02
+#: effects that are listed where one of many contributes
+LISTED = 6
 #: by so much the share of what changes along the record must be larger than that of the gap to be told beside it
 WORTH_TELLING = 0.1
 
@@ -115,12 +117,16 @@ def _found(d: Diagnosis) -> list[str]:
 
 
 def _one_of(d: Diagnosis) -> list[str]:
-    """Places that something fills, these tests cannot tell what."""
-    return [
-        f"One of {listed(x.names, 'or')} removes {_percent(x.share)} of the gap (together of probability "
-        f"{x.probability:.2f}); these tests cannot tell which."
-        for x in d.verdict.one_of
-    ]
+    """Places that something fills, these tests cannot tell what: the likeliest, and how many more."""
+    out = []
+    for x in d.verdict.one_of:
+        more = len(x.names) - LISTED
+        some = listed(x.names, "or") if more < 2 else f"{', '.join(map(title, x.names[:LISTED]))} or {more} others"
+        out.append(
+            f"One of {some} removes {_percent(x.share)} of the gap (together of probability {x.probability:.2f}); "
+            "these tests cannot tell which."
+        )
+    return out
 
 
 def _sentence(c: Cause, d: Diagnosis) -> str:
