@@ -38,7 +38,7 @@ from bayes_iwan.gap.searching.found import OWN_FORM, Search
 #: some
 LEAST_SHARE, LEAST_OWN_FORM = 0.02, 0.2
 #: share that it must remove on tests left out, of all of them or of each one's own gap on the mean
-HOLDS = 0.05
+HOLDS = 0.1
 #: an effect that changes along the record is named for less, if it removes this share of all that changes there: a
 #: large steady gap of another cause must not hide it
 LEAST_ALONG = 0.2
