@@ -15,6 +15,7 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.point import Point, laplace_scale, starting_population
+from bayes_iwan.physics import Model
 from bayes_iwan.physics.parameter import Z_LIMIT
 from bayes_iwan.sampling.branches import Optimum
 from bayes_iwan.sampling.checkpoint import read_checkpoint
@@ -178,7 +179,10 @@ def sampled(
     left; a checkpoint is gone on from by the way of sampling that wrote it."""
     began = time.monotonic()
     written = read_checkpoint(checkpoint, ())[0] if checkpoint is not None and checkpoint.exists() else None
-    for way, mark in ((independent_chains, INDEPENDENT), (manifold_chains, ON_MANIFOLD)):
+    ways = [(independent_chains, INDEPENDENT), (manifold_chains, ON_MANIFOLD)]
+    if written is None and isinstance(problem.model, Model) and problem.model.embedded:
+        ways = ways[1:]  # the bent form's independent proposals are worth a hundredth, and to find that takes minutes
+    for way, mark in ways:
         if s.method == "auto" and (written is None or mark.items() <= written.items()):
             left = replace(s, budget_s=max(s.budget_s - (time.monotonic() - began), 0.0))
             chains = way(problem, point, left, seed, checkpoint, origin, resume, progress)
