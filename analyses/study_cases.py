@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Share, contributing, left_unnamed, rest_without_name, shapley
-from bayes_iwan.gap.judging.calibration import USUAL_REST, Calibration, rest_figures
+from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.guards import Figures
 from bayes_iwan.gap.judging.verdict import falls_short, least_share, named_by
+from bayes_iwan.gap.searching.base import USUAL_GAP
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.rig import cases as rig_cases
 
@@ -83,7 +84,7 @@ def rest_is_real(case: dict[str, Any], c: Calibration) -> bool:
     """Does a true effect, listed or not, that these constants do not name make a part of the gap that can be seen: more
     than noise, and more than a sound specimen's own gap or with a line that no sound specimen has?"""
     gap, named = sets(case["gap_N"])[frozenset()], named_in(case, c)
-    usual = USUAL_REST * case["truth"]["friction_rms_N"]
+    usual = USUAL_GAP * case["truth"]["friction_rms_N"]
     least = max(case["noise_N"], usual if case["subharmonic"] < CLEAR_LINE else 0.0)
     return any(share * gap > least for n, share in case["true_share"].items() if n not in named)
 
@@ -105,7 +106,7 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         gap = sets(case["gap_N"])[frozenset()]
         visible = {n for n, share in case["true_share"].items() if share * gap > case["noise_N"]}
         listed = {n for n in visible if n not in rig_cases.OUTSIDE}
-        usual = USUAL_REST * case["truth"]["friction_rms_N"]
+        usual = USUAL_GAP * case["truth"]["friction_rms_N"]
         clear = {n for n in visible if case["true_share"][n] * gap > usual}
         false = {n for n in named - true if not ({r for f in given if f.name == n for r, v in f.rivals.items()
                                                   if v > -c.apart} & true)}  # fmt: skip

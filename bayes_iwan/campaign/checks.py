@@ -318,9 +318,7 @@ def rails(values: Array, n_cycles: int) -> tuple[Rail, ...]:
 
 def _rails(name: str, values: Array, n_cycles: int) -> list[str]:
     """A warning for each extreme on which a channel rests."""
-    wrong, unit = (
-        ("slip forces would be too small", "N") if name == "force" else ("the stroke would be too small", "mm")
-    )
+    wrong, unit = ("slip forces", "N") if name == "force" else ("the stroke", "mm")
     return [
         f"the {name} rests on its {rail.side} value {rail.level:.6g} {unit} for {rail.share:.1%} of the time: clipped? "
         f"As it is, {wrong} would be too small; raise the {name} range (lower the gain) and record again"

@@ -34,9 +34,8 @@ METHOD = {"method": "manifold"}
 _STAGE = "production"  # as ensembles name it, so that pages find the whole run
 _WALKERS = 8  # of each ensemble
 _TOGETHER = 16  # walkers on one thread
-_LEAST_TAUS = (
-    10.0  # autocorrelation times that each walker takes at least, all of an ensemble together as many as asked
-)
+#: autocorrelation times that each walker takes at least; all of an ensemble together take as many as are asked
+_LEAST_TAUS = 10.0
 _BLOCK = 25  # steps between two commits
 _WARM_UP = 4  # blocks before the held numbers are known, and again after that
 _ACCEPTANCE = 0.3  # what the angles are fitted to

@@ -86,6 +86,7 @@ def test_clipping_is_said(tmp_path, record, channel):
     (test,) = campaign(tmp_path, [clipped]).tests
     (said,) = (w for w in test.warnings if "clipped" in w)
     assert f"{channel} rests on its highest value {0.93 * values.max():.6g}" in said
+    assert said.count("too small") == 1 and "raise the" in said
     assert f"raise the {channel} range" in said
     assert not any("lowest" in w for w in test.warnings)
 

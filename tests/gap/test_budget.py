@@ -20,7 +20,7 @@ from bayes_iwan.gap.judging.calibration import (
 )
 from bayes_iwan.gap.judging.guards import Figures, borne_out, companion
 from bayes_iwan.gap.judging.verdict import LEAST_ALONG, _removing, falls_short, named_by, one_of
-from bayes_iwan.gap.searching.base import SOUND, gap_rms_N, newton_nats, quick_gap_N
+from bayes_iwan.gap.searching.base import USUAL_GAP, gap_rms_N, newton_nats, quick_gap_N
 from bayes_iwan.gap.telling.words import title
 
 
@@ -192,14 +192,14 @@ def test_a_gap_in_newtons_counts_by_its_logarithm_down_to_a_sound_specimens(kit)
     level = float(np.sqrt(np.mean(data.level_N**2)))
     half = newton_nats(data, 0.5 * level) - newton_nats(data, level)
     assert half == pytest.approx(data.tests * np.log(4.0), rel=1e-3)  # as one complex number of each test would
-    assert newton_nats(data, 0.0) - newton_nats(data, SOUND * level) == pytest.approx(data.tests * np.log(2.0))
+    assert newton_nats(data, 0.0) - newton_nats(data, USUAL_GAP * level) == pytest.approx(data.tests * np.log(2.0))
 
 
 def test_the_quick_gap_is_nearly_that_of_a_whole_refit(kit):
     found = kit.diagnosed("viscous_damping", "held out").search
     for names in (frozenset(), frozenset({"viscous_damping"})):
         fit = found.fits[names]
-        floor = SOUND * float(np.sqrt(np.mean(found.data.level_N**2)))
+        floor = USUAL_GAP * float(np.sqrt(np.mean(found.data.level_N**2)))
         assert quick_gap_N(found.data, fit) == pytest.approx(gap_rms_N(found.data, fit), rel=0.1, abs=0.1 * floor)
 
 

@@ -18,12 +18,11 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
 from bayes_iwan.gap.judging.guards import Figures
+from bayes_iwan.gap.searching.base import USUAL_GAP
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
 #: nats up to which evidence counts in full; beyond, by its logarithm
 LINEAR_NATS = 30.0
-#: share of the friction force that what is left is compared with: a sound specimen's usual gap
-USUAL_REST = 0.004
 #: no answer claims more
 SUREST = 0.99
 #: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
@@ -80,7 +79,7 @@ def effect_figures(f: Figures) -> Array:
 def rest_figures(left: float, subharmonic: float) -> Array:
     """(2,) figures of the rest: the gap left beside all named causes as a share of the friction force, and the power of
     a line at half the test frequency over its background."""
-    return np.array([np.log(max(left, 1e-5) / USUAL_REST), np.log1p(max(subharmonic - 5.0, 0.0))])
+    return np.array([np.log(max(left, 1e-5) / USUAL_GAP), np.log1p(max(subharmonic - 5.0, 0.0))])
 
 
 def logistic(x: float) -> float:

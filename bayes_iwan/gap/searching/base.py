@@ -20,9 +20,10 @@ DRAWS = 100
 LEAST_OF_FRICTION = 0.001
 #: iterations behind a quick gap
 QUICK_STEPS = 6
-#: nats of the logarithm of the gap in newtons, for each test, and the share of the friction force below which a smaller
-#: gap is worth no more: so much a sound specimen differs
-NEWTON_NATS, SOUND = 2.0, 0.004
+#: nats of the logarithm of the gap in newtons, for each test
+NEWTON_NATS = 2.0
+#: a sound specimen's usual gap over the friction force: a smaller gap is worth no more
+USUAL_GAP = 0.004
 
 
 def fit_base(
@@ -51,7 +52,7 @@ def quick_gap_N(data: GapData, fit: Fit) -> float:
 
 def sound_gap_N(data: GapData) -> float:
     """By so much a sound specimen differs from the model, RMS, N."""
-    return SOUND * float(np.sqrt(np.mean(data.level_N**2)))
+    return USUAL_GAP * float(np.sqrt(np.mean(data.level_N**2)))
 
 
 def newton_nats(data: GapData, gap_N: float) -> float:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 
@@ -47,6 +48,51 @@ def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Arr
     return names, parameter_values if names else None
 
 
+class _Asked(TypedDict):
+    """What every way of sampling is asked alike."""
+
+    names: tuple[str, ...]
+    seed: int
+    quantities: Callable[[Array], Array] | None
+    quantity_names: tuple[str, ...]
+    checkpoint: Path | None
+    fingerprint: dict[str, str]
+    resume: bool
+    budget_s: float | None
+    max_steps: int
+    target_r_hat: float
+    target_ess: float
+    chain_taus: float
+    progress: bool
+
+
+def _asked(
+    problem: Problem,
+    s: SamplingSettings,
+    seed: int,
+    checkpoint: Path | None,
+    origin: Mapping[str, str],
+    resume: bool,
+    progress: bool,
+) -> _Asked:
+    names, parameter_values = _unsampled(problem)
+    return _Asked(
+        names=tuple(problem.names),
+        seed=seed,
+        quantities=parameter_values,
+        quantity_names=names,
+        checkpoint=checkpoint,
+        fingerprint=problem.fingerprint() | dict(origin) | {"seed": str(seed)},
+        resume=resume,
+        budget_s=s.budget_s,
+        max_steps=s.max_steps,
+        target_r_hat=s.r_hat,
+        target_ess=s.ess,
+        chain_taus=s.taus,
+        progress=progress,
+    )
+
+
 def independent_chains(
     problem: Problem,
     point: Point,
@@ -68,27 +114,14 @@ def independent_chains(
     def residuals(z: Array) -> Array:
         return coarse.residual(z).reshape(len(z), -1)
 
-    names, parameter_values = _unsampled(problem)
     return sample_independently(
         residuals,
         problem.log_prob_of_noise,
         optima,
         held,
         limit=0.95 * Z_LIMIT,
-        names=problem.names,
-        seed=seed,
-        quantities=parameter_values,
-        quantity_names=names,
-        checkpoint=checkpoint,
-        fingerprint=problem.fingerprint() | dict(origin),
-        resume=resume,
         n_chains=s.ensembles,
-        budget_s=s.budget_s,
-        max_steps=s.max_steps,
-        target_r_hat=s.r_hat,
-        target_ess=s.ess,
-        chain_taus=s.taus,
-        progress=progress,
+        **_asked(problem, s, seed, checkpoint, origin, resume, progress),
     )
 
 
@@ -105,7 +138,6 @@ def manifold_chains(
     """Chains along the posterior's manifold, from the maxima that were found; None where they do not move."""
     held = problem.noise_columns
     root = laplace_scale(problem, point.optima[0])
-    names, parameter_values = _unsampled(problem)
     return sample_on_manifold(
         lambda z: problem.rows(z)[:, : -problem.ndim],
         problem.log_prob_of_noise,
@@ -114,20 +146,8 @@ def manifold_chains(
         held,
         np.asarray(np.linalg.cholesky((root @ root.T)[np.ix_(held, held)])),
         limit=Z_LIMIT,
-        names=problem.names,
-        seed=seed,
-        quantities=parameter_values,
-        quantity_names=names,
-        checkpoint=checkpoint,
-        fingerprint=problem.fingerprint() | dict(origin),
-        resume=resume,
         n_ensembles=s.ensembles,
-        budget_s=s.budget_s,
-        max_steps=s.max_steps,
-        target_r_hat=s.r_hat,
-        target_ess=s.ess,
-        chain_taus=s.taus,
-        progress=progress,
+        **_asked(problem, s, seed, checkpoint, origin, resume, progress),
     )
 
 
@@ -143,25 +163,12 @@ def ensemble_chains(
 ) -> Chains:
     """Ensembles of walkers, started from fits to shifted data."""
     walkers = max(s.walkers, enough_walkers(problem.ndim))
-    names, parameter_values = _unsampled(problem)
     return sample(
         problem.log_prob,
         starting_population(problem, point, seed, CROWD * len(POWERS) * s.ensembles * walkers),
-        names=problem.names,
-        seed=seed,
-        quantities=parameter_values,
-        quantity_names=names,
-        checkpoint=checkpoint,
-        fingerprint=problem.fingerprint() | dict(origin) | {"seed": str(seed)},
         n_ensembles=s.ensembles,
         n_walkers=walkers,
-        budget_s=s.budget_s,
-        max_steps=s.max_steps,
-        target_r_hat=s.r_hat,
-        target_ess=s.ess,
-        chain_taus=s.taus,
-        progress=progress,
-        resume=resume,
+        **_asked(problem, s, seed, checkpoint, origin, resume, progress),
     )
 
 
