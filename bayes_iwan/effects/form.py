@@ -7,6 +7,7 @@ coefficients vanish together. They are named candidates: "the slip forces are no
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -27,11 +28,12 @@ class _Series(Effect):
     def first_guess(self) -> float:
         return 0.2
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
+        priors = [stats.norm(scale=self.typical * self.decay**i) for i in range(len(self.terms))]
         return tuple(
-            Parameter(f"{self.name}.{n}", symbol, "-", text, stats.norm(scale=self.typical * self.decay**i), -3.0, 3.0)
-            for i, (n, symbol, text) in enumerate(self.terms)
+            Parameter(f"{self.name}.{n}", symbol, "-", text, prior, -3.0, 3.0, owner=self.name)
+            for (n, symbol, text), prior in zip(self.terms, priors)
         )
 
     def coefficients(self, parameter_values: ParameterValues) -> Array:

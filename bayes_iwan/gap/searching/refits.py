@@ -39,34 +39,51 @@ class _Common:
     own_files: UserFiles
     data: GapData
     base: Problem
+    effects: tuple[Effect, ...]
 
 
 @dataclass(frozen=True)
 class _Piece:
-    """A refit as it travels: its problem is the base with these effects."""
+    """A refit as it travels: its problem is the base with the effects at these places of all."""
 
-    effects: tuple[Effect, ...]
+    effects: tuple[int, ...]
     starts: Array
     draws: Array
     iterations: int
 
 
 class Refits:
-    """Refits of models that extend `base`; effects : all that may be in them."""
+    """Refits of models that extend `base`; effects : all that may be in them. None is made twice: rounds of exchanges
+    ask again for what the last one tried."""
 
     def __init__(self, executor: Executor | None, data: GapData, base: Problem, effects: Sequence[Effect]) -> None:
-        self._rounds = Rounds(executor, _Common(UserFiles.of((base.model, *effects)), data, base))
+        self._effects = tuple(effects)
+        self._place = {id(e): i for i, e in enumerate(self._effects)}
+        self._rounds = Rounds(executor, _Common(UserFiles.of((base.model, *effects)), data, base, self._effects))
+        self._made: dict[tuple[object, ...], Fit | None] = {}
 
     def __call__(self, some: Sequence[Refit]) -> Iterator[Fit | None]:
         """The fits in their order, None where a model has no finite force; the same bits wherever they are made."""
-        pieces = [_Piece(effects_of(x.problem), x.starts, x.draws, x.iterations) for x in some]
-        for one, found in zip(some, self._rounds.results(pieces, _refitted)):
-            yield None if found is None else Fit(one.problem, *found)
+        keys = [self._key(x) for x in some]
+        new = {key: x for key, x in zip(keys, some) if key not in self._made}
+        pieces = [_Piece(self._places(x), x.starts, x.draws, x.iterations) for x in new.values()]
+        found = zip(new.items(), self._rounds.results(pieces, _refitted))
+        for key in keys:
+            if key not in self._made:
+                (made, one), parts = next(found)
+                self._made[made] = None if parts is None else Fit(one.problem, *parts)
+            yield self._made[key]
+
+    def _places(self, one: Refit) -> tuple[int, ...]:
+        return tuple(self._place[id(e)] for e in effects_of(one.problem))
+
+    def _key(self, one: Refit) -> tuple[object, ...]:
+        return self._places(one), one.starts.tobytes(), one.draws.tobytes(), one.iterations
 
 
 def _refitted(common: _Common, piece: _Piece) -> tuple[Any, ...] | None:
     """A fit's fields but the first, the problem, which is there already where the fit goes."""
-    problem, starts = extended(common.base, piece.effects), piece.starts
+    problem, starts = extended(common.base, [common.effects[i] for i in piece.effects]), piece.starts
     if len(piece.draws):
         starts = np.concatenate([starts, cheapest(common.data, problem, piece.draws, len(starts))])
     try:

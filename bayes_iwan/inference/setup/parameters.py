@@ -17,7 +17,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.setup.settings import ParameterChange, PriorChoice
-from bayes_iwan.physics.parameter import Z_LIMIT, Distribution, Parameter, ParameterError
+from bayes_iwan.physics.parameter import Z_LIMIT, Distribution, Parameter, ParameterError, Together
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,14 @@ class Prior:
         """Names of the free parameters, in the order of z's columns."""
         return tuple(p.name for p in self.free)
 
+    @cached_property
+    def _together(self) -> Together:
+        return Together(self.free)
+
     def values(self, z: Array) -> dict[str, Array]:
         """Every parameter's value (draws,) by name, fixed and tied ones included; z (draws, free)."""
         z = np.clip(np.atleast_2d(z), -Z_LIMIT, Z_LIMIT)
-        out = {p.name: p.value_within(z[:, i]) for i, p in enumerate(self.free)}
+        out = dict(zip(self.names, self._together.values_within(z)))
         for p in self.parameters:
             if p.fixed is not None:
                 out[p.name] = np.full(len(z), p.fixed)
