@@ -10,9 +10,11 @@ in spawned ones and on a Dask cluster. What all pieces need travels once to each
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,10 +26,9 @@ from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
 import numba as nb
-from threadpoolctl import threadpool_limits
 from tqdm.auto import tqdm
 
-from bayes_iwan.threads import alongside
+from bayes_iwan.threads import alongside, linear_algebra
 
 Shared = TypeVar("Shared")
 Piece = TypeVar("Piece")
@@ -59,18 +60,22 @@ def serial() -> Iterator[None]:
     threads = nb.get_num_threads()
     nb.set_num_threads(1)
     try:
-        with threadpool_limits(limits=1):
+        with linear_algebra().limit(limits=1):
             yield
     finally:
         nb.set_num_threads(threads)
 
 
 @contextmanager
-def opened(workers: int = 1, dask: str | None = None) -> Iterator[Executor | None]:
+def opened(
+    workers: int = 1, dask: str | None = None, along: bool = False, needs: Sequence[str] = ()
+) -> Iterator[Executor | None]:
     """An executor: None (this process) for one worker, spawned processes for more, or a Dask cluster's workers.
 
-    dask : address of a scheduler, `tcp://host:port`; its workers need this package and see the same folders. Leaving
-    the block by an exception, Ctrl-C among them, ends the processes at once and takes back what a cluster has not done.
+    along : this process is one of the workers, for it takes its share (:class:`Rounds`); needs : modules that spawned
+    processes import as they start, while this one prepares their first pieces. dask : address of a scheduler,
+    `tcp://host:port`; its workers need this package and see the same folders. Leaving the block by an exception, Ctrl-C
+    among them, ends the processes at once and takes back what a cluster has not done.
     Raises ExecutorError for less than one worker, for both at once and for a cluster that does not answer.
     """
     if workers < 1:
@@ -83,7 +88,7 @@ def opened(workers: int = 1, dask: str | None = None) -> Iterator[Executor | Non
     elif workers == 1:
         yield None
     else:
-        with Processes(workers) as processes:
+        with Processes(workers - along, needs) as processes:
             yield processes
 
 
@@ -157,7 +162,10 @@ def finished(
 
 
 class Rounds(Generic[Shared]):
-    """Rounds of pieces that share one thing, which travels once to each process and not with every round."""
+    """Rounds of pieces that share one thing, which travels once to each process and not with every round.
+
+    This process takes its share of the pieces beside spawned ones, which begin at the other end of a round.
+    """
 
     def __init__(self, executor: Executor | None, shared: Shared) -> None:
         self._executor, self._shared = executor, shared
@@ -167,18 +175,49 @@ class Rounds(Generic[Shared]):
         """work(shared, piece) of each piece, in their order; a single one stays in this process, and all of them do
         where there is no executor, shared out over its threads.
 
-        What a piece raises here is raised. Raises ExecutorError where one failed elsewhere.
+        What a piece raises here is raised, where there is no executor. Raises ExecutorError where one failed else.
         """
         if self._executor is None or len(pieces) < 2:
             yield from alongside(partial(work, self._shared), pieces)
             return
         numbered = dict(enumerate(pieces))
-        done = dict(_elsewhere(self._executor, numbered, work, self._shared, self._there))
+        if isinstance(self._executor, Processes):
+            done = self._with_this_one(self._executor, numbered, work)
+        else:
+            done = dict(_elsewhere(self._executor, numbered, work, self._shared, self._there))
         for i in numbered:
             found = done[i]
             if isinstance(found, Failure):
-                raise ExecutorError(f"a piece of the work failed in another process ({found}); leave --workers away")
+                raise ExecutorError(f"a piece of the work failed ({found}); --workers 1 shows where")
             yield found
+
+    def _with_this_one(
+        self, executor: Processes, pieces: Mapping[int, Piece], work: Callable[[Shared, Piece], Result]
+    ) -> dict[int, Result | Failure]:
+        """Results of pieces, those that no process has begun taken by this one, the last first."""
+        waiting = {i: executor.submit(_piece, self._there, work, piece) for i, piece in pieces.items()}
+        done: dict[int, Result | Failure] = {}
+        try:
+            with _handing_on():
+                for i in reversed(waiting):
+                    if waiting[i].cancel():
+                        done[i] = _piece(self._shared, work, pieces[i])
+            return {i: done[i] if i in done else _result(future) for i, future in waiting.items()}
+        finally:  # whoever asked has gone: do not start the rest
+            for future in waiting.values():
+                future.cancel()
+
+
+@contextmanager
+def _handing_on() -> Iterator[None]:
+    """While this process works along, the threads that feed the others get their turn at once: each would wait for
+    five milliseconds several times a piece."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-4)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
 
 
 def _elsewhere(
@@ -253,8 +292,8 @@ def _receive(key: int, value: Any) -> None:
     _here[key] = value
 
 
-def _begin(alive: Connection) -> None:
-    """In a new process: leave Ctrl-C to the parent, and end with it however it ends."""
+def _begin(alive: Connection, needs: Sequence[str]) -> None:
+    """In a new process: leave Ctrl-C to the parent, end with it however it ends, and import what is needed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
@@ -264,6 +303,8 @@ def _begin(alive: Connection) -> None:
             os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+    for name in needs:
+        importlib.import_module(name)
 
 
 def _ready() -> None:
@@ -284,8 +325,9 @@ class Processes(ThreadPoolExecutor):
     process would kill forked ones.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, needs: Sequence[str] = ()) -> None:
         super().__init__(count, thread_name_prefix="processes")
+        self._needs = tuple(needs)
         self._context = multiprocessing.get_context("spawn")
         self._read, self._write = self._context.Pipe(duplex=False)
         self._slot = _Slot()
@@ -313,7 +355,7 @@ class Processes(ThreadPoolExecutor):
     def _try(self, fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
         slot = self._slot
         if slot.pool is None:
-            slot.pool = ProcessPoolExecutor(1, self._context, initializer=_begin, initargs=(self._read,))
+            slot.pool = ProcessPoolExecutor(1, self._context, initializer=_begin, initargs=(self._read, self._needs))
             slot.key = None
             self._pools.append(slot.pool)
         try:

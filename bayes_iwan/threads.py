@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import TypeVar
 
 import numba as nb
@@ -64,11 +65,15 @@ def side_by_side(work: Callable[[slice], Result], rows: int, size: int) -> Seque
     return list(_side_by_side(threads, os.getpid()).map(work, parts))
 
 
-@cache
-def _linear_algebra() -> ThreadpoolController:
-    """The libraries' own threads. To look for the libraries takes ten milliseconds, longer than much of the work; all
-    of them are loaded by the time that anything is done side by side."""
+@lru_cache(maxsize=1)
+def _libraries(modules: int) -> ThreadpoolController:
     return ThreadpoolController()
+
+
+def linear_algebra() -> ThreadpoolController:
+    """The libraries' own threads. To look for the libraries takes ten milliseconds, longer than much of the work, so
+    they are looked for again only where modules have been imported since."""
+    return _libraries(len(sys.modules))
 
 
 def alongside(work: Callable[[Piece], Result], pieces: Sequence[Piece]) -> Iterator[Result]:
@@ -77,7 +82,7 @@ def alongside(work: Callable[[Piece], Result], pieces: Sequence[Piece]) -> Itera
     Each works on one thread, and its linear algebra too, so results are the same to the bit however many there are.
     """
     threads = nb.get_num_threads()
-    with _linear_algebra().limit(limits=1):
+    with linear_algebra().limit(limits=1):
         if threads > 1 and len(pieces) > 1:
             yield from _side_by_side(threads, os.getpid()).map(work, pieces)
         else:

@@ -159,8 +159,9 @@ def test_data_go_once_to_each_process_for_all_rounds(where, request, tmp_path):
     rounds = executors.Rounds(request.getfixturevalue(where), Heavy(tmp_path))
     pids = [pid for _ in range(3) for pid in rounds.results(range(4), own_process)]
     unpacked = [int(x) for x in (tmp_path / "unpacked").read_text().split()]
-    assert set(pids) <= set(unpacked) and os.getpid() not in pids
-    assert len(unpacked) == len(set(unpacked)) <= 2
+    taken_here = {os.getpid()} if where == "processes" else set()
+    assert taken_here <= set(pids) <= {*unpacked, *taken_here}, "this process takes its share beside spawned ones"
+    assert len(unpacked) == len(set(unpacked)) <= 2 and os.getpid() not in unpacked
     (alone,) = rounds.results([0], own_process)
     assert alone == os.getpid(), "one piece is not worth the way"
 
@@ -212,6 +213,8 @@ def test_what_cannot_be_had_is_refused_in_one_line():
     with pytest.raises(ExecutorError, match="at least one"):
         with executors.opened(0):
             pass
+    with executors.opened(1, along=True) as executor:
+        assert executor is None
     with pytest.raises(ExecutorError, match="not both"):
         with executors.opened(2, "tcp://127.0.0.1:1"):
             pass

@@ -57,15 +57,16 @@ def seed(text: str) -> int:
 
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
 OUT = argument("--out", metavar="DIR", required=True, help="folder for the results; made if need be")
+DASK = argument(
+    "--dask",
+    metavar="ADDRESS",
+    help="work on a Dask cluster whose scheduler is at ADDRESS (tcp://host:port) and whose workers see the same "
+    "folders; needs bayes-iwan[dask]",
+)
 #: where pieces of work run; :func:`executor_of` opens what they say
 ELSEWHERE = (
     argument("--workers", metavar="N", type=int, default=1, help="processes, one core each (default: 1)"),
-    argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="work on a Dask cluster whose scheduler is at ADDRESS (tcp://host:port) and whose workers see the same "
-        "folders; needs bayes-iwan[dask]",
-    ),
+    DASK,
 )
 SIMULATOR = argument(
     "--simulator",

@@ -7,15 +7,17 @@ import argparse
 from bayes_iwan.cli.command import (
     CAMPAIGN,
     CONFIG,
-    ELSEWHERE,
+    DASK,
     OUT,
     SEED,
     SIMULATOR,
     argument,
     command,
-    executor_of,
     say,
 )
+
+#: processes that work on one diagnosis where nobody says how many: rounds of refits have few pieces
+WORKERS_MOST = 4
 
 
 @command(
@@ -34,12 +36,25 @@ from bayes_iwan.cli.command import (
     argument("--effects", metavar="FILE", help="Python file with effects of your own; its code is run"),
     SIMULATOR,
     argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
-    *ELSEWHERE,
+    argument(
+        "--workers",
+        metavar="N",
+        type=int,
+        help=f"processes, one core each (default: as many as there are cores, {WORKERS_MOST} at most)",
+    ),
+    DASK,
 )
 def run_diagnose(args: argparse.Namespace) -> None:
-    from bayes_iwan.report.diagnosis.files import diagnose_campaign
+    import numba
 
-    with executor_of(args) as executor:
+    from bayes_iwan.executors import opened
+
+    workers = args.workers
+    if workers is None:
+        workers = 1 if args.dask else min(numba.get_num_threads(), WORKERS_MOST)
+    with opened(workers, args.dask, along=True, needs=("bayes_iwan.gap.diagnosis",)) as executor:
+        from bayes_iwan.report.diagnosis.files import diagnose_campaign  # while the processes start
+
         answer = diagnose_campaign(
             args.campaign,
             args.out,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -49,13 +49,18 @@ class Candidate:
 
 
 def candidates(
-    data: GapData, smaller: Fit, effects: Mapping[str, tuple[Effect, ...]], newtons: bool = True
+    data: GapData,
+    smaller: Fit,
+    effects: Mapping[str, tuple[Effect, ...]],
+    newtons: bool = True,
+    each: Callable[[Fit, Sequence[Effect], bool], Iterable[Candidate]] | None = None,
 ) -> list[Candidate]:
     """All effects (each law) that the records allow on top of a smaller fit, the most promising first; newtons : say
-    what each would remove there, too."""
-    of_one = partial(_candidate, data, smaller, newtons)
+    what each would remove there, too. each : asks :func:`candidate` of several effects (default: here)."""
     tried = [e for some in effects.values() for e in some if e.possible(data)]
-    return sorted(alongside(of_one, tried), key=lambda c: -c.gain)
+    if each is None:
+        return sorted(alongside(partial(candidate, data, smaller, newtons), tried), key=lambda c: -c.gain)
+    return sorted(each(smaller, tried, newtons), key=lambda c: -c.gain)
 
 
 def leading(some: Sequence[Candidate]) -> list[Candidate]:
@@ -78,10 +83,16 @@ def removing(some: Sequence[Candidate]) -> frozenset[str]:
     return frozenset(ranked[:REMOVING_MOST])
 
 
-def _candidate(data: GapData, smaller: Fit, newtons: bool, effect: Effect) -> Candidate:
+def on_top(smaller: Fit, effect: Effect) -> Problem:
+    """The problem of a fit with one effect more."""
+    return extended(smaller.problem, ordered((*smaller.effects, effect)))
+
+
+def candidate(data: GapData, smaller: Fit, newtons: bool, effect: Effect) -> Candidate:
+    """One effect on top of a smaller fit; newtons : say what it would remove there, too."""
     optima = np.concatenate([smaller.z[None], smaller.optima[1:2]])
     at = replace(smaller.size, share=max(smaller.size.share, LEAST_SHARE), along=max(smaller.size.along, FIRST.along))
-    problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
+    problem = on_top(smaller, effect)
     rows = Rows(data, problem)
     points = start_points(effect, problem, optima, smaller.problem.names)
     with np.errstate(all="ignore"):
@@ -103,7 +114,7 @@ def failing(data: GapData, smaller: Fit, effect: Effect) -> str:
         return "its strength could not be calibrated: no strength gives a finite change of the force"
     if not effect.possible(data):
         return ""
-    problem = extended(smaller.problem, ordered((*smaller.effects, effect)))
+    problem = on_top(smaller, effect)
     z = np.zeros((1, problem.ndim))
     z[0, [problem.names.index(n) for n in smaller.problem.names]] = smaller.z
     with np.errstate(all="ignore"):

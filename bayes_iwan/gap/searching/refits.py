@@ -1,11 +1,12 @@
-"""Refits of one campaign's models, here or side by side in other processes, to which the data travel once."""
+"""Refits of one campaign's models and what is asked of a fitted one, here or side by side in other processes, to which
+the data travel once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,12 +15,16 @@ from bayes_iwan.effects.base import Effect, effects_of
 from bayes_iwan.executors import Rounds
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, FitError, extended, fit_model
-from bayes_iwan.gap.searching.candidates import cheapest
+from bayes_iwan.gap.searching.candidates import Candidate, candidate, cheapest, on_top
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.user_file import UserFiles
 
 #: most steps of a refit; nearly all have arrived before
 ITERATIONS = 25
+#: effects that are tried in one piece of work: the fit beneath travels with each
+TOGETHER = 4
+
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
@@ -34,12 +39,16 @@ class Refit:
 
 @dataclass(frozen=True)
 class _Common:
-    """What all refits share. own_files comes first, since the base may be of a user's own class."""
+    """What all pieces of work share. own_files comes first, since the base may be of a user's own class."""
 
     own_files: UserFiles
     data: GapData
     base: Problem
     effects: tuple[Effect, ...]
+
+    def problem(self, places: Sequence[int]) -> Problem:
+        """The base with the effects at these places of all."""
+        return extended(self.base, [self.effects[i] for i in places])
 
 
 @dataclass(frozen=True)
@@ -52,21 +61,36 @@ class _Piece:
     iterations: int
 
 
+@dataclass(frozen=True)
+class _Fitted:
+    """A fit as it travels, without its problem, and what is asked of it: work(data, fit), or candidates on top of it
+    (the effects at the places `tried`)."""
+
+    effects: tuple[int, ...]
+    parts: tuple[Any, ...]
+    work: Callable[[GapData, Fit], Any] | None = None
+    tried: tuple[int, ...] = ()
+    newtons: bool = False
+
+    def fit(self, common: _Common) -> Fit:
+        return Fit(common.problem(self.effects), *self.parts)
+
+
 class Refits:
     """Refits of models that extend `base`; effects : all that may be in them. None is made twice: rounds of exchanges
     ask again for what the last one tried."""
 
     def __init__(self, executor: Executor | None, data: GapData, base: Problem, effects: Sequence[Effect]) -> None:
-        self._effects = tuple(effects)
-        self._place = {id(e): i for i, e in enumerate(self._effects)}
-        self._rounds = Rounds(executor, _Common(UserFiles.of((base.model, *effects)), data, base, self._effects))
+        self._common = _Common(UserFiles.of((base.model, *effects)), data, base, tuple(effects))
+        self._place = {id(e): i for i, e in enumerate(self._common.effects)}
+        self._rounds = Rounds(executor, self._common)
         self._made: dict[tuple[object, ...], Fit | None] = {}
 
     def __call__(self, some: Sequence[Refit]) -> Iterator[Fit | None]:
         """The fits in their order, None where a model has no finite force; the same bits wherever they are made."""
         keys = [self._key(x) for x in some]
         new = {key: x for key, x in zip(keys, some) if key not in self._made}
-        pieces = [_Piece(self._places(x), x.starts, x.draws, x.iterations) for x in new.values()]
+        pieces = [_Piece(self._places(x.problem), x.starts, x.draws, x.iterations) for x in new.values()]
         found = zip(new.items(), self._rounds.results(pieces, _refitted))
         for key in keys:
             if key not in self._made:
@@ -74,20 +98,48 @@ class Refits:
                 self._made[made] = None if parts is None else Fit(one.problem, *parts)
             yield self._made[key]
 
-    def _places(self, one: Refit) -> tuple[int, ...]:
-        return tuple(self._place[id(e)] for e in effects_of(one.problem))
+    def asked(self, work: Callable[[GapData, Fit], Answer], fits: Sequence[Fit]) -> list[Answer]:
+        """work(data, fit) of every fit; work is a function of a module."""
+        pieces = [_Fitted(self._places(f.problem), _parts(f), work) for f in fits]
+        return list(self._rounds.results(pieces, _asked))
+
+    def candidates(self, smaller: Fit, tried: Sequence[Effect], newtons: bool) -> list[Candidate]:
+        """See :func:`.candidates.candidate`, of each of these effects on top of a fit."""
+        places, parts = [self._place[id(e)] for e in tried], _parts(smaller)
+        some = [tuple(places[i : i + TOGETHER]) for i in range(0, len(places), TOGETHER)]
+        pieces = [_Fitted(self._places(smaller.problem), parts, None, x, newtons) for x in some]
+        told = [x for several in self._rounds.results(pieces, _promised) for x in several]
+        return [Candidate(e, on_top(smaller, e), *x) for e, x in zip(tried, told)]
+
+    def _places(self, problem: Problem) -> tuple[int, ...]:
+        return tuple(self._place[id(e)] for e in effects_of(problem))
 
     def _key(self, one: Refit) -> tuple[object, ...]:
-        return self._places(one), one.starts.tobytes(), one.draws.tobytes(), one.iterations
+        return self._places(one.problem), one.starts.tobytes(), one.draws.tobytes(), one.iterations
+
+
+def _parts(fit: Fit) -> tuple[Any, ...]:
+    """A fit's fields but the first, the problem, which is there already where the fit goes."""
+    return tuple(getattr(fit, f.name) for f in fields(Fit)[1:])
 
 
 def _refitted(common: _Common, piece: _Piece) -> tuple[Any, ...] | None:
-    """A fit's fields but the first, the problem, which is there already where the fit goes."""
-    problem, starts = extended(common.base, [common.effects[i] for i in piece.effects]), piece.starts
+    problem, starts = common.problem(piece.effects), piece.starts
     if len(piece.draws):
         starts = np.concatenate([starts, cheapest(common.data, problem, piece.draws, len(starts))])
     try:
-        fit = fit_model(common.data, problem, starts, piece.iterations)
+        return _parts(fit_model(common.data, problem, starts, piece.iterations))
     except FitError:
         return None
-    return tuple(getattr(fit, f.name) for f in fields(Fit)[1:])
+
+
+def _asked(common: _Common, piece: _Fitted) -> Any:
+    assert piece.work is not None
+    return piece.work(common.data, piece.fit(common))
+
+
+def _promised(common: _Common, piece: _Fitted) -> list[tuple[Array, float, float]]:
+    """Starts, gain and what it removes of each effect tried."""
+    smaller = piece.fit(common)
+    found = [candidate(common.data, smaller, piece.newtons, common.effects[i]) for i in piece.tried]
+    return [(x.starts, x.gain, x.removes) for x in found]

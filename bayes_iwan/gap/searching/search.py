@@ -156,7 +156,7 @@ class _Explorer:
         at = (smaller.names, smaller.log_evidence, last)
         if at not in self._offers:
             large = self.gap_N(smaller) > sound_gap_N(self.data)
-            self._offers[at] = leading(candidates(self.data, smaller, on_offer, large))
+            self._offers[at] = leading(candidates(self.data, smaller, on_offer, large, self.refits.candidates))
         return self._offers[at]
 
     def singles(self) -> None:
@@ -186,12 +186,22 @@ class _Explorer:
         if known is not None and tried in self._left:
             return known
         self._left.add(tried)
+        less = self._less(fit, name)
+        found = self.keep(less.problem, less.starts)
+        return found if found is not None else self.fits[frozenset()]
+
+    def without_each(self, fit: Fit) -> dict[str, Fit]:
+        """The same of every effect of a set, side by side."""
+        names = sorted(fit.names)
+        list(self.refits([self._less(fit, n) for n in names if (fit.names, n, fit.log_evidence) not in self._left]))
+        return {n: self.without(fit, n) for n in names}
+
+    def _less(self, fit: Fit, name: str) -> Refit:
         problem = extended(fit.problem, [e for e in fit.effects if e.name != name])
-        starts = [_part(fit, problem)]
+        starts, known = [_part(fit, problem)], self.fits.get(fit.names - {name})
         if known is not None and known.problem.names == problem.names:
             starts.append(known.z)
-        found = self.keep(problem, np.array(starts))
-        return found if found is not None else self.fits[frozenset()]
+        return Refit(problem, np.array(starts), np.zeros((0, problem.ndim)))
 
     def grow(self, current: Fit, last: bool = False) -> Fit | None:
         """The best fit with one effect more, of LAST or of all others, if it is worth it."""
@@ -217,11 +227,14 @@ class _Explorer:
         return best if self.worth(best) > self.worth(current) + least else None
 
     def worth(self, fit: Fit) -> float:
-        """ln evidence, and what the gap that is left is worth in newtons; once for each fit."""
-        at = (fit.names, fit.log_evidence)
-        if at not in self._worth:
-            self._worth[at] = fit.log_evidence + newton_nats(self.data, quick_gap_N(self.data, fit))
-        return self._worth[at]
+        return self.worths([fit])[0]
+
+    def worths(self, fits: Sequence[Fit]) -> list[float]:
+        """ln evidence, and what the gap that is left is worth in newtons; once for each fit, several side by side."""
+        new = {(f.names, f.log_evidence): f for f in fits if (f.names, f.log_evidence) not in self._worth}
+        for (at, fit), gap_N in zip(new.items(), self.refits.asked(quick_gap_N, list(new.values()))):
+            self._worth[at] = fit.log_evidence + newton_nats(self.data, gap_N)
+        return [self._worth[f.names, f.log_evidence] for f in fits]
 
     def within_reach(self, fits: Sequence[Fit]) -> list[Fit]:
         """Of these fits those that may be worth most: no other gap can make up for more evidence."""
@@ -232,6 +245,7 @@ class _Explorer:
         """The best of fits with one effect beside those shared; among look-alikes that are all but tied, in newtons
         too, the one that the catalogue lists first, which is the simpler story."""
         near = self.within_reach(fits)
+        self.worths(near)
         best = max(near, key=self.worth)
         (name,) = best.names - shared
         tied = [
@@ -282,25 +296,27 @@ class _Explorer:
         story of two that look alike and are all but tied."""
         same_size = [f for k, f in self.fits.items() if less.names < k and len(k) == len(current.names)]
         same_size = self.within_reach(same_size)
+        self.worths([current, *same_size])
         better = [f for f in same_size if self.worth(f) > self.worth(current) + 1.0]
         top = max(better, key=self.worth, default=current)
         return self.plainest(less.names, [top, *(f for f in same_size if self.worth(f) < self.worth(top))])
 
     def gap_N(self, fit: Fit) -> float:
-        """See :func:`gap_rms_N`; once for each fit."""
-        at = (fit.names, fit.log_evidence)
-        if at not in self._gaps:
-            self._gaps[at] = gap_rms_N(self.data, fit)
-        return self._gaps[at]
+        return self.gaps_N([fit])[0]
+
+    def gaps_N(self, fits: Sequence[Fit]) -> list[float]:
+        """See :func:`gap_rms_N`; once for each fit, and several side by side."""
+        new = {(f.names, f.log_evidence): f for f in fits if (f.names, f.log_evidence) not in self._gaps}
+        self._gaps |= zip(new, self.refits.asked(gap_rms_N, list(new.values())))
+        return [self._gaps[f.names, f.log_evidence] for f in fits]
 
     def pruned(self, current: Fit) -> Fit:
         """Less what the others of the set stand in for: one of two effects that look alike, unless both are needed
         (what bends the base first, which names no cause), and what leaves the gap as it is or larger."""
-        weakest_first = sorted(current.names, key=lambda n: -self.without(current, n).log_evidence)
-        base, whole = self.gap_N(self.fits[frozenset()]), self.gap_N(current)
-        removes = {
-            n: (self.gap_N(self.without(current, n)) - whole) / base if base > 0.0 else 0.0 for n in weakest_first
-        }
+        each = self.without_each(current)
+        weakest_first = sorted(each, key=lambda n: -each[n].log_evidence)
+        base, whole, *left = self.gaps_N([self.fits[frozenset()], current, *each.values()])
+        removes = {n: (gap_N - whole) / base if base > 0.0 else 0.0 for n, gap_N in zip(each, left)}
         for name in sorted(weakest_first, key=lambda n: n not in LAST):
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
             alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
