@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.campaign.groups import groups_of
 from bayes_iwan.effects.base import effects_of
 from bayes_iwan.gap.fitting.data import GapData, gap_data
 from bayes_iwan.gap.fitting.evidence import Fit, Rows
@@ -18,8 +19,6 @@ from bayes_iwan.gap.fitting.residuals import ALONG, residual_of
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.threads import alongside
 
-#: tests whose frequencies (amplitudes) differ by less than this share are of one frequency (amplitude)
-SAME = 0.05
 #: iterations of a refit that starts at the optimum of all tests
 ITERATIONS = 8
 HELD_OUT = "held-out tests"
@@ -57,14 +56,6 @@ class Unseen:
         return float(np.mean(np.where(top > 0.0, (before - after) / np.maximum(top, 1e-300), 0.0)))
 
 
-def groups_of(loops: Sequence[Loop], name: str) -> list[list[int]]:
-    """Indices of tests grouped by "frequency_hz" or "amplitude_mm"."""
-    values = np.log([getattr(x, name) for x in loops])
-    order = np.argsort(values, kind="stable")
-    cuts = np.flatnonzero(np.diff(values[order]) > SAME) + 1
-    return [sorted(part.tolist()) for part in np.split(order, cuts)]
-
-
 def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem:
     """The same model and priors for other tests (a mains line's parameters go with its tests)."""
     files = tuple(x.file for x in loops)
@@ -99,7 +90,7 @@ def left_out(fits: Sequence[Fit], data: GapData, held_out: Sequence[Loop] = ()) 
         missed = {f.names: _missed_N2(f, other) for f in fits}
         out.append(_unseen(HELD_OUT, [x.file for x in held_out], missed))
     for name, by in (("frequency_hz", "one frequency left out"), ("amplitude_mm", "one amplitude left out")):
-        parts = groups_of(data.loops, name)
+        parts = groups_of([getattr(x, name) for x in data.loops])
         if len(parts) < 2:
             continue
         parted = [(data.part([i for i in range(data.tests) if i not in part]), data.part(part)) for part in parts]
@@ -132,7 +123,7 @@ def halves(data: GapData) -> list[tuple[list[int], list[int]]]:
     """The tests in two halves, by frequency and by amplitude, where there are several."""
     out = []
     for name in ("frequency_hz", "amplitude_mm"):
-        parts = groups_of(data.loops, name)
+        parts = groups_of([getattr(x, name) for x in data.loops])
         if len(parts) > 1:
             sizes = np.cumsum([len(p) for p in parts])
             cut = int(np.argmin(np.abs(sizes[:-1] - 0.5 * data.tests))) + 1

@@ -5,17 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bayes_iwan.campaign import Loop
-
-#: tests whose frequencies differ by less than this are of one frequency
-SAME_FREQUENCY = 0.02
+from bayes_iwan.campaign.groups import groups_of
 
 
 def by_frequency(loops: Sequence[Loop]) -> dict[str, tuple[Loop, ...]]:
-    """Fitted loops grouped by frequency, by names such as f10Hz, lowest first."""
-    groups: list[list[Loop]] = []
-    for loop in sorted((x for x in loops if x.role != "held-out"), key=lambda x: x.frequency_hz):
-        if groups and abs(loop.frequency_hz / groups[-1][0].frequency_hz - 1.0) < SAME_FREQUENCY:
-            groups[-1].append(loop)
-        else:
-            groups.append([loop])
-    return {f"f{group[0].frequency_hz:.4g}Hz": tuple(group) for group in groups}
+    """Fitted loops grouped by frequency, by names such as f10Hz (of the lowest in it), lowest first."""
+    fitted = sorted((x for x in loops if x.role != "held-out"), key=lambda x: x.frequency_hz)
+    parts = groups_of([x.frequency_hz for x in fitted]) if fitted else []
+    return {f"f{fitted[part[0]].frequency_hz:.4g}Hz": tuple(fitted[i] for i in part) for part in parts}

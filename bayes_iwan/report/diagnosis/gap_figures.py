@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.groups import groups_of
 from bayes_iwan.gap.telling.findings import GapPictures
 from bayes_iwan.gap.telling.where import Statistic
 from bayes_iwan.report.style import BLACK, BLUE, PRIOR, decimal_ticks, points, series, styled, subplots, ticked
@@ -180,9 +181,8 @@ def gap_growth_figure(
         (axes[0, 1], amplitude_mm, frequency_hz, "amplitude (mm)", "Hz"),
     )
     for ax, x, other, label, unit in pairs:
-        groups = _groups(other)
-        for i, (value, members) in enumerate(groups):
-            at = members[np.argsort(x[members])]
+        for i, members in enumerate(groups_of(list(other))):
+            value, at = float(np.median(other[members])), np.array(members)[np.argsort(x[members])]
             y = np.maximum(gap_N[at], 0.5 * floor)
             style = points(i)
             ax.plot(x[at], y, color=style["color"], linewidth=0.8, linestyle=series(i)["linestyle"])
@@ -225,13 +225,6 @@ def _nominal(value: float) -> float:
     """A setting as it was meant: 8 for 7.98, 17.5 for 17.5."""
     short = float(f"{value:.2g}")
     return short if abs(short / value - 1.0) < 0.01 else float(f"{value:.3g}")
-
-
-def _groups(values: Array) -> list[tuple[float, NDArray[np.int64]]]:
-    """Values that are the same to a few percent, with the indices of each group."""
-    order = np.argsort(values)
-    starts = np.flatnonzero(np.diff(np.log(values[order])) > 0.06) + 1
-    return [(float(np.median(values[part])), part) for part in np.split(order, starts)]
 
 
 @styled
