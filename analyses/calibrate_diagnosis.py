@@ -15,7 +15,7 @@ import argparse
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -44,13 +44,12 @@ from bayes_iwan.gap.judging.calibration import (
     effect_figures,
 )
 from bayes_iwan.gap.judging.verdict import Weighed, helping, named_by, weighed
-from bayes_iwan.gap.searching.base import fit_base, gap_rms_N
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.gap.telling.saved_fits import LOOPS
-from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.rig import cases as rig_cases
-from study_cases import figures_of, has_outside, made, reliability, rest_is_real, rest_row, score, tags, truths
+from bayes_iwan.validation.true_gaps import by_name, made, true_gaps_N
+from study_cases import figures_of, has_outside, reliability, rest_is_real, rest_row, score, tags, truths
 
 #: nats within which rivals for one place cannot be told apart
 APART = 30.0
@@ -58,19 +57,6 @@ APART = 30.0
 SEARCH_MISSED = 3.0
 #: pull of every weight to zero, per squared unit: a figure that tells nothing gets no weight
 PULL = 0.1
-
-
-def true_gaps(case: rig_cases.Case, seed: int) -> dict[frozenset[str], float]:
-    """RMS gap, N, of the base model refitted to the same tests with some of the faults, by every set of them."""
-
-    def gap_N(some: frozenset[str]) -> float:
-        fewer = replace(case, faults=tuple(f for f in case.faults if f.name in some), unseen=())
-        loops = [average(r, **LOOPS) for r in rig_cases.simulate(fewer)[0] if r.role != "held-out"]
-        data = gap_data(loops)
-        return gap_rms_N(data, fit_base(data, DiagnoseSettings(), scales_of(loops), np.random.default_rng(seed)))
-
-    names = [f.name for f in case.faults]
-    return {some: gap_N(some) for some in subsets(names)} if names else {}
 
 
 def named_shares(found: Weighed, unseen: Sequence[Record]) -> dict[str, dict[str, float]]:
@@ -110,15 +96,15 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     def key(names: frozenset[str]) -> str:
         return "+".join(sorted(names))
 
-    true_N = true_gaps(case, 0)
+    true_N = true_gaps_N(case, 0)
     return {
         "truth": case.truth(f"{shared['seed']}/{index}"),
         "tests": len(loops),
-        "true_gap_N": {key(k): v for k, v in true_N.items()},
+        "true_gap_N": by_name(true_N),
         "true_share": made(true_N),
         "noise_N": found.sizes[frozenset()].all.noise_N,
         "figures": [asdict(f) for f in found.figures],
-        "gap_N": {key(k): v for k, v in found.gap_N.items()},
+        "gap_N": by_name(found.gap_N),
         "gap_share": {key(k): s.all.resolved_share for k, s in found.sizes.items()},
         "share": {key(k): {n: s.value for n, s in shares(k, found.sizes).items()} for k in found.fits if k},
         "along": {key(k): found.along(k) for k in found.fits if k},

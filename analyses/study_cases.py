@@ -7,33 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from bayes_iwan.gap.judging.budget import NO_CAUSE, Share, contributing, left_unnamed, rest_without_name, shapley
+from bayes_iwan.gap.judging.budget import NO_CAUSE, Share, contributing, left_unnamed, rest_without_name
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.guards import Figures
 from bayes_iwan.gap.judging.verdict import falls_short, least_share, named_by
 from bayes_iwan.gap.searching.base import USUAL_GAP
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.rig import cases as rig_cases
+from bayes_iwan.validation.true_gaps import by_set, removed
 
 #: power of a line at half a test's frequency over its background that no sound specimen reaches
 CLEAR_LINE = 20.0
-
-
-def made(gap_N: dict[frozenset[str], float]) -> dict[str, float]:
-    """Share of the base model's gap that each fault makes, Shapley value over all faults; what they leave of one is the
-    specimen's own difference from the model."""
-    whole = max(gap_N, key=len, default=frozenset())
-    return removed(gap_N, whole)
-
-
-def removed(gap_N: dict[frozenset[str], float], some: frozenset[str]) -> dict[str, float]:
-    """Share of the gap that would be gone with each of some faults, all others there: what an answer says that names
-    these and no others. Shapley value over these."""
-    whole = max(gap_N, key=len, default=frozenset())
-    before = gap_N.get(whole, 0.0)
-    if before <= 0.0:
-        return dict.fromkeys(some, 0.0)
-    return {n: float(v) for n, v in shapley(some, lambda k: np.array(1.0 - gap_N[whole - k] / before)).items()}
 
 
 def figures_of(case: dict[str, Any]) -> list[Figures]:
@@ -53,14 +37,10 @@ def tags(case: dict[str, Any]) -> set[str]:
     return {f"{e['name']}:{e['law']}" for e in case["truth"]["effects"]}
 
 
-def sets(by_name: dict[str, Any]) -> dict[frozenset[str], Any]:
-    return {frozenset(k.split("+")) if k else frozenset(): v for k, v in by_name.items()}
-
-
 def named_in(case: dict[str, Any], c: Calibration) -> frozenset[str]:
     """What these constants name, less what does not make the gap smaller."""
     kept = set(named_by(figures_of(case), c))
-    share, along = sets(case["share"]), sets(case.get("along", {}))
+    share, along = by_set(case["share"]), by_set(case.get("along", {}))
     while kept:
         gap, its, changes = figures_of(case)[0].before, share[frozenset(kept)], along.get(frozenset(kept), {})
         short = [n for n in sorted(kept) if falls_short(n, its[n], changes.get(n, 0.0), gap)]
@@ -72,7 +52,7 @@ def named_in(case: dict[str, Any], c: Calibration) -> frozenset[str]:
 
 def rest_row(case: dict[str, Any], c: Calibration) -> np.ndarray:
     """(figures,) of what is left beside the effects that these constants name."""
-    return rest_figures(left_unnamed(named_in(case, c), sets(case["gap_share"])), case["subharmonic"])
+    return rest_figures(left_unnamed(named_in(case, c), by_set(case["gap_share"])), case["subharmonic"])
 
 
 def rest_has_cause(case: dict[str, Any], c: Calibration) -> float:
@@ -83,7 +63,7 @@ def rest_has_cause(case: dict[str, Any], c: Calibration) -> float:
 def rest_is_real(case: dict[str, Any], c: Calibration) -> bool:
     """Does a true effect, listed or not, that these constants do not name make a part of the gap that can be seen: more
     than noise, and more than a sound specimen's own gap or with a line that no sound specimen has?"""
-    gap, named = sets(case["gap_N"])[frozenset()], named_in(case, c)
+    gap, named = by_set(case["gap_N"])[frozenset()], named_in(case, c)
     usual = USUAL_GAP * case["truth"]["friction_rms_N"]
     least = max(case["noise_N"], usual if case["subharmonic"] < CLEAR_LINE else 0.0)
     return any(share * gap > least for n, share in case["true_share"].items() if n not in named)
@@ -103,7 +83,7 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         named = {n for n in named_in(case, c) if n not in OWN_FORM}
         apart = {n for f in given if f.name in named for n, v in f.rivals.items() if v > -c.apart}
         flagged = rest_has_cause(case, c) >= 0.5
-        gap = sets(case["gap_N"])[frozenset()]
+        gap = by_set(case["gap_N"])[frozenset()]
         visible = {n for n, share in case["true_share"].items() if share * gap > case["noise_N"]}
         listed = {n for n in visible if n not in rig_cases.OUTSIDE}
         usual = USUAL_GAP * case["truth"]["friction_rms_N"]
@@ -140,8 +120,8 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         if kind == "outside" and visible:
             count("outside: flagged", flagged)
             count("outside: something named", bool(named))
-        share = sets(case["share"]).get(frozenset(named), {})
-        gone = removed(sets(case["true_gap_N"]), frozenset(named & true))
+        share = by_set(case["share"]).get(frozenset(named), {})
+        gone = removed(by_set(case["true_gap_N"]), frozenset(named & true))
         for e in case["truth"]["effects"]:
             if e["name"] in named:
                 if (own := case.get("named", {}).get(e["name"])) is not None:

@@ -73,7 +73,7 @@ class CaseScore:
     @property
     def shares(self) -> tuple[tuple[Named, float], ...]:
         """True causes that are named with a share of the gap, and their true shares."""
-        true = {c.name: c.share for c in self.truth.causes}
+        true = self.truth.shares(self.answer.names)
         return tuple(
             (n, true[n.name])
             for n in self.answer.causes

@@ -18,8 +18,10 @@ be drawn from a seed instead; their commitments say that they are not sealed.
 A case's truth is an object: "schema", "case", "kind" (one of `rig.cases.KINDS`), "effects" (a list of {"name", "law",
 "size", "visible_share", "share", "share_of_square", "parameters"}: size as RMS change of the force over RMS friction
 force, the share of it that no other parameters of the specimen imitate, its share of the gap that all leave together,
-units in the parameters' names), "specimen", "setup", "noise", "friction_rms_N", "design", "seed" (of the case's run),
-"data" and "unseen_data" (SHA-256 of each file of its campaign and of its unseen tests, so that none can be changed
+units in the parameters' names), "true_gap_N" (RMS gap, N, that the base model leaves of the rig with each set of the
+faults, by names joined with "+"), "true_share" (of the gap, what is gone with each fault out of the rig, the others
+there), "specimen", "setup", "noise", "friction_rms_N", "design", "seed" (of the case's run), "data" and "unseen_data"
+(SHA-256 of each file of its campaign and of its unseen tests, so that none can be changed
 after the other) and "salt".
 """
 
@@ -41,6 +43,7 @@ from bayes_iwan.campaign import write_campaign
 from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import write_json
 from bayes_iwan.rig import cases as rig_cases
+from bayes_iwan.validation.true_gaps import by_name, removed, true_gaps_N
 
 _PLAIN_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 RULE = "sha256 of the case's truth as JSON with sorted keys, salt inside"
@@ -126,8 +129,13 @@ def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, Any]:
             folder / name, name=name, description="a rope spring on the virtual rig, one withheld case",
             tests=tests, source="bayes_iwan withheld",
         )  # fmt: skip
+    gap_N = true_gaps_N(case, 0)
+    gap = {
+        "true_gap_N": by_name(gap_N),
+        "true_share": {n: removed(gap_N, {n})[n] for n in max(gap_N, key=len, default=())},
+    }
     hashes = {"data": file_hashes(draws.out / name), "unseen_data": file_hashes(draws.unseen / name)}
-    return {**case.truth(name), **hashes, "salt": secrets.token_hex(32)}
+    return {**case.truth(name), **gap, **hashes, "salt": secrets.token_hex(32)}
 
 
 def make(

@@ -1,6 +1,7 @@
 """What was true of a withheld case, from either form in which truths are written.
 
-Ours: {"kind", "effects": [{"name", "law", "size", "visible_share", "share", ...}], "specimen", "noise", "design"}.
+Ours: {"kind", "effects": [{"name", "law", "size", "visible_share", "share", ...}], "true_gap_N", "specimen", "noise",
+"design"}.
 The first sealed set came from another rig: {"kind": "none" or a name, "second": a name, "effect": {number: value},
 "raw_share", "noise", "tests"}. That rig's force clipping took its limit per record, and its direction-dependent
 friction acted on the elements' stiffness too: no specimen has such laws, and cases with either are counted apart.
@@ -8,13 +9,15 @@ friction acted on the elements' stiffness too: no specimen has such laws, and ca
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
+from bayes_iwan.gap.judging.budget import subsets
 from bayes_iwan.rig.cases import KINDS
 from bayes_iwan.rig.faults import CATALOGUE
 from bayes_iwan.validation.sealed import WithheldError
+from bayes_iwan.validation.true_gaps import by_set, removed
 
 #: laws of the first set's rig that no specimen has
 UNPHYSICAL = ("force_clipping", "direction_dependent_friction")
@@ -42,7 +45,8 @@ class PlantedCause:
 @dataclass(frozen=True)
 class Truth:
     """A case's truth: its kind (one of `rig.cases.KINDS`), its causes, force noise as a share of friction, how many
-    frequencies its tests have, the specimen's family of slip forces, and whether its rig had an impossible law."""
+    frequencies its tests have, the specimen's family of slip forces, whether its rig had an impossible law, and the
+    gap, N, by set of its faults (empty where the truth does not say)."""
 
     kind: str
     causes: tuple[PlantedCause, ...]
@@ -50,11 +54,20 @@ class Truth:
     frequencies: int
     family: str
     faulty: bool
+    gap_N: Mapping[frozenset[str], float] = field(default_factory=dict)
 
     @property
     def listed(self) -> tuple[PlantedCause, ...]:
         """The causes that the catalogue has."""
         return tuple(c for c in self.causes if c.listed)
+
+    def shares(self, named: Collection[str]) -> dict[str, float]:
+        """True share of the gap of each cause, for an answer that names these: what the gap loses with the named ones
+        out of the rig, the others there; where the gaps are not known, its part of what all leave."""
+        known = frozenset(named) & {c.name for c in self.causes}
+        if self.gap_N and all(frozenset(c.name for c in self.causes) - k in self.gap_N for k in subsets(known)):
+            return removed(self.gap_N, known)
+        return {c.name: c.share for c in self.causes}
 
     def seen(self, cause: PlantedCause) -> bool:
         """Whether a cause leaves a gap above the noise once the specimen's parameters have moved; True if not known."""
@@ -97,6 +110,7 @@ def _ours(truth: Mapping[str, Any]) -> Truth:
         frequencies=len({t["frequency_hz"] for t in tests if t.get("role", "fit") == "fit"}),
         family=str(truth.get("specimen", {}).get("family", "")),
         faulty=False,
+        gap_N={k: json_number(v) for k, v in by_set(truth.get("true_gap_N") or {}).items()},
     )
 
 
