@@ -1,6 +1,7 @@
 """Coordinates: z is the prior's normal score, so densities, bounds, ties and Jacobians must be exact."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,15 @@ def test_score_inverts_value_and_bounds_hold(name):
     np.testing.assert_allclose(p.score(p.value(z)), z, atol=1e-6)
     x = p.value(np.array([-20.0, -8.0, 8.0, 20.0]))
     assert np.all(np.isfinite(x)) and np.all(x >= p.lower) and np.all(x <= p.upper)
+
+
+@pytest.mark.parametrize("chosen", [tuple(PRIORS), ("uniform", "beta"), ("norm",), ("cut lognorm",)])
+def test_values_together_are_each_one_s_own_to_the_bit(chosen):
+    prior = Prior(tuple(replace(PRIORS[n], name=f"p{i}") for i, n in enumerate(chosen)))
+    z = np.random.default_rng(3).standard_normal((7, len(chosen))) * 3.0
+    values = prior.values(z)
+    for i, name in enumerate(chosen):
+        np.testing.assert_array_equal(values[f"p{i}"], PRIORS[name].value(z[:, i]))
 
 
 def test_joint_prior_is_standard_normal_and_ends():

@@ -140,6 +140,19 @@ def test_shares_are_compared_with_the_true_ones(known):
     assert (held_out.count, held_out.n) == (5, 8)
 
 
+def test_shares_are_what_the_gap_loses_with_the_named_faults_out_of_the_rig():
+    told = truth("pair", "moving_mass", "mains_hum", shares=(0.3, 0.7))
+    told["true_gap_N"] = {"": 0.1, "moving_mass": 0.5, "mains_hum": 0.9, "mains_hum+moving_mass": 1.0}
+    one = score_case("x", read_truth("x", told), answer(cause("mains_hum", share=0.45)))
+    assert one.shares[0][1] == pytest.approx(0.5), "beside the mass, that stays"
+    both = score_case("x", read_truth("x", told), answer(cause("mains_hum"), cause("moving_mass")))
+    assert {n.name: t for n, t in both.shares} == pytest.approx({"mains_hum": 0.65, "moving_mass": 0.25})
+    alone = truth("single", "moving_mass") | {"true_gap_N": {"": 0.2, "moving_mass": 1.0}}
+    assert score_case("x", read_truth("x", alone), answer(cause("moving_mass"))).shares[0][1] == pytest.approx(0.8)
+    del told["true_gap_N"]["moving_mass"]
+    assert score_case("x", read_truth("x", told), answer(cause("mains_hum"))).shares[0][1] == 0.7, "not known"
+
+
 def test_probability_scores_are_sums_over_labels(known):
     by_name = {c.name: c for c in known.cases}
     # 20 effects, none and rest: the rest's 0.1 and what none leaves are what a sound case costs

@@ -56,6 +56,11 @@ def test_layout_and_seals(made):
         single = truths[n]["effects"]
         assert all({"name", "law", "size", "visible_share", "share", "parameters"} <= set(e) for e in single)
         assert len(truths[n]["salt"]) == 64
+    assert truths["case_01"]["true_gap_N"] == truths["case_01"]["true_share"] == {}
+    for n in names[1:]:
+        (fault,), gap_N = truths[n]["effects"], truths[n]["true_gap_N"]
+        assert set(gap_N) == {"", fault["name"]} and min(gap_N.values()) >= 0.0
+        assert truths[n]["true_share"][fault["name"]] == pytest.approx(1.0 - gap_N[""] / gap_N[fault["name"]])
 
 
 def test_nothing_in_the_given_folder_speaks_of_the_truth(made):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Record
+from bayes_iwan.validation import true_gaps
 
 ROOT = Path(__file__).parents[2]
 
@@ -147,14 +148,14 @@ def made_case(rng, kind, name, law, strong):
     }
 
 
-def test_true_shares_of_what_is_named_and_of_all_faults(study):
+def test_true_shares_of_what_is_named_and_of_all_faults():
     """Two faults whose gaps add in squares, 3 and 4 N: without the first 4 of 5 N are left, which is a fifth less."""
-    cases = study("study_cases")
     gap_N = {frozenset(k): v for k, v in {"": 0.0, "a": 3.0, "b": 4.0, "ab": 5.0}.items()}
-    assert cases.removed(gap_N, frozenset("a")) == pytest.approx({"a": 0.2})
-    assert cases.removed(gap_N, frozenset("b")) == pytest.approx({"b": 0.4})
-    assert cases.made(gap_N) == pytest.approx({"a": 0.4, "b": 0.6})
-    assert cases.made({}) == {}
+    assert true_gaps.removed(gap_N, frozenset("a")) == pytest.approx({"a": 0.2})
+    assert true_gaps.removed(gap_N, frozenset("b")) == pytest.approx({"b": 0.4})
+    assert true_gaps.made(gap_N) == pytest.approx({"a": 0.4, "b": 0.6})
+    assert true_gaps.made({}) == {}
+    assert true_gaps.by_set(true_gaps.by_name(gap_N)) == {frozenset(k): v for k, v in gap_N.items()}
 
 
 def test_calibration_tells_true_places_from_idle_ones_with_their_laws_left_out(study):
