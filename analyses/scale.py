@@ -1,6 +1,6 @@
 """Time and memory against the size of the work: tests, samples, walkers, candidates, campaigns, cores; slopes stated.
 
-    python analyses/scale.py [--quick] [--out scale.json]
+    python analyses/scale.py [--quick] [--diagnoses] [--out scale.json]
 
 Every size goes over at least a decade. A slope is that of ln time (or ln memory) against ln size by least squares over
 the upper half of the sizes, where what does not grow no longer counts: 1 is in proportion. The cost of a batch follows
@@ -16,7 +16,7 @@ import shutil
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -30,7 +30,9 @@ from bayes_iwan import executors
 from bayes_iwan.campaign import Loop, Record, average, read_campaign
 from bayes_iwan.effects import catalogue
 from bayes_iwan.files import write_json, write_whole
+from bayes_iwan.gap import diagnosis
 from bayes_iwan.gap.fitting.data import GapData, gap_data
+from bayes_iwan.gap.judging.verdict import weighed
 from bayes_iwan.gap.searching.found import Search
 from bayes_iwan.gap.searching.search import search
 from bayes_iwan.inference.results.population import SpecimenDraws, population
@@ -114,18 +116,44 @@ def long_record(samples: int) -> Record:
     )
 
 
-def two_faults(tests: int) -> GapData:
-    """A campaign of so many tests on the virtual rig with a dashpot and a hardening spring planted in the specimen."""
-    frequencies, amplitudes = (8.0, 20.0, 12.0, 30.0, 16.0), (0.4, 0.9, 0.6, 0.3)
-    few = tests <= 4
-    grid = [(f, a) for f in frequencies[: 2 if few else None] for a in amplitudes[: 2 if few else None]]
-    plan = [PlannedTest(f, a, cycles=24) for f, a in grid[:tests]]
+def planted(plan: list[PlannedTest], names: Sequence[str]) -> GapData:
+    """A campaign on the virtual rig with these faults planted in the specimen, each at 10 % of the friction force."""
     specimen, rng = paper_specimen(seed=3), np.random.default_rng(3)
     sound = surroundings(specimen, plan, seed=3)
-    faults = [size_fault(n, 0.1, specimen, plan, rng, seed=3, sound=sound) for n in PLANTED]
+    faults = [size_fault(n, 0.1, specimen, plan, rng, seed=3, sound=sound) for n in names]
     setup = with_noise(Setup(), 0.005, sound[0].friction_rms_N, sound[0].largest_mm)
     made = records(simulate_tests(specimen, plan, setup=setup, faults=faults, seed=3))
     return gap_data([average(r) for r in made])
+
+
+def two_faults(tests: int) -> GapData:
+    """So many tests of a specimen with a dashpot and a hardening spring."""
+    frequencies, amplitudes = (8.0, 20.0, 12.0, 30.0, 16.0), (0.4, 0.9, 0.6, 0.3)
+    few = tests <= 4
+    grid = [(f, a) for f in frequencies[: 2 if few else None] for a in amplitudes[: 2 if few else None]]
+    return planted([PlannedTest(f, a, cycles=24) for f, a in grid[:tests]], PLANTED)
+
+
+def diagnoses(quick: bool) -> dict[str, object]:
+    """All of a quick diagnosis but its page, against the number of tests (three amplitudes at more and more
+    frequencies): of a specimen with a dashpot, and of a sound one, where it stops at the base model."""
+    sizes = [3, 6] if quick else [3, 6, 9, 18, 36]
+    times: dict[str, list[float]] = {"a dashpot": [], "nothing": []}
+    for tests in sizes:
+        frequencies = np.round(np.geomspace(8.0, 30.0, max(tests // 3, 2))[: tests // 3], 1)
+        plan = [PlannedTest(float(f), a, cycles=24) for f in frequencies for a in (0.3, 0.6, 0.9)]
+        for what, names in (("a dashpot", PLANTED[:1]), ("nothing", ())):
+            data = planted(plan, names)
+            began = time.process_time()
+            found = weighed(diagnosis.searched(data, DiagnoseSettings(), 0), 0)
+            times[what].append(time.process_time() - began)
+            chosen = " and ".join(found.search.chosen) or "nothing"
+            print(f"    {tests} tests, {what}: {times[what][-1]:.1f} s, {len(found.search.fits)} sets refitted, "
+                  f"found {chosen}", flush=True)  # fmt: skip
+    return {
+        f"diagnosis, {what}": told(f"diagnosis against tests, {what} to find", sizes, t, "s")
+        for what, t in times.items()
+    }
 
 
 def searched(data: GapData, effects: int | None = None, executor: Executor | None = None) -> Search:
@@ -257,9 +285,16 @@ def main() -> None:
     parser.add_argument(
         "--campaign-s", type=float, help="processor seconds of one sampled campaign (default: identify here)"
     )
+    parser.add_argument("--diagnoses", action="store_true", help="only the diagnosis, by tests and by candidates")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     found: dict[str, Any] = {}
+    if args.diagnoses:
+        with executors.serial():
+            found = diagnoses(args.quick) | candidates(args.quick)
+        if args.out is not None:
+            write_json(args.out, found)
+        return
     with executors.serial():
         sizes = [2, 5, 10, 20, 50]
         problems = [make_problem(loops_of(n)) for n in sizes]
@@ -308,7 +343,7 @@ def main() -> None:
             [seconds(lambda n=n: population(some[:n])) for n in sizes],
             "s",
         )
-        found |= candidates(args.quick)
+        found |= candidates(args.quick) | diagnoses(args.quick)
         per_quantity = found["population"]["values"][-1] * 10.0  # of 1,000 campaigns, in proportion
     told_cores, share = cores(20 if args.quick else 200)
     found |= told_cores | side_by_side(args.quick) | batches(args.quick)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from html import escape
@@ -50,6 +50,10 @@ BASES: dict[str, ModelSettings] = {
 DRAWS = 2000
 #: a cause whose probability lies between these is still in question
 OPEN = (0.1, 0.9)
+
+
+def nothing() -> None:
+    """Nothing is done."""
 
 
 @dataclass(frozen=True)
@@ -167,12 +171,13 @@ def diagnose_loops(
     constants: Calibration | None = None,
     report: Report = silent,
     executor: Executor | None = None,
+    when_searched: Callable[[], object] = nothing,
 ) -> Diagnosis:
     """Diagnose averaged loops; tests with role "held-out" are not fitted, only predicted.
 
     extra : a user's own effects; simulator : the base model (default: the Iwan model of the settings); constants :
     another calibration than the shipped one; executor : from :func:`bayes_iwan.executors.opened`, to refit effects
-    side by side.
+    side by side; when_searched : called once no other process has anything left to do.
     Raises ValueError where no test is left to fit.
     """
     settings = settings or DiagnoseSettings()
@@ -181,7 +186,9 @@ def diagnose_loops(
     if not fitted:
         raise ValueError('no test is left to fit: every test has role = "held-out"')
     data = gap_data(fitted)
-    found = weighed(searched(data, settings, seed, extra, simulator, report, executor), seed)
+    search = searched(data, settings, seed, extra, simulator, report, executor)
+    when_searched()
+    found = weighed(search, seed)
     report("weighing causes")
     verdict = verdict_of(found, constants or calibration(), held_out)
     return _reported(campaign, seed, quick, settings, data, found, verdict, constants or calibration(), report)
@@ -355,8 +362,9 @@ def diagnose_folder(
     simulator_file: str | Path | None = None,
     progress: bool = True,
     executor: Executor | None = None,
+    when_searched: Callable[[], object] = nothing,
 ) -> Diagnosis:
-    """Diagnose a campaign folder; executor : from :func:`bayes_iwan.executors.opened`."""
+    """Diagnose a campaign folder; executor, when_searched : see :func:`diagnose_loops`."""
     read = read_campaign(campaign)
     extra = load_effects(effects_file) if effects_file else ()
     simulator = load_simulator(simulator_file) if simulator_file else None
@@ -372,6 +380,7 @@ def diagnose_folder(
             simulator=simulator,
             report=bar,
             executor=executor,
+            when_searched=when_searched,
         )
     finally:
         bar.close()

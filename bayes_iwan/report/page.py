@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-import numba as nb
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 from matplotlib.backends.backend_pdf import PdfPages
@@ -170,8 +169,8 @@ _CONTROL = {i: "?" for i in (*range(32), 127, *range(128, 160)) if chr(i) not in
 class Page:
     """An HTML page in the making. `write` replaces the file whole or not at all.
 
-    made : when, with which version and seed, and from which files; it stands below the title. aside, busy : draw
-    figures in a second process too, see :class:`.rendering.Renderer`; only where this one may use more than one thread.
+    made : when, with which version and seed, and from which files; it stands below the title. renderer : draws the
+    figures (default: this process alone).
     """
 
     def __init__(
@@ -181,8 +180,7 @@ class Page:
         footer: str = "",
         units: Units | None = None,
         made: Provenance | None = None,
-        aside: bool = False,
-        busy: int = 0,
+        renderer: Renderer | None = None,
     ) -> None:
         self.units = units or Units()
         self.title, self.footer, self.made = title, self.units.said(footer), made
@@ -190,7 +188,7 @@ class Page:
         self.sections: list[Section] = []
         self.scripts: list[Markup] = []
         self.data: list[tuple[str, Markup]] = []
-        self.renderer = Renderer(aside and nb.get_num_threads() > 1, busy)
+        self.renderer = renderer or Renderer()
 
     def section(self, heading: str) -> Section:
         """A new section at the end of the page."""

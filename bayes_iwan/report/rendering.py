@@ -23,6 +23,7 @@ from queue import SimpleQueue
 from typing import IO, Any
 
 import matplotlib as mpl
+import numba as nb
 from markupsafe import Markup, escape
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
@@ -152,6 +153,12 @@ class Renderer:
         """Everything anew in this process."""
         self._aside, self._here = None, Batch()
         self._drawn = {order: self._here.draw(order, figure) for order, figure in self._ordered.items()}
+
+
+def shared(busy: int = 0) -> Renderer:
+    """One that draws in a second process too, where this one may use more than one thread. It takes a second to start:
+    whoever makes it before there are figures has it ready when there are."""
+    return Renderer(nb.get_num_threads() > 1, busy)
 
 
 # ---- the second process

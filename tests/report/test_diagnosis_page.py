@@ -16,7 +16,7 @@ from bayes_iwan.files import finite
 from bayes_iwan.gap.fitting.data import TREND_HARMONICS
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import ALONG
-from bayes_iwan.gap.judging.budget import Kind
+from bayes_iwan.gap.judging.budget import Kind, OneOf
 from bayes_iwan.gap.telling.answer import effects_described, to_dict
 from bayes_iwan.gap.telling.findings import GapPictures
 from bayes_iwan.gap.telling.where import Statistic
@@ -253,7 +253,10 @@ def test_the_waterfall_falls_from_the_gap_to_the_rest(found, figures):
         assert (left + width, width) == pytest.approx((1.0, share)) and text.startswith(f"{100 * share:.0f} %  (")
         assert drawn["rest"][:2] == pytest.approx((0.0, rest))
     flagged = replace(found.budget, rest=replace(found.budget.rest, probability=0.9))
-    assert "rest: no name" in bars(budget_figures.budget_figure(flagged).axes[0])
+    some = (OneOf(("end_stop", "free_play", "mains_hum"), 0.9, 0.5 * rest),)
+    drawn = bars(budget_figures.budget_figure(flagged, some).axes[0])
+    assert list(drawn) == ["gap", "viscous damping", "rest: no name", "of it one of: end stop\nor 2 others", "noise"]
+    assert drawn["of it one of: end stop\nor 2 others"][:2] == pytest.approx((0.5 * rest, 0.5 * rest))
 
 
 def test_noise_above_the_gap_is_told_as_it_is(nothing):

@@ -87,8 +87,7 @@ def test_a_figure_that_cannot_travel_is_drawn_here():
 
 
 def test_a_page_s_files_come_from_both_processes(tmp_path, figure_files):
-    page = Page("both", aside=True)
-    page.renderer = Renderer(aside=True)
+    page = Page("both", renderer=Renderer(aside=True))
     section = page.section("one")
     for order, figure in figures():
         section.figure(figure, "c", "a", png=order.raster, name=order.name)

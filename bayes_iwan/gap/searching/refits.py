@@ -85,6 +85,8 @@ class Refits:
         self._place = {id(e): i for i, e in enumerate(self._common.effects)}
         self._rounds = Rounds(executor, self._common)
         self._made: dict[tuple[object, ...], Fit | None] = {}
+        #: is there another process, which would have nothing to do while this one refits a single model?
+        self.helped = executor is not None
 
     def __call__(self, some: Sequence[Refit]) -> Iterator[Fit | None]:
         """The fits in their order, None where a model has no finite force; the same bits wherever they are made."""

@@ -192,9 +192,13 @@ class _Explorer:
 
     def without_each(self, fit: Fit) -> dict[str, Fit]:
         """The same of every effect of a set, side by side."""
+        list(self.refits(list(self._dropped(fit).values())))
+        return {n: self.without(fit, n) for n in sorted(fit.names)}
+
+    def _dropped(self, fit: Fit) -> dict[str, Refit]:
+        """What :meth:`without` has yet to refit of a set; refits are remembered, so that they can be asked ahead."""
         names = sorted(fit.names)
-        list(self.refits([self._less(fit, n) for n in names if (fit.names, n, fit.log_evidence) not in self._left]))
-        return {n: self.without(fit, n) for n in names}
+        return {n: self._less(fit, n) for n in names if (fit.names, n, fit.log_evidence) not in self._left}
 
     def _less(self, fit: Fit, name: str) -> Refit:
         problem = extended(fit.problem, [e for e in fit.effects if e.name != name])
@@ -222,6 +226,7 @@ class _Explorer:
         if not larger:
             return None
         best = self.plainest(current.names, larger)
+        self.worths([best, current])
         evidence = best.log_evidence - current.log_evidence
         least = WORTH_NATS if evidence > WORTH_NATS else 2.0 * WORTH_NATS
         return best if self.worth(best) > self.worth(current) + least else None
@@ -276,6 +281,10 @@ class _Explorer:
 
     def exchange(self, current: Fit) -> Fit:
         """Each effect in turn replaced by what would do better, and dropped where it is no longer worth it."""
+        if len(current.effects) > 1 and self.refits.helped:  # what is asked one by one below, side by side
+            dropped = self._dropped(current)
+            found = dict(zip(dropped, self.refits(list(dropped.values()))))
+            self.gaps_N([f for name, f in found.items() if f is not None and name not in LAST])
         for name in sorted(current.names):
             if name not in current.names or len(current.effects) < 2:
                 continue

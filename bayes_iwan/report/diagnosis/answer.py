@@ -32,9 +32,10 @@ _WORDS = (
 #: what stands below each figure of a diagnosis, and what stands in its place for who cannot see it
 CAPTIONS = {
     "headline": (
-        "Left: the gap as a sum, from the whole gap down to the rest, the records' noise beside it. Right: what the "
-        "model misses in the test where it misses most, along one cycle (where most of the gap is change along the "
-        "record: in the first and the last cycles); the grey band is what a right model leaves.",
+        "Left: the gap as a sum, from the whole gap down to the rest, the records' noise beside it; hatched: what of "
+        "the rest one of several effects removes, where these tests cannot tell which. Right: what the model misses "
+        "in the test where it misses most, along one cycle (where most of the gap is change along the record: in the "
+        "first and the last cycles); the grey band is what a right model leaves.",
         "Waterfall of the gap and the residual force of one test with and without the named causes",
     ),
     "budget": (

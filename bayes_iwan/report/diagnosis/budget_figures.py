@@ -12,14 +12,15 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.diagnosis import Moved
-from bayes_iwan.gap.judging.budget import NAMED, GapBudget
+from bayes_iwan.gap.judging.budget import NAMED, GapBudget, OneOf
 from bayes_iwan.gap.telling.words import title
 from bayes_iwan.report.diagnosis.gap_figures import panels
-from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, styled, subplots
+from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, styled, subplots
 
 
-def _waterfall(ax: Axes, budget: GapBudget) -> None:
-    """Bars from the gap down to the rest, in percent of the gap; the noise beside them for scale."""
+def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> None:
+    """Bars from the gap down to the rest, in percent of the gap; hatched, what of the rest one of several effects
+    removes; the noise beside them for scale."""
     before = budget.before.rms_N
     rows: list[tuple[str, float, float, str, tuple[float, float] | None]] = [("gap", 0.0, 1.0, BLACK, None)]
     top = 1.0
@@ -30,14 +31,20 @@ def _waterfall(ax: Axes, budget: GapBudget) -> None:
     flagged = budget.rest.probability >= 0.5
     label = "rest: no name" if flagged else "rest"
     rows.append((label, 0.0, top, ORANGE if flagged else GREEN, (rest.low, rest.high) if budget.causes else None))
+    hatched = []
+    for x in one_of:
+        some = f"{title(x.names[0])} or {title(x.names[1]) if len(x.names) == 2 else f'{len(x.names) - 1} others'}"
+        hatched.append(len(rows))
+        rows.append((fill(f"of it one of: {some}", 22), max(top - x.share, 0.0), min(x.share, top), SKY, None))
     if before > 0.0:
         rows.append(("noise", 0.0, budget.before.noise_N / before, PRIOR, None))
     y = np.arange(len(rows))[::-1]
-    for k, (_, left, width, colour, interval) in zip(y, rows):
-        ax.barh(k, min(width, 1.15), 0.62, left=left, color=colour, alpha=0.88)
+    for i, (k, (_, left, width, colour, interval)) in enumerate(zip(y, rows)):
+        hatch = {"hatch": "///", "edgecolor": "white", "linewidth": 0.0} if i in hatched else {}
+        ax.barh(k, min(width, 1.15), 0.62, left=left, color=colour, alpha=0.88, **hatch)
         text = f"{100 * width:.0f} %" + (f"  ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})" if interval else "")
         end = min(max(left + width, left), 1.15)
-        if width >= 0.4:  # room inside the bar
+        if width >= 0.4 and i not in hatched:  # room inside the bar
             at, side, shift, colour = left, "left", 3, "white"
         elif end > 0.62:
             at, side, shift, colour = left, "right", -3, "black"
@@ -45,7 +52,8 @@ def _waterfall(ax: Axes, budget: GapBudget) -> None:
             at, side, shift, colour = end, "left", 3, "black"
         ax.annotate(text, (at, k), xytext=(shift, 0), textcoords="offset points", va="center", ha=side, fontsize=7.5,
                     color=colour)  # fmt: skip
-    for k, (_, left, _, _, _) in zip(y[1:-1], rows[1:-1]):
+    falls = 1 + len(budget.causes)
+    for k, (_, left, _, _, _) in zip(y[1:falls], rows[1:falls]):
         ax.plot([left, left], [k - 1.31, k + 0.31], color="#888888", linewidth=0.6, zorder=0)
     ax.set_yticks(y, [r[0] for r in rows])
     ax.set_xlim(0.0, 1.18)
@@ -54,10 +62,10 @@ def _waterfall(ax: Axes, budget: GapBudget) -> None:
 
 
 @styled
-def budget_figure(budget: GapBudget) -> Figure:
+def budget_figure(budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Figure:
     """The gap as a waterfall: what each named cause removes, and the rest."""
-    figure, axes = subplots(1, 1, 6.6, 0.36 * (len(budget.causes) + 3) + 0.7)
-    _waterfall(axes[0, 0], budget)
+    figure, axes = subplots(1, 1, 6.6, 0.36 * (len(budget.causes) + len(one_of) + 3) + 0.7)
+    _waterfall(axes[0, 0], budget, one_of)
     axes[0, 0].set_xlabel(f"share of the gap of {budget.before.rms_N:.3g} N RMS, 90 % intervals in brackets")
     return figure
 
@@ -74,13 +82,13 @@ class Missed:
 
 
 @styled
-def headline_figure(budget: GapBudget, shown: Sequence[Missed], causes: str) -> Figure:
+def headline_figure(budget: GapBudget, shown: Sequence[Missed], causes: str, one_of: Sequence[OneOf] = ()) -> Figure:
     """The answer in one picture: the budget, and where the gap shows most what is missed with and without the named
     causes: one average cycle, or two that are apart in the record, one below the other."""
     figure = Figure(figsize=(7.8, 2.8 if len(shown) == 1 else 3.6), layout="constrained")
     grid = figure.add_gridspec(len(shown), 2, width_ratios=[1.05, 1.2])
     ax = figure.add_subplot(grid[:, 0])
-    _waterfall(ax, budget)
+    _waterfall(ax, budget, one_of)
     ax.set_title("what makes the gap", loc="left")
     right: list[Axes] = []
     for i, one in enumerate(shown):

@@ -25,6 +25,7 @@ from bayes_iwan.report.diagnosis import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis.budget_figures import Missed
 from bayes_iwan.report.diagnosis.page import write_diagnosis_page
 from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.rendering import Renderer, shared
 from bayes_iwan.report.style import relabel
 
 
@@ -33,7 +34,7 @@ def diagnosis_figures(found: Diagnosis) -> dict[str, Figure]:
     drawn = pictures(found.residual, found.where, found.before)
     out = gap_figures.figures_of_gap(drawn)
     verdict, budget = found.verdict, found.budget
-    out["budget"] = budget_figures.budget_figure(budget)
+    out["budget"] = budget_figures.budget_figure(budget, verdict.one_of)
     out["probabilities"] = budget_figures.probabilities_figure(verdict.probabilities, verdict.names)
     after, causes = None, ""
     if verdict.causes:
@@ -45,7 +46,7 @@ def diagnosis_figures(found: Diagnosis) -> dict[str, Figure]:
         out["moved"] = budget_figures.moved_figure(found.moved)
         out["shares"] = budget_figures.shares_figure(budget)
     shown = _changing(found, drawn.names) or (_average(drawn, after),)
-    out["headline"] = budget_figures.headline_figure(budget, shown, causes)
+    out["headline"] = budget_figures.headline_figure(budget, shown, causes, verdict.one_of)
     for figure in out.values():
         relabel(figure, found.campaign.units)
     return out
@@ -136,6 +137,7 @@ def write_diagnosis(
     executor: Executor | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign folder and write everything into `out`."""
+    renderers: list[Renderer] = []  # it starts while what is left of the diagnosis keeps this process alone busy
     with owned(out) as folder:
         found = diagnose_folder(
             campaign,
@@ -146,8 +148,9 @@ def write_diagnosis(
             simulator_file=simulator_file,
             progress=progress,
             executor=executor,
+            when_searched=lambda: renderers.append(shared()),
         )
-        _write(found, folder, effects_file, simulator_file)
+        _write(found, folder, effects_file, simulator_file, renderers[0])
     return found
 
 
@@ -155,10 +158,16 @@ def write_found(found: Diagnosis, out: Path) -> Path:
     """Write a diagnosis that was made before; returns the page. What `fits.json` then names of a user's own files is
     unknown, so fits with own effects cannot be read back."""
     with owned(out) as folder:
-        return _write(found, folder, None, None)
+        return _write(found, folder, None, None, shared())
 
 
-def _write(found: Diagnosis, folder: Path, effects_file: str | Path | None, simulator_file: str | Path | None) -> Path:
+def _write(
+    found: Diagnosis,
+    folder: Path,
+    effects_file: str | Path | None,
+    simulator_file: str | Path | None,
+    renderer: Renderer,
+) -> Path:
     answer, figures = finite(to_dict(found)), diagnosis_figures(found)
     clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")
     page = write_diagnosis_page(
@@ -169,6 +178,7 @@ def _write(found: Diagnosis, folder: Path, effects_file: str | Path | None, simu
         found.campaign.units,
         provenance(found.campaign, found.seed),
         {p.name: p.description for p in found.fit.problem.prior.free},
+        renderer,
     )
     write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
     return page

@@ -173,7 +173,7 @@ def gap_growth_figure(
     significant: NDArray[np.bool_] | None = None,
 ) -> Figure:
     """The gap of each test against frequency and against amplitude, with 90 % intervals (T,); open: no finding."""
-    figure, axes = subplots(1, 2, 7.0, 3.0, sharey=True)
+    figure, axes = subplots(1, 2, 7.0, 3.2, sharey=True)
     found = np.ones(len(gap_N), dtype=bool) if significant is None else np.asarray(significant)
     floor = max(float(np.min(np.where(gap_N > 0, gap_N, np.inf))), 1e-9) if np.any(gap_N > 0) else 1e-6
     pairs = (
@@ -203,7 +203,7 @@ def gap_growth_figure(
         ax.set_xticks(ticks, [f"{v:g}" for v in ticks])
         ax.minorticks_off()
         ax.set_xlabel(label)
-        ax.legend(fontsize=7)
+        ax.legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)  # above: points are anywhere
     decimal_ticks(axes[0, 0].yaxis, *axes[0, 0].get_ylim())
     ticked(list(axes[0]))
     axes[0, 0].set_ylabel("gap (N RMS)")

@@ -16,6 +16,7 @@ from bayes_iwan.report.diagnosis.answer import diagnosis_answer, put_figures
 from bayes_iwan.report.diagnosis.cells import digits, force_range, newton, percent
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import Provenance
+from bayes_iwan.report.rendering import Renderer
 
 
 def write_diagnosis_page(
@@ -26,6 +27,7 @@ def write_diagnosis_page(
     units: Units | None = None,
     made: Provenance | None = None,
     meanings: Mapping[str, str] | None = None,
+    renderer: Renderer | None = None,
 ) -> Path:
     """Write the page; whole or not at all.
 
@@ -40,7 +42,7 @@ def write_diagnosis_page(
         "Every number here is in diagnosis.json.",
         units,
         made,
-        aside=True,
+        renderer,
     )
     diagnosis_answer(page.section("Answer"), d, figures)
     _where(page.section("Where the model misses"), d, figures)
@@ -160,6 +162,11 @@ def _which(
             section.text(f"Source: {told['reference']}.")
     if not d["effects"]:
         section.text("No effect of the catalogue is named.")
+    for one in d["verdict"].get("one_of") or []:
+        section.text(
+            f"One of {listed(one['names'], 'or')} contributes (probability {one['probability']:.2f}) and removes "
+            f"{percent(one['share'])} of the gap; each of them alone is too improbable to be named."
+        )
     rows = [
         (
             title(c["name"]),

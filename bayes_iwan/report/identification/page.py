@@ -23,6 +23,7 @@ from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.identification.viewer import add_viewer
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.rendering import shared
 
 
 def identification_report(
@@ -57,8 +58,7 @@ def identification_report(
         _footer(posterior),
         posterior.problem.units,
         provenance(posterior.campaign, posterior.seed),
-        aside=True,
-        busy=60,
+        shared(busy=60),
     )
     identification_answer(page.section("Answer"), posterior, tests)
     determined(page.section("What the loops determine"), posterior)
