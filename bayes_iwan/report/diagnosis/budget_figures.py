@@ -40,8 +40,9 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
         rows.append(("noise", 0.0, budget.before.noise_N / before, PRIOR, None))
     y = np.arange(len(rows))[::-1]
     for i, (k, (_, left, width, colour, interval)) in enumerate(zip(y, rows)):
-        hatch = {"hatch": "///", "edgecolor": "white", "linewidth": 0.0} if i in hatched else {}
-        ax.barh(k, min(width, 1.15), 0.62, left=left, color=colour, alpha=0.88, **hatch)
+        (bar,) = ax.barh(k, min(width, 1.15), 0.62, left=left, color=colour, alpha=0.88)
+        if i in hatched:
+            bar.set(hatch="///", edgecolor="white", linewidth=0.0)
         text = f"{100 * width:.0f} %" + (f"  ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})" if interval else "")
         end = min(max(left + width, left), 1.15)
         if width >= 0.4 and i not in hatched:  # room inside the bar
