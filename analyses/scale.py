@@ -136,7 +136,7 @@ def two_faults(tests: int) -> GapData:
 
 
 def exact(data: GapData) -> GapData:
-    """The same tests of a specimen that is the base model itself, at its priors' medians: noise is all that is missed."""
+    """The same tests of a specimen that is the base model itself, at its medians: noise is all that is missed."""
     problem = base_problem(data, DiagnoseSettings(), scales_of(data.loops))
     rng, made = np.random.default_rng(4), []
     for loop, force_N in zip(data.loops, problem.predict(np.zeros((1, problem.ndim)))[0]):
