@@ -1,52 +1,114 @@
 """When may a run stop? Rules tried on pieces of one long run, whose whole stands for the truth.
 
-    bayes-iwan identify CAMPAIGN --out RUN --config long.toml     # [sampling] taus = 400, budget_s = 500
+    bayes-iwan identify CAMPAIGN --out RUN --config long.toml     # [sampling] taus = 800, ess = 6000, budget_s = 3000
     python analyses/benchmark_stopping.py RUN
 
-A piece begins anywhere in the long run's production and grows until the rule (R-hat <= 1.01, bulk and tail ESS >= 400,
-and steps >= c autocorrelation times as the piece itself estimates them) lets it stop. Its means are then off from the
-long run's by some of the standard errors that its own effective sizes claim: their RMS over pieces and numbers is 1
-where the rule is safe, and more where pieces stop before they know how long they are. The ESS that the long run would
-have given the piece (its own share of the whole's) stands beside the claimed one.
+Any way of sampling: what wrote RUN/chains.ckpt is read from it. A piece begins anywhere in the long run's production
+and grows until the rule (R-hat <= 1.01, bulk and tail ESS >= 400, steps >= c autocorrelation times as the piece itself
+estimates them, and for proposals by importance Pareto's k < 0.7) lets it stop. Its means and its 5, 50 and 95 %
+quantiles are then off from the long run's: told in posterior standard deviations, and in the standard errors that the
+piece itself states (of quantiles by the effective size of being below, as Stan has it). A rule is safe whose RMS of
+these over pieces and numbers is 1; it is more where pieces stop before they know how long they are. The piece is part
+of the whole, so errors are divided by √(1 − share). A star marks the rule that the package asks of this way.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy import stats
 
 from bayes_iwan.sampling.checkpoint import read_checkpoint
-from bayes_iwan.sampling.convergence import convergence_of, ess_mean
+from bayes_iwan.sampling.convergence import Convergence, convergence_of, ess_mean
+from bayes_iwan.sampling.importance import METHOD as INDEPENDENT
+from bayes_iwan.sampling.on_manifold import LEAST_TAUS
+from bayes_iwan.sampling.on_manifold import METHOD as ON_MANIFOLD
 from bayes_iwan.sampling.run import STAGES
+from bayes_iwan.sampling.weights import untrusted
 
 RULES = (5.0, 10.0, 15.0, 20.0, 30.0, 50.0)
 R_HAT, ESS, GROWTH, LEAST = 1.01, 400.0, 1.15, 10
+QUANTILES = (0.05, 0.5, 0.95)
 
 
-def production(run: Path, ensembles: int) -> tuple[np.ndarray, int, tuple[str, ...]]:
-    """Draws (ensembles, stored, walkers, numbers) after the last restart, their thinning, and the numbers' names."""
-    _, names, snapshot = read_checkpoint(run / "chains.ckpt", STAGES)
-    restarts = snapshot.state["restarts"]
-    draws = snapshot.draws["production"][int(restarts[-1]) if len(restarts) else 0 :]
+@dataclass(frozen=True)
+class Production:
+    """Draws (ensembles, stored, walkers, numbers), their names and thinning; log weights (ensembles, stored) of
+    proposals by importance, else None; taus : what the package asks of this way."""
+
+    draws: np.ndarray
+    names: tuple[str, ...]
+    thin: int
+    log_weight: np.ndarray | None
+    taus: float
+
+    @property
+    def stored(self) -> int:
+        return int(self.draws.shape[1])
+
+    def piece(self, first: int, length: int) -> np.ndarray:
+        """Draws of a piece; proposals as often as their weights say."""
+        part = self.draws[:, first : first + length]
+        if self.log_weight is None:
+            return part
+        out = np.empty_like(part)
+        for chain, (z, level) in enumerate(zip(part, self.log_weight[:, first : first + length])):
+            share = np.cumsum(np.exp(level - level.max()))
+            out[chain] = z[np.searchsorted(share, (np.arange(len(z)) + 0.5) / len(z) * share[-1])]
+        return out
+
+    def trusted(self, first: int, length: int) -> bool:
+        return self.log_weight is None or not untrusted(self.log_weight[:, first : first + length].ravel())
+
+
+def production(run: Path, ensembles: int) -> Production:
+    """What a run has drawn since its adaptation or warm-up."""
+    fingerprint, names, snapshot = read_checkpoint(run / "chains.ckpt", ())
+    if INDEPENDENT.items() <= fingerprint.items():
+        _, names, snapshot = read_checkpoint(run / "chains.ckpt", ("proposals",))
+        draws = np.moveaxis(snapshot.draws["proposals"], 0, 1)
+        return Production(draws[:, :, None, :-1], tuple(names[:-1]), 1, draws[:, :, -1], 50.0)
+    on_manifold = ON_MANIFOLD.items() <= fingerprint.items()
+    _, names, snapshot = read_checkpoint(run / "chains.ckpt", ("production",) if on_manifold else STAGES)
+    draws, thin, taus = snapshot.draws["production"], 1, LEAST_TAUS
+    if not on_manifold:
+        restarts = snapshot.state["restarts"]
+        draws, thin, taus = draws[int(restarts[-1]) if len(restarts) else 0 :], int(snapshot.state["thin"]), 50.0
     blocks = draws.reshape(len(draws), ensembles, -1, draws.shape[2])
-    return np.moveaxis(blocks, 0, 1), int(snapshot.state["thin"]), names
+    return Production(np.moveaxis(blocks, 0, 1), tuple(names), thin, None, taus)
 
 
-def stops(piece: np.ndarray, names: tuple[str, ...], thin: int) -> dict[float, int]:
-    """Stored steps at which each rule would have stopped a run that is this piece; rules that never do are left out."""
+def stops(run: Production, first: int) -> dict[float, int]:
+    """Stored steps at which each rule would have stopped a run that begins at `first`; rules that never do are left
+    out."""
     found: dict[float, int] = {}
     length = LEAST
-    while length <= piece.shape[1]:
-        result = convergence_of(piece[:, :length], names, thin)
+    while first + length <= run.stored and len(found) < len(RULES):
+        result: Convergence = convergence_of(run.piece(first, length), run.names, run.thin)
         for taus in RULES:
-            if taus not in found and not result.shortfall(R_HAT, ESS, taus):
+            if taus not in found and not result.shortfall(R_HAT, ESS, taus) and run.trusted(first, length):
                 found[taus] = length
-        if len(found) == len(RULES):
-            break
         length = int(np.ceil(length * GROWTH))
     return found
+
+
+def errors(piece: np.ndarray, whole: np.ndarray, share: float) -> np.ndarray:
+    """(1 + quantiles, 2): of one number's mean and quantiles, how far the piece is off the whole, in posterior standard
+    deviations and in standard errors that the piece states. piece, whole : (ensembles, steps, walkers)."""
+    sd, values = whole.std(), np.sort(piece.ravel())
+    known = np.sqrt(1.0 - share)
+    off = [(piece.mean() - whole.mean()) / sd]
+    stated = [piece.std() / np.sqrt(ess_mean(piece)) / sd]
+    for q in QUANTILES:
+        at = np.quantile(values, q)
+        size = ess_mean((piece <= at).astype(float))
+        low, high = stats.beta.ppf(stats.norm.cdf([-1.0, 1.0]), size * q + 1.0, size * (1.0 - q) + 1.0)
+        off.append((at - np.quantile(whole, q)) / sd)
+        stated.append(0.5 * (np.quantile(values, high) - np.quantile(values, low)) / sd)
+    return np.stack([np.array(off) / known, np.array(off) / known / np.array(stated)], axis=1)
 
 
 def main() -> None:
@@ -55,35 +117,41 @@ def main() -> None:
     parser.add_argument("--pieces", type=int, default=12, help="of each run")
     parser.add_argument("--ensembles", type=int, default=4)
     args = parser.parse_args()
-    rows: dict[float, list[tuple[float, float, float, float]]] = {taus: [] for taus in RULES}
-    for run in args.run:
-        draws, thin, names = production(run, args.ensembles)
-        truth, sd = draws.mean(axis=(0, 1, 2)), draws.std(axis=(0, 1, 2))
-        whole = np.array([ess_mean(draws[..., j]) for j in range(len(names))])
-        result = convergence_of(draws, names, thin)
+    for folder in args.run:
+        run = production(folder, args.ensembles)
+        whole = run.piece(0, run.stored)
+        result = convergence_of(whole, run.names, run.thin)
         print(
-            f"{run}: {thin * draws.shape[1]} steps, {result.n_steps / result.worst_tau:.0f} autocorrelation times "
-            f"of the slowest number, least ESS {result.least_ess:.0f}, R-hat {result.worst_r_hat:.4f}"
+            f"{folder}: {result.n_steps} steps, {result.n_steps / result.worst_tau:.0f} autocorrelation times of the "
+            f"slowest number, least ESS {result.least_ess:.0f}, R-hat {result.worst_r_hat:.4f}"
         )
-        for first in np.linspace(0, 0.7 * draws.shape[1], args.pieces).astype(int):
-            for taus, length in stops(draws[:, first:], names, thin).items():
-                piece = draws[:, first : first + length]
-                claimed = np.array([ess_mean(piece[..., j]) for j in range(len(names))])
-                share = length / draws.shape[1]
-                # the piece is part of the whole that stands for the truth, so less of its error is seen
-                error = (piece.mean(axis=(0, 1, 2)) - truth) / sd * np.sqrt(claimed / (1.0 - share))
-                worth = (claimed / (share * whole)).max()
-                rows[taus].append((length * thin, float(np.mean(error**2)), float(claimed.min()), float(worth)))
-    print(" taus  stopped  steps (median)  RMS error in claimed standard errors  least ESS claimed  largest claim/true")
-    for taus, found in rows.items():
-        if not found:
-            print(f"{taus:5.0f}        0")
-            continue
-        steps, square, least, worth = np.array(found).T
+        rows: dict[float, list[np.ndarray]] = {taus: [] for taus in RULES}
+        lengths: dict[float, list[int]] = {taus: [] for taus in RULES}
+        for first in np.linspace(0, 0.7 * run.stored, args.pieces).astype(int):
+            for taus, length in stops(run, first).items():
+                piece = run.piece(first, length)
+                numbers = range(len(run.names))
+                rows[taus].append(
+                    np.stack([errors(piece[..., j], whole[..., j], length / run.stored) for j in numbers])
+                )
+                lengths[taus].append(length)
         print(
-            f"{taus:5.0f} {len(found):8d} {np.median(steps):15.0f} {np.sqrt(square.mean()):37.2f} "
-            f"{np.median(least):18.0f} {np.median(worth):18.2f}"
+            "   taus  stopped  steps  whole/stop   RMS error in posterior sd: mean, q05, q50, q95      largest   "
+            "in stated standard errors: mean, q05, q50, q95"
         )
+        for taus, found in rows.items():
+            if not found:
+                print(f"{'*' if taus == run.taus else ' '} {taus:5.0f} {0:8d}")
+                continue
+            off = np.stack(found)  # (pieces, numbers, mean and quantiles, unit)
+            rms = np.sqrt(np.mean(off**2, axis=(0, 1)))
+            steps = float(np.median(lengths[taus]))
+            print(
+                f"{'*' if taus == run.taus else ' '} {taus:5.0f} {len(found):8d} {steps * run.thin:6.0f} "
+                f"{run.stored / steps:11.1f}   {' '.join(f'{x:11.3f}' for x in rms[:, 0])}  "
+                f"{np.abs(off[..., 0]).max():11.3f}   {' '.join(f'{x:9.2f}' for x in rms[:, 1])}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

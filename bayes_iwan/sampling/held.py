@@ -1,7 +1,9 @@
 """Numbers that scale the residuals, those of the noise: integrated out wherever a proposal leads, for they cost no
 prediction. The estimate of the integral is unbiased, so nothing is approximated: as an importance weight (importance
 sampling squared: Tran et al. 2013), or in the place of the density (pseudo-marginal: Andrieu & Roberts, Ann. Stat. 37,
-2009, 697). One of the integral's draws is kept.
+2009, 697). One of the integral's draws is kept. A chain whose estimate is too high by chance would stand still for
+long: now and then all draws but the kept one are drawn anew, which leaves the posterior of draws and place as it is
+(conditional importance sampling: Andrieu, Lee & Vihola, Bernoulli 24, 2018, 842).
 """
 
 from __future__ import annotations
@@ -36,12 +38,18 @@ class Held:
         """Standard t draws (n, count, held); one of nothing where nothing is held."""
         return t_draws(rng, (n, self.count if len(self.columns) else 1, len(self.columns)), _NU)
 
-    def integrated(self, log_prob: HeldFunction, z: Array, unit: Array, chance: Array) -> tuple[Array, Array, Array]:
+    def integrated(
+        self, log_prob: HeldFunction, z: Array, unit: Array, chance: Array, keep: bool = False
+    ) -> tuple[Array, Array, Array]:
         """ln of the posterior with these numbers integrated out (n,), z (n, ndim) with one of their draws in their
         place, and ln of the posterior there (n,).
 
-        log_prob : z (n, ndim), held numbers (n, count, held) → (n, count); unit : :meth:`chances`; chance (n,) in 0…1.
+        log_prob : z (n, ndim), held numbers (n, count, held) → (n, count); unit : :meth:`chances`; chance (n,) in 0…1;
+        keep : z's own are one of the draws, in the place of the first.
         """
+        if keep and len(self.columns):
+            unit = unit.copy()
+            unit[:, 0] = solve_triangular(_WIDER * self.root, (z[:, self.columns] - self.centre).T, lower=True).T
         held = self.centre + unit @ (_WIDER * self.root).T
         log_h = t_log_density(unit, _NU) - np.log(_WIDER * np.diag(self.root)).sum()
         level = log_prob(z, held)

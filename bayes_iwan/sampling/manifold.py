@@ -35,7 +35,7 @@ from bayes_iwan.sampling.held import Held, HeldFunction
 Rows = Callable[[Array], Array]
 
 #: step of the Jacobian's differences; to what x is met, and within what of z₀ a way back must end
-_STEP, _TOLERANCE, _SAME = 1e-6, 1e-6, 1e-4
+_STEP, _TOLERANCE, _SAME = 1e-6, 1e-4, 1e-3
 _ITERATIONS = 25  # nearly all that are solved for are found by then
 _LONGEST = 1.0  # step of any coordinate
 _LOST = 1e6  # a step that is off by so much has left for good
@@ -81,13 +81,27 @@ class Sheet:
     """The graph of the rows with the held numbers at their centre.
 
     rows : z (n, ndim) → r W (n, k) with W of z's own held numbers; log_prob : z (n, ndim), held numbers (n, count,
-    held) → ln p (n, count); limit : z lies within ±limit.
+    held) → ln p (n, count); limit : z lies within ±limit; still : coordinates that stay as they are given: the sheet is
+    one of the others, given these.
     """
 
-    def __init__(self, rows: Rows, log_prob: HeldFunction, held: Held, ndim: int, limit: float) -> None:
+    def __init__(
+        self,
+        rows: Rows,
+        log_prob: HeldFunction,
+        held: Held,
+        ndim: int,
+        limit: float,
+        still: NDArray[np.int64] | None = None,
+    ) -> None:
         self._rows, self.log_prob, self.held, self.limit = rows, log_prob, held, limit
-        self.free = np.setdiff1d(np.arange(ndim), held.columns)
-        self.n_evaluations, self._lock = 0, threading.Lock()
+        given = held.columns if still is None else np.concatenate([held.columns, still])
+        self.free = np.setdiff1d(np.arange(ndim), given)
+        self.n_evaluations, self._lock, self._ndim = 0, threading.Lock(), ndim
+
+    def given(self, still: NDArray[np.int64]) -> Sheet:
+        """The sheet of the others, given these coordinates."""
+        return Sheet(self._rows, self.log_prob, self.held, self._ndim, self.limit, still)
 
     def values(self, z: Array) -> Array:
         """F (n, m) at z (n, ndim)."""
@@ -114,11 +128,11 @@ class Sheet:
         log_det = np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
         return Places(at, out[:, 0], lower @ slope, np.where(sound, log_det, np.inf), lower.transpose(0, 2, 1).copy())
 
-    def reached(self, start: Places, x: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def reached(self, start: Places, x: Array, tolerance: float = _TOLERANCE) -> tuple[Array, NDArray[np.bool_]]:
         """z (n, ndim) where x (n, free), as seen from start, is met, and whether it is (n,); by Broyden's method."""
         z, at, back = start.z.copy(), start.seen(start.values), start.back.copy()
         error = np.linalg.norm(at - x, axis=1)
-        active = np.flatnonzero(error > _TOLERANCE)
+        active = np.flatnonzero(error > tolerance)
         for _ in range(_ITERATIONS):
             if len(active) == 0:
                 break
@@ -137,13 +151,20 @@ class Sheet:
             turned = np.matmul(step[:, None], own[sound])
             back[active] += ((step - moved) / curl[sound, None])[:, :, None] * turned
             z[active], at[active], error[active] = trial[sound], value[sound], left[sound]
-            active = active[error[active] > _TOLERANCE]
-        return z, np.asarray(error <= _TOLERANCE)
+            active = active[error[active] > tolerance]
+        return z, np.asarray(error <= tolerance)
 
     def begin(self, z: Array, rng: np.random.Generator) -> Walkers:
         """Chains that begin at z (n, ndim), with held numbers of their own."""
         total, z, log_prob = self.held.integrated(self.log_prob, z, self.held.chances(len(z), rng), rng.random(len(z)))
         return Walkers(z, log_prob, total)
+
+    def refresh(self, walkers: Walkers, rng: np.random.Generator) -> None:
+        """Draw the held numbers anew, but for the walkers' own, of which they may take others."""
+        chances, pick = self.held.chances(len(walkers.z), rng), rng.random(len(walkers.z))
+        walkers.log_total, walkers.z, walkers.log_prob = self.held.integrated(
+            self.log_prob, walkers.z, chances, pick, keep=True
+        )
 
     def step(self, walkers: Walkers, places: Places, scale: float, rng: np.random.Generator) -> NDArray[np.bool_]:
         """Take a step from where the walkers are, their `places`, which is changed with them; who went (n,)."""
@@ -190,6 +211,7 @@ class Sheet:
         places = self.places(walkers.z)
         z, log_prob, went = np.empty((steps, *walkers.z.shape)), np.empty((steps, len(walkers.z))), 0.0
         for i in range(steps):
+            self.refresh(walkers, rng)
             went += float(np.mean(self.step(walkers, places, scale, rng))) / steps
             z[i], log_prob[i] = walkers.z, walkers.log_prob
         return z, log_prob, went

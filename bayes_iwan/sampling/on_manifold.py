@@ -1,10 +1,13 @@
 """Sampling a least-squares posterior that is a thin bent sheet, by chains that turn along it (see :mod:`.manifold`).
 
 For what importance sampling does not fit: a chain sees the posterior from where it is, so the sheet may bend as much as
-it likes between here and there. Chains start at all maxima that were found, those of an ensemble at others than the
-next one's. In a warm-up they learn how far a step may turn and where the held numbers lie; then both are frozen, and
-only draws from then on count. All walkers are independent of each other: ensembles are kept for R-hat alone, and a
-walker that never leaves its branch is seen by the autocorrelation time, from which the ensemble's mean is taken off.
+it likes between here and there. Where a few numbers do most of the bending, four steps of five are jumps: these numbers
+are proposed whatever they were before, the others solved for (see :mod:`.nested`).
+
+Chains start at all maxima that were found, those of an ensemble at others than the next one's. In a warm-up they learn
+how far a step may turn, where the held numbers lie and where to jump to; then all is frozen, and only draws from then
+on count. All walkers are independent of each other: ensembles are kept for R-hat alone, and a walker that never leaves
+its branch is seen by the autocorrelation time, from which the ensemble's mean is taken off.
 
 Some walkers go together, on one thread, with random numbers of their own for each block of steps, so that the draws are
 the same however many threads there are. Block by block they go into a checkpoint; a run that goes on from it draws the
@@ -27,6 +30,7 @@ from bayes_iwan.sampling.convergence import convergence_of
 from bayes_iwan.sampling.ensembles import BatchFunction, Chains, Stop
 from bayes_iwan.sampling.held import Held, HeldFunction
 from bayes_iwan.sampling.manifold import Rows, Sheet, Walkers
+from bayes_iwan.sampling.nested import Nested, bending, jumped
 from bayes_iwan.threads import side_by_side
 
 #: what a checkpoint's fingerprint says of this way of sampling
@@ -35,12 +39,17 @@ _STAGE = "production"  # as ensembles name it, so that pages find the whole run
 _WALKERS = 8  # of each ensemble
 _TOGETHER = 16  # walkers on one thread
 #: autocorrelation times that each walker takes at least; all of an ensemble together take as many as are asked
-_LEAST_TAUS = 10.0
+LEAST_TAUS = 10.0
 _BLOCK = 25  # steps between two commits
-_WARM_UP = 4  # blocks before the held numbers are known, and again after that
+_JUMPS = 20  # of a block's steps, where some numbers bend the sheet
+#: blocks of a stage of the warm-up; stages without jumps, the first to find the way, and with them, each with what was
+#: learnt in all but the first
+_WARM_UP, _STAGES, _JUMPING = 3, 2, 3
+_REFRESH = 5  # jumps before the held numbers are drawn anew
+_LEAST_JUMPS = 0.02  # acceptance of jumps below which they are not worth their cost
 _ACCEPTANCE = 0.3  # what the angles are fitted to
 _LEAST, _MOST = 0.15, 1.1  # scale of the angles: below this the chains hardly move, above it draws are independent
-_HELD_DRAWS = 32
+_HELD_DRAWS = 64
 _DEPTH = 12.0  # maxima so many nats below the best are no starts
 _FIRST_CHECK = 200
 
@@ -90,7 +99,7 @@ def sample_on_manifold(
     began = time.monotonic()
     names, quantity_names = tuple(names), tuple(quantity_names)
     n = n_ensembles * _WALKERS
-    taus = min(chain_taus, max(_LEAST_TAUS, chain_taus / _WALKERS))
+    taus = min(chain_taus, max(LEAST_TAUS, chain_taus / _WALKERS))
     known = Held(held, optima[0][held], held_root, _HELD_DRAWS)
     run = _Run(Sheet(rows, held_log_prob, known, len(names), limit), seed)
     stamp = {**METHOD, **(fingerprint or {}), "seed": str(seed), "ensembles": str(n_ensembles)}
@@ -177,7 +186,7 @@ def sample_on_manifold(
         quantities=by_ensemble(other),
         thin=1,
         n_steps=len(z),
-        n_evaluations=before + run.sheet.n_evaluations,
+        n_evaluations=before + run.n_evaluations,
         acceptance=float(np.mean(np.any(np.diff(z, axis=0) != 0.0, axis=2))) if len(z) > 1 else 0.0,
         convergence=result,
         converged=not short,
@@ -190,7 +199,7 @@ def sample_on_manifold(
 
 
 class _Run:
-    """All walkers, the scale of their angles, and how many blocks of steps they have taken.
+    """All walkers, the scale of their angles, where they jump to, and how many blocks of steps they have taken.
 
     hurried : was the warm-up cut short?
     """
@@ -198,39 +207,60 @@ class _Run:
     def __init__(self, sheet: Sheet, seed: int) -> None:
         self.sheet, self.seed = sheet, seed
         self.walkers = Walkers(np.empty((0, 0)), np.empty(0), np.empty(0))
-        self.scale, self.blocks, self.acceptance, self.hurried = 0.3, 0, 0.0, False
+        self.nested: Nested | None = None
+        self.scale, self.blocks, self.acceptance, self.jumps, self.hurried = 0.3, 0, 0.0, 0.0, False
+        self._used = 0  # evaluations of jumps that were learnt anew since
+
+    @property
+    def n_evaluations(self) -> int:
+        return self.sheet.n_evaluations + self._used + (self.nested.n_evaluations if self.nested is not None else 0)
 
     def warm_up(self, starts: Array, late: Callable[[], bool], bar: tqdm) -> bool:
         """From starts (n, ndim) to where draws count; False where steps must be too short to lead anywhere."""
-        held = self.sheet.held
-        self.walkers = self.sheet.begin(starts, np.random.default_rng([self.seed, 31]))
-        for stage in (32, 33):
-            z = []
+        rng = np.random.default_rng([self.seed, 31])
+        bent = bending(self.sheet, np.unique(starts, axis=0))
+        self.walkers = self.sheet.begin(starts, rng)
+        z: list[Array] = []
+        for stage in range(_STAGES + _JUMPING if len(bent) else _STAGES):
             for _ in range(_WARM_UP):
                 self.hurried |= late()
                 if self.hurried:
                     break
-                z.append(self.block()[0][:, :, held.columns])
+                z.append(self.block()[0])
                 self.scale = float(np.clip(self.scale * np.exp(self.acceptance - _ACCEPTANCE), _LEAST, _MOST))
                 bar.update(_BLOCK)
-            if z:  # the first half is on the way
-                self.sheet.held = held.learnt(np.concatenate([x for block in z[len(z) // 2 :] for x in block]))
-            self.walkers = self.sheet.begin(self.walkers.z, np.random.default_rng([self.seed, stage]))
+            if z:
+                z = z[-_WARM_UP // 2 :] if stage == 0 else z  # the first steps are on the way
+                self._learn(np.concatenate(z), bent if stage > 0 else bent[:0], rng)
+            self.walkers = self.sheet.begin(self.walkers.z, np.random.default_rng([self.seed, 32, stage]))
         return self.hurried or self.scale > _LEAST
+
+    def _learn(self, z: Array, bent: NDArray[np.int64], rng: np.random.Generator) -> None:
+        """Take the held numbers' spread, and where to jump to, from draws (steps, n, ndim)."""
+        flat = z.reshape(-1, z.shape[2])
+        self.sheet.held = self.sheet.held.learnt(flat[:, self.sheet.held.columns])
+        if self.nested is not None:
+            self._used += self.nested.n_evaluations
+            bent = bent if self.jumps > _LEAST_JUMPS else bent[:0]
+        self.nested = Nested.fitted(self.sheet, bent, flat, rng) if len(bent) else None
 
     def block(self) -> tuple[Array, Array]:
         """Some steps of all: z (steps, n, ndim) and ln p (steps, n)."""
 
-        def together(part: slice) -> tuple[Array, Array, float, Walkers]:
+        def together(part: slice) -> tuple[Array, Array, float, float, Walkers]:
             own = Walkers(*(x[part].copy() for x in self._arrays()))
             rng = np.random.default_rng([self.seed, 34, self.blocks, part.start])
-            return *self.sheet.advance(own, _BLOCK, self.scale, rng), own
+            if self.nested is None:
+                return *self.sheet.advance(own, _BLOCK, self.scale, rng), 0.0, own
+            z, log_prob, went = self.sheet.advance(own, _BLOCK - _JUMPS, self.scale, rng)
+            jumps, levels, gone = _jump(self.sheet, self.nested, own, _JUMPS, rng)
+            return np.concatenate([z, jumps]), np.concatenate([log_prob, levels]), went, gone, own
 
         parts = side_by_side(together, len(self.walkers.z), _TOGETHER)
-        z, log_prob, accepted, walkers = zip(*parts)
+        z, log_prob, accepted, gone, walkers = zip(*parts)
         ends = [(w.z, w.log_prob, w.log_total) for w in walkers]
         self.walkers = Walkers(*(np.concatenate(x) for x in zip(*ends)))
-        self.acceptance = float(np.mean(accepted))
+        self.acceptance, self.jumps = float(np.mean(accepted)), float(np.mean(gone))
         self.blocks += 1
         return np.concatenate(z, axis=1), np.concatenate(log_prob, axis=1)
 
@@ -248,7 +278,8 @@ class _Run:
             "scale": np.array(self.scale),
             "blocks": np.array(self.blocks),
             "hurried": np.array(self.hurried),
-            "evaluations": np.array(before + self.sheet.n_evaluations),
+            "evaluations": np.array(before + self.n_evaluations),
+            **({} if self.nested is None else self.nested.state()),
         }
 
     def restore(self, state: Mapping[str, NDArray]) -> None:
@@ -257,3 +288,31 @@ class _Run:
         held = self.sheet.held
         self.sheet.held = Held(held.columns, state["centre"], state["root"], held.count)
         self.scale, self.blocks, self.hurried = float(state["scale"]), int(state["blocks"]), bool(state["hurried"])
+        self.nested = Nested.restored(self.sheet, state) if "bent" in state else None
+
+
+def _jump(
+    sheet: Sheet, nested: Nested, walkers: Walkers, steps: int, rng: np.random.Generator
+) -> tuple[Array, Array, float]:
+    """Offer independent proposals to all walkers: where they are after each, z (steps, n, ndim) and ln p (steps, n),
+    and the share that was accepted."""
+    n = len(walkers.z)
+    new = nested.propose(steps * n, rng)
+    log_chance = np.log(rng.random((steps, n)))
+    with np.errstate(invalid="ignore"):  # of places that were not found
+        log_density = new.log_total - new.log_weight
+    own = walkers.log_total - nested.log_weight(walkers.z, walkers.log_total)
+    z, log_prob, went = np.empty((steps, *walkers.z.shape)), np.empty((steps, n)), 0.0
+    for first in range(0, steps, _REFRESH):
+        sheet.refresh(walkers, rng)
+        part = slice(first, min(first + _REFRESH, steps))
+        offered = np.arange(part.start * n, part.stop * n)
+        taken = jumped(walkers.log_total - own, new.log_weight[offered].reshape(-1, n), log_chance[part])
+        went += float(np.sum(np.diff(taken, axis=0, prepend=-1) != 0)) / (steps * n)
+        which, stays = offered[0] + taken * n + np.arange(n), taken < 0
+        z[part] = np.where(stays[:, :, None], walkers.z, new.z[which])
+        log_prob[part] = np.where(stays, walkers.log_prob, new.log_prob[which])
+        walkers.z, walkers.log_prob = z[part][-1].copy(), log_prob[part][-1].copy()
+        walkers.log_total = np.where(stays[-1], walkers.log_total, new.log_total[which[-1]])
+        own = np.where(stays[-1], own, log_density[which[-1]])
+    return z, log_prob, went

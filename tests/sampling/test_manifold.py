@@ -97,27 +97,42 @@ def test_a_shell_in_twenty_dimensions():
     np.testing.assert_allclose(np.mean(z, axis=(0, 1)), 0.0, atol=0.1)
 
 
-def test_held_noise_is_integrated_out():
-    """Ten residuals of z0 with scale exp(z1): the joint posterior's moments by a grid."""
-    y = np.random.default_rng(0).standard_normal(10) * 0.5 + 0.8
+Y = np.random.default_rng(0).standard_normal(10) * 0.5 + 0.8
 
-    def log_prob(z):
-        squares = np.sum((y - z[..., :1]) ** 2, axis=-1)
-        return -10.0 * z[..., 1] - 0.5 * squares * np.exp(-2.0 * z[..., 1]) - 0.5 * np.sum(z * z, axis=-1)
 
-    def held_log_prob(z, held):
-        return log_prob(np.stack([np.broadcast_to(z[:, :1], held.shape[:2]), held[:, :, 0]], axis=2))
+def noisy_log_prob(z):
+    """Ten residuals of z0 with scale exp(z1)."""
+    squares = np.sum((Y - z[..., :1]) ** 2, axis=-1)
+    return -10.0 * z[..., 1] - 0.5 * squares * np.exp(-2.0 * z[..., 1]) - 0.5 * np.sum(z * z, axis=-1)
 
+
+def noisy_rows(z):
+    return (z[:, :1] - Y) * np.exp(-z[:, 1:])
+
+
+def held_log_prob(z, held):
+    return noisy_log_prob(np.stack([np.broadcast_to(z[:, :1], held.shape[:2]), held[:, :, 0]], axis=2))
+
+
+@pytest.fixture(scope="module")
+def grid():
+    """Places (n, 2) and their probability."""
     axis = np.linspace(-3.0, 3.0, 1201)
-    grid = np.stack(np.meshgrid(axis, axis), axis=-1)
-    p = np.exp(log_prob(grid) - log_prob(grid).max())
-    moments = [np.sum(p * grid[..., i] ** k) / p.sum() for i in (0, 1) for k in (1, 2)]
-    best = grid.reshape(-1, 2)[[np.argmax(p)]]
+    z = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    p = np.exp(noisy_log_prob(z) - noisy_log_prob(z).max())
+    return z, p / p.sum()
+
+
+def test_held_noise_is_integrated_out(grid):
+    """The joint posterior's moments by a grid."""
+    places, p = grid
+    moments = [np.sum(p * places[:, i] ** k) for i in (0, 1) for k in (1, 2)]
+    best = places[[np.argmax(p)]]
     chains = sample_on_manifold(
-        lambda z: (z[:, :1] - y) * np.exp(-z[:, 1:]),
+        noisy_rows,
         held_log_prob,
         best,
-        log_prob(best),
+        noisy_log_prob(best),
         np.array([1]),
         np.array([[0.22]]),
         limit=8.0,
@@ -129,7 +144,37 @@ def test_held_noise_is_integrated_out():
     assert chains.converged and chains.convergence.worst_r_hat < 1.01
     z = chains.flat()
     np.testing.assert_allclose([np.mean(z[:, i] ** k) for i in (0, 1) for k in (1, 2)], moments, atol=0.025)
-    np.testing.assert_allclose(chains.log_prob.reshape(-1), log_prob(z), rtol=1e-9)
+    np.testing.assert_allclose(chains.log_prob.reshape(-1), noisy_log_prob(z), rtol=1e-9)
+
+
+def spread_of_noise(grid):
+    """Of chains that begin where they should, with two draws of the noise each from far too wide a distribution: how
+    much wider the noise's own is after some steps than it should be."""
+    places, p = grid
+    rng = np.random.default_rng(5)
+    z = places[rng.choice(len(p), 6000, p=p)]
+    sheet = Sheet(noisy_rows, held_log_prob, Held(np.array([1]), np.array([-0.6]), np.array([[1.0]]), 2), 2, 8.0)
+    walkers = sheet.begin(z, rng)
+    walkers.z, walkers.log_prob = z.copy(), noisy_log_prob(z)
+    sheet.refresh(walkers, rng)  # theirs is the posterior's: so estimates are as they should be, too
+    draws, _, _ = sheet.advance(walkers, 8, 0.9, rng)
+    mean = p @ places[:, 1]
+    return np.std(draws[2:, :, 1]) / np.sqrt(p @ (places[:, 1] - mean) ** 2) - 1.0
+
+
+def test_drawing_the_noise_anew_changes_nothing(grid):
+    assert spread_of_noise(grid) == pytest.approx(0.0, abs=0.03)
+
+
+def test_estimates_that_are_all_drawn_anew_would(grid, monkeypatch):
+    """Without the walkers' own draw the noise is blurred: the test above would see it."""
+
+    def wrong(self, walkers, rng):
+        chances, pick = self.held.chances(len(walkers.z), rng), rng.random(len(walkers.z))
+        walkers.log_total, walkers.z, walkers.log_prob = self.held.integrated(self.log_prob, walkers.z, chances, pick)
+
+    monkeypatch.setattr(Sheet, "refresh", wrong)
+    assert abs(spread_of_noise(grid)) > 0.08
 
 
 def test_walkers_that_do_not_leave_their_branch_have_not_converged(soon):
@@ -176,7 +221,7 @@ def test_a_run_that_goes_on_draws_what_an_uninterrupted_one_does(tmp_path):
 def test_the_budget_and_ctrl_c_end_a_run(monkeypatch):
     late = chains_of(bent, [[0.05, 0.0025]], budget_s=0.0)
     assert late.stop is Stop.BUDGET and late.n_steps == 25 and "cut warm-up short" in late.message
-    taken, left = on_manifold._Run.block, iter(range(4))
+    taken, left = on_manifold._Run.block, iter(range(7))  # five of them warm up
 
     def block(run):
         if next(left, None) is None:

@@ -136,10 +136,10 @@ def manifold_chains(
     progress: bool,
 ) -> Chains | None:
     """Chains along the posterior's manifold, from the maxima that were found; None where they do not move."""
-    held = problem.noise_columns
+    held, coarse = problem.noise_columns, problem.coarser()
     root = laplace_scale(problem, point.optima[0])
     return sample_on_manifold(
-        lambda z: problem.rows(z)[:, : -problem.ndim],
+        lambda z: coarse.rows(z)[:, : -problem.ndim],
         problem.log_prob_of_noise,
         point.optima,
         point.optima_log_prob,
