@@ -2,6 +2,7 @@
 
     bayes-iwan identify CAMPAIGN --out RUN --config long.toml     # [sampling] taus = 800, ess = 6000, budget_s = 3000
     python analyses/benchmark_stopping.py RUN
+    python analyses/benchmark_stopping.py --simulated 40 --tau 137     # no run: walkers whose truth is known
 
 Any way of sampling: what wrote RUN/chains.ckpt is read from it. A piece begins anywhere in the long run's production
 and grows until the rule (R-hat <= 1.01, bulk and tail ESS >= 400, steps >= c autocorrelation times as the piece itself
@@ -10,6 +11,10 @@ quantiles are then off from the long run's: told in posterior standard deviation
 piece itself states (of quantiles by the effective size of being below, as Stan has it). A rule is safe whose RMS of
 these over pieces and numbers is 1; it is more where pieces stop before they know how long they are. The piece is part
 of the whole, so errors are divided by √(1 − share). A star marks the rule that the package asks of this way.
+
+Simulated are as many independent walkers as chains on a manifold have, of two slow numbers that cost nothing, one that
+drifts and one that changes between two modes of unequal shares, and a fast one. They start from equal shares of both
+modes and count after as many steps as a warm-up has.
 """
 
 from __future__ import annotations
@@ -24,7 +29,7 @@ from scipy import stats
 from bayes_iwan.sampling.checkpoint import read_checkpoint
 from bayes_iwan.sampling.convergence import Convergence, convergence_of, ess_mean
 from bayes_iwan.sampling.importance import METHOD as INDEPENDENT
-from bayes_iwan.sampling.on_manifold import LEAST_TAUS
+from bayes_iwan.sampling.on_manifold import FIRST_CHECK, LEAST_TAUS
 from bayes_iwan.sampling.on_manifold import METHOD as ON_MANIFOLD
 from bayes_iwan.sampling.run import STAGES
 from bayes_iwan.sampling.weights import untrusted
@@ -37,13 +42,15 @@ QUANTILES = (0.05, 0.5, 0.95)
 @dataclass(frozen=True)
 class Production:
     """Draws (ensembles, stored, walkers, numbers), their names and thinning; log weights (ensembles, stored) of
-    proposals by importance, else None; taus : what the package asks of this way."""
+    proposals by importance, else None; taus : what the package asks of this way; first_check : stored steps after which
+    it looks."""
 
     draws: np.ndarray
     names: tuple[str, ...]
     thin: int
     log_weight: np.ndarray | None
     taus: float
+    first_check: int
 
     @property
     def stored(self) -> int:
@@ -70,22 +77,44 @@ def production(run: Path, ensembles: int) -> Production:
     if INDEPENDENT.items() <= fingerprint.items():
         _, names, snapshot = read_checkpoint(run / "chains.ckpt", ("proposals",))
         draws = np.moveaxis(snapshot.draws["proposals"], 0, 1)
-        return Production(draws[:, :, None, :-1], tuple(names[:-1]), 1, draws[:, :, -1], 50.0)
+        return Production(draws[:, :, None, :-1], tuple(names[:-1]), 1, draws[:, :, -1], 50.0, FIRST_CHECK)
     on_manifold = ON_MANIFOLD.items() <= fingerprint.items()
     _, names, snapshot = read_checkpoint(run / "chains.ckpt", ("production",) if on_manifold else STAGES)
-    draws, thin, taus = snapshot.draws["production"], 1, LEAST_TAUS
+    draws, thin, taus, first = snapshot.draws["production"], 1, LEAST_TAUS, FIRST_CHECK
     if not on_manifold:
         restarts = snapshot.state["restarts"]
         draws, thin, taus = draws[int(restarts[-1]) if len(restarts) else 0 :], int(snapshot.state["thin"]), 50.0
+        first = LEAST
     blocks = draws.reshape(len(draws), ensembles, -1, draws.shape[2])
-    return Production(np.moveaxis(blocks, 0, 1), tuple(names), thin, None, taus)
+    return Production(np.moveaxis(blocks, 0, 1), tuple(names), thin, None, taus, first)
+
+
+def simulated(count: int, tau: float, rng: np.random.Generator) -> tuple[Production, np.ndarray]:
+    """`count` steps of walkers of autocorrelation time `tau`, and independent draws (n, 1, 1, numbers) of the truth."""
+    share, apart, warm = 0.7, 3.0, 375
+    hidden = np.random.default_rng(0).random(200_000) < share
+    unit = np.random.default_rng(1).standard_normal((3, len(hidden)))
+    truth = np.stack([unit[0], apart * hidden + unit[1], unit[2]], axis=1)[:, None, None]
+    # P(change) over both directions is the rate at which the modes forget each other: tau is 2 / rate − 1
+    rate = 2.0 / (tau + 1.0)
+    out = np.empty((count, 32, 3))
+    mode, slow, fast = np.arange(32) % 2 == 0, rng.standard_normal(32), rng.standard_normal(32)
+    keep = np.array([1.0 - rate, 1.0 - 2.0 / (0.1 * tau + 1.0)])
+    for i in range(-warm, count):
+        chance = rng.random(32)
+        mode = np.where(mode, chance >= rate * (1.0 - share), chance < rate * share)
+        slow, fast = (k * x + np.sqrt(1.0 - k * k) * rng.standard_normal(32) for k, x in zip(keep, (slow, fast)))
+        if i >= 0:
+            out[i] = np.stack([slow, apart * mode + rng.standard_normal(32), fast], axis=1)
+    draws = np.moveaxis(out.reshape(count, 4, 8, 3), 0, 1)
+    return Production(draws, ("drifts", "two modes", "fast"), 1, None, LEAST_TAUS, FIRST_CHECK), truth
 
 
 def stops(run: Production, first: int) -> dict[float, int]:
     """Stored steps at which each rule would have stopped a run that begins at `first`; rules that never do are left
     out."""
     found: dict[float, int] = {}
-    length = LEAST
+    length = run.first_check
     while first + length <= run.stored and len(found) < len(RULES):
         result: Convergence = convergence_of(run.piece(first, length), run.names, run.thin)
         for taus in RULES:
@@ -111,12 +140,49 @@ def errors(piece: np.ndarray, whole: np.ndarray, share: float) -> np.ndarray:
     return np.stack([np.array(off) / known, np.array(off) / known / np.array(stated)], axis=1)
 
 
+def told(tried: list[tuple[Production, int, np.ndarray]]) -> None:
+    """The table of all rules, from runs, where a piece of each begins, and what stands for the truth (…, numbers)."""
+    rows: dict[float, list[np.ndarray]] = {taus: [] for taus in RULES}
+    lengths: dict[float, list[int]] = {taus: [] for taus in RULES}
+    for run, first, whole in tried:
+        for taus, length in stops(run, first).items():
+            piece, share = run.piece(first, length), 0.0 if len(whole) > len(run.draws) else length / run.stored
+            numbers = range(len(run.names))
+            rows[taus].append(np.stack([errors(piece[..., j], whole[..., j], share) for j in numbers]))
+            lengths[taus].append(length)
+    print(
+        "   taus  stopped  steps  RMS error in posterior sd: mean, q05, q50, q95      largest   "
+        "in stated standard errors: mean, q05, q50, q95"
+    )
+    for taus, found in rows.items():
+        mark = "*" if taus == tried[0][0].taus else " "
+        if not found:
+            print(f"{mark} {taus:5.0f} {0:8d}")
+            continue
+        off = np.stack(found)  # (pieces, numbers, mean and quantiles, unit)
+        rms = np.sqrt(np.mean(off**2, axis=(0, 1)))
+        print(
+            f"{mark} {taus:5.0f} {len(found):8d} {np.median(lengths[taus]) * tried[0][0].thin:6.0f}   "
+            f"{' '.join(f'{x:9.3f}' for x in rms[:, 0])}  {np.abs(off[..., 0]).max():11.3f}   "
+            f"{' '.join(f'{x:9.2f}' for x in rms[:, 1])}",
+            flush=True,
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("run", type=Path, nargs="+", help="folders of long runs")
+    parser.add_argument("run", type=Path, nargs="*", help="folders of long runs")
     parser.add_argument("--pieces", type=int, default=12, help="of each run")
     parser.add_argument("--ensembles", type=int, default=4)
+    parser.add_argument("--simulated", type=int, default=0, help="runs of walkers whose truth is known")
+    parser.add_argument("--tau", type=float, default=137.0, help="autocorrelation time of these")
     args = parser.parse_args()
+    if args.simulated:
+        made = []
+        for seed in range(args.simulated):
+            run, truth = simulated(int(1.5 * max(RULES) * args.tau), args.tau, np.random.default_rng(seed))
+            made.append((run, 0, truth))
+        told(made)
     for folder in args.run:
         run = production(folder, args.ensembles)
         whole = run.piece(0, run.stored)
@@ -125,33 +191,7 @@ def main() -> None:
             f"{folder}: {result.n_steps} steps, {result.n_steps / result.worst_tau:.0f} autocorrelation times of the "
             f"slowest number, least ESS {result.least_ess:.0f}, R-hat {result.worst_r_hat:.4f}"
         )
-        rows: dict[float, list[np.ndarray]] = {taus: [] for taus in RULES}
-        lengths: dict[float, list[int]] = {taus: [] for taus in RULES}
-        for first in np.linspace(0, 0.7 * run.stored, args.pieces).astype(int):
-            for taus, length in stops(run, first).items():
-                piece = run.piece(first, length)
-                numbers = range(len(run.names))
-                rows[taus].append(
-                    np.stack([errors(piece[..., j], whole[..., j], length / run.stored) for j in numbers])
-                )
-                lengths[taus].append(length)
-        print(
-            "   taus  stopped  steps  whole/stop   RMS error in posterior sd: mean, q05, q50, q95      largest   "
-            "in stated standard errors: mean, q05, q50, q95"
-        )
-        for taus, found in rows.items():
-            if not found:
-                print(f"{'*' if taus == run.taus else ' '} {taus:5.0f} {0:8d}")
-                continue
-            off = np.stack(found)  # (pieces, numbers, mean and quantiles, unit)
-            rms = np.sqrt(np.mean(off**2, axis=(0, 1)))
-            steps = float(np.median(lengths[taus]))
-            print(
-                f"{'*' if taus == run.taus else ' '} {taus:5.0f} {len(found):8d} {steps * run.thin:6.0f} "
-                f"{run.stored / steps:11.1f}   {' '.join(f'{x:11.3f}' for x in rms[:, 0])}  "
-                f"{np.abs(off[..., 0]).max():11.3f}   {' '.join(f'{x:9.2f}' for x in rms[:, 1])}",
-                flush=True,
-            )
+        told([(run, first, whole) for first in np.linspace(0, 0.7 * run.stored, args.pieces).astype(int)])
 
 
 if __name__ == "__main__":

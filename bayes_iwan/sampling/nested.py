@@ -36,7 +36,8 @@ _BENT, _MOST = 0.15, 8
 _STEP = 0.02  # of the second differences, in standard deviations
 _COMPONENTS, _PRIOR_SHARE = 8, 0.1
 _MATERIAL, _KNOWN = 4000, 256  # draws that the mixture is fitted to; places from which the others are solved for
-_NU, _NU_OTHERS, _WIDER = 8.0, 12.0, 1.05  # degrees of freedom of v's and x's t distributions, scale of x's
+_NU, _NU_OTHERS = 4.0, 12.0  # degrees of freedom of v's and x's t distributions
+_WIDER_V, _WIDER = 1.1, 1.05  # their scales over what was found
 #: to what the middle of a sheet and a place on it are met; places nearer than this are one place
 _NEAR, _TOLERANCE, _SAME = 1e-1, 1e-3, 1e-2
 _TOGETHER = 256  # proposals that are solved for at a time
@@ -71,7 +72,7 @@ class Nested:
         mixture = StudentMixture(
             np.concatenate([[_PRIOR_SHARE], (1.0 - _PRIOR_SHARE) * fit.weights]),
             np.concatenate([np.zeros((1, len(v))), fit.means]),
-            np.concatenate([np.eye(len(v))[None], fit.scales]),
+            np.concatenate([np.eye(len(v))[None], _WIDER_V * fit.scales]),
             _NU,
         )
         return cls(whole, v, mixture, some[:_KNOWN])

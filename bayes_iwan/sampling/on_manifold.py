@@ -1,8 +1,9 @@
 """Sampling a least-squares posterior that is a thin bent sheet, by chains that turn along it (see :mod:`.manifold`).
 
 For what importance sampling does not fit: a chain sees the posterior from where it is, so the sheet may bend as much as
-it likes between here and there. Where a few numbers do most of the bending, four steps of five are jumps: these numbers
-are proposed whatever they were before, the others solved for (see :mod:`.nested`).
+it likes between here and there. Where a few numbers do most of the bending, two steps of five are jumps: these numbers
+are proposed whatever they were before, the others solved for (see :mod:`.nested`). A jump leads far, but leaves places
+that are proposed too seldom as seldom; turns lead from there.
 
 Chains start at all maxima that were found, those of an ensemble at others than the next one's. In a warm-up they learn
 how far a step may turn, where the held numbers lie and where to jump to; then all is frozen, and only draws from then
@@ -41,7 +42,7 @@ _TOGETHER = 16  # walkers on one thread
 #: autocorrelation times that each walker takes at least; all of an ensemble together take as many as are asked
 LEAST_TAUS = 10.0
 _BLOCK = 25  # steps between two commits
-_JUMPS = 20  # of a block's steps, where some numbers bend the sheet
+_JUMPS = 10  # of a block's steps, where some numbers bend the sheet
 #: blocks of a stage of the warm-up; stages without jumps, the first to find the way, and with them, each with what was
 #: learnt in all but the first
 _WARM_UP, _STAGES, _JUMPING = 3, 2, 3
@@ -51,7 +52,7 @@ _ACCEPTANCE = 0.3  # what the angles are fitted to
 _LEAST, _MOST = 0.15, 1.1  # scale of the angles: below this the chains hardly move, above it draws are independent
 _HELD_DRAWS = 64
 _DEPTH = 12.0  # maxima so many nats below the best are no starts
-_FIRST_CHECK = 200
+FIRST_CHECK = 200
 
 
 def sample_on_manifold(
@@ -138,7 +139,7 @@ def sample_on_manifold(
                 if checkpoint is not None:
                     file = Checkpoint.create(checkpoint, stamp, names, {_STAGE: n}, run.state(before))
             bar.set_description("sampling")
-            next_check = _FIRST_CHECK
+            next_check = FIRST_CHECK
             while next_check <= len(z) - _BLOCK:  # where an uninterrupted run would have looked
                 next_check = int(1.15 * next_check)
             while stop is None:
