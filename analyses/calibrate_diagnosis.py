@@ -68,16 +68,18 @@ def named_shares(found: Weighed, unseen: Sequence[Record]) -> dict[str, dict[str
     keys = subsets(named)
     share = shares(named, {k: found.sizes[k] for k in keys})
     loops = [average(r, **LOOPS) for r in unseen]
-    removed = left_out([found.in_newtons[k] for k in keys], found.search.data, loops)
+    removed = left_out([found.predicting[k] for k in keys], found.search.data, loops)
     of = {u.by: unseen_shares(named, [u]) for u in removed}
     left = unseen_shares(named, [u for u in removed if u.by != HELD_OUT])
+    whole = found.fits[frozenset(named)]
+    predict = {e.name for e in whole.effects if e.strength_name in whole.problem.names}  # not numbers of single tests
     return {
         n: {
             "value": share[n].value,
             "low": share[n].low,
             "high": share[n].high,
-            "left_out": left[n].value if n in left else float("nan"),
-            "found": of[HELD_OUT][n].value,
+            "left_out": left[n].value if n in predict and n in left else float("nan"),
+            "found": of[HELD_OUT][n].value if n in predict else float("nan"),
         }
         for n in named
     }

@@ -10,7 +10,7 @@ import numpy as np
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Share, contributing, left_unnamed, rest_without_name
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.judging.verdict import falls_short, least_share, named_by
+from bayes_iwan.gap.judging.verdict import falls_short, least_share, named_by, one_of
 from bayes_iwan.gap.searching.base import USUAL_GAP
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.rig import cases as rig_cases
@@ -81,8 +81,10 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
     for case, c in zip(cases, constants):
         given, true, kind = figures_of(case), truths(case), case["truth"]["kind"]
         named = {n for n in named_in(case, c) if n not in OWN_FORM}
-        apart = {n for f in given if f.name in named for n, v in f.rivals.items() if v > -c.apart}
         flagged = rest_has_cause(case, c) >= 0.5
+        apart = {n for f in given if f.name in named for n, v in f.rivals.items() if v > -c.apart}
+        if flagged:
+            apart |= {n for some in one_of(given, sorted(named), c) for n in some.names}
         gap = by_set(case["gap_N"])[frozenset()]
         visible = {n for n, share in case["true_share"].items() if share * gap > case["noise_N"]}
         listed = {n for n in visible if n not in rig_cases.OUTSIDE}

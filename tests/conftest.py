@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from markupsafe import Markup
 
-from bayes_iwan.campaign import Campaign, Record, average, write_campaign
+from bayes_iwan.campaign import Campaign, Record, average, read_campaign, write_campaign
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
@@ -20,6 +20,21 @@ from bayes_iwan.physics import Model, Reference, paper, sine_motion
 from bayes_iwan.physics.normal_force import from_paper_hunt_crossley
 from bayes_iwan.physics.stiffness import from_paper_stiffness
 from bayes_iwan.report import page, rendering
+
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def measured():
+    """Campaigns from public sources by name; what needs one is skipped where it is missing."""
+
+    @cache
+    def read(name):
+        if not (SHARED / name).is_dir():
+            pytest.skip(f"{SHARED / name} is not here: the measured campaigns are kept outside this repository")
+        return read_campaign(SHARED / name)
+
+    return read
 
 
 @pytest.fixture(scope="session")

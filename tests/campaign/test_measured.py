@@ -8,13 +8,6 @@ import pytest
 from bayes_iwan.campaign import read_campaign
 
 ROOT = Path(__file__).parents[2]
-SHARED = ROOT.parent / "shared" / "data"
-
-
-def shared(name):
-    if not (SHARED / name).is_dir():
-        pytest.skip(f"{SHARED / name} is not here: the measured campaigns are kept outside this repository")
-    return read_campaign(SHARED / name)
 
 
 def dissipated(loop):
@@ -43,17 +36,17 @@ def test_rope_spring():
 
 
 @pytest.mark.shared
-def test_shipped_copies_are_the_shared_ones():
+def test_shipped_copies_are_the_shared_ones(measured):
     for name in ("rope_spring", "rope_spring_accelerometer"):
-        theirs, ours = shared(name), read_campaign(ROOT / "data" / name)
+        theirs, ours = measured(name), read_campaign(ROOT / "data" / name)
         for a, b in zip(theirs.tests, ours.tests, strict=True):
             np.testing.assert_array_equal(a.force_N, b.force_N)
             np.testing.assert_array_equal(a.displacement_mm, b.displacement_mm)
 
 
 @pytest.mark.shared
-def test_microtribometer():
-    (loop,) = shared("microtribometer").loops()
+def test_microtribometer(measured):
+    (loop,) = measured("microtribometer").loops()
     assert any("gap" in w for w in loop.record.warnings)
     assert loop.n_cycles >= 45
     first, last = loop.record.time_s[loop.cut.index[[0, -1]]]
@@ -71,8 +64,8 @@ def test_microtribometer():
 
 @pytest.mark.shared
 @pytest.mark.parametrize("name", ["mr_damper_off", "mr_damper_half"])
-def test_magnetorheological_damper(name):
-    loops = shared(name).loops()
+def test_magnetorheological_damper(name, measured):
+    loops = measured(name).loops()
     assert len(loops) == 6
     for loop in loops:
         # ramps at both ends are out: what is left repeats to a thousandth of the stroke
@@ -88,8 +81,8 @@ def test_magnetorheological_damper(name):
 
 
 @pytest.mark.shared
-def test_pneumatic_seal():
-    loops = shared("pneumatic_seal").loops()
+def test_pneumatic_seal(measured):
+    loops = measured("pneumatic_seal").loops()
     assert len(loops) == 7
     for loop in loops:
         assert any("gap" in w for w in loop.record.warnings) and any("irregular" in w for w in loop.record.warnings)

@@ -1,11 +1,19 @@
 """Evidence: Laplace's approximation where it is exact, and one scale for steady and evolving models."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bayes_iwan.gap.fitting.evidence import Rows, _distinct, _grid, extended, fit_model
+from bayes_iwan.campaign import average
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.fitting.evidence import Rows, _distinct, _grid, extended, fit_model, in_newtons, predicting
 from bayes_iwan.gap.fitting.rest import LENGTHS, SHARES, Linear, Rest
 from bayes_iwan.gap.judging import sample_fit
+from bayes_iwan.gap.searching.base import fit_base, gap_rms_N
+from bayes_iwan.gap.telling.saved_fits import LOOPS
+from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
 
 
 def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record():
@@ -34,6 +42,21 @@ def test_evidence_is_the_mean_over_the_grid_and_the_rest_has_its_size(kit):
 def test_distinct_optima_best_first():
     x = np.array([[0.0, 0.0], [0.1, 0.0], [1.0, 0.0], [0.0, 5.0]])
     np.testing.assert_array_equal(_distinct(x, np.array([1.0, 2.0, 3.0, 99.0])), x[[0, 2]])
+
+
+def test_a_large_rest_does_not_lead_a_model_away_from_what_it_can_fit(measured):
+    """A seal's loop at 7 bar: beside a rest of 180 % of the friction force priors alone decide, and the base model was
+    said to miss half of a force that it fits to a tenth."""
+    loops = [average(x, **LOOPS) for x in measured("pneumatic_seal").tests if x.file == "p7bar.csv"]
+    data, scales = gap_data(loops), scales_of(loops)
+    level = float(np.sqrt(np.mean(data.level_N**2)))
+    for seed in (1, 2):
+        base = fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(seed))
+        assert gap_rms_N(data, base) < 0.1 * level
+    far = replace(base, z=np.zeros_like(base.z), rest_share=(1.8, 0.2, 2.2))
+    assert gap_rms_N(data, far) < 0.1 * level  # wherever evidence left it
+    held = predicting(data, far, in_newtons(data, far))
+    assert held.size.share == 1.8 and np.linalg.norm(held.z) < np.linalg.norm(in_newtons(data, far).z)
 
 
 @pytest.mark.parametrize("name", ["friction_fade", "force_drift", "mains_hum"])

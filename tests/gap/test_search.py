@@ -15,7 +15,7 @@ from bayes_iwan.gap.fitting.evidence import Rows, extended
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
 from bayes_iwan.gap.searching.base import fit_base, missed
 from bayes_iwan.gap.searching.candidates import candidates, start_points, stepped_on
-from bayes_iwan.gap.searching.found import LAST
+from bayes_iwan.gap.searching.found import LAST, needed
 from bayes_iwan.gap.searching.search import SINGLE_MOST, search
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.scales import scales_of
@@ -151,6 +151,15 @@ def test_a_law_that_only_its_shape_tells_from_the_base_is_found(kit):
     effect = calibrated(RigCompliance, scales, data, base.problem, base.z)
     (one,) = candidates(data, base, {"rig_compliance": (effect,)})
     assert one.gain > 10.0
+
+
+def test_what_others_stand_in_for_does_not_come_back_beside_them():
+    one = {n: (SimpleNamespace(look_alikes=alike),) for n, alike in {"a": ("b",), "b": (), "c": (), "d": ()}.items()}
+    stood_in = {"a": frozenset("bc"), "d": frozenset("bc")}
+    may = {k: needed(one, stood_in, frozenset(k)) for k in ("a", "abc", "ab", "ac", "bd", "cd", "bcd", "bc")}
+    # b looks like a, so b alone stands in for it; nothing looks like d, so b and c together do
+    assert may == {"a": True, "abc": False, "ab": False, "ac": True, "bd": True, "cd": True, "bcd": False, "bc": True}
+    assert not needed(one, {"c": frozenset()}, frozenset("c")) and needed(one, {"c": frozenset()}, frozenset("ac"))
 
 
 def test_sudden_effects_are_always_refitted(kit):

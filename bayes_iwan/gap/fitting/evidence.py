@@ -28,8 +28,14 @@ from bayes_iwan.physics import Model, Simulator
 
 #: z of every parameter stays within these prior standard deviations
 Z_BOX = 5.0
+#: distinct optima at which the evidence is asked
+GRIDS_MOST = 3
 #: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
 OTHER_WEIGHTS = 0.25
+#: beside a larger rest priors hold a model where it misses by far more than it must
+LARGEST_REST = 0.05
+#: optima of the evidence from which it is sought, too
+NEWTON_STARTS = 2
 _FIXED_NOISE = {
     "noise_scale": ParameterChange(fixed=1.0),
     "discrepancy_share": ParameterChange(fixed=FIRST.share),
@@ -207,11 +213,13 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     if not np.isfinite(cost[order[0]]):
         raise FitError(f"{'+'.join(e.name for e in effects_of(problem)) or 'the base model'}: no finite force")
     optima = _distinct(found.x[order], cost[order])
-    grid = _grid(rows.linear(optima[0]))
+    grid = max((_grid(rows.linear(z)) for z in optima[:GRIDS_MOST]), key=lambda g: g.log_evidence)
     if np.sqrt(np.mean(np.log(rows.sd(grid.best.size) / rows.sd(FIRST)) ** 2)) > OTHER_WEIGHTS:
         near = np.stack([*optima, np.clip(grid.best.z, -Z_BOX, Z_BOX)])  # the best there may be another one
         again = rows.fit(near, grid.best.size, iterations)
-        grid = _grid(rows.linear(again.x[again.best]))
+        # beside a large rest the prior may lead away from a model that needs a small one; asked where each really is
+        places = (np.clip(grid.best.z, -Z_BOX, Z_BOX), again.x[again.best])
+        grid = max((_grid(rows.linear(z)) for z in places), key=lambda g: g.log_evidence)
     return Fit(
         problem,
         grid.linear.z,
@@ -225,16 +233,35 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     )
 
 
-def in_newtons(data: GapData, fit: Fit, iterations: int = 15) -> Fit:
-    """The model of a fit where it misses least in newtons: refitted beside a rest that is alike in every harmonic.
+def newton_size(rest_share: float) -> RestSize:
+    """The rest beside which the least gap in newtons is sought: alike in every harmonic and along the record."""
+    share = min(rest_share, LARGEST_REST)
+    return RestSize(share, 0.0, share)
 
-    What an effect does is judged by evidence, which follows the harmonics that are quiet; how large a gap is, and which
-    share of it an effect removes, is asked in newtons.
+
+def in_newtons(data: GapData, fit: Fit, iterations: int = 15) -> Fit:
+    """The model of a fit where it misses least in newtons: least squares of loops and their changes alike.
+
+    What an effect does is judged by evidence, which follows the harmonics that are quiet and leaves to a large rest
+    what the model need not fit; how large a gap is, and which share of it an effect removes, is asked in newtons.
     """
-    if fit.size.length == 0.0:
+    return _beside(data, fit, newton_size(fit.rest_share[0]), [fit.z, *fit.optima[:NEWTON_STARTS]], iterations)
+
+
+def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
+    """The model of a fit for tests that it has not seen: as `nearest`, its least gap in newtons, but held by its priors
+    as far as the rest that was inferred beside it says."""
+    size = RestSize(fit.rest_share[0], 0.0, fit.size.along)
+    alike = size.share == nearest.size.share and not any(e.evolving for e in fit.effects)
+    return nearest if alike else _beside(data, fit, size, [fit.z, nearest.z], 15)
+
+
+def _beside(data: GapData, fit: Fit, size: RestSize, starts: Sequence[Array], iterations: int) -> Fit:
+    """A fit's model refitted beside a rest of a size."""
+    if fit.size == size:
         return fit
-    rows, size = Rows(data, fit.problem), RestSize(fit.rest_share[0], 0.0, fit.size.along)
-    found = rows.fit(np.concatenate([fit.z[None], fit.optima[:1]]), size, iterations)
+    rows = Rows(data, fit.problem)
+    found = rows.fit(np.array(starts), size, iterations)
     linear = rows.linear(found.x[found.best])
     _, precision, _ = linear.step(size)
     covariance = np.asarray(np.linalg.inv(precision))
@@ -249,6 +276,11 @@ class _Grid:
     log_z: Array
     best: Stepped
     rest_share: tuple[float, float, float]
+
+    @property
+    def log_evidence(self) -> float:
+        """The same over the whole grid, but for a constant."""
+        return float(np.logaddexp.reduce(self.log_z.ravel()))
 
 
 def _grid(linear: Linear) -> _Grid:

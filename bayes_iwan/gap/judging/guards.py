@@ -62,12 +62,16 @@ class Figures:
 
 
 def guard_figures(
-    search: Search, nearest: Mapping[frozenset[str], Fit], share: Mapping[str, float], judged: Iterable[str]
+    search: Search,
+    nearest: Mapping[frozenset[str], Fit],
+    predicting: Mapping[frozenset[str], Fit],
+    share: Mapping[str, float],
+    judged: Iterable[str],
 ) -> tuple[Figures, ...]:
     """The figures of every effect of the chosen set that is judged.
 
-    nearest : by subset of those, the fit that misses least in newtons; share : of the gap, by effect
-    (:func:`.budget.shares`)
+    nearest : by subset of those, the fit that misses least in newtons; predicting : the same for tests left out
+    share : of the gap, by effect (:func:`.budget.shares`)
     """
     judged = tuple(judged)
     if not judged:
@@ -75,7 +79,7 @@ def guard_figures(
     data, whole = search.data, search.fit(judged)
     without = {n: search.fit(set(judged) - {n}) for n in judged}
     sets = dict.fromkeys((whole.names, *(f.names for f in without.values()), frozenset()))
-    unseen = [u for u in left_out([nearest[k] for k in sets], data) if u.by != HELD_OUT]
+    unseen = [u for u in left_out([predicting[k] for k in sets], data) if u.by != HELD_OUT]
     differs = _differences(whole, data)
     moved = moved_shares(whole, data)
     level = float(np.sqrt(np.mean(data.level_N**2)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_iwan.campaign import Loop
-from bayes_iwan.gap.fitting.evidence import Fit, in_newtons
+from bayes_iwan.gap.fitting.evidence import Fit, in_newtons, predicting
 from bayes_iwan.gap.fitting.gap_size import GapSize, gap_size
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, left_out
 from bayes_iwan.gap.fitting.residuals import residual_of
@@ -52,7 +52,8 @@ class Weighed:
 
     search : its chosen effects are those that remove anything; asked : all that it chose, beside which rivals stood
     figures : of every effect of the chosen set that may be named; by every subset of it: fits; in_newtons, the same
-    models where they miss least in newtons, and sizes, what they miss there. subharmonic : the largest power of a line
+    models where they miss least in newtons; predicting, the same as they predict tests left out; sizes, what they
+    miss in newtons. subharmonic : the largest power of a line
     at half a test's frequency over its background
     """
 
@@ -61,6 +62,7 @@ class Weighed:
     figures: tuple[Figures, ...]
     fits: Mapping[frozenset[str], Fit]
     in_newtons: Mapping[frozenset[str], Fit]
+    predicting: Mapping[frozenset[str], Fit]
     sizes: Mapping[frozenset[str], GapSize]
     subharmonic: float
 
@@ -88,6 +90,7 @@ def weighed(search: Search, seed: int) -> Weighed:
     """Figures of the chosen effects that remove anything, fits and gaps of all their subsets."""
     fits = fits_of_subsets(search)
     nearest = {k: in_newtons(search.data, f) for k, f in fits.items()}
+    held = {k: predicting(search.data, f, nearest[k]) for k, f in fits.items()}
     before = gap_size(residual_of(search.data, nearest[frozenset()]), seed)
     sizes = {
         k: before if not k else gap_size(residual_of(search.data, f), seed, friction_N=before.friction_N)
@@ -99,7 +102,7 @@ def weighed(search: Search, seed: int) -> Weighed:
     fits = {k: f for k, f in fits.items() if k <= frozenset(kept)}
     sizes = {k: s for k, s in sizes.items() if k in fits}
     share = {n: s.value for n, s in shares(kept, sizes).items()} if kept else {}
-    figures = guard_figures(search, nearest, share, kept)
+    figures = guard_figures(search, nearest, held, share, kept)
     said = tuple(f for f in figures if f.name not in OWN_FORM or f.gap >= LEAST_GAP)
     asked, search = frozenset(search.chosen), replace(search, chosen=kept)
     return Weighed(
@@ -108,6 +111,7 @@ def weighed(search: Search, seed: int) -> Weighed:
         said,
         fits,
         {k: nearest[k] for k in fits},
+        {k: held[k] for k in fits},
         sizes,
         float(np.max(search.data.subharmonic, initial=0.0)),
     )
@@ -232,7 +236,7 @@ def _causes(
         return ()
     keys = subsets(named)
     share = shares(named, {k: found.sizes[k] for k in keys})
-    unseen = left_out([found.in_newtons[k] for k in keys], found.search.data, held_out)
+    unseen = left_out([found.predicting[k] for k in keys], found.search.data, held_out)
     judges: tuple[Unseen, ...] = tuple(u for u in unseen if u.by == HELD_OUT) or unseen
     predicted = unseen_shares(named, judges) if judges else {}
     whole, along = found.fits[frozenset(named)], found.along(named)

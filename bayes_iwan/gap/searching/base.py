@@ -13,15 +13,16 @@ from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.physics import Simulator
 
-BASE_POINTS, BASE_STARTS = 600, 16
+BASE_POINTS, BASE_STARTS = 1200, 32
 #: draws of the noise behind each gap
 DRAWS = 100
 #: what removes less of the friction force is not named: two sensors of one kind differ by as much
 LEAST_OF_FRICTION = 0.001
 #: iterations behind a quick gap
 QUICK_STEPS = 6
-#: nats of the logarithm of the gap in newtons, for each test
-NEWTON_NATS = 2.0
+#: nats of the logarithm of the gap in newtons, for each test: two for one harmonic, twice as many since half of what
+#: evidence says of two laws is true of neither (the power `within` that calibration finds for it)
+NEWTON_NATS = 4.0
 #: a sound specimen's usual gap over the friction force: a smaller gap is worth no more
 USUAL_GAP = 0.004
 

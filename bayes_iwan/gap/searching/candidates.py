@@ -13,7 +13,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.gap.fitting.data import GapData
-from bayes_iwan.gap.fitting.evidence import Fit, Rows, extended
+from bayes_iwan.gap.fitting.evidence import Fit, Rows, extended, newton_size
 from bayes_iwan.gap.fitting.rest import FIRST, RestSize
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.threads import alongside
@@ -102,7 +102,7 @@ def candidate(data: GapData, smaller: Fit, newtons: bool, effect: Effect) -> Can
         gain = stepped(rows, points[0], smaller, at)
     if not newtons:
         return Candidate(effect, problem, starts, gain, 0.0)
-    alike = RestSize(max(smaller.rest_share[0], LEAST_SHARE), 0.0, at.along)  # in every harmonic: as newtons count
+    alike = newton_size(max(smaller.rest_share[0], LEAST_SHARE))
     nearest, less = promising(rows, points, residual, smaller, alike, 1)
     removes = less / max(_cost(rows, smaller, alike), 1e-300)
     return Candidate(effect, problem, np.concatenate([starts, nearest]), gain, removes)

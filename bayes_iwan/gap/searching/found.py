@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import BUILT_IN, FORM
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
+from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 
@@ -56,3 +58,21 @@ class Search:
 def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) -> bool:
     """Do the catalogue's authors expect the two to be hard to tell apart?"""
     return one == other or other in effects[one][0].look_alikes or one in effects[other][0].look_alikes
+
+
+def needed(
+    effects: Mapping[str, tuple[Effect, ...]], stood_in: Mapping[str, frozenset[str]], names: frozenset[str]
+) -> bool:
+    """May a set hold all its effects? Not one that was dropped beside others, `stood_in`, which stood in for it: those
+    of them that look like it if there are any, else all, while they are in the set."""
+    for name in names & stood_in.keys():
+        others = stood_in[name]
+        alike = frozenset(n for n in others if look_alike(effects, name, n))
+        if (alike or others) <= names and (others or len(names) == 1):
+            return False
+    return True
+
+
+def part(fit: Fit, problem: Problem) -> Array:
+    """(ndim,) a fit's optimum in the coordinates of a model with fewer effects."""
+    return fit.z[[fit.problem.names.index(n) for n in problem.names]]

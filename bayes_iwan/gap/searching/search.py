@@ -30,7 +30,7 @@ from bayes_iwan.gap.searching.base import (
     sound_gap_N,
 )
 from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing, leading, removing
-from bayes_iwan.gap.searching.found import LAST, Search, look_alike
+from bayes_iwan.gap.searching.found import LAST, Search, look_alike, needed, part
 from bayes_iwan.gap.searching.refits import ITERATIONS, Refit, Refits
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.problem import Problem
@@ -89,6 +89,7 @@ class _Explorer:
         self.fits: dict[frozenset[str], Fit] = {}
         self._gaps: dict[tuple[frozenset[str], float], float] = {}
         self._worth: dict[tuple[frozenset[str], float], float] = {}
+        self._stood_in: dict[str, frozenset[str]] = {}
         self._left: set[tuple[frozenset[str], str, float]] = set()
         self._offers: dict[tuple[frozenset[str], float, bool], list[Candidate]] = {}  # found once for each fit
         self.failed: dict[str, str] = {}
@@ -175,7 +176,7 @@ class _Explorer:
         """The base from its part of the best extended optima: had it missed its optimum?"""
         base = self.fits[frozenset()]
         leaders = sorted((f for f in self.fits.values() if f.effects), key=lambda f: -f.log_evidence)[:4]
-        starts = [_part(f, base.problem) for f in leaders]
+        starts = [part(f, base.problem) for f in leaders]
         before = base.log_evidence
         better = self.keep(base.problem, np.array([base.z, *starts]), 40)
         return better is not None and better.log_evidence > before + 1.0
@@ -202,7 +203,7 @@ class _Explorer:
 
     def _less(self, fit: Fit, name: str) -> Refit:
         problem = extended(fit.problem, [e for e in fit.effects if e.name != name])
-        starts, known = [_part(fit, problem)], self.fits.get(fit.names - {name})
+        starts, known = [part(fit, problem)], self.fits.get(fit.names - {name})
         if known is not None and known.problem.names == problem.names:
             starts.append(known.z)
         return Refit(problem, np.array(starts), np.zeros((0, problem.ndim)))
@@ -210,7 +211,8 @@ class _Explorer:
     def grow(self, current: Fit, last: bool = False) -> Fit | None:
         """The best fit with one effect more, of LAST or of all others, if it is worth it."""
         if current.effects or last:
-            chosen, offered = [], self.offered(current, last)
+            chosen = []
+            offered = [x for x in self.offered(current, last) if self.needed(current.names | {x.name})]
             near = removing(offered)
             for i, one in enumerate(offered):
                 alone = self.fits.get(frozenset({one.name}))
@@ -221,7 +223,10 @@ class _Explorer:
         larger = [
             f
             for k, f in self.fits.items()
-            if current.names < k and len(k) == len(current.names) + 1 and bool(k - current.names <= LAST) == last
+            if current.names < k
+            and len(k) == len(current.names) + 1
+            and bool(k - current.names <= LAST) == last
+            and self.needed(k)
         ]
         if not larger:
             return None
@@ -294,9 +299,9 @@ class _Explorer:
                 continue
             if name in LAST:
                 continue
-            needed = current.log_evidence - less.log_evidence
-            near = self.offered(less)[:FURTHER_MOST]
-            self.add([x for x in near if x.gain > 0.5 * needed and x.name != name], less, current)
+            least = 0.5 * (current.log_evidence - less.log_evidence)
+            near = [x for x in self.offered(less)[:FURTHER_MOST] if self.needed(less.names | {x.name})]
+            self.add([x for x in near if x.gain > least and x.name != name], less, current)
             current = self.best_beside(less, current)
         return current
 
@@ -304,7 +309,7 @@ class _Explorer:
         """The current fit, or a clearly better one of as many effects that has those of a smaller one, or the simpler
         story of two that look alike and are all but tied."""
         same_size = [f for k, f in self.fits.items() if less.names < k and len(k) == len(current.names)]
-        same_size = self.within_reach(same_size)
+        same_size = self.within_reach([f for f in same_size if f is current or self.needed(f.names)])
         self.worths([current, *same_size])
         better = [f for f in same_size if self.worth(f) > self.worth(current) + 1.0]
         top = max(better, key=self.worth, default=current)
@@ -333,13 +338,22 @@ class _Explorer:
             opposed = alone is not None and self.gap_N(alone) > base
             cheap = less.log_evidence > current.log_evidence - BESIDE_ALIKE
             if alike and ((cheap and removes[name] < ALIKE_SHARE) or (opposed and removes[name] < 2.0 * ALIKE_SHARE)):
-                return self.pruned(less)
+                return self.dropped(name, less)
         for name in weakest_first:
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
             stood_in = alone is not None and removes[name] < STOOD_IN and base - self.gap_N(alone) > ALONE * base
             if name not in LAST and (removes[name] < 0.0 or stood_in):
-                return self.pruned(less)
+                return self.dropped(name, less)
         return current
+
+    def dropped(self, name: str, less: Fit) -> Fit:
+        """Pruned without an effect, which is remembered: it does not come back beside what stands in for it."""
+        self._stood_in[name] = less.names
+        return self.pruned(less)
+
+    def needed(self, names: frozenset[str]) -> bool:
+        """Has no effect of a set been dropped because others of it stand in for it?"""
+        return needed(self.effects, self._stood_in, names)
 
     def rivals(self, current: Fit) -> Fit:
         """What else could stand in the place of each effect of the chosen set, and the best of those sets."""
@@ -354,7 +368,7 @@ class _Explorer:
                 others: list[str] = []
                 for one in [*self.offered(less), *self.offered(less, last=True)]:
                     known = self.fits.get(less.names | {one.name})
-                    if one.name in (name, *chosen):
+                    if one.name in (name, *chosen) or not self.needed(less.names | {one.name}):
                         continue
                     if look_alike(self.effects, name, one.name):  # whatever a first step promises: ties are asked here
                         if known is None or known.log_evidence < current.log_evidence - TIED_NATS:
@@ -396,20 +410,17 @@ def search(
     if bent is not current:  # what stood in for the base's own form is no longer needed
         current = found.grown(found.exchange(bent), most)
     current = found.pruned(current)
-    asked: set[frozenset[str]] = set()
+    ends, asked = {current.names: current}, set[frozenset[str]]()
     while current.effects and current.names not in asked and len(asked) < ASKED_MOST:
         asked.add(current.names)
         better = found.rivals(current)
         if better.names == current.names:
             break
         current = found.pruned(found.grown(better, most))  # what an exchange opened, or made needless
+        ends[current.names] = current
+    current = max(ends.values(), key=found.worth)
     if current.effects and current.names not in asked:
         current = found.rivals(current)
     gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
     return Search(data, scales, settings, found.fits, order, found.effects, found.failed)
-
-
-def _part(fit: Fit, problem: Problem) -> Array:
-    """(ndim,) a fit's optimum in the coordinates of a model with fewer effects."""
-    return fit.z[[fit.problem.names.index(n) for n in problem.names]]
