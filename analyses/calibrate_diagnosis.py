@@ -99,6 +99,8 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
         return "+".join(sorted(names))
 
     true_N = true_gaps_N(case, 0)
+    if case.faults:  # with all of them as the search found it, from more starts
+        true_N[frozenset(f.name for f in case.faults)] = found.gap_N[frozenset()]
     return {
         "truth": case.truth(f"{shared['seed']}/{index}"),
         "tests": len(loops),
