@@ -54,8 +54,9 @@ CAPTIONS = {
         "Colour map of the missed force over phase and test",
     ),
     "gap_regions": (
-        "Parts of the loop. A point right of the dashed line: more is missed there than in the loop as a "
-        "whole. Grey and open: no more than a right model would leave.",
+        "Parts of the loop, which overlap: their shares of the gap, at the right, add up to more than the whole. A "
+        "point right of the dashed line: more is missed there than in the loop as a whole. Grey and open: no more "
+        "than a right model would leave.",
         "Points with intervals: gap in each part of the loop",
     ),
     "gap_harmonics": (

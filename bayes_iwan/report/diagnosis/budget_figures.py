@@ -46,7 +46,7 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
         text = f"{100 * width:.0f} %" + (f"  ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})" if interval else "")
         end = min(max(left + width, left), 1.15)
         if width >= 0.4 and i not in hatched:  # room inside the bar
-            at, side, shift, colour = left, "left", 3, "white"
+            at, side, shift, colour = left, "left", 3, "black" if colour == ORANGE else "white"
         elif end > 0.62:
             at, side, shift, colour = left, "right", -3, "black"
         else:
