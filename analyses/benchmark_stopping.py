@@ -29,7 +29,7 @@ from scipy import stats
 from bayes_iwan.sampling.checkpoint import read_checkpoint
 from bayes_iwan.sampling.convergence import Convergence, convergence_of, ess_mean
 from bayes_iwan.sampling.importance import METHOD as INDEPENDENT
-from bayes_iwan.sampling.on_manifold import FIRST_CHECK, LEAST_TAUS
+from bayes_iwan.sampling.on_manifold import FIRST_CHECK, LEAST_TAUS, WALKERS
 from bayes_iwan.sampling.on_manifold import METHOD as ON_MANIFOLD
 from bayes_iwan.sampling.run import STAGES
 from bayes_iwan.sampling.weights import untrusted
@@ -90,23 +90,24 @@ def production(run: Path, ensembles: int) -> Production:
 
 
 def simulated(count: int, tau: float, rng: np.random.Generator) -> tuple[Production, np.ndarray]:
-    """`count` steps of walkers of autocorrelation time `tau`, and independent draws (n, 1, 1, numbers) of the truth."""
+    """`count` steps of walkers of autocorrelation time `tau`, and what it is, evenly spread (n, 1, 1, numbers)."""
     share, apart, warm = 0.7, 3.0, 375
-    hidden = np.random.default_rng(0).random(200_000) < share
-    unit = np.random.default_rng(1).standard_normal((3, len(hidden)))
-    truth = np.stack([unit[0], apart * hidden + unit[1], unit[2]], axis=1)[:, None, None]
+    many, most = (stats.norm.ppf((np.arange(n) + 0.5) / n) for n in (20_000, int(20_000 * share)))
+    few = stats.norm.ppf((np.arange(20_000 - len(most)) + 0.5) / (20_000 - len(most)))
+    truth = np.stack([many, np.concatenate([apart + most, few]), many], axis=1)[:, None, None]
     # P(change) over both directions is the rate at which the modes forget each other: tau is 2 / rate − 1
     rate = 2.0 / (tau + 1.0)
-    out = np.empty((count, 32, 3))
-    mode, slow, fast = np.arange(32) % 2 == 0, rng.standard_normal(32), rng.standard_normal(32)
+    n = 4 * WALKERS
+    out = np.empty((count, n, 3))
+    mode, slow, fast = np.arange(n) % 2 == 0, rng.standard_normal(n), rng.standard_normal(n)
     keep = np.array([1.0 - rate, 1.0 - 2.0 / (0.1 * tau + 1.0)])
     for i in range(-warm, count):
-        chance = rng.random(32)
+        chance = rng.random(n)
         mode = np.where(mode, chance >= rate * (1.0 - share), chance < rate * share)
-        slow, fast = (k * x + np.sqrt(1.0 - k * k) * rng.standard_normal(32) for k, x in zip(keep, (slow, fast)))
+        slow, fast = (k * x + np.sqrt(1.0 - k * k) * rng.standard_normal(n) for k, x in zip(keep, (slow, fast)))
         if i >= 0:
-            out[i] = np.stack([slow, apart * mode + rng.standard_normal(32), fast], axis=1)
-    draws = np.moveaxis(out.reshape(count, 4, 8, 3), 0, 1)
+            out[i] = np.stack([slow, apart * mode + rng.standard_normal(n), fast], axis=1)
+    draws = np.moveaxis(out.reshape(count, 4, WALKERS, 3), 0, 1)
     return Production(draws, ("drifts", "two modes", "fast"), 1, None, LEAST_TAUS, FIRST_CHECK), truth
 
 

@@ -37,7 +37,7 @@ from bayes_iwan.threads import side_by_side
 #: what a checkpoint's fingerprint says of this way of sampling
 METHOD = {"method": "manifold"}
 _STAGE = "production"  # as ensembles name it, so that pages find the whole run
-_WALKERS = 8  # of each ensemble
+WALKERS = 8  # of each ensemble
 _TOGETHER = 16  # walkers on one thread
 #: autocorrelation times that each walker takes at least; all of an ensemble together take as many as are asked
 LEAST_TAUS = 10.0
@@ -99,8 +99,8 @@ def sample_on_manifold(
     """
     began = time.monotonic()
     names, quantity_names = tuple(names), tuple(quantity_names)
-    n = n_ensembles * _WALKERS
-    taus = min(chain_taus, max(LEAST_TAUS, chain_taus / _WALKERS))
+    n = n_ensembles * WALKERS
+    taus = min(chain_taus, max(LEAST_TAUS, chain_taus / WALKERS))
     known = Held(held, optima[0][held], held_root, _HELD_DRAWS)
     run = _Run(Sheet(rows, held_log_prob, known, len(names), limit), seed)
     stamp = {**METHOD, **(fingerprint or {}), "seed": str(seed), "ensembles": str(n_ensembles)}
@@ -120,7 +120,7 @@ def sample_on_manifold(
 
     def by_ensemble(x: Array) -> Array:
         """(ensembles, steps, walkers, …) of (steps, all walkers, …)"""
-        return np.moveaxis(x.reshape(len(x), n_ensembles, _WALKERS, *x.shape[2:]), 0, 1)
+        return np.moveaxis(x.reshape(len(x), n_ensembles, WALKERS, *x.shape[2:]), 0, 1)
 
     with tqdm(disable=None if progress else True, unit="step") as bar:
         try:
@@ -133,7 +133,7 @@ def sample_on_manifold(
             else:
                 bar.set_description("warm-up")
                 near = optima[optima_log_prob > optima_log_prob[0] - _DEPTH]
-                which = np.arange(n_ensembles)[:, None] + n_ensembles * np.arange(_WALKERS)
+                which = np.arange(n_ensembles)[:, None] + n_ensembles * np.arange(WALKERS)
                 if not run.warm_up(near[which.ravel() % len(near)], late, bar):
                     return None
                 if checkpoint is not None:
