@@ -28,8 +28,6 @@ from bayes_iwan.physics import Model, Simulator
 
 #: z of every parameter stays within these prior standard deviations
 Z_BOX = 5.0
-#: distinct optima at which the evidence is asked
-GRIDS_MOST = 3
 #: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
 OTHER_WEIGHTS = 0.25
 #: beside a larger rest priors hold a model where it misses by far more than it must
@@ -213,7 +211,7 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     if not np.isfinite(cost[order[0]]):
         raise FitError(f"{'+'.join(e.name for e in effects_of(problem)) or 'the base model'}: no finite force")
     optima = _distinct(found.x[order], cost[order])
-    grid = max((_grid(rows.linear(z)) for z in optima[:GRIDS_MOST]), key=lambda g: g.log_evidence)
+    grid = _grid(rows.linear(optima[0]))
     if np.sqrt(np.mean(np.log(rows.sd(grid.best.size) / rows.sd(FIRST)) ** 2)) > OTHER_WEIGHTS:
         near = np.stack([*optima, np.clip(grid.best.z, -Z_BOX, Z_BOX)])  # the best there may be another one
         again = rows.fit(near, grid.best.size, iterations)

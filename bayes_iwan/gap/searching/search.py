@@ -43,9 +43,9 @@ from bayes_iwan.threads import alongside
 SINGLE_MOST = 7
 #: a further effect is refitted if one Gauss–Newton step promises so many nats, and at most so many are
 PROMISE, FURTHER_MOST = 3.0, 4
-#: an effect is taken in if it gains so many nats (twice as many where newtons speak for it and not the evidence), and
-#: dropped again below half of that
-WORTH_NATS = 3.0
+#: an effect is taken in if it gains so many nats, and dropped again below half of that; so many more where newtons
+#: speak for it and not the evidence
+WORTH_NATS, NEWTONS_ALONE = 3.0, 12.0
 #: and so many, or this share of the base's gap, where one that looks alike is in the set: nature seldom has both
 BESIDE_ALIKE, ALIKE_SHARE = 25.0, 0.1
 #: rivals refitted in the place of each effect of the chosen set
@@ -233,7 +233,7 @@ class _Explorer:
         best = self.plainest(current.names, larger)
         self.worths([best, current])
         evidence = best.log_evidence - current.log_evidence
-        least = WORTH_NATS if evidence > WORTH_NATS else 2.0 * WORTH_NATS
+        least = WORTH_NATS if evidence > WORTH_NATS else NEWTONS_ALONE
         return best if self.worth(best) > self.worth(current) + least else None
 
     def worth(self, fit: Fit) -> float:
