@@ -87,9 +87,10 @@ def test_plan_puts_masses_only_where_frequencies_differ(study):
 def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_its_strength_moved(study):
     judged = study("half_real").judged
 
-    def answer(effect, *together, **strengths):
+    def answer(effect, *together, gap=1.0, along=0.2, **strengths):
         return {
             "effect": effect,
+            "gap": {"before_rms_N": gap, "along_record_rms_N": along},
             "verdict": {
                 "causes": [{"name": n, "cannot_tell_apart": []} for n in strengths],
                 "one_of": [{"names": list(together)}] if together else [],
@@ -104,6 +105,10 @@ def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_its_streng
     assert not judged(answer("moving_mass", moving_mass=2.0), natural)["natural causes still named"]
     among = judged(answer("moving_mass", "moving_mass", "channel_delay"), natural)
     assert not among["named"] and among["named or in the set"] and among["natural causes still named"]
+    assert "named, visible ones" not in among  # as much is missed without it
+    for seen in ({"gap": 1.2}, {"along": 0.3}):
+        assert judged(answer("moving_mass", moving_mass=2.0, **seen), natural)["named, visible ones"]
+        assert not judged(answer("moving_mass", **seen), natural)["named or in the set, visible ones"]
 
 
 def made_case(rng, kind, name, law, strong):
