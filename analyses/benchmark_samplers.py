@@ -41,8 +41,8 @@ from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.solving.chains import independent_chains, manifold_chains
 from bayes_iwan.inference.solving.point import Point, find_point, starting_population
-from bayes_iwan.sampling.convergence import convergence_of
-from bayes_iwan.sampling.ensembles import sample
+from bayes_iwan.sampling.common.convergence import convergence_of
+from bayes_iwan.sampling.ensemble.ensembles import sample
 
 ENSEMBLES, WALKERS = 4, 40
 LEAST_STORED = 20

@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.averaging import average, in_band
+from bayes_iwan.campaign.loops.averaging import average, in_band
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import quantities

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign import CampaignError, Loop, Record, average, read_campaign
-from bayes_iwan.campaign.between_tests import compared
-from bayes_iwan.campaign.checks import check_record, check_time, step_warnings
+from bayes_iwan.campaign.loops.between_tests import compared
+from bayes_iwan.campaign.loops.checks import check_record, check_time, step_warnings
 
 try:
     from analyses import mutations

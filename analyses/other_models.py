@@ -21,7 +21,7 @@ from bayes_iwan.effects.catalogue import BUILT_IN
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import Simulator, sine_motion
-from bayes_iwan.physics.simulator import recorded_force
+from bayes_iwan.physics.interface.simulator import recorded_force
 
 SIMULATORS = Path(__file__).parent / "simulators"
 TESTS = tuple((f, a) for f in (5.0, 10.0, 20.0) for a in (0.4, 1.0))

@@ -20,8 +20,8 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import SearchSettings
 from bayes_iwan.inference.solving.point import find_point
 from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.physics.normal_force import from_paper_hunt_crossley
-from bayes_iwan.physics.stiffness import from_paper_stiffness
+from bayes_iwan.physics.laws.normal_force import from_paper_hunt_crossley
+from bayes_iwan.physics.laws.stiffness import from_paper_stiffness
 
 TESTS = [(f, a) for f in (10.0, 15.0, 20.0) for a in (0.3, 0.6, 1.0)]
 REFERENCE = Reference(1.0, 0.12566)

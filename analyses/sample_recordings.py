@@ -17,7 +17,7 @@ import argparse
 from pathlib import Path
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.campaign.table import read_table
+from bayes_iwan.campaign.recording.table import read_table
 
 DATA = Path(__file__).parents[1] / "data"
 RATE_HZ = 1280.0

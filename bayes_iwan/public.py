@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
-from bayes_iwan.campaign.folder import read_checked
+from bayes_iwan.campaign.folders.folder import read_checked
 from bayes_iwan.drawing import draw
 from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
@@ -22,10 +22,10 @@ from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_sett
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import Simulator
-from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.sampling.common.checkpoint import NAME as CHECKPOINT
 
 if TYPE_CHECKING:  # each function imports the rooms that it needs itself: together they take a second
-    from bayes_iwan.campaign.inspect import Inspection
+    from bayes_iwan.campaign.folders.inspect import Inspection
     from bayes_iwan.comparison.families import Comparison
     from bayes_iwan.gap.diagnosis import Diagnosis
 
@@ -107,7 +107,7 @@ def check(campaign: Campaign | PathLike) -> Check:
     >>> [loop.role for loop in bi.check(folder).loops]
     ['fit', 'fit']
     """
-    from bayes_iwan.campaign.inspect import inspect_campaign, inspect_loop
+    from bayes_iwan.campaign.folders.inspect import inspect_campaign, inspect_loop
 
     if isinstance(campaign, Campaign):
         return Check(campaign, inspect_campaign(campaign))

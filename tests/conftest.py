@@ -16,9 +16,10 @@ from bayes_iwan.campaign import Campaign, Record, average, read_campaign, write_
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
-from bayes_iwan.physics import Model, Reference, paper, sine_motion
-from bayes_iwan.physics.normal_force import from_paper_hunt_crossley
-from bayes_iwan.physics.stiffness import from_paper_stiffness
+from bayes_iwan.physics import Model, Reference, sine_motion
+from bayes_iwan.physics.laws import paper
+from bayes_iwan.physics.laws.normal_force import from_paper_hunt_crossley
+from bayes_iwan.physics.laws.stiffness import from_paper_stiffness
 from bayes_iwan.report import page, rendering
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
@@ -103,7 +104,7 @@ def short_config(tmp_path):
 def short_adaptation():
     """The ensembles' adaptation at its shortest, in this process: else it is nine tenths of a run on these small
     problems. It has tests of its own in tests/sampling. Gives the line that makes it short in a child."""
-    from bayes_iwan.sampling import run
+    from bayes_iwan.sampling.ensemble import run
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "_ROUNDS", (3, 4))

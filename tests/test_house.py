@@ -21,8 +21,14 @@ STREET = (
     "validation",
     "report",
 )
-#: the order within the two largest rooms
-INNER = {"inference": ("setup", "solving", "results"), "gap": ("fitting", "searching", "judging", "telling")}
+#: the order within the largest rooms
+INNER = {
+    "campaign": ("recording", "timing", "loops", "folders", "importing"),
+    "physics": ("interface", "kernels", "laws", "models"),
+    "sampling": ("common", "ensemble", "independent", "manifold"),
+    "inference": ("setup", "solving", "results"),
+    "gap": ("fitting", "searching", "judging", "telling"),
+}
 #: what every room may use, and what the two rooms that know no friction, and the independent rig, may use besides
 OPEN = {"arrays", "drawing", "executors", "files", "terminal", "threads"}
 ALONE = {"optimize": set(), "sampling": set(), "rig": {"campaign"}}

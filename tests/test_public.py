@@ -14,7 +14,7 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.cli import main
-from bayes_iwan.sampling.checkpoint import NAME
+from bayes_iwan.sampling.common.checkpoint import NAME
 
 ONE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
 

@@ -23,7 +23,7 @@ from bayes_iwan.inference.setup.config import Config, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, ModelSettings, SamplingSettings, SearchSettings
 from bayes_iwan.physics import Simulator
-from bayes_iwan.physics.bouc_wen import RIVALS
+from bayes_iwan.physics.models.bouc_wen import RIVALS
 
 
 class CompareError(ValueError):

@@ -28,8 +28,8 @@ from bayes_iwan.inference.setup.parameters import Parameter
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.physics import Motion
-from bayes_iwan.physics.parameter import Distribution
-from bayes_iwan.physics.simulator import INNER, OUTER
+from bayes_iwan.physics.interface.parameter import Distribution
+from bayes_iwan.physics.interface.simulator import INNER, OUTER
 
 #: prior of an effect's strength: the RMS force it moves over the RMS friction force has this median, ×/÷ e^0.9
 TYPICAL_SHARE = 0.08
@@ -284,7 +284,7 @@ class Effect:
 
     def slip_table(self, tables: Array, top: Array, parameter_values: ParameterValues) -> Array:
         """The slip forces at rest: coefficients (draws, cells, 4) of E[min(Φ, φ)] up to φ = top (draws,), N, as
-        :mod:`bayes_iwan.physics.warp` bends them."""
+        :mod:`bayes_iwan.physics.laws.warp` bends them."""
         return tables
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:

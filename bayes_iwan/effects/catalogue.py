@@ -10,7 +10,7 @@ from bayes_iwan.effects.conditions import following
 from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.effects.unlisted import EFFECTS as WITHOUT_CAUSE
 from bayes_iwan.physics import Simulator
-from bayes_iwan.physics.simulator import OUTER, offered
+from bayes_iwan.physics.interface.simulator import OUTER, offered
 
 #: what makes an effect from (scales, tests): its class, or one that knows the condition that it follows
 Maker = Callable[..., Effect]

@@ -1,6 +1,6 @@
 """Causes in the model's own form: where a specimen is an Iwan model, but not of the family that the base assumes.
 
-Each frees one function of the base by a short series about it (:mod:`bayes_iwan.physics.warp`), all of whose
+Each frees one function of the base by a short series about it (:mod:`bayes_iwan.physics.laws.warp`), all of whose
 coefficients vanish together. They are named candidates: "the slip forces are not a mixture of three gammas".
 """
 
@@ -16,7 +16,8 @@ from scipy import stats
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.inference.setup.parameters import Parameter
-from bayes_iwan.physics import Motion, warp
+from bayes_iwan.physics import Motion
+from bayes_iwan.physics.laws import warp
 
 
 class _Series(Effect):

@@ -12,8 +12,9 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion
-from bayes_iwan.physics import Model, Simulator, normal_force
-from bayes_iwan.physics import stiffness as laws
+from bayes_iwan.physics import Model, Simulator
+from bayes_iwan.physics.laws import normal_force
+from bayes_iwan.physics.laws import stiffness as laws
 
 #: below this d ln k / d ln α the stiffness is taken as constant: Eq. (12) then follows only an all but vanishing grip
 LEAST_ELASTICITY = 1e-6

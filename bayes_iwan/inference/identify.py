@@ -31,9 +31,9 @@ from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.inference.solving.chains import sampled
 from bayes_iwan.inference.solving.point import Point, find_point, laplace_scale
 from bayes_iwan.physics import Scales, Simulator
-from bayes_iwan.physics.parameter import Z_LIMIT
-from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
-from bayes_iwan.sampling.ensembles import Chains, Stop
+from bayes_iwan.physics.interface.parameter import Z_LIMIT
+from bayes_iwan.sampling.common.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.sampling.ensemble.ensembles import Chains, Stop
 
 #: `quick`: the search unless the configuration has its own, and the draws of the normal distribution
 QUICK_SEARCH = SearchSettings(members=100, evaluations=4000, second_opinion=False, starts=8)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.physics import Model
-from bayes_iwan.physics.sampled import default_parameters
+from bayes_iwan.physics.models.sampled import default_parameters
 from bayes_iwan.report.identification.answer import QUANTILES
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import Provenance

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.inspect import CycleMean, Inspection
-from bayes_iwan.campaign.units import Units
+from bayes_iwan.campaign.folders.inspect import CycleMean, Inspection
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.style import decimal_ticks, points, series, styled, subplots
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign import Campaign
-from bayes_iwan.campaign.accelerometer import STATED
-from bayes_iwan.campaign.folder import read_checked
-from bayes_iwan.campaign.inspect import LEVEL, Inspection, inspect_loop
+from bayes_iwan.campaign.folders.folder import read_checked
+from bayes_iwan.campaign.folders.inspect import LEVEL, Inspection, inspect_loop
+from bayes_iwan.campaign.timing.accelerometer import STATED
 from bayes_iwan.report import inspect_figures as figures
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.page import Page

@@ -18,7 +18,7 @@ from markupsafe import Markup, escape
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
-from bayes_iwan.campaign.units import Units
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.files import replacing, write_whole
 from bayes_iwan.report.provenance import Provenance
 from bayes_iwan.report.rendering import Order, Rendered, Renderer

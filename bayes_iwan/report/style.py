@@ -23,7 +23,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.files import replacing
 
 if TYPE_CHECKING:
-    from bayes_iwan.campaign.units import Units
+    from bayes_iwan.campaign.recording.units import Units
 
 #: Okabe & Ito's palette; never the only sign: lines differ in dash and markers in shape too
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_iwan.campaign.units import Units
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.files import write_whole
 
 #: what a row holds

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError, read_campaign
-from bayes_iwan.campaign.accelerometer import displacement_from_acceleration
+from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
 
 DATA = Path(__file__).parents[2] / "data"
 

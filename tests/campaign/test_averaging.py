@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bayes_iwan.campaign import CampaignError, average, averaging
-from bayes_iwan.campaign.averaging import in_band
+from bayes_iwan.campaign import CampaignError, average
+from bayes_iwan.campaign.loops import averaging
+from bayes_iwan.campaign.loops.averaging import in_band
 
 
 def design(cycles, n):

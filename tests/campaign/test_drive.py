@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import split
-from bayes_iwan.campaign.drive import judge
+from bayes_iwan.campaign.timing.drive import judge
 
 
 def test_run_in_and_run_out_are_no_staircase(record):

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign, writing
+from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
+from bayes_iwan.campaign.folders import writing
 
 
 def refused(path, *words):

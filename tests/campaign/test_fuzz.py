@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError
-from bayes_iwan.campaign.between_tests import compared
-from bayes_iwan.campaign.checks import check_record
+from bayes_iwan.campaign.loops.between_tests import compared
+from bayes_iwan.campaign.loops.checks import check_record
 from bayes_iwan.rig.planning import simulate_campaign
 from bayes_iwan.rig.simulate import PlannedTest
 

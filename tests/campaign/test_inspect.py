@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import average
-from bayes_iwan.campaign.inspect import inspect_loop
+from bayes_iwan.campaign.folders.inspect import inspect_loop
 
 
 def test_energy_stiffness_and_loss_of_a_known_loop(record, force_harmonics):

@@ -3,8 +3,8 @@
 import pytest
 
 from bayes_iwan.campaign import CampaignError, read_campaign
-from bayes_iwan.campaign.limits import RigLimits, limits_of
-from bayes_iwan.campaign.units import Units
+from bayes_iwan.campaign.recording.limits import RigLimits, limits_of
+from bayes_iwan.campaign.recording.units import Units
 
 
 def test_limits_are_read_in_their_units():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
-from bayes_iwan.campaign.units import ACCELERATIONS, DISPLACEMENTS, FORCES, Units
+from bayes_iwan.campaign.recording.units import ACCELERATIONS, DISPLACEMENTS, FORCES, Units
 
 TORSION = Units("mrad", "N·m")
 HYDRAULIC = Units("mm", "kPa")

@@ -11,7 +11,7 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.paper import EFFECTS as PAPER
 from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.physics.simulator import recorded_force
+from bayes_iwan.physics.interface.simulator import recorded_force
 
 ISSUE = (
     "viscous_damping maxwell_branch moving_mass quadratic_stiffness cubic_stiffness end_stop stribeck_weakening "

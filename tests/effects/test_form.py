@@ -6,8 +6,8 @@ from scipy import optimize
 
 from bayes_iwan.effects.form import EFFECTS, NormalForceFree, SlipForcesFree, StiffnessLawFree
 from bayes_iwan.physics import Model, sine_motion
-from bayes_iwan.physics.simulator import recorded_force
-from bayes_iwan.physics.warp import tilt
+from bayes_iwan.physics.interface.simulator import recorded_force
+from bayes_iwan.physics.laws.warp import tilt
 
 AT = sine_motion(frequency_hz=10.0, amplitude_mm=[0.15, 0.35, 0.9], samples=64)
 

@@ -12,7 +12,7 @@ from bayes_iwan.effects.catalogue import variants
 from bayes_iwan.effects.user_file import load_effects
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.physics import Model, sine_motion
-from bayes_iwan.physics.simulator import recorded_force
+from bayes_iwan.physics.interface.simulator import recorded_force
 
 FILE = Path(__file__).parents[2] / "analyses" / "effects" / "quadratic_drag.py"
 SCALES = Scales(1.0, 0.2, 5.0, 1.0, 6.0, 20.0)

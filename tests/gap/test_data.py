@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign.averaging import TRUSTED_BAND
+from bayes_iwan.campaign.loops.averaging import TRUSTED_BAND
 from bayes_iwan.effects.along_record import ForceDrift, ForceDriftByTest, MainsHum
 from bayes_iwan.gap.fitting.data import MAINS_HZ, TREND_HARMONICS, gap_data, predicted
 from bayes_iwan.gap.fitting.evidence import base_problem, extended

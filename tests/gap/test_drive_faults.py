@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
-from bayes_iwan.campaign.corners import CORNERS_GAP
+from bayes_iwan.campaign.timing.corners import CORNERS_GAP
 from bayes_iwan.gap.diagnosis import diagnose_folder, diagnose_loops
 from bayes_iwan.gap.judging.budget import Kind
 from bayes_iwan.gap.judging.calibration import calibration

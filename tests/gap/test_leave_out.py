@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign.groups import groups_of
+from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.effects.along_record import MainsHum
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import extended

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign.limits import RigLimits
+from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.gap import diagnosis
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.judging.budget import Kind

@@ -17,8 +17,8 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.scales import loop_energy_mJ
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import ModelError, record_motion, sine_motion
-from bayes_iwan.physics.bouc_wen import RIVALS
-from bayes_iwan.physics.simulator import inner_effects, recorded_force
+from bayes_iwan.physics.interface.simulator import inner_effects, recorded_force
+from bayes_iwan.physics.models.bouc_wen import RIVALS
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "analyses"))
 

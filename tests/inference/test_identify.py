@@ -26,7 +26,7 @@ from bayes_iwan.inference.setup.settings import SamplingSettings, SearchSettings
 from bayes_iwan.inference.solving import chains
 from bayes_iwan.inference.solving.point import find_point, goal_share, starting_population
 from bayes_iwan.physics import Model
-from bayes_iwan.sampling.checkpoint import CheckpointError
+from bayes_iwan.sampling.common.checkpoint import CheckpointError
 
 SMALL = {
     "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},

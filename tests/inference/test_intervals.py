@@ -18,7 +18,7 @@ from bayes_iwan.inference.solving.intervals import (
 from bayes_iwan.inference.solving.jackknife import jackknife_variance, left_out_optima
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.physics import Model
-from bayes_iwan.physics.embedded import NAMES, TILT_NAMES
+from bayes_iwan.physics.laws.embedded import NAMES, TILT_NAMES
 
 SIMPLE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
 

@@ -7,7 +7,7 @@ from scipy import stats
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.quantities import loop_quantities, quantities, slip_quantiles
 from bayes_iwan.physics import sine_motion
-from bayes_iwan.physics.slip_force import Gammas
+from bayes_iwan.physics.laws.slip_force import Gammas
 
 
 def test_energy_stiffness_and_loss_of_a_viscoelastic_loop():

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from bayes_iwan.physics import Reference, paper
+from bayes_iwan.physics import Reference
+from bayes_iwan.physics.laws import paper
 
 
 def jenkins(u, alpha, k, phi, limited, runin=(), asymmetry=0.0):

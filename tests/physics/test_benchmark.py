@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.physics import Model, sine_motion
-from bayes_iwan.physics.bouc_wen import BoucWen
+from bayes_iwan.physics.models.bouc_wen import BoucWen
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "analyses"))
 

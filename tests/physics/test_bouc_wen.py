@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bayes_iwan.physics import Scales, record_motion, sine_motion
-from bayes_iwan.physics.bouc_wen import RIVALS, BoucWen, GeneralizedBoucWen
-from bayes_iwan.physics.simulator import recorded_force
+from bayes_iwan.physics.interface.simulator import recorded_force
+from bayes_iwan.physics.models.bouc_wen import RIVALS, BoucWen, GeneralizedBoucWen
 
 CASES = {
     "n = 1": ("bouc_wen", {"bw_k_N_mm": 14.0, "bw_force_N": 1.2, "bw_n": 1.0, "bw_share": 0.7}),

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from bayes_iwan.physics import Model, record_motion, sine_motion
-from bayes_iwan.physics.closed_form import branch_force, branch_holds, slip_front
-from bayes_iwan.physics.elements import element_force, equal_probability_sliders
-from bayes_iwan.physics.sliders import friction
-from bayes_iwan.physics.slip_force import FAMILIES
+from bayes_iwan.physics.kernels.closed_form import branch_force, branch_holds, slip_front
+from bayes_iwan.physics.kernels.elements import element_force, equal_probability_sliders
+from bayes_iwan.physics.kernels.sliders import friction
+from bayes_iwan.physics.laws.slip_force import FAMILIES
 
 K, LARGEST = 10.0, 2.0  # N/mm; uniform slip forces up to 2 N
 

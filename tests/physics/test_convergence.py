@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from bayes_iwan.physics import Model, sine_motion
-from bayes_iwan.physics.elements import element_force, equal_probability_sliders
-from bayes_iwan.physics.motion import Motion
-from bayes_iwan.physics.normal_force import ALPHA_FLOOR
-from bayes_iwan.physics.sliders import friction
+from bayes_iwan.physics.interface.motion import Motion
+from bayes_iwan.physics.kernels.elements import element_force, equal_probability_sliders
+from bayes_iwan.physics.kernels.sliders import friction
+from bayes_iwan.physics.laws.normal_force import ALPHA_FLOOR
 
 AMPLITUDES, FREQUENCIES = np.repeat([0.03, 0.1, 0.3, 0.6, 1.0], 2), np.tile([10.0, 20.0], 5)
 

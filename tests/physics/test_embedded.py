@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from bayes_iwan.physics import Model, Reference, embedded, sine_motion, warp
-from bayes_iwan.physics.embedded import CORNER_NAME, NAMES, STIFFNESS_NAME, TILT_NAMES, Tilted
-from bayes_iwan.physics.slip_force import FAMILIES
+from bayes_iwan.physics import Model, Reference, sine_motion
+from bayes_iwan.physics.laws import embedded, warp
+from bayes_iwan.physics.laws.embedded import CORNER_NAME, NAMES, STIFFNESS_NAME, TILT_NAMES, Tilted
+from bayes_iwan.physics.laws.slip_force import FAMILIES
 
 NUMBERS = {"t1_N": 0.3, "eta1": 0.9, "g1": 0.4, "t2_N": 0.2, "eta2": 5.0, "g2": 0.6}
 TILTS = (0.3, -0.25, 0.2, 0.1, -0.15, 0.1)

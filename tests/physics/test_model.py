@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 
 from bayes_iwan.physics import Model, ModelError, record_motion, sine_motion
-from bayes_iwan.physics.motion import Y_FLOOR
-from bayes_iwan.physics.normal_force import ALPHA_FLOOR, LAWS, Reference, from_paper_hunt_crossley, paper_hunt_crossley
-from bayes_iwan.physics.pointwise import _expm1
-from bayes_iwan.physics.simulator import recorded_force
-from bayes_iwan.physics.stiffness import LAWS as STIFFNESS_LAWS
-from bayes_iwan.physics.stiffness import bend_of_elasticity, elasticity, from_paper_stiffness, paper_stiffness
+from bayes_iwan.physics.interface.motion import Y_FLOOR
+from bayes_iwan.physics.interface.simulator import recorded_force
+from bayes_iwan.physics.kernels.pointwise import _expm1
+from bayes_iwan.physics.laws.normal_force import (
+    ALPHA_FLOOR,
+    LAWS,
+    Reference,
+    from_paper_hunt_crossley,
+    paper_hunt_crossley,
+)
+from bayes_iwan.physics.laws.stiffness import LAWS as STIFFNESS_LAWS
+from bayes_iwan.physics.laws.stiffness import bend_of_elasticity, elasticity, from_paper_stiffness, paper_stiffness
 from bayes_iwan.threads import ALONE
 
 AMPLITUDES, FREQUENCIES = np.repeat([0.3, 0.6, 1.0], 3), np.tile([10.0, 15.0, 20.0], 3)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_iwan.physics import sliders
-from bayes_iwan.physics.slip_force import FAMILIES
+from bayes_iwan.physics.kernels import sliders
+from bayes_iwan.physics.laws.slip_force import FAMILIES
 
 
 def friction(table, top, u, alpha, k, closed=False, asymmetry=0.0):

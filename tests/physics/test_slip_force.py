@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from bayes_iwan.physics import sliders
-from bayes_iwan.physics.slip_force import ETA_MAX, ETA_MIN, FAMILIES, Gammas
+from bayes_iwan.physics.kernels import sliders
+from bayes_iwan.physics.laws.slip_force import ETA_MAX, ETA_MIN, FAMILIES, Gammas
 
 
 @nb.njit

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from bayes_iwan.physics import sliders, warp
-from bayes_iwan.physics.slip_force import FAMILIES, Gammas
+from bayes_iwan.physics.kernels import sliders
+from bayes_iwan.physics.laws import warp
+from bayes_iwan.physics.laws.slip_force import FAMILIES, Gammas
 
 
 @nb.njit

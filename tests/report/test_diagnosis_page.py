@@ -11,7 +11,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from bayes_iwan.campaign.units import Units
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.files import finite
 from bayes_iwan.gap.fitting.data import TREND_HARMONICS
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2

@@ -7,7 +7,7 @@ import numpy as np
 
 from bayes_iwan import cli
 from bayes_iwan.campaign import read_campaign, write_campaign
-from bayes_iwan.campaign.units import Units
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.report.inspect_page import inspect_to
 
 ROOT = Path(__file__).parents[2]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan import cli
 from bayes_iwan.campaign import read_campaign, write_campaign
-from bayes_iwan.campaign.units import Units
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.comparison.families import FAMILIES, Comparison, Entry
 from bayes_iwan.comparison.loo import Loo
 from bayes_iwan.inference.setup.config import settings_of

@@ -12,9 +12,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_iwan.sampling import checkpoint, run, walkers
-from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, read_checkpoint
-from bayes_iwan.sampling.ensembles import SamplingError, Stop, sample
+from bayes_iwan.sampling.common import checkpoint
+from bayes_iwan.sampling.common.checkpoint import Checkpoint, CheckpointError, read_checkpoint
+from bayes_iwan.sampling.ensemble import run, walkers
+from bayes_iwan.sampling.ensemble.ensembles import SamplingError, Stop, sample
 
 NAMES = ("a", "b", "c")
 SHORT = dict(n_walkers=16, target_ess=300.0, chain_taus=20.0, progress=False)
@@ -183,7 +184,8 @@ SCRIPT = textwrap.dedent("""
     import sys, numpy as np
     sys.path.insert(0, {here!r})
     import test_ensembles as t
-    from bayes_iwan.sampling import ensembles, run
+    from bayes_iwan.sampling.ensemble import ensembles
+from bayes_iwan.sampling.ensemble import run
     run._WARMUP_STEPS, run._ROUND_STEPS, run._ROUNDS, run._TRIAL_STEPS = 100, (60, 100), (3, 6), 200
     settings = t.SHORT | dict(target_ess=1e9, max_steps=1500, chain_taus=1e5)
     ensembles.sample(t.banana, t.population(), names=t.NAMES, seed=5, checkpoint={path!r},

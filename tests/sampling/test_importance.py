@@ -4,15 +4,15 @@ import numba as nb
 import numpy as np
 import pytest
 
-from bayes_iwan.sampling import importance
-from bayes_iwan.sampling.branches import Optimum
-from bayes_iwan.sampling.checkpoint import CheckpointError
-from bayes_iwan.sampling.ensembles import Stop
-from bayes_iwan.sampling.held import log_mean_exp
-from bayes_iwan.sampling.importance import sample_independently
-from bayes_iwan.sampling.residual_map import ResidualMap
-from bayes_iwan.sampling.source import Source
-from bayes_iwan.sampling.weights import untrusted
+from bayes_iwan.sampling.common.checkpoint import CheckpointError
+from bayes_iwan.sampling.common.held import log_mean_exp
+from bayes_iwan.sampling.ensemble.ensembles import Stop
+from bayes_iwan.sampling.independent import importance
+from bayes_iwan.sampling.independent.branches import Optimum
+from bayes_iwan.sampling.independent.importance import sample_independently
+from bayes_iwan.sampling.independent.residual_map import ResidualMap
+from bayes_iwan.sampling.independent.source import Source
+from bayes_iwan.sampling.independent.weights import untrusted
 
 NONE = np.empty(0, dtype=np.int64)
 

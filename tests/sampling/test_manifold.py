@@ -4,12 +4,12 @@ import numba as nb
 import numpy as np
 import pytest
 
-from bayes_iwan.sampling import on_manifold
-from bayes_iwan.sampling.checkpoint import CheckpointError
-from bayes_iwan.sampling.ensembles import Stop
-from bayes_iwan.sampling.held import Held
-from bayes_iwan.sampling.manifold import Sheet
-from bayes_iwan.sampling.on_manifold import sample_on_manifold
+from bayes_iwan.sampling.common.checkpoint import CheckpointError
+from bayes_iwan.sampling.common.held import Held
+from bayes_iwan.sampling.ensemble.ensembles import Stop
+from bayes_iwan.sampling.manifold import on_manifold
+from bayes_iwan.sampling.manifold.on_manifold import sample_on_manifold
+from bayes_iwan.sampling.manifold.sheet import Sheet
 
 NONE = np.empty(0, dtype=np.int64)
 

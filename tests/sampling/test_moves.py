@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_iwan.sampling.mixture import fit_mixture
-from bayes_iwan.sampling.moves import DifferentialEvolutionMove, MixtureMove, SnookerMove, StretchMove
-from bayes_iwan.sampling.proposal import Proposal, fit_proposal
-from bayes_iwan.sampling.warp import fit_warp
+from bayes_iwan.sampling.common.mixture import fit_mixture
+from bayes_iwan.sampling.ensemble.moves import DifferentialEvolutionMove, MixtureMove, SnookerMove, StretchMove
+from bayes_iwan.sampling.ensemble.proposal import Proposal, fit_proposal
+from bayes_iwan.sampling.ensemble.warp import fit_warp
 
 
 def gaussian(z):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from bayes_iwan.sampling import on_manifold
-from bayes_iwan.sampling.held import Held
-from bayes_iwan.sampling.manifold import Sheet
-from bayes_iwan.sampling.nested import Nested, bending, jumped
+from bayes_iwan.sampling.common.held import Held
+from bayes_iwan.sampling.manifold import on_manifold
+from bayes_iwan.sampling.manifold.nested import Nested, bending, jumped
+from bayes_iwan.sampling.manifold.sheet import Sheet
 
 NONE = np.empty(0, dtype=np.int64)
 AXIS = np.linspace(-4.0, 4.0, 80_001)

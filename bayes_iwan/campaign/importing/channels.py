@@ -8,7 +8,7 @@ import re
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.units import role_of
-from bayes_iwan.campaign.records import CampaignError, shown
+from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 #: words of English, German, French, Italian and Spanish that begin a word in a channel's name
 WORDS = {

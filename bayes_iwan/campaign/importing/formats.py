@@ -14,7 +14,7 @@ from bayes_iwan.campaign.importing.matlab_elements import refuse_unsound
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording, library
 from bayes_iwan.campaign.importing.text import Layout, read_text
 from bayes_iwan.campaign.importing.units import split_name
-from bayes_iwan.campaign.records import CampaignError, shown
+from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 MOST_COLUMNS = 64  # of a MATLAB matrix: a wider one is no set of channels
 RATES = {"fs", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "sample_rate_hz", "fsample", "srate"}

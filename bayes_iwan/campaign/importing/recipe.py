@@ -31,8 +31,8 @@ from typing import Any
 
 from bayes_iwan.campaign.importing.text import Layout
 from bayes_iwan.campaign.importing.units import ROLES
-from bayes_iwan.campaign.records import CampaignError, shown
-from bayes_iwan.campaign.stated import only, read_toml
+from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.stated import only, read_toml
 
 SPECIMEN = ("name", "description", "source", "licence")
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.records import CampaignError
+from bayes_iwan.campaign.recording.records import CampaignError
 
 FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal
 

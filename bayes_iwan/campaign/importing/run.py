@@ -11,19 +11,19 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.accelerometer import displacement_from_acceleration
-from bayes_iwan.campaign.averaging import Loop, average
-from bayes_iwan.campaign.between_tests import compared
-from bayes_iwan.campaign.checks import check_epoch, check_record, check_time, on_grid_of_rate, step_warnings
-from bayes_iwan.campaign.drive import split as split_levels
+from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import assign
 from bayes_iwan.campaign.importing.formats import read_file
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.units import converted
-from bayes_iwan.campaign.records import CampaignError, Record
-from bayes_iwan.campaign.units import Units
-from bayes_iwan.campaign.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
+from bayes_iwan.campaign.loops.averaging import Loop, average
+from bayes_iwan.campaign.loops.between_tests import compared
+from bayes_iwan.campaign.loops.checks import check_epoch, check_record, check_time, on_grid_of_rate, step_warnings
+from bayes_iwan.campaign.recording.records import CampaignError, Record
+from bayes_iwan.campaign.recording.units import Units
+from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
+from bayes_iwan.campaign.timing.drive import split as split_levels
 
 ACCELERATION_COLUMNS = {"mm": "acceleration_m_s2", "mrad": "acceleration_rad_s2"}
 SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other

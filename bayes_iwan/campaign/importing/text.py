@@ -15,8 +15,8 @@ import pandas as pd
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.units import is_unit, split_name
-from bayes_iwan.campaign.records import CampaignError, shown
-from bayes_iwan.campaign.table import read_bytes
+from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.table import read_bytes
 
 SAMPLE = 65536  # bytes looked at from the start and from the end to find the layout
 MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "#N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]

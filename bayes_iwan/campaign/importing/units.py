@@ -8,7 +8,7 @@ from typing import Any
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.importing.recordings import library
-from bayes_iwan.campaign.records import CampaignError
+from bayes_iwan.campaign.recording.records import CampaignError
 
 #: role → working unit of a campaign → the same for pint. An angle has no dimension: it is told by its unit's name
 ROLES: dict[str, dict[str, str]] = {

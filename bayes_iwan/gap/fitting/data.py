@@ -21,7 +21,7 @@ from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.loop_error import friction_level_N, harmonics_of
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.physics import Motion
-from bayes_iwan.physics.motion import motion_of
+from bayes_iwan.physics.interface.motion import motion_of
 
 MAINS_HZ = (50.0, 60.0)
 #: harmonics whose change along the record is looked at

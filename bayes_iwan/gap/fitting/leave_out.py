@@ -10,7 +10,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.campaign.groups import groups_of
+from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.effects.base import effects_of
 from bayes_iwan.gap.fitting.data import GapData, gap_data
 from bayes_iwan.gap.fitting.evidence import Fit, Rows

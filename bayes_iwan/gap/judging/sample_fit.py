@@ -15,8 +15,8 @@ from bayes_iwan.gap.fitting.evidence import Fit, Rows
 from bayes_iwan.gap.fitting.rest import LENGTHS
 from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.inference.setup.parameters import Z_LIMIT
-from bayes_iwan.sampling.held import log_mean_exp
-from bayes_iwan.sampling.on_manifold import sample_on_manifold
+from bayes_iwan.sampling.common.held import log_mean_exp
+from bayes_iwan.sampling.manifold.on_manifold import sample_on_manifold
 
 #: seconds that one model may be sampled for
 BUDGET_S = 45.0

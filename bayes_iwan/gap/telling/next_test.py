@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.limits import RigLimits
+from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.gap.fitting.data import GapData

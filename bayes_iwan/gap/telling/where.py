@@ -23,7 +23,7 @@ from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.gap.telling.laws import GrowthLaw, LawSearch
 from bayes_iwan.inference.setup.loop_error import harmonics_of
 from bayes_iwan.physics import Model
-from bayes_iwan.physics.simulator import inner_effects
+from bayes_iwan.physics.interface.simulator import inner_effects
 
 FAMILY_WISE = 0.05
 SIMULATIONS = 1000

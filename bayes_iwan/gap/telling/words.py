@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_iwan.campaign.checks import rails
+from bayes_iwan.campaign.loops.checks import rails
 from bayes_iwan.effects.catalogue import UNLISTED
 from bayes_iwan.gap.fitting.gap_size import Gap
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Cause, Kind

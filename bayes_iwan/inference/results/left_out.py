@@ -24,7 +24,7 @@ from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.solving.intervals import between_draws
 from bayes_iwan.inference.solving.jackknife import left_out_optima
 from bayes_iwan.inference.solving.point import laplace_scale, most_probable
-from bayes_iwan.physics.motion import motion_of
+from bayes_iwan.physics.interface.motion import motion_of
 
 #: share of a left-out frequency's points that 90 % bands must hold, or it is said that they do not hold there
 HELD = 0.75

@@ -9,10 +9,10 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.campaign.units import Units
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics.simulator import straight_part
+from bayes_iwan.physics.interface.simulator import straight_part
 
 
 @dataclass(frozen=True)

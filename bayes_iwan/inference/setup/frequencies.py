@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bayes_iwan.campaign import Loop
-from bayes_iwan.campaign.groups import groups_of
+from bayes_iwan.campaign.timing.groups import groups_of
 
 
 def by_frequency(loops: Sequence[Loop]) -> dict[str, tuple[Loop, ...]]:

@@ -17,7 +17,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.setup.settings import ParameterChange, PriorChoice
-from bayes_iwan.physics.parameter import Z_LIMIT, Distribution, Parameter, ParameterError, Together
+from bayes_iwan.physics.interface.parameter import Z_LIMIT, Distribution, Parameter, ParameterError, Together
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
-from bayes_iwan.campaign.units import Units
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.inference.setup.config import Config, settings_of
 from bayes_iwan.inference.setup.likelihood import Likelihood, make_likelihood
 from bayes_iwan.inference.setup.loop_error import goal_function, harmonics_of
@@ -20,9 +20,17 @@ from bayes_iwan.inference.setup.parameters import ParameterError, Prior, configu
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import ModelSettings
 from bayes_iwan.physics import Model, ModelError, Motion, Scales, Simulator
-from bayes_iwan.physics.motion import motion_of
-from bayes_iwan.physics.parameter import Z_LIMIT
-from bayes_iwan.physics.simulator import FORCE_ZERO, OUTER, Station, force_zero, inner_effects, offered, recorded_force
+from bayes_iwan.physics.interface.motion import motion_of
+from bayes_iwan.physics.interface.parameter import Z_LIMIT
+from bayes_iwan.physics.interface.simulator import (
+    FORCE_ZERO,
+    OUTER,
+    Station,
+    force_zero,
+    inner_effects,
+    offered,
+    recorded_force,
+)
 
 #: samples of a loop that a proposal needs; with 64 it is worth as much as with 128
 COARSE_SAMPLES = 64

@@ -16,9 +16,9 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.scales import loop_energy_mJ
 from bayes_iwan.physics import Model, Motion
-from bayes_iwan.physics.motion import motion_of
-from bayes_iwan.physics.simulator import Derived, inner_effects
-from bayes_iwan.physics.slip_force import SlipForce
+from bayes_iwan.physics.interface.motion import motion_of
+from bayes_iwan.physics.interface.simulator import Derived, inner_effects
+from bayes_iwan.physics.laws.slip_force import SlipForce
 
 CHUNK = 1024  # draws predicted at a time, to stay in memory
 SLIP_SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.physics.scales import Scales
+from bayes_iwan.physics.interface.scales import Scales
 
 
 def loop_energy_mJ(displacement_mm: Array, force_N: Array) -> Array:

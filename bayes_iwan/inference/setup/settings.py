@@ -35,7 +35,7 @@ class ModelSettings:
     slip, grip, stiffness
         names as :class:`bayes_iwan.Model` takes them.
     embedded
-        whether the model's own form may bend a little (see :mod:`bayes_iwan.physics.embedded`).
+        whether the model's own form may bend a little (see :mod:`bayes_iwan.physics.laws.embedded`).
     """
 
     slip: str = "gamma3"

@@ -1,7 +1,7 @@
 """The same problem with a form that may bend: how far it moves every number, and how much better it explains the loops.
 
 A posterior of the Iwan model as it stands takes its form for true. Beside it stands the same model whose form may bend
-a little (:mod:`bayes_iwan.physics.embedded`): its most probable point, reached from the plain model's, its normal
+a little (:mod:`bayes_iwan.physics.laws.embedded`): its most probable point, reached from the plain model's, its normal
 approximation there, and its evidence. Neither is the truth; numbers are reported for both, averaged by evidence
 (Hoeting, Madigan, Raftery & Volinsky, Statistical Science 14, 1999, 382). The bent form's posterior itself is some
 thirty numbers on thin bent sheets: its point costs a second, its sampling minutes.
@@ -18,7 +18,7 @@ from bayes_iwan.inference.setup.parameters import Prior
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.solving.point import laplace_scale, most_probable
 from bayes_iwan.physics import Model
-from bayes_iwan.physics.sampled import embedded_parameters
+from bayes_iwan.physics.models.sampled import embedded_parameters
 
 
 @dataclass(frozen=True)

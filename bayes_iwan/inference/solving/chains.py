@@ -17,16 +17,16 @@ from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.point import Point, laplace_scale, starting_population
 from bayes_iwan.physics import Model
-from bayes_iwan.physics.parameter import Z_LIMIT
-from bayes_iwan.sampling.branches import Optimum
-from bayes_iwan.sampling.checkpoint import read_checkpoint
-from bayes_iwan.sampling.ensembles import Chains, sample
-from bayes_iwan.sampling.importance import METHOD as INDEPENDENT
-from bayes_iwan.sampling.importance import sample_independently
-from bayes_iwan.sampling.on_manifold import METHOD as ON_MANIFOLD
-from bayes_iwan.sampling.on_manifold import sample_on_manifold
-from bayes_iwan.sampling.run import CROWD, POWERS
-from bayes_iwan.sampling.walkers import enough_walkers
+from bayes_iwan.physics.interface.parameter import Z_LIMIT
+from bayes_iwan.sampling.common.checkpoint import read_checkpoint
+from bayes_iwan.sampling.ensemble.ensembles import Chains, sample
+from bayes_iwan.sampling.ensemble.run import CROWD, POWERS
+from bayes_iwan.sampling.ensemble.walkers import enough_walkers
+from bayes_iwan.sampling.independent.branches import Optimum
+from bayes_iwan.sampling.independent.importance import METHOD as INDEPENDENT
+from bayes_iwan.sampling.independent.importance import sample_independently
+from bayes_iwan.sampling.manifold.on_manifold import METHOD as ON_MANIFOLD
+from bayes_iwan.sampling.manifold.on_manifold import sample_on_manifold
 
 
 def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Array] | None]:

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.groups import groups_of
+from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.gap.telling.findings import GapPictures
 from bayes_iwan.gap.telling.where import Statistic
 from bayes_iwan.report.style import BLACK, BLUE, PRIOR, decimal_ticks, points, series, styled, subplots, ticked

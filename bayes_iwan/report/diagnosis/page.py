@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from bayes_iwan.campaign.units import Units
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.gap.telling.words import listed, title
 from bayes_iwan.report.diagnosis.answer import diagnosis_answer, put_figures
 from bayes_iwan.report.diagnosis.cells import digits, force_range, newton, percent

@@ -186,6 +186,6 @@ def determined(section: Section, posterior: Posterior) -> None:
 
 def _bends(posterior: Posterior) -> set[str]:
     """Names of the parameters by which the model's own form may bend a little."""
-    from bayes_iwan.physics.sampled import embedded_parameters
+    from bayes_iwan.physics.models.sampled import embedded_parameters
 
     return {q.name for q in embedded_parameters()} & set(np.array(posterior.names))

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.physics import Model, ModelError, sine_motion
-from bayes_iwan.physics.simulator import inner_effects
+from bayes_iwan.physics.interface.simulator import inner_effects
 from bayes_iwan.report.style import PRIOR, band, series, styled, subplots, ticked
 
 

@@ -14,8 +14,8 @@ from bayes_iwan.inference.results.predictions import resolved
 from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.solving.intervals import between_draws
 from bayes_iwan.inference.solving.jackknife import left_out_optima
-from bayes_iwan.physics.motion import motion_of
-from bayes_iwan.physics.simulator import FORCE_ZERO, straight_part
+from bayes_iwan.physics.interface.motion import motion_of
+from bayes_iwan.physics.interface.simulator import FORCE_ZERO, straight_part
 
 
 @dataclass(frozen=True)

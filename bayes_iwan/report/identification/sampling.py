@@ -15,8 +15,8 @@ from scipy.stats import rankdata
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.style import decimal_ticks, series, styled, subplots
-from bayes_iwan.sampling.checkpoint import NAME, CheckpointError, read_checkpoint
-from bayes_iwan.sampling.convergence import longest_autocorrelation_time
+from bayes_iwan.sampling.common.checkpoint import NAME, CheckpointError, read_checkpoint
+from bayes_iwan.sampling.common.convergence import longest_autocorrelation_time
 
 
 @dataclass(frozen=True)

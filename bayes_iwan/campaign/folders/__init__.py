@@ -1,0 +1,1 @@
+"""Campaign folders: read, looked at, written."""

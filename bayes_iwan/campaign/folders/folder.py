@@ -1,0 +1,358 @@
+"""The campaign folder: reading and checking `campaign.toml` and its records."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.loops.averaging import Loop, average, in_band
+from bayes_iwan.campaign.loops.between_tests import compared
+from bayes_iwan.campaign.loops.checks import (
+    check_record,
+    check_time,
+    on_grid_of_rate,
+    step_warnings,
+)
+from bayes_iwan.campaign.recording.limits import RigLimits, limits_of
+from bayes_iwan.campaign.recording.records import ROLES, CampaignError, Record, shown
+from bayes_iwan.campaign.recording.stated import LARGEST_NUMBER, number_of, only, positive, read_toml
+from bayes_iwan.campaign.recording.table import header_has, read_table
+from bayes_iwan.campaign.recording.units import ACCELERATIONS, DISPLACEMENTS, FORCES, TIMES, Units
+from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
+
+FORMAT = 1
+CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz"}
+#: numbers that a user may expect to be applied to a record; none is, so they are not taken for a property of the test
+NOT_APPLIED = re.compile(r"(gain|scale|factor|offset|sign|sensitivity|delay|calibration)($|_)", re.IGNORECASE)
+TYPO = 0.88  # likeness from which a key of a test is taken for a known one misspelt
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """All tests of one specimen, as `campaign.toml` lists them; made by :func:`read_campaign`.
+
+    Parameters
+    ----------
+    name, description, source, licence
+        text of [specimen].
+    path
+        the folder.
+    tests
+        the records, in the order of the file.
+    from_acceleration
+        whether the displacement was integrated from an accelerometer's channel.
+    limits
+        what the rig can do, as [rig] states it.
+
+    Raises
+    ------
+    CampaignError
+        from :meth:`loops`.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> campaign = bi.read_campaign(folder)
+    >>> campaign.units.force, [loop.force_N.shape for loop in campaign.loops(n_phase=64, n_harmonics=20)]
+    ('N', [(64,), (64,)])
+    """
+
+    name: str
+    description: str
+    source: str
+    licence: str
+    path: Path
+    tests: tuple[Record, ...]
+    from_acceleration: bool = False  # the displacement was integrated from an accelerometer's channel
+    limits: RigLimits = field(default_factory=RigLimits)  # what the rig can do, as [rig] states it
+
+    @property
+    def units(self) -> Units:
+        """What displacement and force are: mm and N, or the units of an angle and a torque, a stroke and a pressure."""
+        return self.tests[0].units
+
+    def loops(self, n_phase: int = 128, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
+        """Each test's phase-averaged loop, harmonics that cannot be trusted left out, in the order of `tests`.
+
+        Parameters
+        ----------
+        n_phase
+            points of a loop.
+        n_harmonics
+            harmonics that are kept, at most n_phase/2 − 1.
+        n_blocks
+            blocks of consecutive cycles, for what changes along the record.
+
+        Returns
+        -------
+        tuple of Loop
+            one a test.
+
+        Raises
+        ------
+        CampaignError
+            a record without enough whole cycles at its frequency; the message names file and mend.
+        """
+        return tuple(in_band(average(test, n_phase, n_harmonics, n_blocks)) for test in self.tests)
+
+
+def read_campaign(path: str | os.PathLike[str]) -> Campaign:
+    """Read and check a campaign folder.
+
+    Parameters
+    ----------
+    path
+        the folder, or its campaign.toml.
+
+    Returns
+    -------
+    Campaign
+        its records in s, mm and N (or what `units` says).
+
+    Raises
+    ------
+    CampaignError
+        one line with the file, the line where there is one, and the mend.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=1).write(folder)
+    >>> [(test.frequency_hz, test.amplitude_mm) for test in bi.read_campaign(folder).tests]
+    [(10.0, 0.4), (10.0, 0.9)]
+    """
+    return read_checked(path)[0]
+
+
+def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ...]]:
+    """The same, and the averaged loops (of one block) that were checked, for those who look at them next."""
+    folder = Path(path)
+    if folder.name == "campaign.toml":
+        folder = folder.parent
+    stated = read_toml(folder / "campaign.toml", "a campaign is a folder with a file campaign.toml in it")
+    only(stated, {"format", "specimen", "channels", "rig", "test"}, "campaign.toml")
+    if stated.get("format") != FORMAT or isinstance(stated["format"], bool):
+        raise CampaignError(
+            f"campaign.toml: format is {shown(stated.get('format'))}; this version reads format = {FORMAT}"
+        )
+    specimen = _table(stated, "specimen")
+    only(specimen, {"name", "description", "source", "licence"}, "campaign.toml [specimen]")
+    for key, value in specimen.items():
+        if not isinstance(value, str):
+            raise CampaignError(f"campaign.toml [specimen]: {key} must be text in quotes, not {shown(value)}")
+    if not specimen.get("name"):
+        raise CampaignError('campaign.toml [specimen]: name is missing; write name = "..."')
+    channels = _channels(_table(stated, "channels"))
+    entries = stated.get("test")
+    if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
+        raise CampaignError("campaign.toml: no tests; add a [[test]] table for each record")
+    units = Units(
+        _working(channels.displacement or "", DISPLACEMENTS)
+        or _working(channels.acceleration or "", ACCELERATIONS)
+        or "mm",
+        _working(channels.force, FORCES) or "N",
+    )
+    limits = limits_of(_table(stated, "rig"), units) if "rig" in stated else RigLimits()
+    tests = [_test(entry, k, units) for k, entry in enumerate(entries, 1)]
+    seen: set[str] = set()
+    for test in tests:
+        if test.file in seen:
+            raise CampaignError(f"campaign.toml: {test.file} is listed twice; each record is one [[test]]")
+        seen.add(test.file)
+    try:
+        checked = [check_record(_record(folder, test, channels, units)) for test in tests]
+        loops = [loop for _, loop in checked]
+        records = compared([record for record, _ in checked], loops)
+    except CampaignError as error:
+        raise CampaignError(units.text(str(error))) from None
+    records = tuple(replace(record, warnings=units.everywhere(record.warnings)) for record in records)
+    campaign = Campaign(
+        name=specimen["name"],
+        description=specimen.get("description", ""),
+        source=specimen.get("source", ""),
+        licence=specimen.get("licence", ""),
+        path=folder,
+        tests=records,
+        from_acceleration=channels.acceleration is not None,
+        limits=limits,
+    )
+    return campaign, tuple(in_band(replace(loop, record=record)) for loop, record in zip(loops, records))
+
+
+def _table(stated: Mapping[str, Any], name: str) -> dict[str, Any]:
+    if not isinstance(stated.get(name), dict):
+        raise CampaignError(f"campaign.toml: the table [{name}] is missing")
+    return dict(stated[name])
+
+
+@dataclass(frozen=True)
+class _Channels:
+    """Columns by what they hold, as [channels] states them; displacement or acceleration is None."""
+
+    force: str
+    displacement: str | None
+    acceleration: str | None
+    time: str | None
+    sample_rate_hz: float | None
+
+
+@dataclass(frozen=True)
+class _Test:
+    """What a [[test]] states, checked."""
+
+    file: str
+    frequency_hz: float
+    amplitude_mm: float
+    role: str
+    extras: dict[str, float]
+
+
+def _channels(stated: dict[str, Any]) -> _Channels:
+    where = "campaign.toml [channels]"
+    only(stated, CHANNELS, where)
+    for key in CHANNELS - {"sample_rate_hz"}:
+        if key in stated and (not isinstance(stated[key], str) or not stated[key]):
+            raise CampaignError(f"{where}: {key} must name a column, not {shown(stated[key])}")
+    if ("displacement" in stated) == ("acceleration" in stated):
+        raise CampaignError(f"{where}: name one column as displacement or one as acceleration, not both or none")
+    if "force" not in stated:
+        raise CampaignError(f'{where}: force is missing; write force = "force_N"')
+    rate = stated.get("sample_rate_hz")
+    return _Channels(
+        stated["force"],
+        stated.get("displacement"),
+        stated.get("acceleration"),
+        stated.get("time"),
+        None if rate is None else positive(rate, f"{where}: sample_rate_hz"),
+    )
+
+
+def _test(entry: dict[str, Any], number: int, units: Units) -> _Test:
+    file = entry.get("file")
+    if not isinstance(file, str) or not file:
+        raise CampaignError(f'campaign.toml: [[test]] number {number} has no file; write file = "..."')
+    if not file.isprintable():
+        raise CampaignError(f"campaign.toml: the file {shown(file)} of [[test]] number {number} is no name of a file")
+    where = f"campaign.toml: test {file}"
+    if Path(file).is_absolute() or ".." in Path(file).parts:
+        raise CampaignError(f"{where}: the record must lie inside the campaign folder")
+    sizes = {f"amplitude_{unit}": size for unit, size in DISPLACEMENTS[units.displacement].items()}
+    amplitude = next((key for key in sizes if key in entry), f"amplitude_{units.displacement}")
+    known = {"file", "role", "frequency_hz", amplitude}
+    for key in ("frequency_hz", amplitude):
+        if key not in entry:
+            near = difflib.get_close_matches(key, set(entry) - known, 1)
+            raise CampaignError(
+                f"{where}: {key} is missing" + (f"; did you mean {near[0]} to be {key}?" if near else "")
+            )
+        positive(entry[key], f"{where}: {key}")
+    if not isinstance(entry.get("role", "fit"), str) or entry.get("role", "fit") not in ROLES:
+        raise CampaignError(f"{where}: role must be one of {', '.join(ROLES)}, not {shown(entry['role'])}")
+    extras = {}
+    for key in entry.keys() - known:
+        if key in sizes:
+            raise CampaignError(f"{where}: {key} stands beside {amplitude}; keep one of them")
+        _not_meant(key, where, known)
+        extras[key] = number_of(entry[key], f"{where}: {shown(key) if not key.isprintable() else key}")
+    return _Test(
+        file,
+        float(entry["frequency_hz"]),
+        float(entry[amplitude]) * sizes[amplitude],
+        entry.get("role", "fit"),
+        {key: extras[key] for key in entry if key in extras},
+    )
+
+
+def _not_meant(key: str, where: str, known: set[str]) -> None:
+    """Refuse a key that would be kept as a property of the test although something else was meant by it."""
+    near = difflib.get_close_matches(key.lower(), known, 1, TYPO)
+    if near:
+        raise CampaignError(f"{where}: unknown key {shown(key)}; did you mean {near[0]}?")
+    if NOT_APPLIED.match(key):
+        raise CampaignError(
+            f"{where}: {shown(key)} would not be applied to the record; scale or shift the column itself and delete "
+            "the key"
+        )
+
+
+def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Record:
+    file = test.file
+    if not (folder / file).resolve().is_relative_to(folder.resolve()):
+        raise CampaignError(
+            f"campaign.toml: test {file}: the record must lie inside the campaign folder, not behind a link"
+        )
+    names, table, warnings = read_table(folder / file, file)
+    rate = channels.sample_rate_hz
+    time_name = channels.time or "time_s"
+    if time_name in names:
+        time = _column(names, table, time_name, {"s": TIMES}, file)
+    elif channels.time is None and rate is not None:
+        time = np.arange(len(table)) / rate
+    else:
+        raise CampaignError(
+            f"{file}: no column {shown(time_name)}; {header_has(names)}. Add it, or state sample_rate_hz in [channels]"
+        )
+    if rate is not None:
+        time = on_grid_of_rate(time, rate)
+    force = _column(names, table, channels.force, FORCES, file)
+    check_time(file, time, rate, test.frequency_hz)
+    if channels.displacement is not None:
+        displacement = _column(names, table, channels.displacement, DISPLACEMENTS, file)
+    else:
+        acceleration = _column(names, table, channels.acceleration or "", ACCELERATIONS, file)
+        displacement, notes = displacement_from_acceleration(file, time, acceleration)
+        warnings += notes
+    warnings += step_warnings(time)
+    return Record(
+        test.file,
+        test.frequency_hz,
+        test.amplitude_mm,
+        test.role,
+        test.extras,
+        time,
+        displacement,
+        force,
+        warnings,
+        units,
+    )
+
+
+def _working(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:
+    """The working unit of a column, which the end of its name tells (torque_N_m: N·m); None where it tells none."""
+    ends = {unit: working for working, units in quantities.items() for unit in units}
+    return next((ends[x] for x in sorted(ends, key=len, reverse=True) if name.endswith("_" + x)), None)
+
+
+def _column(
+    names: list[str], table: Array, name: str, quantities: Mapping[str, Mapping[str, float]], file: str
+) -> Array:
+    if name not in names:
+        near = difflib.get_close_matches(name, names, 1)
+        raise CampaignError(
+            f"{file}: no column {shown(name)}; {header_has(names)}"
+            + (f". Did you mean {near[0]!r} in [channels]?" if near else ". Mend [channels] or the header")
+        )
+    sizes = {unit: size for units in quantities.values() for unit, size in units.items()}
+    for unit in sorted(sizes, key=len, reverse=True):
+        if name.endswith("_" + unit):
+            column = table[:, names.index(name)] * sizes[unit]
+            if np.abs(column).max() > LARGEST_NUMBER:
+                line = int(np.argmax(np.abs(column))) + 2
+                raise CampaignError(f"{file} line {line}: {name} is beyond any instrument; delete the line")
+            return np.ascontiguousarray(column)
+    raise CampaignError(
+        f"{file}: column {shown(name)} does not say its unit; end its name in one of "
+        + ", ".join("_" + u for u in sizes)
+    )

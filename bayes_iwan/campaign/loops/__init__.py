@@ -1,0 +1,1 @@
+"""From cycles to one loop a test, and what must hold of it."""

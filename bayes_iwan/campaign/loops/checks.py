@@ -1,0 +1,326 @@
+"""What a record must satisfy before anything is inferred from it, and what each refusal advises.
+
+What tests say of each other is in `between_tests`. What cannot be seen from the data, and so is not checked: a gain
+error or wrong unit shared by all tests (it only rescales stiffness and slip forces), the wrong unit of a campaign's
+only test, all times scaled with the stated frequency, whole cycles lost, and both channels reversed in all tests.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.loops.averaging import Loop, average
+from bayes_iwan.campaign.loops.steadiness import disturbances
+from bayes_iwan.campaign.recording.records import CampaignError, Record
+from bayes_iwan.campaign.timing.drive import judge, refuse_unsteady
+
+NOMINAL_TOLERANCE = 0.10
+FEWEST_PER_CYCLE = 8.0
+REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
+LATE = 0.3  # below minus this the delay is so long that no loop is left to identify
+TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
+FLAT = 0.01  # of the force's height: what counts as its top
+FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a sliding specimen's top takes at most
+THROUGH = 0.04  # of the stroke after the motion has turned: friction and springs have let go of the top by then
+CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force bends long before
+PRELOAD = 2.0  # mean force over its height: so much more that it is said
+SPIKE = 1.0  # distance from the middle of the loop, over its whole height
+EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
+RAIL_SHARE = 0.004  # of the kept samples at one extreme value, in runs, before a channel looks clipped
+
+
+def on_grid_of_rate(time: Array, rate: float) -> Array:
+    """The exact sample times where the column is only a rounded copy of them (it may then even repeat)."""
+    exact = time[0] + np.arange(time.size) / rate
+    rounded = (np.diff(time) >= 0).all() and np.abs(time - exact).max() < 0.75 / rate
+    return exact if rounded else time
+
+
+def check_epoch(file: str, start_s: float, mend: str) -> None:
+    """Refuse a clock that counts milliseconds and is said to count seconds."""
+    if start_s > EPOCH_S:
+        raise CampaignError(
+            f"{file}: time starts at {start_s:.6g} s, {start_s / 3.15576e7:,.0f} years: milliseconds since 1970? {mend}"
+        )
+
+
+def check_time(file: str, time: Array, rate: float | None, frequency_hz: float) -> None:
+    """Refuse a record whose time column runs backwards, contradicts its sample rate or aliases the motion."""
+    if time.size < 2 * FEWEST_PER_CYCLE:
+        raise CampaignError(f"{file}: {time.size} samples; at least two whole cycles are needed")
+    steps = np.diff(time)
+    check_epoch(file, float(time[0]), "Name the column time_ms")
+    if not (steps > 0).all():
+        k = int(np.argmin(steps > 0))
+        mend = "sort the rows or delete the repeated one"
+        if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * time.size:
+            mend = "it is rounded too far: state sample_rate_hz in [channels]"
+        raise CampaignError(
+            f"{file} line {k + 3}: time does not increase ({time[k]:.12g} s, then {time[k + 1]:.12g} s); {mend}"
+        )
+    step = float(np.median(steps))
+    if rate is not None and abs(step * rate - 1) > 0.02:
+        raise CampaignError(
+            f"{file}: the time column steps by {step:.6g} s, but sample_rate_hz = {rate:g} in [channels] means "
+            f"{1 / rate:.6g} s; mend whichever is wrong"
+        )
+    if 1 / (step * frequency_hz) < FEWEST_PER_CYCLE:
+        raise CampaignError(
+            f"{file}: {1 / (step * frequency_hz):.1f} samples a cycle at {frequency_hz:g} Hz; at least "
+            f"{FEWEST_PER_CYCLE:g} are needed or the loop is aliased. Sample faster"
+        )
+
+
+def step_warnings(time: Array) -> tuple[str, ...]:
+    """What is said of irregular steps and gaps: averaging on the phase of every sample bridges both."""
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    notes = []
+    gaps = steps[steps > 1.5 * step]
+    if gaps.size:
+        notes.append(
+            f"{gaps.size} gap(s) of up to {gaps.max():.3g} s (steps are {step:.3g} s), dropped samples? They are "
+            "bridged by the time column and cost only their cycles; where they are many, look at the recorder"
+        )
+    rest = steps[steps <= 1.5 * step]
+    if rest.max() - rest.min() > 0.02 * step:
+        notes.append(
+            f"irregular steps, {rest.min():.3g} to {rest.max():.3g} s: each sample keeps its own time, which does no "
+            "harm if the time column is true"
+        )
+    return tuple(notes)
+
+
+def check_record(record: Record) -> tuple[Record, Loop]:
+    """Refuse a record that contradicts campaign.toml or has a reversed channel.
+
+    Returns the record with its warnings completed, and its loop for what tests say of each other.
+    """
+    refuse_unsteady(record.file, judge(record.time_s, record.displacement_mm))
+    loop = average(record, n_blocks=1)
+    notes = list(record.warnings)
+    counted = _counted_frequency(record.time_s, loop.frequency_hz)
+    if abs(loop.frequency_hz / record.frequency_hz - 1) > NOMINAL_TOLERANCE >= abs(counted / record.frequency_hz - 1):
+        notes.append(
+            f"campaign.toml states {record.frequency_hz:.4g} Hz, which counts samples as if their steps were even; by "
+            f"the time column it is {loop.frequency_hz:.4g} Hz, which is used"
+        )
+    else:
+        _near(record, "frequency_hz", loop.frequency_hz, record.frequency_hz, "Hz")
+    unit = record.units.displacement
+    swing = float(np.ptp(loop.force_N)) / 2
+    if swing <= 1e-9 * float(np.abs(loop.force_N).max()):
+        raise CampaignError(
+            f"{record.file}: the force stays at {loop.force_N[0]:.4g}: a dead channel, or the wrong column named in "
+            "[channels]?"
+        )
+    swapped = abs(swing / record.amplitude_mm - 1) <= NOMINAL_TOLERANCE
+    hint = " (the force column moves by as much: are the two swapped?)" if swapped else ""
+    _near(record, f"amplitude_{unit}", loop.amplitude_mm, record.amplitude_mm, unit, hint)
+    index = loop.cut.index
+    per_cycle = index.size / loop.n_cycles
+    if per_cycle < FEWEST_PER_CYCLE:
+        raise CampaignError(
+            f"{record.file}: {per_cycle:.1f} samples a cycle; at least {FEWEST_PER_CYCLE:g} are needed or the loop "
+            "is aliased. Sample faster"
+        )
+    notes += _angle(loop)
+    notes += _corners(loop)
+    notes += disturbances(loop)
+    static, height = float(loop.harmonics_N[0].real), float(np.ptp(loop.force_N))
+    if abs(static) > PRELOAD * height:
+        notes.append(
+            f"the force's mean is {static:.4g} N, {abs(static) / max(height, 1e-300):.3g} times the height of the loop "
+            f"({height:.3g} N): a "
+            "static load, or an offset of the channel? It is identified as a constant; subtract it if it is no load"
+        )
+    if loop.cut.gap_cycles:
+        notes.append(
+            f"{loop.cut.gap_cycles} cycle(s) left out: long gaps or pauses. The others are averaged; fewer widen "
+            "intervals"
+        )
+    if loop.cut.run_in:
+        notes.append(
+            f"{loop.cut.run_in} run-in cycle(s) left out at the start, which would pass for other slip forces; nothing "
+            "is to be done"
+        )
+    if loop.cut.run_out:
+        notes.append(
+            f"{loop.cut.run_out} unsteady cycle(s) left out at the end, where the drive stops; nothing is to be done"
+        )
+    for name, values, mean in (
+        ("displacement", record.displacement_mm[index] - loop.offset_mm, loop.displacement_mm),
+        ("force", record.force_N[index], loop.force_N),
+    ):
+        raw = record.force_N if name == "force" else record.displacement_mm
+        notes += _rails(name, raw[index], loop.n_cycles)
+        spikes = np.flatnonzero(np.abs(values - (mean.max() + mean.min()) / 2) > SPIKE * np.ptp(mean))
+        if spikes.size:
+            notes.append(
+                f"{spikes.size} spike(s) in the {name}, the first at {record.time_s[index[spikes[0]]]:.6g} s, are "
+                "averaged in: delete their lines, the gaps will be bridged"
+            )
+    if not any("clipped?" in note for note in notes):
+        notes += _flat_tops(loop)
+    return replace(record, warnings=tuple(notes)), loop
+
+
+def _corners(loop: Loop) -> list[str]:
+    """A drive with corners is kept whole, but what the channels make of the corners is not the specimen's doing."""
+    if not loop.corners_gap:
+        return []
+    return [
+        "the drive has corners (a triangle, holds): it is kept whole, but a motion that turns at once is more than "
+        f"filtered channels pass. A misfit of up to {100 * loop.corners_gap:.2g} % of the friction force may be "
+        "theirs, and `diagnose` lays that on nothing; run sines"
+    ]
+
+
+def _flat_tops(loop: Loop) -> list[str]:
+    """A force that rises steeply and then not at all while the motion goes on: clipped, under whatever noise.
+
+    On the averaged loop, since noise hides it in the samples. A specimen without a spring beside its friction has flat
+    tops too, but bends into them.
+    """
+    notes = []
+    for side, sign in (("top", 1.0), ("bottom", -1.0)):
+        force, u = sign * loop.force_N, sign * loop.displacement_mm
+        middle = force.size // 2
+        turn = middle - int(np.argmax(force))
+        force, u = np.roll(force, turn), np.roll(u, turn)
+        below = force <= force[middle] - FLAT * np.ptp(force)
+        a = int(np.flatnonzero(below[:middle])[-1]) + 1 if below[:middle].any() else 0
+        b = middle + int(np.argmax(below[middle:])) if below[middle:].any() else force.size
+        width = min(max(3, (b - a) // 2), 8)
+        if a < width:
+            continue
+        stroke = float(np.ptp(u[a:b]) / np.ptp(u))
+        run = max(float(u[a] - u[a - width]), 1e-9 * float(np.ptp(u)))
+        slope = float(force[a] - force[a - width]) / run / float(np.ptp(force) / np.ptp(u))
+        through = float(np.max(u[a:b]) - u[b - 1]) > THROUGH * float(np.ptp(u))
+        if stroke > FLAT_STROKE and slope > (CORNER if through or stroke < LONG_STROKE else 2 * CORNER):
+            notes.append(
+                f"the {side} of the force's loop is flat over {stroke:.0%} of the stroke, with a corner before it: "
+                "clipped, "
+                "under noise? Slip forces would be too small and the friction too sharp; raise the force range (lower "
+                "the gain) and record again"
+            )
+    return notes
+
+
+def _counted_frequency(time: Array, frequency_hz: float) -> float:
+    """The frequency of a record with irregular steps if every step were the logger's shortest, in Hz."""
+    steps = np.diff(time)
+    return frequency_hz * float(np.mean(steps) / np.percentile(steps, 5))
+
+
+def _near(record: Record, key: str, found: float, stated: float, unit: str, hint: str = "") -> None:
+    if abs(found / stated - 1) <= NOMINAL_TOLERANCE:
+        return
+    power = round(math.log10(found / stated))
+    for inches, how in (
+        (stated / found / 25.4, "small: inches named mm"),
+        (found / stated / 25.4, "large: mm named in"),
+    ):
+        if not hint and unit == "mm" and abs(inches - 1) <= NOMINAL_TOLERANCE:
+            hint = f" (25.4 × too {how}?)"
+    if not hint and power and abs(found / stated / 10.0**power - 1) <= NOMINAL_TOLERANCE:
+        hint = f" (a factor of 1e{power:+d}: a wrong unit?)"
+    raise CampaignError(
+        f"{record.file}: the record shows {found:.4g} {unit}, campaign.toml states {key} = {stated:.4g}{hint}; mend "
+        "campaign.toml, the column's unit, or take the right file"
+    )
+
+
+def _angle(loop: Loop) -> list[str]:
+    """What the angle between force and displacement says: a reversed channel, a late one, or an early one.
+
+    A reversed channel turns both the loss and the elastic part round; a delay only tips the loop over. At the end of
+    the stroke a friction contact and a spring turn with the motion: a force that has turned long before belongs to a
+    viscous specimen, or is early.
+    """
+    loss, elastic = _loss(loop)
+    if loss < -REVERSED and elastic < 0:
+        raise CampaignError(
+            f"{loop.file}: the loop gives out energy and the force pulls along with the motion (sine of the loss angle "
+            f"{loss:.2f}), so one channel is reversed. Multiply the force or the displacement column by -1 (`import "
+            "--reverse force`); the force must be the one that moves the specimen along +displacement"
+        )
+    if loss < 0:
+        angle = math.degrees(math.atan2(-loss, elastic))
+        late = 1e3 * angle / 360 / loop.frequency_hz
+        what = (
+            f"the loop gives out energy (sine of the loss angle {loss:.3f}), which no passive specimen does: the force "
+            "is "
+            f"late by {angle:.2g}° ({late:.2g} ms) and more, a delayed or AC-coupled channel, or the two channels are "
+            "swapped"
+        )
+        if loss < -LATE:
+            raise CampaignError(f"{loop.file}: {what}. Shift the force column back by its delay, and record both alike")
+        return [f"{what}; stiffness and slip forces take the delay up: `diagnose` seeks it, a calibration settles it"]
+    top, bottom = int(np.argmax(loop.displacement_mm)), int(np.argmin(loop.displacement_mm))
+    fallen = (loop.force_N.max() - loop.force_N[top] + loop.force_N[bottom] - loop.force_N.min()) / 2
+    share = float(fallen / max(np.ptp(loop.force_N), 1e-300))
+    if share <= TURNED:
+        return []
+    lead = math.degrees(math.acos(max(1 - 2 * share, -1.0)))
+    return [
+        f"the force turns about {lead:.0f}° ({1e3 * lead / 360 / loop.frequency_hz:.2g} ms) before the displacement "
+        "does; "
+        "springs and friction turn with the motion: a viscous specimen, inertia, or a displacement that is late. "
+        "Friction "
+        "would be blamed for it; check the delay between the channels"
+    ]
+
+
+def _loss(loop: Loop) -> tuple[float, float]:
+    """How much of the force moves with the velocity and with the displacement: sine and cosine of a loss angle."""
+    force = loop.force_N - loop.force_N.mean()
+
+    def along(motion: Array) -> float:
+        size = float(np.std(force) * np.std(motion))
+        return float(np.mean(force * motion)) / size if size > 0 else 0.0
+
+    return along(loop.velocity_m_s), along(loop.displacement_mm)
+
+
+@dataclass(frozen=True)
+class Rail:
+    """An extreme value on which a channel rests: side ("highest" or "lowest"), level, and share of the time there."""
+
+    side: str
+    level: float
+    share: float
+
+
+def rails(values: Array, n_cycles: int) -> tuple[Rail, ...]:
+    """Where a channel rests on its extreme value in runs, cycle after cycle, as a clipped one does.
+
+    A rounded peak also repeats its top level, but then the levels next to it fill as well.
+    """
+    found = []
+    for side, extreme in (("highest", values.max()), ("lowest", values.min())):
+        at = values == extreme
+        runs = np.count_nonzero(at[1:] & at[:-1])
+        if at.mean() < RAIL_SHARE or runs < 2 * n_cycles:
+            continue
+        span = np.ptp(values)
+        levels = np.unique(values[np.abs(values - extreme) < 0.02 * span])
+        near = np.count_nonzero((np.abs(values - extreme) < 0.02 * span) & ~at)
+        if levels.size < 2 or np.count_nonzero(at) > 3 * near:
+            found.append(Rail(side, float(extreme), float(at.mean())))
+    return tuple(found)
+
+
+def _rails(name: str, values: Array, n_cycles: int) -> list[str]:
+    """A warning for each extreme on which a channel rests."""
+    wrong, unit = ("slip forces", "N") if name == "force" else ("the stroke", "mm")
+    return [
+        f"the {name} rests on its {rail.side} value {rail.level:.6g} {unit} for {rail.share:.1%} of the time: clipped? "
+        f"As it is, {wrong} would be too small; raise the {name} range (lower the gain) and record again"
+        for rail in rails(values, n_cycles)
+    ]

@@ -1,0 +1,1 @@
+"""A record as it was written: columns, units, what a file states."""

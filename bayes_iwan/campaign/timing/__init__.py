@@ -1,0 +1,1 @@
+"""Where the cycles are, and whether the drive ran one test."""

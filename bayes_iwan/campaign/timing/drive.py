@@ -1,0 +1,211 @@
+"""The drive, judged first: is this one record one test?
+
+A loop is the average of cycles that are alike. A record may hold something else: a staircase of amplitudes, steps of
+frequency, a sweep, an amplitude that runs away. Averaged all the same, each of these looks like a specimen that
+warms, settles or has an unknown fault. So frequency and amplitude are taken cycle by cycle, before any averaging, and
+described by whichever is closer: levels that are held, or a smooth change. Levels can be split into tests
+(`split`); a smooth change of more than SMOOTH cannot be one test, and is refused.
+
+Wave form is not judged: triangles, trapezoids and distorted sines are periodic motion, kept with all the harmonics
+that they have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.recording.records import CampaignError, Record
+from bayes_iwan.campaign.timing.cycles import HYSTERESIS, crossings, cycle_shapes, phase_between
+
+LEVEL = 0.03  # two levels further apart than this (of amplitude or frequency) are two tests
+HELD = 3  # cycles that a level lasts at least; fewer are a transition
+SECOND = 5, 0.1  # cycles, and share of the record, from which a second level is a test of its own
+MAIN = 0.55  # share of the cycles at one level from which the rest is run-in, run-out or a disturbance
+SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
+FEWEST = 4  # cycles below which nothing is judged
+
+
+@dataclass(frozen=True)
+class Level:
+    """Cycles at one amplitude and frequency: `first` and one past the `last`, and what they hold."""
+
+    first: int
+    last: int
+    frequency_hz: float
+    amplitude_mm: float
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a record was driven with, cycle by cycle.
+
+    start_s : (n + 1,) upward crossings; a cycle lies between two. frequency_hz, amplitude_mm : (n,); the amplitude is
+    half the peak-to-peak, from each cycle's fundamental and the record's wave form.
+    levels : amplitudes and frequencies that are held, in order; one for a steady drive.
+    kind : "steady", "levels", "drift" (a smooth change) or "unsteady" (neither).
+    """
+
+    start_s: Array
+    frequency_hz: Array
+    amplitude_mm: Array
+    levels: tuple[Level, ...]
+    kind: str
+
+
+def judge(time_s: Array, displacement: Array) -> Drive | None:
+    """The drive of a record, from its time (n,) in s and displacement (n,) in mm; None where too few cycles are seen.
+
+    Smaller strokes than a tenth of the largest are not seen as cycles.
+    """
+    low, high = np.percentile(displacement, [0.5, 99.5])
+    half = (high - low) / 2
+    if not half > 0:
+        return None
+    noise = float(np.median(np.abs(np.diff(displacement, 2)))) * 1.4826 / np.sqrt(6)
+    times = crossings(
+        time_s, displacement, (low + high) / 2, half, hysteresis=min(max(0.1, 8 * noise / half), HYSTERESIS)
+    )
+    per_cycle = np.diff(np.searchsorted(time_s, times))
+    if times.size <= FEWEST or per_cycle.min() < 4:
+        return None
+    phase = phase_between(time_s, times, np.arange(float(times.size)))
+    (rows,) = cycle_shapes(phase, np.arange(times.size - 1), [displacement], 1)
+    size = np.sqrt(2) * np.linalg.norm(rows[:, 1:], axis=1)
+    size = size * half / max(float(np.percentile(size, 95)), 1e-300)
+    if not size.min() > 0:
+        return None
+    y = np.stack([np.log(size), -np.log(np.diff(times))], axis=1)
+    groups = _merged(y, _segments(y / LEVEL, 0, len(y)))
+    levels = [Level(a, b, *_middle(y[a:b])) for a, b in groups]
+    return Drive(times, np.exp(y[:, 1]), size, tuple(levels), _kind(y, groups))
+
+
+def _middle(y: Array) -> tuple[float, float]:
+    size, frequency = np.exp(np.median(y, axis=0))
+    return float(frequency), float(size)
+
+
+def _segments(y: Array, a: int, b: int) -> list[tuple[int, int]]:
+    """Cut [a, b) where the sum of squares falls most, as long as the two parts' medians are one apart."""
+    n = b - a
+    if n < 2:
+        return [(a, b)]
+    part = y[a:b] - y[a:b].mean(axis=0)
+    sums = np.cumsum(part, axis=0)[:-1]
+    left = np.arange(1, n)[:, None]
+    gain = (sums**2 / left + sums**2 / (n - left)).sum(axis=1)
+    cut = a + 1 + int(np.argmax(gain))
+    if np.abs(np.median(y[a:cut], axis=0) - np.median(y[cut:b], axis=0)).max() < 1:
+        return [(a, b)]
+    return _segments(y, a, cut) + _segments(y, cut, b)
+
+
+def _merged(y: Array, segments: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Levels of at least HELD cycles; neighbours at one level are one, whatever short disturbance lies between."""
+    out: list[tuple[int, int]] = []
+    for a, b in segments:
+        if b - a < HELD:
+            continue
+        if out and np.abs(np.median(y[slice(*out[-1])], axis=0) - np.median(y[a:b], axis=0)).max() < LEVEL:
+            out[-1] = (out[-1][0], b)
+        else:
+            out.append((a, b))
+    return out
+
+
+def _kind(y: Array, levels: list[tuple[int, int]]) -> str:
+    n = len(y)
+    if len(levels) <= 1 and levels and levels[0][1] - levels[0][0] >= MAIN * n:
+        return "steady"
+    lengths = sorted((b - a for a, b in levels), reverse=True)
+    if lengths and lengths[0] >= MAIN * n and lengths[1] < max(SECOND[0], SECOND[1] * n):
+        return "steady"
+    # what is left of levels, and of a smooth curve: most cycles of the right description lie on it
+    middles = np.array([np.median(y[a:b], axis=0) for a, b in levels]).reshape(-1, 1, 2)
+    off_levels = np.abs(y - middles).max(axis=2).min(axis=0) if levels else np.full(n, 1e3)
+    x = np.linspace(-1, 1, n)
+    basis = np.polynomial.legendre.legvander(x, min(5, n // 4))
+    off_curve = np.abs(y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]).max(axis=1)
+    levels_off, curve_off = np.percentile(off_levels, 60), np.percentile(off_curve, 60)
+    spread = float(np.ptp(np.percentile(y, [5, 95], axis=0), axis=0).max())
+    if curve_off < min(levels_off, 0.3 * spread):
+        return "drift"
+    if len(levels) > 1 and levels_off < 0.3 * spread:
+        return "levels"
+    return "unsteady"
+
+
+def refuse_unsteady(file: str, drive: Drive | None) -> None:
+    """Raise CampaignError where the drive makes several tests, or none, of one record."""
+    if drive is None or drive.kind == "steady":
+        return
+    if drive.kind == "levels":
+        raise CampaignError(
+            f"{file}: {_said(drive)}; averaged as one test these would look like a specimen that changes. "
+            "Split them: bayes-iwan import --split writes one test for each"
+        )
+    for name, unit, values in (("frequency", "Hz", drive.frequency_hz), ("amplitude", "mm", drive.amplitude_mm)):
+        low, high = np.percentile(values, [3, 97])
+        if high / low - 1 <= SMOOTH:
+            continue
+        end = max(2, values.size // 20)
+        first, last = float(np.median(values[:end])), float(np.median(values[-end:]))
+        if drive.kind == "drift":
+            how = f"{'sweeps' if name == 'frequency' else 'drifts'} in {name}, from {first:.3g} to {last:.3g} {unit}"
+            mend = "Run each frequency and amplitude steadily, and list one test for each"
+        else:
+            how = f"varies in {name} from cycle to cycle"
+            mend = "Steady the drive, or cut out a part that is steady"
+        raise CampaignError(
+            f"{file}: the drive {how} (between {low:.3g} and {high:.3g} {unit}): no one loop stands for it. {mend}"
+        )
+
+
+def _said(drive: Drive) -> str:
+    """A staircase in words: how many steps, and of what."""
+    pieces = drive.levels
+    frequencies, amplitudes = ([getattr(p, key) for p in pieces] for key in ("frequency_hz", "amplitude_mm"))
+    by_amplitude = max(amplitudes) / min(amplitudes) > max(frequencies) / min(frequencies)
+    values, unit = (amplitudes, "mm") if by_amplitude else (frequencies, "Hz")
+    shown = ", ".join(f"{v:.3g}" for v in values[:8]) + (" ..." if len(values) > 8 else "")
+    return f"a staircase of {len(pieces)} levels ({shown} {unit}) in one record"
+
+
+def split(record: Record) -> tuple[Record, ...]:
+    """One record for each level of a staircase of amplitudes or frequencies; the record itself where it is steady.
+
+    Each piece holds the whole cycles of its level (transitions are left out), its own time from 0, and the frequency
+    and amplitude that were found; role and other numbers are the record's. Names are the record's with _1, _2 ...
+
+    Raises CampaignError where the drive drifts, sweeps or wanders instead: then there are no levels to split at.
+    """
+    drive = judge(record.time_s, record.displacement_mm)
+    if drive is None or drive.kind == "steady":
+        return (record,)
+    if drive.kind != "levels":
+        refuse_unsteady(record.file, drive)
+        return (record,)
+    out: list[Record] = []
+    stem = record.file.removesuffix(".gz").removesuffix(".csv")
+    ending = record.file[len(stem) :] or ".csv"
+    for level in drive.levels:
+        if level.last - level.first < FEWEST:
+            continue
+        # not a sample of the next level: a much larger one would hide this one's crossings
+        first, last = drive.start_s[[level.first, level.last]]
+        keep = (record.time_s >= first) & (record.time_s <= last)
+        out.append(
+            replace(
+                record,
+                file=f"{stem}_{len(out) + 1}{ending}",
+                frequency_hz=float(f"{level.frequency_hz:.4g}"),
+                amplitude_mm=float(f"{level.amplitude_mm:.4g}"),
+                time_s=record.time_s[keep] - record.time_s[keep][0],
+                displacement_mm=record.displacement_mm[keep],
+                force_N=record.force_N[keep],
+            )
+        )
+    return tuple(out)

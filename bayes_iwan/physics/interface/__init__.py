@@ -1,0 +1,1 @@
+"""What is fitted, to what motion, in which units and coordinates."""

@@ -1,0 +1,1 @@
+"""Independent proposals, solved for in the residuals and weighed."""

@@ -1,0 +1,1 @@
+"""Chains along the posterior's manifold."""

@@ -1,0 +1,319 @@
+"""Sampling a least-squares posterior that is a thin bent sheet, by chains that turn along it (see :mod:`.sheet`).
+
+For what importance sampling does not fit: a chain sees the posterior from where it is, so the sheet may bend as much as
+it likes between here and there. Where a few numbers do most of the bending, two steps of five are jumps: these numbers
+are proposed whatever they were before, the others solved for (see :mod:`.nested`). A jump leads far, but leaves places
+that are proposed too seldom as seldom; turns lead from there.
+
+Chains start at all maxima that were found, those of an ensemble at others than the next one's. In a warm-up they learn
+how far a step may turn, where the held numbers lie and where to jump to; then all is frozen, and only draws from then
+on count. All walkers are independent of each other: ensembles are kept for R-hat alone, and a walker that never leaves
+its branch is seen by the autocorrelation time, from which the ensemble's mean is taken off.
+
+Some walkers go together, on one thread, with random numbers of their own for each block of steps, so that the draws are
+the same however many threads there are. Block by block they go into a checkpoint; a run that goes on from it draws the
+very same.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm.auto import tqdm
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.sampling.common.checkpoint import Checkpoint
+from bayes_iwan.sampling.common.convergence import convergence_of
+from bayes_iwan.sampling.common.held import Held, HeldFunction
+from bayes_iwan.sampling.ensemble.ensembles import BatchFunction, Chains, Stop
+from bayes_iwan.sampling.manifold.nested import Nested, bending, jumped
+from bayes_iwan.sampling.manifold.sheet import Rows, Sheet, Walkers
+from bayes_iwan.threads import side_by_side
+
+#: what a checkpoint's fingerprint says of this way of sampling
+METHOD = {"method": "manifold"}
+_STAGE = "production"  # as ensembles name it, so that pages find the whole run
+WALKERS = 8  # of each ensemble
+_TOGETHER = 16  # walkers on one thread
+#: autocorrelation times that each walker takes at least; all of an ensemble together take as many as are asked
+LEAST_TAUS = 10.0
+_BLOCK = 25  # steps between two commits
+_JUMPS = 10  # of a block's steps, where some numbers bend the sheet
+#: blocks of a stage of the warm-up; stages without jumps, the first to find the way, and with them, each with what was
+#: learnt in all but the first
+_WARM_UP, _STAGES, _JUMPING = 3, 2, 3
+_REFRESH = 5  # jumps before the held numbers are drawn anew
+_LEAST_JUMPS = 0.02  # acceptance of jumps below which they are not worth their cost
+_ACCEPTANCE = 0.3  # what the angles are fitted to
+_LEAST, _MOST = 0.15, 1.1  # scale of the angles: below this the chains hardly move, above it draws are independent
+_HELD_DRAWS = 64
+_DEPTH = 12.0  # maxima so many nats below the best are no starts
+FIRST_CHECK = 200
+
+
+def sample_on_manifold(
+    rows: Rows,
+    held_log_prob: HeldFunction,
+    optima: Array,
+    optima_log_prob: Array,
+    held: NDArray[np.int64],
+    held_root: Array,
+    *,
+    limit: float,
+    names: Sequence[str],
+    seed: int,
+    quantities: BatchFunction | None = None,
+    quantity_names: Sequence[str] = (),
+    checkpoint: Path | None = None,
+    fingerprint: Mapping[str, str] | None = None,
+    resume: bool = False,
+    n_ensembles: int = 4,
+    budget_s: float | None = None,
+    max_steps: int = 200_000,
+    target_r_hat: float = 1.01,
+    target_ess: float = 400.0,
+    chain_taus: float = 50.0,
+    progress: bool = True,
+) -> Chains | None:
+    """Draw from a posterior until converged or the budget is used up; None where steps must be too short to lead
+    anywhere.
+
+    Parameters
+    ----------
+    rows : z (n, ndim) → (n, k), residuals that are whitened with z's own held numbers: −½|rows|² − ½|z|² is ln p but
+        for what depends on the held numbers alone; the nearer, the better.
+    held_log_prob : z (n, ndim), held numbers (n, count, held) → ln p (n, count) of z with these in place of its own.
+    optima, optima_log_prob : maxima of ln p (k, ndim), best first, and ln p there (k,).
+    held, held_root : the coordinates that scale the residuals (the noise's), and the lower triangular root of their
+        covariance at the first maximum.
+    limit : z lies within ±limit.
+    chain_taus : autocorrelation times, of the steps of all walkers of an ensemble, for these are independent here.
+    checkpoint and all others : as for `sampling.ensemble.ensembles.sample`; a run ends after whole blocks of
+        25 steps. Where this way does not fit there is no checkpoint left.
+
+    The same seed gives the same draws. Ctrl-C ends the run with the draws that are there.
+    """
+    began = time.monotonic()
+    names, quantity_names = tuple(names), tuple(quantity_names)
+    n = n_ensembles * WALKERS
+    taus = min(chain_taus, max(LEAST_TAUS, chain_taus / WALKERS))
+    known = Held(held, optima[0][held], held_root, _HELD_DRAWS)
+    run = _Run(Sheet(rows, held_log_prob, known, len(names), limit), seed)
+    stamp = {**METHOD, **(fingerprint or {}), "seed": str(seed), "ensembles": str(n_ensembles)}
+    file: Checkpoint | None = None
+    z, log_prob, other = np.empty((0, n, len(names))), np.empty((0, n)), np.empty((0, n, len(quantity_names)))
+    stop: Stop | None = None
+    said, short, result, before = "", "no draws yet", None, 0
+
+    def late() -> bool:
+        return budget_s is not None and time.monotonic() - began > budget_s
+
+    def evaluated(draws: Array) -> Array:
+        if quantities is None:
+            return np.empty((*draws.shape[:2], 0))
+        flat = np.asarray(quantities(draws.reshape(-1, draws.shape[2])), dtype=float)
+        return flat.reshape(*draws.shape[:2], len(quantity_names))
+
+    def by_ensemble(x: Array) -> Array:
+        """(ensembles, steps, walkers, …) of (steps, all walkers, …)"""
+        return np.moveaxis(x.reshape(len(x), n_ensembles, WALKERS, *x.shape[2:]), 0, 1)
+
+    with tqdm(disable=None if progress else True, unit="step") as bar:
+        try:
+            if resume and checkpoint is not None and checkpoint.exists():
+                file, found = Checkpoint.resume(checkpoint, stamp, names, (_STAGE,))
+                run.restore(found.state)
+                before = int(found.state["evaluations"])
+                z, log_prob = found.draws[_STAGE], found.log_prob[_STAGE]
+                other = evaluated(z)
+            else:
+                bar.set_description("warm-up")
+                near = optima[optima_log_prob > optima_log_prob[0] - _DEPTH]
+                which = np.arange(n_ensembles)[:, None] + n_ensembles * np.arange(WALKERS)
+                if not run.warm_up(near[which.ravel() % len(near)], late, bar):
+                    return None
+                if checkpoint is not None:
+                    file = Checkpoint.create(checkpoint, stamp, names, {_STAGE: n}, run.state(before))
+            bar.set_description("sampling")
+            next_check = FIRST_CHECK
+            while next_check <= len(z) - _BLOCK:  # where an uninterrupted run would have looked
+                next_check = int(1.15 * next_check)
+            while stop is None:
+                steps = len(z)
+                planned, over = steps >= next_check, late()
+                if steps >= 8 and (planned or over or steps >= max_steps):
+                    result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), names + quantity_names)
+                    short = result.shortfall(target_r_hat, target_ess, taus)
+                    while next_check <= steps:
+                        next_check = int(1.15 * next_check)
+                    bar.set_postfix_str(
+                        f"R-hat {result.worst_r_hat:.3f}, ESS {result.least_ess:.0f}, tau {result.worst_tau:.0f}"
+                    )
+                    if not short:
+                        stop, said = Stop.CONVERGED, "converged"
+                    elif steps >= max_steps:
+                        stop, said = Stop.STEPS, f"stopped at {max_steps} steps"
+                    elif over:
+                        stop, said = Stop.BUDGET, f"stopped at the time budget of {budget_s:g} s"
+                if stop is None:
+                    fresh, level = run.block()
+                    values = evaluated(fresh)
+                    if file is not None:
+                        file.append(_STAGE, fresh, level)
+                        file.commit(run.state(before))
+                    z, log_prob, other = (
+                        np.concatenate(pair) for pair in ((z, fresh), (log_prob, level), (other, values))
+                    )
+                    bar.update(len(fresh))
+        except KeyboardInterrupt:
+            stop, said = Stop.INTERRUPTED, "interrupted" if len(z) else "interrupted in warm-up, before any draw counts"
+        finally:
+            if file is not None:
+                file.close()
+    if stop is Stop.INTERRUPTED and len(z) >= 8:
+        result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), names + quantity_names)
+        short = result.shortfall(target_r_hat, target_ess, taus)
+    if run.hurried:
+        said += "; the time budget cut warm-up short, so that more time gives other draws"
+    return Chains(
+        names=names,
+        quantity_names=quantity_names,
+        draws=by_ensemble(z),
+        log_prob=by_ensemble(log_prob),
+        quantities=by_ensemble(other),
+        thin=1,
+        n_steps=len(z),
+        n_evaluations=before + run.n_evaluations,
+        acceptance=float(np.mean(np.any(np.diff(z, axis=0) != 0.0, axis=2))) if len(z) > 1 else 0.0,
+        convergence=result,
+        converged=not short,
+        message=said if not short else f"not converged: {said}; {short}",
+        stop=stop,
+        seed=seed,
+        seconds=time.monotonic() - began,
+        proposal=None,
+    )
+
+
+class _Run:
+    """All walkers, the scale of their angles, where they jump to, and how many blocks of steps they have taken.
+
+    hurried : was the warm-up cut short?
+    """
+
+    def __init__(self, sheet: Sheet, seed: int) -> None:
+        self.sheet, self.seed = sheet, seed
+        self.walkers = Walkers(np.empty((0, 0)), np.empty(0), np.empty(0))
+        self.nested: Nested | None = None
+        self.scale, self.blocks, self.acceptance, self.jumps, self.hurried = 0.3, 0, 0.0, 0.0, False
+        self._used = 0  # evaluations of jumps that were learnt anew since
+
+    @property
+    def n_evaluations(self) -> int:
+        return self.sheet.n_evaluations + self._used + (self.nested.n_evaluations if self.nested is not None else 0)
+
+    def warm_up(self, starts: Array, late: Callable[[], bool], bar: tqdm) -> bool:
+        """From starts (n, ndim) to where draws count; False where steps must be too short to lead anywhere."""
+        rng = np.random.default_rng([self.seed, 31])
+        bent = bending(self.sheet, np.unique(starts, axis=0))
+        self.walkers = self.sheet.begin(starts, rng)
+        z: list[Array] = []
+        for stage in range(_STAGES + _JUMPING if len(bent) else _STAGES):
+            for _ in range(_WARM_UP):
+                self.hurried |= late()
+                if self.hurried:
+                    break
+                z.append(self.block()[0])
+                self.scale = float(np.clip(self.scale * np.exp(self.acceptance - _ACCEPTANCE), _LEAST, _MOST))
+                bar.update(_BLOCK)
+            if z:
+                z = z[-_WARM_UP // 2 :] if stage == 0 else z  # the first steps are on the way
+                self._learn(np.concatenate(z), bent if stage > 0 else bent[:0], rng)
+            self.walkers = self.sheet.begin(self.walkers.z, np.random.default_rng([self.seed, 32, stage]))
+        return self.hurried or self.scale > _LEAST
+
+    def _learn(self, z: Array, bent: NDArray[np.int64], rng: np.random.Generator) -> None:
+        """Take the held numbers' spread, and where to jump to, from draws (steps, n, ndim)."""
+        flat = z.reshape(-1, z.shape[2])
+        self.sheet.held = self.sheet.held.learnt(flat[:, self.sheet.held.columns])
+        if self.nested is not None:
+            self._used += self.nested.n_evaluations
+            bent = bent if self.jumps > _LEAST_JUMPS else bent[:0]
+        self.nested = Nested.fitted(self.sheet, bent, flat, rng) if len(bent) else None
+
+    def block(self) -> tuple[Array, Array]:
+        """Some steps of all: z (steps, n, ndim) and ln p (steps, n)."""
+
+        def together(part: slice) -> tuple[Array, Array, float, float, Walkers]:
+            own = Walkers(*(x[part].copy() for x in self._arrays()))
+            rng = np.random.default_rng([self.seed, 34, self.blocks, part.start])
+            if self.nested is None:
+                return *self.sheet.advance(own, _BLOCK, self.scale, rng), 0.0, own
+            z, log_prob, went = self.sheet.advance(own, _BLOCK - _JUMPS, self.scale, rng)
+            jumps, levels, gone = _jump(self.sheet, self.nested, own, _JUMPS, rng)
+            return np.concatenate([z, jumps]), np.concatenate([log_prob, levels]), went, gone, own
+
+        parts = side_by_side(together, len(self.walkers.z), _TOGETHER)
+        z, log_prob, accepted, gone, walkers = zip(*parts)
+        ends = [(w.z, w.log_prob, w.log_total) for w in walkers]
+        self.walkers = Walkers(*(np.concatenate(x) for x in zip(*ends)))
+        self.acceptance, self.jumps = float(np.mean(accepted)), float(np.mean(gone))
+        self.blocks += 1
+        return np.concatenate(z, axis=1), np.concatenate(log_prob, axis=1)
+
+    def _arrays(self) -> tuple[Array, Array, Array]:
+        return self.walkers.z, self.walkers.log_prob, self.walkers.log_total
+
+    def state(self, before: int) -> dict[str, NDArray]:
+        """What the run goes on from; before : evaluations of the runs before."""
+        return {
+            "z": self.walkers.z,
+            "log_prob": self.walkers.log_prob,
+            "log_total": self.walkers.log_total,
+            "centre": self.sheet.held.centre,
+            "root": self.sheet.held.root,
+            "scale": np.array(self.scale),
+            "blocks": np.array(self.blocks),
+            "hurried": np.array(self.hurried),
+            "evaluations": np.array(before + self.n_evaluations),
+            **({} if self.nested is None else self.nested.state()),
+        }
+
+    def restore(self, state: Mapping[str, NDArray]) -> None:
+        """Be as an earlier run was."""
+        self.walkers = Walkers(*(state[name].copy() for name in ("z", "log_prob", "log_total")))
+        held = self.sheet.held
+        self.sheet.held = Held(held.columns, state["centre"], state["root"], held.count)
+        self.scale, self.blocks, self.hurried = float(state["scale"]), int(state["blocks"]), bool(state["hurried"])
+        self.nested = Nested.restored(self.sheet, state) if "bent" in state else None
+
+
+def _jump(
+    sheet: Sheet, nested: Nested, walkers: Walkers, steps: int, rng: np.random.Generator
+) -> tuple[Array, Array, float]:
+    """Offer independent proposals to all walkers: where they are after each, z (steps, n, ndim) and ln p (steps, n),
+    and the share that was accepted."""
+    n = len(walkers.z)
+    new = nested.propose(steps * n, rng)
+    log_chance = np.log(rng.random((steps, n)))
+    with np.errstate(invalid="ignore"):  # of places that were not found
+        log_density = new.log_total - new.log_weight
+    own = walkers.log_total - nested.log_weight(walkers.z, walkers.log_total)
+    z, log_prob, went = np.empty((steps, *walkers.z.shape)), np.empty((steps, n)), 0.0
+    for first in range(0, steps, _REFRESH):
+        sheet.refresh(walkers, rng)
+        part = slice(first, min(first + _REFRESH, steps))
+        offered = np.arange(part.start * n, part.stop * n)
+        taken = jumped(walkers.log_total - own, new.log_weight[offered].reshape(-1, n), log_chance[part])
+        went += float(np.sum(np.diff(taken, axis=0, prepend=-1) != 0)) / (steps * n)
+        which, stays = offered[0] + taken * n + np.arange(n), taken < 0
+        z[part] = np.where(stays[:, :, None], walkers.z, new.z[which])
+        log_prob[part] = np.where(stays, walkers.log_prob, new.log_prob[which])
+        walkers.z, walkers.log_prob = z[part][-1].copy(), log_prob[part][-1].copy()
+        walkers.log_total = np.where(stays[-1], walkers.log_total, new.log_total[which[-1]])
+        own = np.where(stays[-1], own, log_density[which[-1]])
+    return z, log_prob, went
