@@ -39,7 +39,7 @@ from scipy import special
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
-from bayes_iwan.inference.solving.chains import independent_chains, manifold_chains
+from bayes_iwan.inference.solving.chains import Run, independent_chains, manifold_chains
 from bayes_iwan.inference.solving.point import Point, find_point, starting_population
 from bayes_iwan.sampling.common.convergence import convergence_of
 from bayes_iwan.sampling.ensemble.ensembles import sample
@@ -107,7 +107,7 @@ def package_manifold(density: Density, starts: np.ndarray, names: tuple[str, ...
 def by_its_own_rule(way: Callable, density: Density, seed: int) -> dict[str, Any]:
     """A way of sampling of this package, until its rule is met or the clock has gone on by as many seconds."""
     settings = replace(settings_of().sampling, budget_s=density.seconds)
-    chains = way(density.problem, density.point, settings, seed, None, {}, False, False)
+    chains = way(density.problem, density.point, settings, Run(seed))
     if chains is None or chains.convergence is None:
         return {"note": "does not fit this posterior" if chains is None else chains.message}
     density.evaluations, density.best = chains.n_evaluations, float(chains.log_prob.max())

@@ -30,7 +30,7 @@ from bayes_iwan.inference.setup.likelihood import KINDS
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings
-from bayes_iwan.inference.solving.chains import sampled
+from bayes_iwan.inference.solving.chains import Run, sampled
 from bayes_iwan.inference.solving.point import Point, most_probable
 from runs import each
 
@@ -64,7 +64,7 @@ def short_posterior(
     point = SimpleNamespace(z=optima[0], log_prob=float(log_prob[0]), optima=optima, optima_log_prob=log_prob)
     with threadpool_limits(limits=1, user_api="blas"):
         settings = SamplingSettings(budget_s=budget_s)
-        chains = sampled(problem, cast(Point, point), settings, seed, None, {}, False, False)
+        chains = sampled(problem, cast(Point, point), settings, Run(seed))
     draws = chains.draws.reshape(-1, problem.ndim)
     c = chains.convergence
     told = {

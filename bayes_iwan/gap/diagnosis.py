@@ -28,8 +28,9 @@ from bayes_iwan.gap.judging.budget import NO_CAUSE, GapBudget, Kind, RestOfGap, 
 from bayes_iwan.gap.judging.calibration import Calibration, calibration
 from bayes_iwan.gap.judging.sample_fit import sampled_fit
 from bayes_iwan.gap.judging.verdict import Weighed, verdict_of, weighed
+from bayes_iwan.gap.searching.explored import Report, silent
 from bayes_iwan.gap.searching.found import Search
-from bayes_iwan.gap.searching.search import MOST_EFFECTS, Report, search, silent
+from bayes_iwan.gap.searching.search import MOST_EFFECTS, search
 from bayes_iwan.gap.telling.findings import where_sentences
 from bayes_iwan.gap.telling.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
 from bayes_iwan.gap.telling.saved_fits import LOOPS

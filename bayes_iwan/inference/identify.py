@@ -28,7 +28,7 @@ from bayes_iwan.inference.setup.frequencies import by_frequency
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
-from bayes_iwan.inference.solving.chains import sampled
+from bayes_iwan.inference.solving.chains import Run, sampled
 from bayes_iwan.inference.solving.point import Point, find_point, laplace_scale
 from bayes_iwan.physics import Scales, Simulator
 from bayes_iwan.physics.interface.parameter import Z_LIMIT
@@ -235,7 +235,7 @@ def identify_problem(
     # threads do nothing for the small matrices of a sampler's step but wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
         origin = _origin(settings.search, simulator_file)
-        chains = sampled(problem, point, settings.sampling, seed, checkpoint, origin, resume, progress)
+        chains = sampled(problem, point, settings.sampling, Run(seed, checkpoint, origin, resume, progress))
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
     timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}

@@ -342,7 +342,7 @@ def test_ensembles_get_the_time_that_the_others_left(small_loops, monkeypatch):
     monkeypatch.setattr(chains, "independent_chains", given_up)
     monkeypatch.setattr(chains, "manifold_chains", given_up)
     monkeypatch.setattr(chains, "ensemble_chains", ensembles)
-    chains.sampled(problem, None, SamplingSettings(budget_s=10.0), 0, None, {}, False, False)
+    chains.sampled(problem, None, SamplingSettings(budget_s=10.0), chains.Run(0))
     assert 8.0 < given[0] <= 9.4
 
 

@@ -30,10 +30,11 @@ from bayes_iwan.physics import Model, Simulator
 Z_BOX = 5.0
 #: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
 OTHER_WEIGHTS = 0.25
-#: beside a larger rest priors hold a model where it misses by far more than it must
+#: the least gap in newtons is sought beside no larger rest: there priors hold a model where it misses far more than it
+#: must
 LARGEST_REST = 0.05
-#: optima of the evidence from which it is sought, too
-NEWTON_STARTS = 2
+#: optima of the evidence from which it is sought besides the best, and iterations of that
+NEWTON_STARTS, NEWTON_STEPS = 2, 15
 _FIXED_NOISE = {
     "noise_scale": ParameterChange(fixed=1.0),
     "discrepancy_share": ParameterChange(fixed=FIRST.share),
@@ -237,7 +238,7 @@ def newton_size(rest_share: float) -> RestSize:
     return RestSize(share, 0.0, share)
 
 
-def in_newtons(data: GapData, fit: Fit, iterations: int = 15) -> Fit:
+def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS) -> Fit:
     """The model of a fit where it misses least in newtons: least squares of loops and their changes alike.
 
     What an effect does is judged by evidence, which follows the harmonics that are quiet and leaves to a large rest
@@ -251,7 +252,7 @@ def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
     as far as the rest that was inferred beside it says."""
     size = RestSize(fit.rest_share[0], 0.0, fit.size.along)
     alike = size.share == nearest.size.share and not any(e.evolving for e in fit.effects)
-    return nearest if alike else _beside(data, fit, size, [fit.z, nearest.z], 15)
+    return nearest if alike else _beside(data, fit, size, [fit.z, nearest.z], NEWTON_STEPS)
 
 
 def _beside(data: GapData, fit: Fit, size: RestSize, starts: Sequence[Array], iterations: int) -> Fit:

@@ -70,7 +70,7 @@ def guard_figures(
 ) -> tuple[Figures, ...]:
     """The figures of every effect of the chosen set that is judged.
 
-    nearest : by subset of those, the fit that misses least in newtons; predicting : the same for tests left out
+    nearest : by subset of those, the fit that misses least in newtons; predicting : the same for tests left out;
     share : of the gap, by effect (:func:`.budget.shares`)
     """
     judged = tuple(judged)

@@ -52,9 +52,9 @@ class Weighed:
 
     search : its chosen effects are those that remove anything; asked : all that it chose, beside which rivals stood
     figures : of every effect of the chosen set that may be named; by every subset of it: fits; in_newtons, the same
-    models where they miss least in newtons; predicting, the same as they predict tests left out; sizes, what they
-    miss in newtons. subharmonic : the largest power of a line
-    at half a test's frequency over its background
+    models where they miss least in newtons; predicting, the same as they predict tests left out; sizes, what they miss
+    in newtons
+    subharmonic : the largest power of a line at half a test's frequency over its background
     """
 
     search: Search

@@ -2,42 +2,26 @@
 by effect, with exchanges and drops.
 
 A missed optimum of the base is the commonest false gap, so the base starts from many points and again from the
-optima of the best extended models. An effect starts from the smaller model's optima at several strengths and extra
-parameters: those that promise most once the smaller model's own parameters may move (one Gauss–Newton step).
+optima of the best extended models.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from itertools import islice
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
-from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.fitting.data import GapData
-from bayes_iwan.gap.fitting.evidence import Fit, extended
-from bayes_iwan.gap.searching.base import (
-    BASE_POINTS,
-    NEWTON_NATS,
-    fit_base,
-    gap_rms_N,
-    missed,
-    newton_nats,
-    quick_gap_N,
-    sound_gap_N,
-)
-from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing, leading, removing
-from bayes_iwan.gap.searching.found import LAST, Search, look_alike, needed, part
-from bayes_iwan.gap.searching.refits import ITERATIONS, Refit, Refits
-from bayes_iwan.gap.searching.strength import calibrated
-from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.gap.fitting.evidence import Fit
+from bayes_iwan.gap.searching.base import missed
+from bayes_iwan.gap.searching.candidates import Candidate, removing
+from bayes_iwan.gap.searching.explored import Explored, Report, silent
+from bayes_iwan.gap.searching.found import LAST, Search, look_alike, part
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.physics import Simulator
-from bayes_iwan.threads import alongside
 
 #: single effects are refitted if they are among so many most promising ones or promise PROMISE nats, or are sudden
 SINGLE_MOST = 7
@@ -58,107 +42,13 @@ TIED_NATS = 5.0
 EXCHANGES_MOST, ASKED_MOST = 2, 2
 #: effects in a set, at most; those of LAST beside them are not counted
 MOST_EFFECTS = 4
-#: fits whose gaps differ by this in ln may still exchange their places, whatever their evidence
-REACH = 1.6
 #: an effect is dropped if the gap without it is larger by at most this share of the base's gap, though alone it would
 #: remove ALONE of it: the others of the set stand in for it, and nats beyond that are the difference between two laws
 STOOD_IN, ALONE = 0.05, 0.2
 
-Report = Callable[[str], None]
 
-
-def silent(what: str) -> None:
-    """No progress shown."""
-
-
-class _Explorer:
-    """The fits found so far, and the steps that find more."""
-
-    def __init__(
-        self,
-        data: GapData,
-        scales: Scales,
-        settings: DiagnoseSettings,
-        kinds: Mapping[str, tuple[Maker, ...]],
-        rng: np.random.Generator,
-        report: Report,
-        simulator: Simulator | None,
-        executor: Executor | None,
-    ) -> None:
-        self.data, self.rng, self.report = data, rng, report
-        self.fits: dict[frozenset[str], Fit] = {}
-        self._gaps: dict[tuple[frozenset[str], float], float] = {}
-        self._worth: dict[tuple[frozenset[str], float], float] = {}
-        self._stood_in: dict[str, frozenset[str]] = {}
-        self._left: set[tuple[frozenset[str], str, float]] = set()
-        self._offers: dict[tuple[frozenset[str], float, bool], list[Candidate]] = {}  # found once for each fit
-        self.failed: dict[str, str] = {}
-        report("base model")
-        base = fit_base(data, settings, scales, rng, simulator)
-        self.fits[frozenset()] = base
-        self.effects: dict[str, tuple[Effect, ...]] = {}
-        every = [k for some in kinds.values() for k in some]
-        scaled = iter(list(alongside(lambda k: calibrated(k, scales, data, base.problem, base.z), every)))
-        for name, classes in kinds.items():
-            some = tuple(islice(scaled, len(classes)))
-            wrong = [w for w in (failing(data, base, e) for e in some) if w]
-            if wrong and len(wrong) == len(some):
-                self.failed[name] = wrong[0]
-            else:
-                self.effects[name] = some
-        self.refits = Refits(executor, data, base.problem, [e for some in self.effects.values() for e in some])
-
-    def keep(self, problem: Problem, starts: Array, iterations: int = ITERATIONS) -> Fit | None:
-        """Fit a model; remember it if it is the best of its set. None where it has no finite force."""
-        (fit,) = self.refits([Refit(problem, starts, starts[:0], iterations)])
-        return self._kept(fit)
-
-    def _kept(self, fit: Fit | None) -> Fit | None:
-        if fit is None:
-            return None
-        old = self.fits.get(fit.names)
-        if old is None or fit.log_evidence > old.log_evidence:
-            self.fits[fit.names] = fit
-        return self.fits[fit.names]
-
-    def add(self, some: Sequence[Candidate], smaller: Fit, instead_of: Fit | None = None) -> None:
-        """Refit candidates, from where each promised most, from where it was best beside the base alone, and from the
-        others of the set that it is tried in."""
-        found = self.refits([self._start(one, smaller, instead_of) for one in some])
-        for one in some:
-            self.report("+".join((*sorted(smaller.names), one.name)))
-            self._kept(next(found))
-
-    def _start(self, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
-        starts, draws = one.starts, one.starts[:0]
-        alone = self.fits.get(frozenset({one.name}))
-        if smaller.effects and alone is not None:
-            z = dict(zip(smaller.problem.names, smaller.z)) | dict(zip(alone.problem.names, alone.z))
-            starts = np.concatenate([starts, np.array([[z.get(n, 0.0) for n in one.problem.names]])])
-        if instead_of is not None:
-            z = dict(zip(one.problem.names, one.starts[0]))
-            z |= {n: v for n, v in zip(instead_of.problem.names, instead_of.z) if n in smaller.problem.names}
-            starts = np.concatenate([starts, np.array([[z[n] for n in one.problem.names]])])
-        if one.effect.sudden and not smaller.effects:  # the base may have bent too far to lead there
-            draws = one.problem.prior.draw(self.rng, BASE_POINTS)
-        return Refit(one.problem, starts, draws)
-
-    def offered(self, smaller: Fit, last: bool = False) -> list[Candidate]:
-        """Candidates on top of a fit, LAST alone or all others, LAWS_MOST laws of each effect, the most promising
-        first; of two look-alikes that solve for the specimen's motion one, since one within the other costs most."""
-        solved = [e for e in smaller.effects if "around" in e.stations]
-        on_offer = {
-            n: some
-            for n, some in self.effects.items()
-            if n not in smaller.names
-            and (n in LAST) == last
-            and not ("around" in some[0].stations and any(look_alike(self.effects, n, e.name) for e in solved))
-        }
-        at = (smaller.names, smaller.log_evidence, last)
-        if at not in self._offers:
-            large = self.gap_N(smaller) > sound_gap_N(self.data)
-            self._offers[at] = leading(candidates(self.data, smaller, on_offer, large, self.refits.candidates))
-        return self._offers[at]
+class _Explorer(Explored):
+    """The steps that find more."""
 
     def singles(self) -> None:
         """Every single effect that promises anything."""
@@ -180,33 +70,6 @@ class _Explorer:
         before = base.log_evidence
         better = self.keep(base.problem, np.array([base.z, *starts]), 40)
         return better is not None and better.log_evidence > before + 1.0
-
-    def without(self, fit: Fit, name: str) -> Fit:
-        """The fit of the same set less one effect, from this fit's optimum too (tried once)."""
-        known, tried = self.fits.get(fit.names - {name}), (fit.names, name, fit.log_evidence)
-        if known is not None and tried in self._left:
-            return known
-        self._left.add(tried)
-        less = self._less(fit, name)
-        found = self.keep(less.problem, less.starts)
-        return found if found is not None else self.fits[frozenset()]
-
-    def without_each(self, fit: Fit) -> dict[str, Fit]:
-        """The same of every effect of a set, side by side."""
-        list(self.refits(list(self._dropped(fit).values())))
-        return {n: self.without(fit, n) for n in sorted(fit.names)}
-
-    def _dropped(self, fit: Fit) -> dict[str, Refit]:
-        """What :meth:`without` has yet to refit of a set; refits are remembered, so that they can be asked ahead."""
-        names = sorted(fit.names)
-        return {n: self._less(fit, n) for n in names if (fit.names, n, fit.log_evidence) not in self._left}
-
-    def _less(self, fit: Fit, name: str) -> Refit:
-        problem = extended(fit.problem, [e for e in fit.effects if e.name != name])
-        starts, known = [part(fit, problem)], self.fits.get(fit.names - {name})
-        if known is not None and known.problem.names == problem.names:
-            starts.append(known.z)
-        return Refit(problem, np.array(starts), np.zeros((0, problem.ndim)))
 
     def grow(self, current: Fit, last: bool = False) -> Fit | None:
         """The best fit with one effect more, of LAST or of all others, if it is worth it."""
@@ -235,21 +98,6 @@ class _Explorer:
         evidence = best.log_evidence - current.log_evidence
         least = WORTH_NATS if evidence > WORTH_NATS else NEWTONS_ALONE
         return best if self.worth(best) > self.worth(current) + least else None
-
-    def worth(self, fit: Fit) -> float:
-        return self.worths([fit])[0]
-
-    def worths(self, fits: Sequence[Fit]) -> list[float]:
-        """ln evidence, and what the gap that is left is worth in newtons; once for each fit, several side by side."""
-        new = {(f.names, f.log_evidence): f for f in fits if (f.names, f.log_evidence) not in self._worth}
-        for (at, fit), gap_N in zip(new.items(), self.refits.asked(quick_gap_N, list(new.values()))):
-            self._worth[at] = fit.log_evidence + newton_nats(self.data, gap_N)
-        return [self._worth[f.names, f.log_evidence] for f in fits]
-
-    def within_reach(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Of these fits those that may be worth most: no other gap can make up for more evidence."""
-        least = max(f.log_evidence for f in fits) - NEWTON_NATS * self.data.tests * REACH
-        return [f for f in fits if f.log_evidence >= least]
 
     def plainest(self, shared: frozenset[str], fits: Sequence[Fit]) -> Fit:
         """The best of fits with one effect beside those shared; among look-alikes that are all but tied, in newtons
@@ -315,15 +163,6 @@ class _Explorer:
         top = max(better, key=self.worth, default=current)
         return self.plainest(less.names, [top, *(f for f in same_size if self.worth(f) < self.worth(top))])
 
-    def gap_N(self, fit: Fit) -> float:
-        return self.gaps_N([fit])[0]
-
-    def gaps_N(self, fits: Sequence[Fit]) -> list[float]:
-        """See :func:`gap_rms_N`; once for each fit, and several side by side."""
-        new = {(f.names, f.log_evidence): f for f in fits if (f.names, f.log_evidence) not in self._gaps}
-        self._gaps |= zip(new, self.refits.asked(gap_rms_N, list(new.values())))
-        return [self._gaps[f.names, f.log_evidence] for f in fits]
-
     def pruned(self, current: Fit) -> Fit:
         """Less what the others of the set stand in for: one of two effects that look alike, unless both are needed
         (what bends the base first, which names no cause), and what leaves the gap as it is or larger."""
@@ -348,12 +187,8 @@ class _Explorer:
 
     def dropped(self, name: str, less: Fit) -> Fit:
         """Pruned without an effect, which is remembered: it does not come back beside what stands in for it."""
-        self._stood_in[name] = less.names
+        self.stood_in[name] = less.names
         return self.pruned(less)
-
-    def needed(self, names: frozenset[str]) -> bool:
-        """Has no effect of a set been dropped because others of it stand in for it?"""
-        return needed(self.effects, self._stood_in, names)
 
     def rivals(self, current: Fit) -> Fit:
         """What else could stand in the place of each effect of the chosen set, and the best of those sets."""

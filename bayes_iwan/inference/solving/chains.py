@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypedDict
 
@@ -66,43 +66,37 @@ class _Asked(TypedDict):
     progress: bool
 
 
-def _asked(
-    problem: Problem,
-    s: SamplingSettings,
-    seed: int,
-    checkpoint: Path | None,
-    origin: Mapping[str, str],
-    resume: bool,
-    progress: bool,
-) -> _Asked:
+@dataclass(frozen=True)
+class Run:
+    """A run as it is kept and shown: its seed, where it is written and gone on from, and what else draws depend on."""
+
+    seed: int
+    checkpoint: Path | None = None
+    origin: Mapping[str, str] = field(default_factory=dict)
+    resume: bool = False
+    progress: bool = False
+
+
+def _asked(problem: Problem, s: SamplingSettings, run: Run) -> _Asked:
     names, parameter_values = _unsampled(problem)
     return _Asked(
         names=tuple(problem.names),
-        seed=seed,
+        seed=run.seed,
         quantities=parameter_values,
         quantity_names=names,
-        checkpoint=checkpoint,
-        fingerprint=problem.fingerprint() | dict(origin) | {"seed": str(seed)},
-        resume=resume,
+        checkpoint=run.checkpoint,
+        fingerprint=problem.fingerprint() | dict(run.origin) | {"seed": str(run.seed)},
+        resume=run.resume,
         budget_s=s.budget_s,
         max_steps=s.max_steps,
         target_r_hat=s.r_hat,
         target_ess=s.ess,
         chain_taus=s.taus,
-        progress=progress,
+        progress=run.progress,
     )
 
 
-def independent_chains(
-    problem: Problem,
-    point: Point,
-    s: SamplingSettings,
-    seed: int,
-    checkpoint: Path | None,
-    origin: Mapping[str, str],
-    resume: bool,
-    progress: bool,
-) -> Chains | None:
+def independent_chains(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Chains | None:
     """Independent proposals about the maxima that were found; None where they do not fit this posterior."""
     held, coarse = problem.noise_columns, problem.coarser()
     optima = []
@@ -121,20 +115,11 @@ def independent_chains(
         held,
         limit=0.95 * Z_LIMIT,
         n_chains=s.ensembles,
-        **_asked(problem, s, seed, checkpoint, origin, resume, progress),
+        **_asked(problem, s, run),
     )
 
 
-def manifold_chains(
-    problem: Problem,
-    point: Point,
-    s: SamplingSettings,
-    seed: int,
-    checkpoint: Path | None,
-    origin: Mapping[str, str],
-    resume: bool,
-    progress: bool,
-) -> Chains | None:
+def manifold_chains(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Chains | None:
     """Chains along the posterior's manifold, from the maxima that were found; None where they do not move."""
     held, coarse = problem.noise_columns, problem.coarser()
     root = laplace_scale(problem, point.optima[0])
@@ -147,53 +132,36 @@ def manifold_chains(
         np.asarray(np.linalg.cholesky((root @ root.T)[np.ix_(held, held)])),
         limit=Z_LIMIT,
         n_ensembles=s.ensembles,
-        **_asked(problem, s, seed, checkpoint, origin, resume, progress),
+        **_asked(problem, s, run),
     )
 
 
-def ensemble_chains(
-    problem: Problem,
-    point: Point,
-    s: SamplingSettings,
-    seed: int,
-    checkpoint: Path | None,
-    origin: Mapping[str, str],
-    resume: bool,
-    progress: bool,
-) -> Chains:
+def ensemble_chains(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Chains:
     """Ensembles of walkers, started from fits to shifted data."""
     walkers = max(s.walkers, enough_walkers(problem.ndim))
     return sample(
         problem.log_prob,
-        starting_population(problem, point, seed, CROWD * len(POWERS) * s.ensembles * walkers),
+        starting_population(problem, point, run.seed, CROWD * len(POWERS) * s.ensembles * walkers),
         n_ensembles=s.ensembles,
         n_walkers=walkers,
-        **_asked(problem, s, seed, checkpoint, origin, resume, progress),
+        **_asked(problem, s, run),
     )
 
 
-def sampled(
-    problem: Problem,
-    point: Point,
-    s: SamplingSettings,
-    seed: int,
-    checkpoint: Path | None,
-    origin: Mapping[str, str],
-    resume: bool,
-    progress: bool,
-) -> Chains:
+def sampled(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Chains:
     """Independent proposals where they fit, else chains along the manifold, else ensembles, each in the time that is
     left; a checkpoint is gone on from by the way of sampling that wrote it."""
     began = time.monotonic()
-    written = read_checkpoint(checkpoint, ())[0] if checkpoint is not None and checkpoint.exists() else None
+    path = run.checkpoint
+    written = read_checkpoint(path, ())[0] if path is not None and path.exists() else None
     ways = [(independent_chains, INDEPENDENT), (manifold_chains, ON_MANIFOLD)]
     if written is None and isinstance(problem.model, Model) and problem.model.embedded:
         ways = ways[1:]  # the bent form's independent proposals are worth a hundredth, and to find that takes minutes
     for way, mark in ways:
         if s.method == "auto" and (written is None or mark.items() <= written.items()):
             left = replace(s, budget_s=max(s.budget_s - (time.monotonic() - began), 0.0))
-            chains = way(problem, point, left, seed, checkpoint, origin, resume, progress)
+            chains = way(problem, point, left, run)
             if chains is not None:
                 return chains
     left = replace(s, budget_s=max(s.budget_s - (time.monotonic() - began), 0.0))
-    return ensemble_chains(problem, point, left, seed, checkpoint, origin, resume, progress)
+    return ensemble_chains(problem, point, left, run)
