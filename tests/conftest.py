@@ -108,7 +108,7 @@ def short_adaptation():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "_ROUNDS", (3, 4))
-        yield "from bayes_iwan.sampling import run; run._ROUNDS = (3, 4)"
+        yield "from bayes_iwan.sampling.ensemble import run; run._ROUNDS = (3, 4)"
 
 
 # the analyses' scripts give their workers one thread through the environment; run inside this process they must not
