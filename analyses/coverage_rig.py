@@ -31,6 +31,7 @@ from bayes_iwan.files import write_json
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.scales import loop_energy_mJ
+from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.intervals import Widening, widenings
 from bayes_iwan.inference.solving.point import laplace_scale, most_probable
 from bayes_iwan.rig import cases as rig_cases
@@ -117,7 +118,7 @@ def one_case(seed: int, index: int, forms: list[str], budget_s: float | None) ->
         if budget_s is None:
             at, found = laplace(problem, index)
         else:
-            draws, told = short_posterior(problem, index, budget_s)
+            draws, told = short_posterior(problem, index, SamplingSettings(budget_s=budget_s))
             z = draws[np.linspace(0, len(draws) - 1, 1000).round().astype(int)]
             found = {n: q.values for n, q in quantities(problem, z).items()}
             at = most_probable(problem, z[[int(np.argmax(problem.log_prob(z)))]])[0][0]  # as the package judges them

@@ -193,17 +193,23 @@ def test_a_run_that_goes_on_draws_what_an_uninterrupted_one_does(tmp_path):
         drawn(bent, [[0.05, 0.0025]], checkpoint=file, resume=True, seed=4)
 
 
-def test_a_run_that_is_given_up_leaves_no_checkpoint(tmp_path):
-    """One draw in hundreds carries the weight: the noise is far from where the optimum says."""
+@pytest.mark.parametrize(("height", "radius"), [(300.0, 0.05), (100.0, 0.08)])
+def test_proposals_that_are_worth_too_little_are_given_up_however_many_there_are(height, radius, monkeypatch, tmp_path):
+    """A needle in a normal: either a proposal is worth a hundredth, or enough of them are but their weights' tail is
+    too long. No checkpoint is left. With more patience more and more are drawn."""
 
     def held_log_prob(z, held):
-        return -0.5 * np.sum(bent(z) ** 2, axis=1)[:, None] - 0.5 * np.sum(z * z, axis=1)[:, None] + 6.0 * z[:, :1]
+        needle = np.log1p(height * (np.linalg.norm(z - [0.9, 0.6], axis=1) < radius))
+        return (needle - np.sum(z * z, axis=1))[:, None]
 
+    optimum = Optimum(np.zeros(2), 0.0, np.eye(2), np.empty((0, 0)))
+    options = dict(limit=7.0, names=("a", "b"), seed=1, progress=False, target_ess=100, max_steps=2400)
     file = tmp_path / "chains.ckpt"
-    optimum = Optimum(np.array([0.05, 0.0025]), 0.0, np.eye(2), np.empty((0, 0)))
-    at = dict(limit=7.0, names=("a", "b"), seed=1, progress=False, checkpoint=file, target_ess=1e6)
-    assert sample_independently(bent, held_log_prob, [optimum], NONE, **at) is None
+    assert sample_independently(lambda z: z, held_log_prob, [optimum], NONE, **options, checkpoint=file) is None
     assert not file.exists()
+    monkeypatch.setattr(importance, "_PATIENCE", 3000)
+    chains = sample_independently(lambda z: z, held_log_prob, [optimum], NONE, **options)
+    assert chains.n_steps == 2400 and not chains.converged
 
 
 def test_solutions_that_start_from_known_places_are_the_same_and_cheaper():
@@ -294,7 +300,8 @@ def test_spare_branches_draw_the_same_posterior():
 
 
 def test_the_second_attempt_is_gone_on_from(tmp_path, monkeypatch):
-    monkeypatch.setattr(importance, "_ATTEMPTS", ((0, 128, 1e9), (2, 2048, 0.1)))
+    pilot = Source.pilot
+    monkeypatch.setattr(Source, "pilot", lambda *a: a[2] > 0 and pilot(*a))  # without spare branches it does not fit
     options = dict(optima=[[0.05, 0.0025], [0.4, 0.16]], target_ess=1500)
     whole, _ = drawn(bent, **options)
     file = tmp_path / "chains.ckpt"

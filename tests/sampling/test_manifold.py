@@ -221,14 +221,14 @@ def test_a_run_that_goes_on_draws_what_an_uninterrupted_one_does(tmp_path):
 def test_the_budget_and_ctrl_c_end_a_run(monkeypatch):
     late = chains_of(bent, [[0.05, 0.0025]], budget_s=0.0)
     assert late.stop is Stop.BUDGET and late.n_steps == 25 and "cut warm-up short" in late.message
-    taken, left = on_manifold._Run.block, iter(range(7))  # five of them warm up
+    taken, left = on_manifold.ManifoldRun.block, iter(range(7))  # five of them warm up
 
     def block(run):
         if next(left, None) is None:
             raise KeyboardInterrupt
         return taken(run)
 
-    monkeypatch.setattr(on_manifold._Run, "block", block)
+    monkeypatch.setattr(on_manifold.ManifoldRun, "block", block)
     cut = chains_of(bent, [[0.05, 0.0025]])
     assert cut.stop is Stop.INTERRUPTED and cut.n_steps == 50 and cut.convergence is not None
     early = chains_of(bent, [[0.05, 0.0025]])

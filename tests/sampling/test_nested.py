@@ -89,7 +89,7 @@ def stationary(nested, walkers=3000):
     z[:, 1] += 0.025 * rng.standard_normal(walkers)
     z[:, 2] = np.exp(-z[:, 1]) * (np.sin(2.0 * z[:, 0]) + 0.03 * rng.standard_normal(walkers))
     own = whole().begin(z, rng)
-    after, level, went = on_manifold._jump(whole(), nested, own, 12, rng)
+    after, level, went = on_manifold.jump(whole(), nested, own, 12, rng)
     assert went > 0.4
     np.testing.assert_allclose(level[-1], log_prob(own.z)[:, 0], rtol=1e-12)
     np.testing.assert_array_equal(after[-1], own.z)

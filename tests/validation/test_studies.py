@@ -190,28 +190,11 @@ def test_uniform_ranks_pass_and_bent_ones_do_not(study):
 
 
 @pytest.mark.usefixtures("short_adaptation")
-def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch):
+@pytest.mark.parametrize("way", [["--budget", "2"], ["--from-truth"]])
+def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch, way):
     monkeypatch.chdir(ROOT)
-    monkeypatch.setattr(
-        sys,
-        "argv",
-        [
-            "sbc.py",
-            "--draws",
-            "1",
-            "--likelihoods",
-            "gaussian",
-            "--slip",
-            "uniform",
-            "--tests",
-            "0",
-            "8",
-            "--budget",
-            "2",
-            "--out",
-            str(tmp_path),
-        ],
-    )
+    model = ["--likelihoods", "gaussian", "--slip", "uniform", "--tests", "0", "8"]
+    monkeypatch.setattr(sys, "argv", ["sbc.py", "--draws", "1", *model, *way, "--out", str(tmp_path)])
     study("sbc").main()
     result = json.loads((tmp_path / "sbc.json").read_text())["likelihoods"]["gaussian"]
     assert set(result["ranks"]) >= {"kp_N_mm", "k1_N_mm", "mean_slip_force_N", "noise_N", "energy[f10_a0.3]"}

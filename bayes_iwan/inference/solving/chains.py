@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.setup.problem import Problem
@@ -27,6 +28,7 @@ from bayes_iwan.sampling.independent.importance import METHOD as INDEPENDENT
 from bayes_iwan.sampling.independent.importance import sample_independently
 from bayes_iwan.sampling.manifold.on_manifold import METHOD as ON_MANIFOLD
 from bayes_iwan.sampling.manifold.on_manifold import sample_on_manifold
+from bayes_iwan.sampling.manifold.sheet import Rows
 
 
 def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Array] | None]:
@@ -121,19 +123,27 @@ def independent_chains(problem: Problem, point: Point, s: SamplingSettings, run:
 
 def manifold_chains(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Chains | None:
     """Chains along the posterior's manifold, from the maxima that were found; None where they do not move."""
-    held, coarse = problem.noise_columns, problem.coarser()
-    root = laplace_scale(problem, point.optima[0])
+    held, rows, root = manifold_of(problem, point.optima[0])
     return sample_on_manifold(
-        lambda z: coarse.rows(z)[:, : -problem.ndim],
+        rows,
         problem.log_prob_of_noise,
         point.optima,
         point.optima_log_prob,
         held,
-        np.asarray(np.linalg.cholesky((root @ root.T)[np.ix_(held, held)])),
+        root,
         limit=Z_LIMIT,
         n_ensembles=s.ensembles,
         **_asked(problem, s, run),
     )
+
+
+def manifold_of(problem: Problem, optimum: Array) -> tuple[NDArray[np.int64], Rows, Array]:
+    """What the manifold is of: the held coordinates, the rows z (n, ndim) → (n, k), and the lower triangular root of
+    the held numbers' covariance at an optimum (ndim,)."""
+    held, coarse = problem.noise_columns, problem.coarser()
+    root = laplace_scale(problem, optimum)
+    root = np.asarray(np.linalg.cholesky((root @ root.T)[np.ix_(held, held)]))
+    return held, lambda z: coarse.rows(z)[:, : -problem.ndim], root
 
 
 def ensemble_chains(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Chains:

@@ -12,9 +12,10 @@ still, and R-hat, effective sizes and autocorrelation times mean what they alway
 Effective sizes know only of the weights that came: converged are draws whose weights' tail is short, too (Pareto's k,
 see :mod:`.weights`), and whose proposals lead wherever the posterior is (see :mod:`.reach`).
 
-It is tried first and given up where it does not fit: where too few draws of a pilot, or of those after it, carry the
-weight, where they miss the optimum, or where proposals do not lead everywhere. Then it is tried once more with spare
-branches, whose maps fold elsewhere, and given up for good (None) if they do not serve either.
+It is tried first and given up where it does not fit: where too few draws of a pilot carry the weight, or of those after
+it, however long it has gone on, where they miss the optimum, or where proposals do not lead everywhere. Then it is
+tried once more with spare branches, whose maps fold elsewhere, and given up for good (None) if they do not serve
+either.
 
 Block by block the proposals go into a checkpoint; a run that goes on from it draws the very same, for the random
 numbers of a block follow from the seed and the block's number.
@@ -49,8 +50,11 @@ _BATCH = 128  # proposals of a chain that are solved for together
 _FIRST_CHECK = 256
 _MOST_UNREACHED = 0.05  # share of walks from draws that may end where no proposal leads
 #: attempts: branches that are kept although they are within others, for the folds of these, which cost each proposal
-#: another solution; and steps from which the least effective size must be so great a share of its target
-_ATTEMPTS = ((0, 768, 0.2), (2, 2048, 0.1))
+#: another solution
+_ATTEMPTS = (0, 2)
+#: from so many steps on, a proposal must be worth so much of an independent draw: below that, chains along the manifold
+#: cost less, which take 2,000 to 4,000 evaluations a draw where a proposal takes some 80 to 120
+_PATIENCE, _LEAST_WORTH = 768, 0.025
 
 
 def sample_independently(
@@ -138,7 +142,6 @@ def _attempt(
 ) -> Chains | None:
     """One of _ATTEMPTS at :func:`sample_independently`; None where it does not fit."""
     began = time.monotonic()
-    beside, patience, least_share = _ATTEMPTS[attempt]
     chains = [
         _Chain(float(x), len(names), len(quantity_names)) for x in np.random.default_rng([seed, 23]).random(n_chains)
     ]
@@ -153,7 +156,7 @@ def _attempt(
     if resume and checkpoint is not None and checkpoint.exists():
         for block in store.resume(source):
             add(block)
-    elif source.pilot(seed, beside):
+    elif source.pilot(seed, _ATTEMPTS[attempt]):
         store.create(source, n_chains, attempt)
     else:
         return None
@@ -174,9 +177,11 @@ def _attempt(
                     together = np.stack([chain.resampled()[1] for chain in chains])
                     result = convergence_of(together[:, :, None], names + quantity_names)
                     short = result.shortfall(target_r_hat, target_ess, chain_taus)
+                    poor = steps >= _PATIENCE and result.least_ess < _LEAST_WORTH * n_chains * steps
                     if not short:
                         every = np.concatenate([chain.log_weight for chain in chains])
                         short = untrusted(every)
+                        poor |= bool(short) and steps >= 2 * _PATIENCE  # more draws hardly mend a tail
                     next_check = int(1.15 * steps) if planned else next_check
                     bar.set_postfix_str(f"R-hat {result.worst_r_hat:.3f}, ESS {result.least_ess:.0f}")
                     if not short:
@@ -185,7 +190,7 @@ def _attempt(
                             store.remove()
                             return None
                         stop, said = Stop.CONVERGED, "converged"
-                    elif planned and steps >= patience and result.least_ess < least_share * target_ess:
+                    elif planned and poor:
                         store.remove()
                         return None
                     elif steps >= max_steps:

@@ -101,8 +101,7 @@ def sample_on_manifold(
     names, quantity_names = tuple(names), tuple(quantity_names)
     n = n_ensembles * WALKERS
     taus = min(chain_taus, max(LEAST_TAUS, chain_taus / WALKERS))
-    known = Held(held, optima[0][held], held_root, _HELD_DRAWS)
-    run = _Run(Sheet(rows, held_log_prob, known, len(names), limit), seed)
+    run = ManifoldRun.at(rows, held_log_prob, optima[0], held, held_root, limit, seed)
     stamp = {**METHOD, **(fingerprint or {}), "seed": str(seed), "ensembles": str(n_ensembles)}
     file: Checkpoint | None = None
     z, log_prob, other = np.empty((0, n, len(names))), np.empty((0, n)), np.empty((0, n, len(quantity_names)))
@@ -199,7 +198,7 @@ def sample_on_manifold(
     )
 
 
-class _Run:
+class ManifoldRun:
     """All walkers, the scale of their angles, where they jump to, and how many blocks of steps they have taken.
 
     hurried : was the warm-up cut short?
@@ -211,6 +210,21 @@ class _Run:
         self.nested: Nested | None = None
         self.scale, self.blocks, self.acceptance, self.jumps, self.hurried = 0.3, 0, 0.0, 0.0, False
         self._used = 0  # evaluations of jumps that were learnt anew since
+
+    @classmethod
+    def at(
+        cls,
+        rows: Rows,
+        held_log_prob: HeldFunction,
+        optimum: Array,
+        held: NDArray[np.int64],
+        held_root: Array,
+        limit: float,
+        seed: int,
+    ) -> ManifoldRun:
+        """Before its warm-up, about an optimum (ndim,); the rest as for :func:`sample_on_manifold`."""
+        known = Held(held, optimum[held], held_root, _HELD_DRAWS)
+        return cls(Sheet(rows, held_log_prob, known, len(optimum), limit), seed)
 
     @property
     def n_evaluations(self) -> int:
@@ -254,7 +268,7 @@ class _Run:
             if self.nested is None:
                 return *self.sheet.advance(own, _BLOCK, self.scale, rng), 0.0, own
             z, log_prob, went = self.sheet.advance(own, _BLOCK - _JUMPS, self.scale, rng)
-            jumps, levels, gone = _jump(self.sheet, self.nested, own, _JUMPS, rng)
+            jumps, levels, gone = jump(self.sheet, self.nested, own, _JUMPS, rng)
             return np.concatenate([z, jumps]), np.concatenate([log_prob, levels]), went, gone, own
 
         parts = side_by_side(together, len(self.walkers.z), _TOGETHER)
@@ -292,7 +306,7 @@ class _Run:
         self.nested = Nested.restored(self.sheet, state) if "bent" in state else None
 
 
-def _jump(
+def jump(
     sheet: Sheet, nested: Nested, walkers: Walkers, steps: int, rng: np.random.Generator
 ) -> tuple[Array, Array, float]:
     """Offer independent proposals to all walkers: where they are after each, z (steps, n, ndim) and ln p (steps, n),
