@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ import numpy as np
 from scipy import interpolate, signal
 
 from bayes_iwan.campaign import Campaign, Record, read_campaign
-from bayes_iwan.executors import Failure, opened, run
+from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_json
 from bayes_iwan.gap.diagnosis import diagnose_loops
 from bayes_iwan.gap.telling.answer import to_dict
@@ -130,10 +130,13 @@ def answered(data: Path, case: tuple[str, str, float]) -> dict[str, Any]:
     strength = strength_for(campaign.tests, effect, wanted) if effect else 0.0
     if effect:
         campaign = replace(campaign, tests=tuple(changed(t, effect, strength) for t in campaign.tests))
-    d = to_dict(diagnose_loops(campaign, campaign.loops(**LOOPS), quick=True))
-    return {"source": source, "effect": effect, "size": wanted, "strength": strength} | {
-        k: d[k] for k in ("verdict", "effects", "probabilities", "gap", "rest", "sentences")
-    }
+    found = diagnose_loops(campaign, campaign.loops(**LOOPS), quick=True)
+    d = to_dict(found)
+    return (
+        {"source": source, "effect": effect, "size": wanted, "strength": strength}
+        | {"figures": [asdict(f) for f in found.found.figures]}
+        | {k: d[k] for k in ("verdict", "effects", "probabilities", "gap", "rest", "sentences")}
+    )
 
 
 def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
@@ -185,12 +188,12 @@ def main() -> None:
     done: dict[str, Any] = json.loads(store.read_text()) if store.is_file() else {}
     left = {k: v for k, v in pieces.items() if k not in done}
     with opened(workers=args.workers) as executor:
-        for name, result in run(left, answered, args.data, executor=executor, what="half-real", unit="case").items():
+        for name, result in finished(left, answered, args.data, executor=executor, what="half-real", unit="case"):
             if isinstance(result, Failure):
                 print(f"{name}: {result}")
             else:
                 done[name] = result
-    write_json(store, done)
+                write_json(store, done)  # a killed run goes on from here
     for source in SOURCES:
         print(f"{source}: " + " ".join(done[f"natural, {source}"]["sentences"][:4]))
     found = [judged(a, done[f"natural, {a['source']}"]) for k, a in done.items() if not k.startswith("natural")]

@@ -42,7 +42,7 @@ class Figures:
         share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
         fitted one where no test can judge it)
     by_test : the mean over tests left out of the share of each one's gap that it removes, or of the part that changes
-        along the record where that is what it acts on
+        along the record where that is what it acts on (the fitted share of that part where no test can judge it)
     differs : by how many standard deviations its strength differs between halves of the tests (larger split)
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
@@ -66,12 +66,14 @@ def guard_figures(
     nearest: Mapping[frozenset[str], Fit],
     predicting: Mapping[frozenset[str], Fit],
     share: Mapping[str, float],
+    along: Mapping[str, float],
     judged: Iterable[str],
 ) -> tuple[Figures, ...]:
     """The figures of every effect of the chosen set that is judged.
 
     nearest : by subset of those, the fit that misses least in newtons; predicting : the same for tests left out;
-    share : of the gap, by effect (:func:`.budget.shares`)
+    share : of the gap, by effect (:func:`.budget.shares`); along : of what changes along the record, by
+    effect that acts on that
     """
     judged = tuple(judged)
     if not judged:
@@ -103,6 +105,7 @@ def guard_figures(
         }
         others_nats = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
         fitted = float(np.clip(share[name], -1.0, 1.0))
+        acted = float(np.clip(along.get(name, fitted), fitted, 1.0))
         gain = whole.log_evidence - less.log_evidence
         effect = next(e for e in whole.effects if e.name == name)
         predicts = bool(unseen) and effect.strength_name in whole.problem.names
@@ -115,7 +118,7 @@ def guard_figures(
                 rivals,
                 fitted,
                 _mean([u.shrink(*last) for u in unseen], fitted) if predicts else fitted,
-                _mean([u.by_test(*last, along=effect.evolving) for u in unseen], fitted) if predicts else fitted,
+                _mean([u.by_test(*last, along=effect.evolving) for u in unseen], acted) if predicts else acted,
                 differs.get(name, 0.0),
                 moved[name],
                 gap[less.names] / level,

@@ -71,19 +71,20 @@ class Weighed:
         """RMS gap by set of effects."""
         return {k: s.all.rms_N for k, s in self.sizes.items()}
 
-    @property
-    def along_N(self) -> dict[frozenset[str], float]:
-        """RMS of its part that changes along the record, by set of effects."""
-        return {k: s.along.rms_N for k, s in self.sizes.items()}
-
     def along(self, names: Iterable[str]) -> dict[str, float]:
-        """Of each of these effects that changes along the record: the share that it removes of what changes there, 0
-        where that is less than anything is named for."""
-        kept = frozenset(names)
-        there = self.sizes[frozenset()].along.share >= LEAST_OF_FRICTION
-        removed = along_shares(kept, {k: self.along_N[k] for k in subsets(kept)})
-        evolving = {e.name for e in self.fits[kept].effects if e.evolving}
-        return {n: v if there else 0.0 for n, v in removed.items() if n in evolving}
+        """See :func:`removed_along`."""
+        return removed_along(frozenset(names), self.fits, self.sizes)
+
+
+def removed_along(
+    kept: frozenset[str], fits: Mapping[frozenset[str], Fit], sizes: Mapping[frozenset[str], GapSize]
+) -> dict[str, float]:
+    """Of each of these effects that changes along the record: the share that it removes of what changes there, 0 where
+    that is less than anything is named for."""
+    there = sizes[frozenset()].along.share >= LEAST_OF_FRICTION
+    removed = along_shares(kept, {k: sizes[k].along.rms_N for k in subsets(kept)})
+    evolving = {e.name for e in fits[kept].effects if e.evolving}
+    return {n: v if there else 0.0 for n, v in removed.items() if n in evolving}
 
 
 def weighed(search: Search, seed: int) -> Weighed:
@@ -102,7 +103,8 @@ def weighed(search: Search, seed: int) -> Weighed:
     fits = {k: f for k, f in fits.items() if k <= frozenset(kept)}
     sizes = {k: s for k, s in sizes.items() if k in fits}
     share = {n: s.value for n, s in shares(kept, sizes).items()} if kept else {}
-    figures = guard_figures(search, nearest, held, share, kept)
+    along = removed_along(frozenset(kept), fits, sizes) if kept else {}
+    figures = guard_figures(search, nearest, held, share, along, kept)
     said = tuple(f for f in figures if f.name not in OWN_FORM or f.gap >= LEAST_GAP)
     asked, search = frozenset(search.chosen), replace(search, chosen=kept)
     return Weighed(
