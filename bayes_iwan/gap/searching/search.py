@@ -27,8 +27,8 @@ from bayes_iwan.physics import Simulator
 SINGLE_MOST = 7
 #: a further effect is refitted if one Gauss–Newton step promises so many nats, and at most so many are
 PROMISE, FURTHER_MOST = 3.0, 4
-#: an effect is taken in if it gains so many nats, and dropped again below half of that; so many more where newtons
-#: speak for it and not the evidence
+#: an effect is taken in if it gains so many nats, and dropped again below half of that; so many, where newtons alone
+#: speak for it and not the evidence, and in between for evidence in between
 WORTH_NATS, NEWTONS_ALONE = 3.0, 12.0
 #: and so many, or this share of the base's gap, where one that looks alike is in the set: nature seldom has both
 BESIDE_ALIKE, ALIKE_SHARE = 25.0, 0.1
@@ -96,7 +96,7 @@ class _Explorer(Explored):
         best = self.plainest(current.names, larger)
         self.worths([best, current])
         evidence = best.log_evidence - current.log_evidence
-        least = WORTH_NATS if evidence > WORTH_NATS else NEWTONS_ALONE
+        least = float(np.interp(evidence, (0.0, WORTH_NATS), (NEWTONS_ALONE, WORTH_NATS)))
         return best if self.worth(best) > self.worth(current) + least else None
 
     def plainest(self, shared: frozenset[str], fits: Sequence[Fit]) -> Fit:
