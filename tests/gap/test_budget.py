@@ -74,10 +74,10 @@ def test_better_figures_never_make_a_cause_less_probable(change):
 
 
 def test_evidence_between_rivals_counts_as_far_as_the_gap_bears_it_out():
-    assert borne_out(-200.0, 0.01, 1.0, False) == pytest.approx(-6.0)  # a hundredth of the gap: six nats
-    assert borne_out(-4.0, 0.5, 1.0, False) == -4.0 and borne_out(-200.0, -0.1, 1.0, False) == 0.0
-    assert borne_out(3.0, 0.0, 1.0, True) == 0.0 and borne_out(3.0, 0.0, 1.0, False) == 3.0
-    assert borne_out(9.0, 0.0, 1.0, True) == 9.0
+    assert borne_out(-200.0, 0.01, False) == pytest.approx(-6.0)  # a hundredth of the gap: six nats
+    assert borne_out(-4.0, 0.5, False) == -4.0 and borne_out(-200.0, -0.1, False) == 0.0
+    assert borne_out(3.0, 0.0, True) == 0.0 and borne_out(3.0, 0.0, False) == 3.0
+    assert borne_out(9.0, 0.0, True) == 9.0
 
 
 @pytest.mark.parametrize(

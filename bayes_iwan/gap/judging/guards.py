@@ -17,7 +17,7 @@ from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import moved_shares
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, halves, left_out, refitted
-from bayes_iwan.gap.searching.base import gap_rms_N, newton_nats
+from bayes_iwan.gap.searching.base import changes, gap_parts_N, newton_nats
 from bayes_iwan.gap.searching.found import LAST, Search, look_alike
 from bayes_iwan.gap.searching.search import TIED_NATS, WORTH_NATS
 from bayes_iwan.threads import alongside
@@ -37,7 +37,8 @@ class Figures:
     """One effect of the chosen set.
 
     gain : nats over the set without it; lead : nats over the best effect of another kind in its place (no look-alike)
-    rivals : ln evidence of each effect in its place, itself included, less its own, as far as the gap bears it out
+    rivals : ln evidence of each effect in its place, itself included, less its own, as far as the gap bears it out, or
+        the part of it that changes along the record where that is what the effect acts on
     fitted : share of the whole gap that it removes (Shapley value in the chosen set), on the fitted tests; unseen :
         share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
         fitted one where no test can judge it)
@@ -85,29 +86,32 @@ def guard_figures(
     differs = _differences(whole, data)
     moved = moved_shares(whole, data)
     level = float(np.sqrt(np.mean(data.level_N**2)))
-    gap_of = partial(gap_rms_N, data)
-    gap = dict(zip(sets, alongside(gap_of, [nearest[k] for k in sets])))
-    before = gap[frozenset()]
+    parts_of = partial(gap_parts_N, data)
+    parts = dict(zip(sets, alongside(parts_of, [nearest[k] for k in sets])))
+    before, before_along = parts[frozenset()]
     out = []
     asked = search.fit(search.chosen)  # rivals were sought beside all that was chosen
-    asked_N = gap[whole.names] if asked.names == whole.names else gap_of(asked)
+    asked_N, asked_along = parts[whole.names] if asked.names == whole.names else parts_of(asked)
     for name in judged:
+        effect = next(e for e in whole.effects if e.name == name)
+        acts_along = effect.evolving and changes(data, before_along)
         less, others = without[name], search.fit(asked.names - {name})
         there = {n: f for n, f in search.rivals(name).items() if not companion(search, asked, others, f, n)}
         rivals = {
             n: borne_out(
                 f.log_evidence - asked.log_evidence + newton_nats(data, gap_N) - newton_nats(data, asked_N),
-                gap_N - asked_N,
-                before,
+                max(
+                    (gap_N - asked_N) / before if before > 0.0 else np.inf,
+                    (along_N - asked_along) / before_along if acts_along else 0.0,
+                ),
                 n in LAST or look_alike(search.effects, name, n),
             )
-            for (n, f), gap_N in zip(there.items(), alongside(gap_of, [*there.values()]))
+            for (n, f), (gap_N, along_N) in zip(there.items(), alongside(parts_of, [*there.values()]))
         }
         others_nats = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
         fitted = float(np.clip(share[name], -1.0, 1.0))
         acted = float(np.clip(along.get(name, fitted), fitted, 1.0))
         gain = whole.log_evidence - less.log_evidence
-        effect = next(e for e in whole.effects if e.name == name)
         predicts = bool(unseen) and effect.strength_name in whole.problem.names
         last = less.names, whole.names
         out.append(
@@ -121,7 +125,7 @@ def guard_figures(
                 _mean([u.by_test(*last, along=effect.evolving) for u in unseen], acted) if predicts else acted,
                 differs.get(name, 0.0),
                 moved[name],
-                gap[less.names] / level,
+                parts[less.names][0] / level,
                 before / level,
             )
         )
@@ -139,14 +143,13 @@ def companion(search: Search, whole: Fit, less: Fit, rival: Fit, name: str) -> b
     return beside > max(COMPANION * gain, WORTH_NATS)
 
 
-def borne_out(nats: float, more_N: float, before_N: float, alike: bool) -> float:
-    """Nats by which a rival is ahead or behind (negative): no more behind than NATS_OF_GAP for what it leaves more of
-    the gap; a look-alike, or what bends the base's own form, that is ahead by less than TIED_NATS is tied, since the
-    search took the simpler story."""
+def borne_out(nats: float, more: float, alike: bool) -> float:
+    """Nats by which a rival is ahead or behind (negative): no more behind than NATS_OF_GAP for the share that it leaves
+    more of the gap; a look-alike, or what bends the base's own form, that is ahead by less than TIED_NATS is tied,
+    since the search took the simpler story."""
     if nats >= 0.0:
         return 0.0 if alike and nats < TIED_NATS else nats
-    more = max(more_N, 0.0) / before_N if before_N > 0.0 else np.inf
-    return max(nats, -NATS_OF_GAP * more)
+    return max(nats, -NATS_OF_GAP * max(more, 0.0))
 
 
 def _mean(values: Sequence[float], otherwise: float) -> float:

@@ -40,9 +40,15 @@ def fit_base(
     return fit_model(data, problem, cheapest(data, problem, draws, BASE_STARTS))
 
 
+def gap_parts_N(data: GapData, fit: Fit) -> tuple[float, float]:
+    """RMS gap that a fit's model leaves where it misses least, and of its part that changes along the record, N."""
+    size = gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS)
+    return size.all.rms_N, size.along.rms_N
+
+
 def gap_rms_N(data: GapData, fit: Fit) -> float:
     """RMS gap that a fit's model leaves where it misses least, N."""
-    return gap_size(residual_of(data, in_newtons(data, fit)), draws=DRAWS).all.rms_N
+    return gap_parts_N(data, fit)[0]
 
 
 def quick_gap_N(data: GapData, fit: Fit) -> float:
@@ -64,6 +70,11 @@ def newton_nats(data: GapData, gap_N: float) -> float:
     that knew one harmonic of each test and nothing of the other tests: by ln of its square, once a test.
     """
     return -0.5 * NEWTON_NATS * data.tests * float(np.log(gap_N**2 + sound_gap_N(data) ** 2))
+
+
+def changes(data: GapData, along_N: float) -> bool:
+    """Does a gap change along the record by as much as anything is named for?"""
+    return along_N >= LEAST_OF_FRICTION * float(np.sqrt(np.mean(data.level_N**2)))
 
 
 def missed(data: GapData, base: Fit) -> bool:

@@ -21,7 +21,7 @@ from bayes_iwan.gap.searching.base import (
     BASE_POINTS,
     NEWTON_NATS,
     fit_base,
-    gap_rms_N,
+    gap_parts_N,
     newton_nats,
     quick_gap_N,
     sound_gap_N,
@@ -66,7 +66,7 @@ class Explored:
     ) -> None:
         self.data, self.rng, self.report = data, rng, report
         self.fits: dict[frozenset[str], Fit] = {}
-        self._gaps: dict[tuple[frozenset[str], float], float] = {}
+        self._gaps: dict[tuple[frozenset[str], float], tuple[float, float]] = {}
         self._worth: dict[tuple[frozenset[str], float], float] = {}
         self.stood_in: dict[str, frozenset[str]] = {}
         self._left: set[tuple[frozenset[str], str, float]] = set()
@@ -186,8 +186,12 @@ class Explored:
 
     def gaps_N(self, fits: Sequence[Fit]) -> list[float]:
         """See :func:`gap_rms_N`; once for each fit, and several side by side."""
+        return [gap for gap, _ in self.gap_parts_N(fits)]
+
+    def gap_parts_N(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
+        """See :func:`gap_parts_N`; once for each fit, and several side by side."""
         new = {(f.names, f.log_evidence): f for f in fits if (f.names, f.log_evidence) not in self._gaps}
-        self._gaps |= zip(new, self.refits.asked(gap_rms_N, list(new.values())))
+        self._gaps |= zip(new, self.refits.asked(gap_parts_N, list(new.values())))
         return [self._gaps[f.names, f.log_evidence] for f in fits]
 
     def needed(self, names: frozenset[str]) -> bool:

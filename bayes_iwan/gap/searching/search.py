@@ -15,7 +15,7 @@ import numpy as np
 from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
-from bayes_iwan.gap.searching.base import missed
+from bayes_iwan.gap.searching.base import changes, missed
 from bayes_iwan.gap.searching.candidates import Candidate, removing
 from bayes_iwan.gap.searching.explored import Explored, Report, silent
 from bayes_iwan.gap.searching.found import LAST, Search, look_alike, part
@@ -168,8 +168,15 @@ class _Explorer(Explored):
         (what bends the base first, which names no cause), and what leaves the gap as it is or larger."""
         each = self.without_each(current)
         weakest_first = sorted(each, key=lambda n: -each[n].log_evidence)
-        base, whole, *left = self.gaps_N([self.fits[frozenset()], current, *each.values()])
-        removes = {n: (gap_N - whole) / base if base > 0.0 else 0.0 for n, gap_N in zip(each, left)}
+        (base, base_along), whole, *left = self.gap_parts_N([self.fits[frozenset()], current, *each.values()])
+        removes = {n: (gap_N - whole[0]) / base if base > 0.0 else 0.0 for n, (gap_N, _) in zip(each, left)}
+        if changes(self.data, base_along):  # what acts on changes along the record is asked what it removes of those
+            evolving = {e.name for e in current.effects if e.evolving}
+            removes |= {
+                n: max(removes[n], (along - whole[1]) / base_along)
+                for n, (_, along) in zip(each, left)
+                if n in evolving
+            }
         for name in sorted(weakest_first, key=lambda n: n not in LAST):
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
             alike = any(look_alike(self.effects, name, n) for n in current.names - {name})
