@@ -1,12 +1,13 @@
 """Fit the constants that turn figures into probabilities; laws and outside causes of the cases are left out in turn.
 
     python analyses/calibrate_diagnosis.py study --cases 200 --seed 71 --out runs/study [--workers 2]
-    python analyses/calibrate_diagnosis.py fit runs/study/*.json [--write]
+    python analyses/calibrate_diagnosis.py fit runs/study/*.json [--half-real runs/half_real/answers.json] [--write]
 
 `study` draws cases on the virtual rig (laws that the catalogue does not have, one to three faults, some from outside
 the catalogue), searches each and keeps its figures, one JSON file a case, so an interrupted run goes on. `fit` finds
 the constants by maximum likelihood with a weak pull to zero, scores every case with constants fitted without its fault
-kinds' laws (and without its outside kind), and prints both. --write replaces the package's calibration.json.
+kinds' laws (and without its outside kind), and prints both. Effects put into real recordings (`half_real.py`) count
+beside the rig's, each real source left out in turn. --write replaces the package's calibration.json.
 """
 
 from __future__ import annotations
@@ -43,13 +44,25 @@ from bayes_iwan.gap.judging.calibration import (
     calibration,
     effect_figures,
 )
+from bayes_iwan.gap.judging.guards import Figures
 from bayes_iwan.gap.judging.verdict import Weighed, helping, named_by, weighed
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.rig import cases as rig_cases
 from bayes_iwan.validation.true_gaps import by_name, made, true_gaps_N
-from study_cases import figures_of, has_outside, reliability, rest_is_real, rest_row, score, tags, truths
+from half_real import places
+from study_cases import (
+    figures_of,
+    has_outside,
+    reliability,
+    reliability_lines,
+    rest_is_real,
+    rest_row,
+    score,
+    tags,
+    truths,
+)
 
 #: nats within which rivals for one place cannot be told apart
 APART = 30.0
@@ -135,8 +148,12 @@ def run_study(cases: int, seed: int, laws: str, out: Path, workers: int) -> None
 # ---- fit
 
 
-def place_rows(cases: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
-    """(n, figures), (n,): every place of every case, and whether any true effect stands among its nearest rivals."""
+Place = tuple[str, Figures, bool]
+
+
+def place_rows(cases: Sequence[dict[str, Any]], real: Sequence[Place] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """(n, figures), (n,): every place of every case, and whether any true effect stands among its nearest rivals; the
+    places of real recordings after those."""
     rows, right = [], []
     for case in cases:
         true = truths(case)
@@ -147,6 +164,9 @@ def place_rows(cases: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]
             near = {n for n, v in f.rivals.items() if v > -APART}
             right.append(f.name in true or (f.name not in NO_CAUSE and bool(near & true)) if f.name not in NO_CAUSE
                          else has_outside(case))  # fmt: skip
+    some = [(f, true) for _, f, true in real if f.name not in NO_CAUSE | OWN_FORM]
+    rows += [effect_figures(f) for f, _ in some]
+    right += [true for _, true in some]
     return np.array(rows).reshape(-1, len(EFFECT_FIGURES)), np.array(right, dtype=float)
 
 
@@ -194,10 +214,10 @@ def law_fit(cases: Sequence[dict[str, Any]]) -> float:
     return float(np.quantile(needed, 0.9)) if needed else calibration().law
 
 
-def fitted(cases: Sequence[dict[str, Any]]) -> Calibration:
+def fitted(cases: Sequence[dict[str, Any]], real: Sequence[Place] = ()) -> Calibration:
     """Constants of maximum likelihood: places first, then rivals, then the rest beside what they name."""
     old = calibration()
-    effect, bias = logistic_fit(*place_rows(cases))
+    effect, bias = logistic_fit(*place_rows(cases, real))
     within = within_fit(cases)
     law = law_fit(cases)
     half = Calibration(effect, bias, old.rest, old.rest_bias, within, APART, old.usual, law)
@@ -206,15 +226,23 @@ def fitted(cases: Sequence[dict[str, Any]]) -> Calibration:
     return Calibration(effect, bias, weights, rest_bias, within, APART, old.usual, law)
 
 
-def left_out_in_turn(cases: Sequence[dict[str, Any]], folds: int) -> list[Calibration]:
+def left_out_in_turn(cases: Sequence[dict[str, Any]], real: Sequence[Place], folds: int) -> list[Calibration]:
     """For every case constants fitted without its laws: laws are dealt into folds, and a fold's constants know no case
     that has any of the fold's laws."""
     every = sorted(set().union(*(tags(case) for case in cases)))
     fold = {tag: i % folds for i, tag in enumerate(np.random.default_rng(0).permutation(every).tolist())}
-    fits = {k: fitted([case for case in cases if all(fold[t] != k for t in tags(case))]) for k in range(folds)}
+    fits = {k: fitted([case for case in cases if all(fold[t] != k for t in tags(case))], real) for k in range(folds)}
     none = {i: k for k, i in enumerate([i for i, case in enumerate(cases) if not tags(case)])}
     return [fits[min(fold[t] for t in tags(case))] if tags(case) else fits[none[i] % folds]
             for i, case in enumerate(cases)]  # fmt: skip
+
+
+def real_reliability(cases: Sequence[dict[str, Any]], real: Sequence[Place]) -> list[str]:
+    """Stated and found frequency of the places of real recordings, with constants that know no case of their source."""
+    sources = dict.fromkeys(source for source, _, _ in real)
+    known = {s: fitted(cases, [x for x in real if x[0] != s]) for s in sources}
+    some = [(known[s].contributes(f), true) for s, f, true in real if f.name not in NO_CAUSE | OWN_FORM]
+    return reliability_lines(np.array([p for p, _ in some]), np.array([float(true) for _, true in some]))[1]
 
 
 def main() -> None:
@@ -228,6 +256,7 @@ def main() -> None:
     one.add_argument("--workers", type=int, default=1)
     two = below.add_parser("fit")
     two.add_argument("files", nargs="+", type=Path)
+    two.add_argument("--half-real", type=Path, help="answers.json of half_real.py, whose places count as well")
     two.add_argument("--folds", type=int, default=8)
     two.add_argument("--write", action="store_true", help="replace the package's calibration.json")
     three = below.add_parser("score", help="score the shipped constants on a study that they were not fitted to")
@@ -240,12 +269,18 @@ def main() -> None:
     if args.what == "score":
         _print("shipped constants", cases, [calibration()] * len(cases))
         return
-    c = fitted(cases)
+    real = places(json.loads(args.half_real.read_text())) if args.half_real else []
+    c = fitted(cases, real)
     print(f"{len(cases)} cases; constants: {len(asdict(c)['effect']) + len(asdict(c)['rest']) + 4}")
     print("effect:", dict(zip(EFFECT_FIGURES, np.round(c.effect, 3))), "bias", round(c.effect_bias, 3))
     print("rest:", dict(zip(REST_FIGURES, np.round(c.rest, 3))), "bias", round(c.rest_bias, 3), "within", c.within)
     _print("in sample", cases, [c] * len(cases))
-    _print(f"laws and outside kinds left out in turn, {args.folds} folds", cases, left_out_in_turn(cases, args.folds))
+    _print(
+        f"laws and outside kinds left out in turn, {args.folds} folds", cases, left_out_in_turn(cases, real, args.folds)
+    )
+    if real:
+        print("real recordings, stated and found for places, each source left out in turn")
+        print(*real_reliability(cases, real), sep="\n")
     if args.write:
         c.save()
         print(f"written: {CALIBRATION}")

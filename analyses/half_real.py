@@ -26,6 +26,8 @@ from bayes_iwan.campaign import Campaign, Record, read_campaign
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_json
 from bayes_iwan.gap.diagnosis import diagnose_loops
+from bayes_iwan.gap.judging.calibration import calibration
+from bayes_iwan.gap.judging.guards import Figures
 from bayes_iwan.gap.telling.answer import to_dict
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.validation.estimates import share
@@ -45,6 +47,8 @@ BAND = 24.0
 MOVED = 2.0
 #: an effect is visible if a gap is larger by this share with it
 VISIBLE = 0.1
+#: rivals of a natural place within so many nats may be what is there
+NEAR_NATS = 10.0
 
 
 def _lowpass(values: np.ndarray, record: Record, corner_hz: float) -> np.ndarray:
@@ -134,9 +138,31 @@ def answered(data: Path, case: tuple[str, str, float]) -> dict[str, Any]:
     d = to_dict(found)
     return (
         {"source": source, "effect": effect, "size": wanted, "strength": strength}
-        | {"figures": [asdict(f) for f in found.found.figures]}
+        | {"figures": [asdict(f) for f in found.found.figures]}  # from which constants are fitted: `places`
         | {k: d[k] for k in ("verdict", "effects", "probabilities", "gap", "rest", "sentences")}
     )
+
+
+def visible(answer: dict[str, Any], natural: dict[str, Any]) -> bool:
+    """Does the added effect make the gap, or its part along the record, clearly larger?"""
+    parts = ("before_rms_N", "along_record_rms_N")
+    return any(answer["gap"][k] > (1.0 + VISIBLE) * natural["gap"][k] for k in parts)
+
+
+def places(done: dict[str, Any]) -> list[tuple[str, Figures, bool]]:
+    """Source, figures and whether the added effect is it (or among its nearest), of every place of visible cases. What
+    also stands in the natural gap, or as a near rival there, is left out: nobody knows whether it is true."""
+    out = []
+    for name, answer in done.items():
+        natural = done[f"natural, {answer['source']}"]
+        if name.startswith("natural") or not visible(answer, natural):
+            continue
+        known = {r for f in natural["figures"] for r, v in f["rivals"].items() if v > -NEAR_NATS}
+        for f in (Figures(**f) for f in answer["figures"]):
+            true = f.rivals.get(answer["effect"], -np.inf) > -calibration().apart
+            if true or f.name not in known:
+                out.append((answer["source"], f, true))
+    return out
 
 
 def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
@@ -152,10 +178,8 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     together |= {n for c in causes.values() for n in c["cannot_tell_apart"]}
     near = named or name in together
     kept = set(before) <= set(causes) | together
-    parts = ("before_rms_N", "along_record_rms_N")
-    visible = any(answer["gap"][k] > (1.0 + VISIBLE) * natural["gap"][k] for k in parts)
     found = {"named": named, "named or in the set": near}
-    counted = {f"{k}, visible ones": v for k, v in found.items() if visible}
+    counted = {f"{k}, visible ones": v for k, v in found.items() if visible(answer, natural)}
     return found | counted | {"natural causes still named": kept}
 
 

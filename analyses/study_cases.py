@@ -154,7 +154,11 @@ def reliability(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration
                 right.append(name in true)
         stated.append(rest_has_cause(case, c))
         right.append(rest_is_real(case, c))
-    x, y = np.array(stated), np.array(right, float)
+    return reliability_lines(np.array(stated), np.array(right, float))
+
+
+def reliability_lines(x: np.ndarray, y: np.ndarray) -> tuple[float, list[str]]:
+    """Mean distance of stated (n,) and found (n,) in bins, weighted by their counts, and a line for each bin."""
     bins = np.digitize(x, [0.1, 0.3, 0.5, 0.7, 0.9])
     lines, error = [], 0.0
     for k in np.unique(bins):
