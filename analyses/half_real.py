@@ -177,8 +177,9 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     together = {n for some in answer["verdict"]["one_of"] for n in some["names"]}
     together |= {n for c in causes.values() for n in c["cannot_tell_apart"]}
     near = named or name in together
+    suspected = near or name in {x["name"] for x in answer["verdict"]["suspects"]}
     kept = set(before) <= set(causes) | together
-    found = {"named": named, "named or in the set": near}
+    found = {"named": named, "named or in the set": near, "named, in the set or suspected": suspected}
     counted = {f"{k}, visible ones": v for k, v in found.items() if visible(answer, natural)}
     return found | counted | {"natural causes still named": kept}
 

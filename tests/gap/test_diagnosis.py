@@ -13,8 +13,12 @@ from bayes_iwan.effects.catalogue import NAMES
 from bayes_iwan.files import finite, write_json
 from bayes_iwan.gap.diagnosis import BASES, diagnose_loops
 from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.fitting.evidence import in_newtons
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import residual_of
+from bayes_iwan.gap.judging.budget import Kind
+from bayes_iwan.gap.judging.calibration import calibration
+from bayes_iwan.gap.judging.verdict import verdict_of
 from bayes_iwan.gap.telling.answer import effects_described, to_dict, write_answer
 from bayes_iwan.gap.telling.saved_fits import LOOPS, SavedFitsError, find_shares
 from bayes_iwan.inference.setup.problem import iwan_model
@@ -98,6 +102,25 @@ def test_the_answers_sentence_names_the_cause_with_its_number_and_shares(viscous
     c = viscous.verdict.causes[0]
     assert "iscous damping" in sentence and "±" in sentence and "on tests left out" in sentence
     assert f"{100 * c.share.value:.0f} %" in sentence
+
+
+def test_a_gap_without_a_name_has_suspects(viscous):
+    """Constants that believe in no effect leave the dashpot's gap unknown; alone in the model it would remove it."""
+    blind = replace(calibration(), effect_bias=-50.0)
+    verdict = verdict_of(viscous.found, blind)
+    assert verdict.kind is Kind.UNKNOWN and viscous.verdict.suspects == ()
+    shares = {x.name: x.share for x in verdict.suspects}
+    left_N = residual_power_N(viscous, "viscous_damping") / residual_power_N(viscous)
+    assert shares["viscous_damping"] == pytest.approx(1.0 - left_N, abs=0.05) and min(shares.values()) >= 0.5
+    assert list(shares.values()) == sorted(shares.values(), reverse=True)
+    said = to_dict(replace(viscous, verdict=verdict))
+    assert said["verdict"]["suspects"][0]["name"] in shares
+    assert any("viscous damping (" in s for s in said["sentences"])
+
+
+def residual_power_N(found, *names):
+    fit = in_newtons(found.data, found.search.fits[frozenset(names)])
+    return float(np.sqrt(gap_power_N2(residual_of(found.data, fit)).mean()))
 
 
 def test_numbers_that_are_not_finite_become_null(tmp_path):

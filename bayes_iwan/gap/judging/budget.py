@@ -93,6 +93,14 @@ class OneOf:
 
 
 @dataclass(frozen=True)
+class Suspect:
+    """An effect that alone would remove this share of a gap that has no name, though no evidence speaks for it."""
+
+    name: str
+    share: float
+
+
+@dataclass(frozen=True)
 class RestOfGap:
     """What is left beside the named causes.
 
@@ -125,6 +133,7 @@ class Verdict:
 
     probabilities : that each effect contributes, of "none" and of "unknown" (a rest that has a cause)
     one_of : places that are probably filled, where no effect is likely enough to be named
+    suspects : where nothing is named, what alone would remove most of the gap, the largest share first
     cornered : files of the tests whose drive has corners; corners_gap : share of the friction force that channels may
     make the model miss of such a drive
     """
@@ -136,6 +145,7 @@ class Verdict:
     cornered: tuple[str, ...] = ()
     corners_gap: float = 0.0
     one_of: tuple[OneOf, ...] = ()
+    suspects: tuple[Suspect, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from bayes_iwan.gap.judging.budget import (
     Cause,
     Kind,
     OneOf,
+    Suspect,
     Verdict,
     along_shares,
     contributing,
@@ -31,8 +33,9 @@ from bayes_iwan.gap.judging.budget import (
 )
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.guards import Figures, guard_figures
-from bayes_iwan.gap.searching.base import LEAST_OF_FRICTION
+from bayes_iwan.gap.searching.base import LEAST_OF_FRICTION, gap_rms_N
 from bayes_iwan.gap.searching.found import OWN_FORM, Search
+from bayes_iwan.threads import alongside
 
 #: share of the gap that an effect must remove to be named, and a cause in the base's own form, which always removes
 #: some
@@ -42,6 +45,8 @@ HOLDS = 0.1
 #: an effect that changes along the record is named for less, if it removes this share of all that changes there: a
 #: large steady gap of another cause must not hide it
 LEAST_ALONG = 0.2
+#: share of a nameless gap that an effect must remove alone to be suspected, and how many are said
+SUSPECT, SUSPECTS_MOST = 0.5, 6
 #: gap over the friction force below which no cause in the base's own form is named: so much every specimen differs
 LEAST_GAP = 0.01
 
@@ -228,7 +233,21 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
         return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
     some = one_of(found.figures, [x.name for x in causes], c) if flagged else ()
-    return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some)
+    alone = suspects(found, c) if kind is Kind.UNKNOWN and not some else ()
+    return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)
+
+
+def suspects(found: Weighed, c: Calibration) -> tuple[Suspect, ...]:
+    """What alone would remove most of the gap, as far as the search has fitted it: whoever must find the cause starts
+    there, though evidence, which follows the quiet harmonics, does not speak for it."""
+    search, before = found.search, found.gap_N[frozenset()]
+    least = search.base.log_evidence - c.apart
+    alone = [f for k, f in search.fits.items() if len(k) == 1 and not k & NO_CAUSE and f.log_evidence > least]
+    removed = {
+        f.name: 1.0 - gap_N / before for f, gap_N in zip(alone, alongside(partial(gap_rms_N, search.data), alone))
+    }
+    most = sorted((n for n, share in removed.items() if share >= SUSPECT), key=lambda n: -removed[n])
+    return tuple(Suspect(n, removed[n]) for n in most[:SUSPECTS_MOST])
 
 
 def _causes(

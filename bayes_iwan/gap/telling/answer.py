@@ -39,6 +39,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "kind": v.kind.value,
             "causes": [_cause(c) for c in v.causes],
             "one_of": [asdict(x) for x in v.one_of],
+            "suspects": [asdict(x) for x in v.suspects],
             "unknown_rest": v.unknown_rest,
             "cornered_drives": list(v.cornered),
             "cause": v.cause,

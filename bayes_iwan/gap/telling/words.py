@@ -112,8 +112,17 @@ def _found(d: Diagnosis) -> list[str]:
         ]
     return [
         f"The cause is unknown (probability {d.budget.rest.probability:.2f}): the gap is real, but no effect of the "
-        f"catalogue explains a part of it that holds on all tests{tail}."
+        f"catalogue explains a part of it that holds on all tests{tail}.",
+        *_suspects(d),
     ]
+
+
+def _suspects(d: Diagnosis) -> list[str]:
+    """What alone would remove most of a gap that has no name."""
+    if not d.verdict.suspects:
+        return []
+    some = ", ".join(f"{title(x.name)} ({_percent(x.share)})" for x in d.verdict.suspects)
+    return [f"Alone in the model, these would remove most of it, but its shape does not speak for them: {some}."]
 
 
 def _one_of(d: Diagnosis) -> list[str]:
