@@ -3,12 +3,14 @@
 import importlib
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bayes_iwan.campaign import Record
+from bayes_iwan.gap.judging.guards import Figures
 from bayes_iwan.validation import true_gaps
 
 ROOT = Path(__file__).parents[2]
@@ -87,13 +89,14 @@ def test_plan_puts_masses_only_where_frequencies_differ(study):
 def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_its_strength_moved(study):
     judged = study("half_real").judged
 
-    def answer(effect, *together, gap=1.0, along=0.2, **strengths):
+    def answer(effect, *together, gap=1.0, along=0.2, suspects=(), **strengths):
         return {
             "effect": effect,
             "gap": {"before_rms_N": gap, "along_record_rms_N": along},
             "verdict": {
                 "causes": [{"name": n, "cannot_tell_apart": []} for n in strengths],
                 "one_of": [{"names": list(together)}] if together else [],
+                "suspects": [{"name": n, "share": 0.6} for n in suspects],
             },
             "effects": [{"name": n, "parameters": {"x": {"mean": v, "sd": 0.1}}} for n, v in strengths.items()],
         }
@@ -109,6 +112,28 @@ def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_its_streng
     for seen in ({"gap": 1.2}, {"along": 0.3}):
         assert judged(answer("moving_mass", moving_mass=2.0, **seen), natural)["named, visible ones"]
         assert not judged(answer("moving_mass", **seen), natural)["named or in the set, visible ones"]
+    suspected = judged(answer("moving_mass", suspects=("moving_mass",)), natural)
+    assert suspected["named, in the set or suspected"] and not suspected["named or in the set"]
+
+
+def test_places_of_real_recordings_are_right_wrong_or_left_out_where_nobody_knows(study):
+    half_real = study("half_real")
+
+    def place(name, **rivals):
+        return asdict(Figures(name, 20.0, 9.0, {name: 0.0} | rivals, 0.5, 0.4, 0.4, 1.0, 0.5, 0.03, 0.04))
+
+    def answer(effect, gap, *figures):
+        sizes = {"before_rms_N": gap, "along_record_rms_N": 0.1}
+        return {"source": "seal", "effect": effect, "gap": sizes, "figures": list(figures)}
+
+    done = {
+        "natural, seal": answer("", 1.0, place("end_stop", free_play=-3.0)),
+        "000": answer("moving_mass", 2.0, place("moving_mass"), place("free_play"), place("channel_delay")),
+        "001": answer("moving_mass", 2.0, place("end_stop", moving_mass=-2.0)),
+        "002": answer("moving_mass", 1.0, place("moving_mass")),
+    }
+    found = [(f.name, true) for _, f, true in half_real.places(done)]
+    assert found == [("moving_mass", True), ("channel_delay", False), ("end_stop", True)]
 
 
 def made_case(rng, kind, name, law, strong):
