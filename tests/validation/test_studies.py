@@ -197,7 +197,7 @@ def test_calibration_tells_true_places_from_idle_ones_with_their_laws_left_out(s
         cases.append(made_case(rng, kind, ("mass", "drag")[i % 2], f"law{i % 4}", kind == "single"))
     c = calibrate.fitted(cases)
     assert min(c.effect) >= 0.0 and min(c.rest) >= 0.0
-    for constants in ([c] * len(cases), calibrate.left_out_in_turn(cases, 4)):
+    for constants in ([c] * len(cases), calibrate.left_out_in_turn(cases, [], 4)):
         counts = calibrate.score(cases, constants)
         assert counts["single, visible: named"] == (20.0, 20.0)
         assert counts["false names (a name neither true nor tied with a true one), of all cases"][0] == 0
