@@ -216,6 +216,34 @@ class CubicStiffness(Effect):
         return force_N + (self.get(parameter_values, "k3_N_mm3") * length**3) * grown
 
 
+class BentStiffness(CubicStiffness):
+    law = "k₃·ℓ³·g(|u|/ℓ)/g(1)·sgn u, g: two slopes that meet at x₀ within a width w; w → 0: trilinear"
+    reference = (
+        "Natsiavas, J. Sound Vib. 134 (1989) 315 (symmetric trilinear springs); Shaw & Holmes, ibid. 90 (1983) 129"
+    )
+    signature = "in-phase odd harmonics that begin at one stretch, at every frequency alike; no work"
+
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {
+            "bend": ExtraParameter("x₀", "-", "where the spring bends, over ℓ", about(0.5, 0.25), 0.05, 0.95),
+            "width": ExtraParameter(
+                "w", "-", "half width of the bend, over ℓ", stats.lognorm(s=0.7, scale=0.1), 0.01, 0.6, scan=False
+            ),
+        }
+
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        length, u = self.scales.length_mm, motion.displacement_mm
+        bend, width = self.get(parameter_values, "bend"), self.get(parameter_values, "width")
+
+        def beyond(x: Array) -> Array:
+            """Rounded max(x − x₀, 0), its value and its slope at 0 taken off, for these are the linear spring's."""
+            hard = np.logaddexp(0.0, (x - bend) / width) - np.logaddexp(0.0, -bend / width)
+            return width * hard - x / (1.0 + np.exp(bend / width))
+
+        shape = np.sign(u) * beyond(np.abs(u) / length) / beyond(np.ones(1))
+        return force_N + (self.get(parameter_values, "k3_N_mm3") * length**3) * shape
+
+
 class _Contact(Effect):
     """A contact beyond a clearance: k·p·(d/p)^e·(1 + λ ḋ) of the way d into it, its secant stiffness k at d = p, a
     tenth of ℓ."""
@@ -302,6 +330,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     MovingMass,
     QuadraticStiffness,
     CubicStiffness,
+    BentStiffness,
     EndStop,
     EndStops,
 )

@@ -148,6 +148,22 @@ def test_power_of_an_odd_spring_by_its_first_harmonic(n, kit):
     assert complex_harmonics(force)[0, 1] == pytest.approx(-1j * expected, rel=1e-5)
 
 
+def test_a_bent_spring_is_trilinear_where_its_bends_are_sharp_and_linear_below_them(kit):
+    at, length = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=512), kit.scales.length_mm
+    x = at.displacement_mm[0] / length
+    sharp = added(made(kit, "BentStiffness"), at, k3_N_mm3=2.0, bend=0.3, width=0.01)
+    expected = 2.0 * length**3 * np.sign(x) * np.maximum(np.abs(x) - 0.3, 0.0) / 0.7
+    np.testing.assert_allclose(sharp, expected, atol=0.01 * 2.0 * length**3)
+    round_ = added(made(kit, "BentStiffness"), at, k3_N_mm3=2.0, bend=0.3, width=0.3)
+    assert abs(work(round_, at)[0]) < 1e-6
+    tiny = sine_motion(frequency_hz=F_HZ, amplitude_mm=1e-4 * length, samples=64)
+    assert np.abs(added(made(kit, "BentStiffness"), tiny, k3_N_mm3=2.0, bend=0.3, width=0.3)).max() < 1e-6  # no slope
+    full = sine_motion(frequency_hz=F_HZ, amplitude_mm=length, samples=64)
+    assert added(made(kit, "BentStiffness"), full, k3_N_mm3=2.0, bend=0.6, width=0.2).max() == pytest.approx(
+        2.0 * length**3
+    )
+
+
 @pytest.mark.parametrize("e", [1.0, 1.5])
 def test_contacts_are_linear_or_hertzian_on_one_side_or_both(e, kit):
     at = sine_motion(frequency_hz=F_HZ, amplitude_mm=[A_MM, 0.3], samples=256)
