@@ -1,5 +1,6 @@
 """The search on campaigns from the virtual rig, whose solver, steps and elements are not the model's."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,10 +14,13 @@ from bayes_iwan.gap.diagnosis import diagnose_loops
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import Rows, extended
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
+from bayes_iwan.gap.searching import explored
+from bayes_iwan.gap.searching import search as searching
 from bayes_iwan.gap.searching.base import fit_base, missed
 from bayes_iwan.gap.searching.candidates import candidates, start_points, stepped_on
+from bayes_iwan.gap.searching.explored import silent
 from bayes_iwan.gap.searching.found import LAST, needed
-from bayes_iwan.gap.searching.search import SINGLE_MOST, search
+from bayes_iwan.gap.searching.search import SINGLE_MOST, _Explorer, search
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
@@ -165,6 +169,26 @@ def test_what_others_stand_in_for_does_not_come_back_beside_them():
 def test_sudden_effects_are_always_refitted(kit):
     fits = kit.diagnosed(None).search.fits
     assert frozenset({"force_clipping"}) in fits and frozenset({"end_stop"}) in fits
+
+
+def test_what_acts_along_the_record_is_refitted_where_the_gap_is_there_whatever_a_step_promises(kit, monkeypatch):
+    def hopeless(*given):
+        return [replace(c, gain=-1e3, removes=-1.0) if c.effect.evolving else c for c in candidates(*given)]
+
+    monkeypatch.setattr(explored, "candidates", hopeless)
+    monkeypatch.setattr(searching, "SINGLE_MOST", 0)
+    virtual = kit.rig_records("friction_fade")
+    fading = gap_data([x for x in kit.campaign_of(virtual).loops(**kit.small) if x.role == "fit"])
+    steady = gap_data([x for x in kit.campaign_of(kit.rig_records(None)).loops(**kit.small) if x.role == "fit"])
+    fitted = {}
+    for name, data in (("fading", fading), ("steady", steady)):
+        kinds = {n: catalogue.variants()[n] for n in ("friction_fade", "spring_softening", "moving_mass")}
+        found = _Explorer(
+            data, scales_of(data.loops), kit.settings, kinds, np.random.default_rng(0), silent, None, None
+        )
+        found.singles()
+        fitted[name] = set(found.fits)
+    assert frozenset({"friction_fade"}) in fitted["fading"] and frozenset({"friction_fade"}) not in fitted["steady"]
 
 
 def test_strengths_are_brought_to_the_specimens_scale(kit):

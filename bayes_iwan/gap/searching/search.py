@@ -15,7 +15,7 @@ import numpy as np
 from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
-from bayes_iwan.gap.searching.base import changes, missed
+from bayes_iwan.gap.searching.base import changes, missed, sound_gap_N
 from bayes_iwan.gap.searching.candidates import Candidate, removing
 from bayes_iwan.gap.searching.explored import Explored, Report, silent
 from bayes_iwan.gap.searching.found import LAST, Search, look_alike, part
@@ -27,6 +27,9 @@ from bayes_iwan.physics import Simulator
 SINGLE_MOST = 7
 #: a further effect is refitted if one Gauss–Newton step promises so many nats, and at most so many are
 PROMISE, FURTHER_MOST = 3.0, 4
+#: where this share of a gap is change along the record, all that acts there is refitted: one step of a fade that
+#: recovers leads nowhere, though it may be the whole cause
+CHANGING = 0.3
 #: an effect is taken in if it gains so many nats, and dropped again below half of that; so many, where newtons alone
 #: speak for it and not the evidence, and in between for evidence in between
 WORTH_NATS, NEWTONS_ALONE = 3.0, 12.0
@@ -55,10 +58,11 @@ class _Explorer(Explored):
         base = self.fits[frozenset()]
         ranked: dict[str, int] = {}
         chosen, offered = [], self.offered(base)
-        near = removing(offered)
+        near, changing = removing(offered), self.changing(base)
         for one in offered:
             rank = ranked.setdefault(one.name, len(ranked))
-            if rank < SINGLE_MOST or one.gain > PROMISE or one.effect.sudden or one.name in near:
+            asked = one.effect.sudden or (changing and one.effect.evolving)
+            if rank < SINGLE_MOST or one.gain > PROMISE or asked or one.name in near:
                 chosen.append(one)
         self.add(chosen, base)
 
@@ -71,16 +75,22 @@ class _Explorer(Explored):
         better = self.keep(base.problem, np.array([base.z, *starts]), 40)
         return better is not None and better.log_evidence > before + 1.0
 
+    def changing(self, fit: Fit) -> bool:
+        """Is much of what a fit leaves change along the record, and more than a sound specimen's gap?"""
+        gap_N, along_N = self.gap_parts_N([fit])[0]
+        return along_N > max(CHANGING * gap_N, sound_gap_N(self.data))
+
     def grow(self, current: Fit, last: bool = False) -> Fit | None:
         """The best fit with one effect more, of LAST or of all others, if it is worth it."""
         if current.effects or last:
             chosen = []
             offered = [x for x in self.offered(current, last) if self.needed(current.names | {x.name})]
-            near = removing(offered)
+            near, changing = removing(offered), not last and self.changing(current)
             for i, one in enumerate(offered):
                 alone = self.fits.get(frozenset({one.name}))
                 helps = alone is not None and alone.log_evidence > self.fits[frozenset()].log_evidence + PROMISE
-                if (i < FURTHER_MOST and one.gain > PROMISE) or (one.effect.sudden and helps) or one.name in near:
+                asked = (one.effect.sudden and helps) or (changing and one.effect.evolving)
+                if (i < FURTHER_MOST and one.gain > PROMISE) or asked or one.name in near:
                     chosen.append(one)
             self.add(chosen, current)
         larger = [
