@@ -183,6 +183,12 @@ def test_replicates_follow_the_likelihood(problem, known, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_no_draws_have_no_rows(problem, kind):
+    p = make_problem(problem.loops, {"likelihood": {"kind": kind}})
+    assert p.rows(np.empty((0, p.ndim))).shape == (0, p.rows(np.zeros((1, p.ndim))).shape[1])
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_finer_phase_grid_is_no_more_information(known, kind):
     """Laplace widths of all numbers at 128 and 256 phases of one and the same record agree within 3 %."""
     widths = []

@@ -75,7 +75,8 @@ def test_a_place_weighs_the_same_whether_proposed_or_come_upon(nested):
 def test_where_no_proposal_leads_a_chain_does_not_jump_from(nested):
     """Far from the sheet the middle is found, but its tangents do not lead to such a place."""
     off = on_sheet(np.array([0.3])) + np.array([0.0, 0.0, 9.0])
-    assert nested.log_weight(off, np.zeros(1)) == np.inf
+    beyond = on_sheet(np.array([0.3])) + np.array([20.0, 0.0, 0.0])  # not even the middle is found, of none of them
+    assert nested.log_weight(off, np.zeros(1)) == nested.log_weight(beyond, np.zeros(1)) == np.inf
     taken = jumped(np.array([np.inf, 1.0]), np.zeros((3, 2)), np.full((3, 2), -0.9))
     np.testing.assert_array_equal(taken, [[-1, -1]] * 3)
     taken = jumped(np.array([-5.0, 0.0]), np.array([[0.0, -np.inf], [-1.0, 0.5]]), np.full((2, 2), -0.5))

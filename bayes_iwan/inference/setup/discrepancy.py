@@ -316,7 +316,7 @@ class Correlated:
     def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         rotated, variance = self._whitened(residual_N, parameter_values)
         rotated /= np.sqrt(variance)
-        return rotated.transpose(2, 0, 1, 3).reshape(len(residual_N), -1)
+        return rotated.transpose(2, 0, 1, 3).reshape(len(residual_N), 2 * self.used * len(self.loops))
 
     def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
         draws, tests, samples = force_N.shape

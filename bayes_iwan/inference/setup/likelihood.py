@@ -120,7 +120,7 @@ class Independent:
 
     def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         w = np.sqrt(self._count * self.weights)
-        return (w * residual_N / parameter_values["noise_N"][:, None, None]).reshape(len(residual_N), -1)
+        return (w * residual_N / parameter_values["noise_N"][:, None, None]).reshape(len(residual_N), w.size)
 
     def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
         scale = parameter_values["noise_N"][:, None, None]

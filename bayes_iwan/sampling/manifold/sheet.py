@@ -117,7 +117,8 @@ class Sheet:
         at[:, self.held.columns] = self.held.centre
         moved = np.repeat(at[:, None], k + 1, axis=1)
         moved[:, np.arange(1, k + 1), self.free] += _STEP
-        out = self.values(moved.reshape(-1, z.shape[1])).reshape(n, k + 1, -1)
+        out = self.values(moved.reshape(-1, z.shape[1]))
+        out = out.reshape(n, k + 1, out.shape[1])
         slope = (out[:, 1:] - out[:, :1]) / _STEP  # transposed: (n, free, m)
         sound = np.isfinite(out).all(axis=(1, 2))
         slope[~sound] = 0.0
