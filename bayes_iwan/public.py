@@ -152,7 +152,8 @@ def identify(
     quick
         the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
     executor
-        from :func:`bayes_iwan.executors.opened`, to identify the frequencies alone side by side.
+        from :func:`bayes_iwan.executors.opened`, for chains in several processes, with the same draws, and to identify
+        the frequencies alone side by side.
 
     Returns
     -------
@@ -185,7 +186,14 @@ def identify(
         raise ConfigError("per_test writes files of sampled runs: name a folder for them (out), and leave quick away")
     if out is None:
         posterior = identify_campaign(
-            campaign, None, config=config, seed=seed, progress=progress, simulator=simulator, quick=quick
+            campaign,
+            None,
+            config=config,
+            seed=seed,
+            progress=progress,
+            simulator=simulator,
+            quick=quick,
+            executor=executor,
         )
         _warn(posterior)
         return posterior
@@ -204,6 +212,7 @@ def identify(
             progress=progress,
             simulator=simulator,
             quick=quick,
+            executor=executor,
         )
         _warn(posterior)
         if posterior.interrupted:

@@ -52,6 +52,7 @@ def identify_campaign(
     progress: bool = True,
     simulator: Simulator | str | os.PathLike[str] | None = None,
     quick: bool = False,
+    executor: Executor | None = None,
 ) -> Posterior:
     """The joint posterior of all the campaign's tests that are not held out.
 
@@ -60,6 +61,7 @@ def identify_campaign(
     per_test : identify each frequency alone as well (:func:`identify_frequencies`). resume : go on from a checkpoint.
     simulator : a model of your own in the place of the Iwan model, or the Python file that defines it.
     quick : the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
+    executor : from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
     """
@@ -85,6 +87,7 @@ def identify_campaign(
         progress=progress,
         simulator_file=simulator_file,
         quick=quick,
+        executor=executor,
     )
     if out is not None:
         run_files.write(posterior, Path(out))
@@ -179,6 +182,7 @@ def identify_problem(
     progress: bool = True,
     simulator_file: str = "",
     quick: bool = False,
+    executor: Executor | None = None,
 ) -> Posterior:
     """The posterior of a problem, from loops of any origin; nothing but the checkpoint is written.
 
@@ -202,6 +206,8 @@ def identify_problem(
         show a bar.
     quick
         Laplace's approximation instead of sampling.
+    executor
+        from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
 
     Returns
     -------
@@ -235,7 +241,7 @@ def identify_problem(
     # threads do nothing for the small matrices of a sampler's step but wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
         origin = _origin(settings.search, simulator_file)
-        chains = sampled(problem, point, settings.sampling, Run(seed, checkpoint, origin, resume, progress))
+        chains = sampled(problem, point, settings.sampling, Run(seed, checkpoint, origin, resume, progress, executor))
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
     timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypedDict
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.executors import Processes
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.setup.settings import SamplingSettings
@@ -70,13 +72,15 @@ class _Asked(TypedDict):
 
 @dataclass(frozen=True)
 class Run:
-    """A run as it is kept and shown: its seed, where it is written and gone on from, and what else draws depend on."""
+    """A run as it is kept and shown: its seed, where it is written and gone on from, and what else draws depend on;
+    executor : of processes that may take a part of it, with the same draws."""
 
     seed: int
     checkpoint: Path | None = None
     origin: Mapping[str, str] = field(default_factory=dict)
     resume: bool = False
     progress: bool = False
+    executor: Executor | None = None
 
 
 def _asked(problem: Problem, s: SamplingSettings, run: Run) -> _Asked:
@@ -121,6 +125,16 @@ def independent_chains(problem: Problem, point: Point, s: SamplingSettings, run:
     )
 
 
+@dataclass(frozen=True)
+class _Whitened:
+    """A problem's residuals, whitened, z (n, ndim) → (n, k): what can travel to other processes."""
+
+    problem: Problem
+
+    def __call__(self, z: Array) -> Array:
+        return self.problem.rows(z)[:, : -self.problem.ndim]
+
+
 def manifold_chains(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Chains | None:
     """Chains along the posterior's manifold, from the maxima that were found; None where they do not move."""
     held, rows, root = manifold_of(problem, point.optima[0])
@@ -133,6 +147,8 @@ def manifold_chains(problem: Problem, point: Point, s: SamplingSettings, run: Ru
         root,
         limit=Z_LIMIT,
         n_ensembles=s.ensembles,
+        # a simulator of the user's own may live in a file that other processes have not read
+        executor=run.executor if isinstance(problem.model, Model) and isinstance(run.executor, Processes) else None,
         **_asked(problem, s, run),
     )
 
@@ -143,7 +159,7 @@ def manifold_of(problem: Problem, optimum: Array) -> tuple[NDArray[np.int64], Ro
     held, coarse = problem.noise_columns, problem.coarser()
     root = laplace_scale(problem, optimum)
     root = np.asarray(np.linalg.cholesky((root @ root.T)[np.ix_(held, held)]))
-    return held, lambda z: coarse.rows(z)[:, : -problem.ndim], root
+    return held, _Whitened(coarse), root
 
 
 def ensemble_chains(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Chains:

@@ -19,6 +19,7 @@ in it, so that the weight of v is never more than a multiple of its likelihood (
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -128,6 +129,12 @@ class Nested:
         start = replace(start, values=self._sheet.values(start.z))
         z, met = self._sheet.reached(start, np.zeros((len(rows), len(self._sheet.free))), _NEAR)
         return rows[met], self._sheet.places(z[met])
+
+    def counting(self) -> Nested:
+        """The same with evaluations counted from none."""
+        out = copy.copy(self)
+        out._sheet = self._sheet.counting()
+        return out
 
     @property
     def n_evaluations(self) -> int:

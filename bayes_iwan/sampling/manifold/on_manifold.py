@@ -10,8 +10,9 @@ how far a step may turn, where the held numbers lie and where to jump to; then a
 on count. All walkers are independent of each other: ensembles are kept for R-hat alone, and a walker that never leaves
 its branch is seen by the autocorrelation time, from which the ensemble's mean is taken off.
 
-Some walkers go together, on one thread, with random numbers of their own for each block of steps, so that the draws are
-the same however many threads there are. Block by block they go into a checkpoint; a run that goes on from it draws the
+Some walkers go together, in one thread or process, with random numbers of their own for each block of steps, so that
+the draws are the same wherever they go. Processes are faster: half the time goes into calls that only one thread can
+make at a time. Block by block they go into a checkpoint; a run that goes on from it draws the
 very same.
 """
 
@@ -19,6 +20,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,13 +29,13 @@ from numpy.typing import NDArray
 from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.executors import Rounds
 from bayes_iwan.sampling.common.checkpoint import Checkpoint
 from bayes_iwan.sampling.common.convergence import convergence_of
 from bayes_iwan.sampling.common.held import Held, HeldFunction
 from bayes_iwan.sampling.ensemble.ensembles import BatchFunction, Chains, Stop
 from bayes_iwan.sampling.manifold.nested import Nested, bending, jumped
 from bayes_iwan.sampling.manifold.sheet import Rows, Sheet, Walkers
-from bayes_iwan.threads import side_by_side
 
 #: what a checkpoint's fingerprint says of this way of sampling
 METHOD = {"method": "manifold"}
@@ -78,6 +81,7 @@ def sample_on_manifold(
     target_ess: float = 400.0,
     chain_taus: float = 50.0,
     progress: bool = True,
+    executor: Executor | None = None,
 ) -> Chains | None:
     """Draw from a posterior until converged or the budget is used up; None where steps must be too short to lead
     anywhere.
@@ -94,6 +98,8 @@ def sample_on_manifold(
     chain_taus : autocorrelation times, of the steps of all walkers of an ensemble, for these are independent here.
     checkpoint and all others : as for `sampling.ensemble.ensembles.sample`; a run ends after whole blocks of
         25 steps. Where this way does not fit there is no checkpoint left.
+    executor : from :func:`bayes_iwan.executors.opened`, for walkers in other processes as well; rows and held_log_prob
+        must be picklable then.
 
     The same seed gives the same draws. Ctrl-C ends the run with the draws that are there.
     """
@@ -101,7 +107,7 @@ def sample_on_manifold(
     names, quantity_names = tuple(names), tuple(quantity_names)
     n = n_ensembles * WALKERS
     taus = min(chain_taus, max(LEAST_TAUS, chain_taus / WALKERS))
-    run = ManifoldRun.at(rows, held_log_prob, optima[0], held, held_root, limit, seed)
+    run = ManifoldRun.at(rows, held_log_prob, optima[0], held, held_root, limit, seed, executor)
     stamp = {**METHOD, **(fingerprint or {}), "seed": str(seed), "ensembles": str(n_ensembles)}
     file: Checkpoint | None = None
     z, log_prob, other = np.empty((0, n, len(names))), np.empty((0, n)), np.empty((0, n, len(quantity_names)))
@@ -204,12 +210,13 @@ class ManifoldRun:
     hurried : was the warm-up cut short?
     """
 
-    def __init__(self, sheet: Sheet, seed: int) -> None:
-        self.sheet, self.seed = sheet, seed
+    def __init__(self, sheet: Sheet, seed: int, executor: Executor | None = None) -> None:
+        self.sheet, self.seed, self._executor = sheet, seed, executor
         self.walkers = Walkers(np.empty((0, 0)), np.empty(0), np.empty(0))
         self.nested: Nested | None = None
         self.scale, self.blocks, self.acceptance, self.jumps, self.hurried = 0.3, 0, 0.0, 0.0, False
-        self._used = 0  # evaluations of jumps that were learnt anew since
+        self._used = 0  # evaluations of blocks, and of jumps that were learnt anew since
+        self._share()
 
     @classmethod
     def at(
@@ -221,14 +228,19 @@ class ManifoldRun:
         held_root: Array,
         limit: float,
         seed: int,
+        executor: Executor | None = None,
     ) -> ManifoldRun:
         """Before its warm-up, about an optimum (ndim,); the rest as for :func:`sample_on_manifold`."""
         known = Held(held, optimum[held], held_root, _HELD_DRAWS)
-        return cls(Sheet(rows, held_log_prob, known, len(optimum), limit), seed)
+        return cls(Sheet(rows, held_log_prob, known, len(optimum), limit), seed, executor)
 
     @property
     def n_evaluations(self) -> int:
         return self.sheet.n_evaluations + self._used + (self.nested.n_evaluations if self.nested is not None else 0)
+
+    def _share(self) -> None:
+        """Have blocks taken with what is known now; it travels once to each process."""
+        self._rounds = Rounds(self._executor, (self.sheet, self.nested))
 
     def warm_up(self, starts: Array, late: Callable[[], bool], bar: tqdm) -> bool:
         """From starts (n, ndim) to where draws count; False where steps must be too short to lead anywhere."""
@@ -258,29 +270,19 @@ class ManifoldRun:
             self._used += self.nested.n_evaluations
             bent = bent if self.jumps > _LEAST_JUMPS else bent[:0]
         self.nested = Nested.fitted(self.sheet, bent, flat, rng) if len(bent) else None
+        self._share()
 
     def block(self) -> tuple[Array, Array]:
         """Some steps of all: z (steps, n, ndim) and ln p (steps, n)."""
-
-        def together(part: slice) -> tuple[Array, Array, float, float, Walkers]:
-            own = Walkers(*(x[part].copy() for x in self._arrays()))
-            rng = np.random.default_rng([self.seed, 34, self.blocks, part.start])
-            if self.nested is None:
-                return *self.sheet.advance(own, _BLOCK, self.scale, rng), 0.0, own
-            z, log_prob, went = self.sheet.advance(own, _BLOCK - _JUMPS, self.scale, rng)
-            jumps, levels, gone = jump(self.sheet, self.nested, own, _JUMPS, rng)
-            return np.concatenate([z, jumps]), np.concatenate([log_prob, levels]), went, gone, own
-
-        parts = side_by_side(together, len(self.walkers.z), _TOGETHER)
-        z, log_prob, accepted, gone, walkers = zip(*parts)
-        ends = [(w.z, w.log_prob, w.log_total) for w in walkers]
-        self.walkers = Walkers(*(np.concatenate(x) for x in zip(*ends)))
-        self.acceptance, self.jumps = float(np.mean(accepted)), float(np.mean(gone))
+        parts = [slice(first, first + _TOGETHER) for first in range(0, len(self.walkers.z), _TOGETHER)]
+        seed, all_of = (self.seed, 34, self.blocks), _arrays(self.walkers)
+        pieces = [_Piece(Walkers(*(x[part] for x in all_of)), self.scale, (*seed, part.start)) for part in parts]
+        ends = list(self._rounds.results(pieces, _advanced))
+        self.walkers = Walkers(*(np.concatenate(x) for x in zip(*(_arrays(e.walkers) for e in ends))))
+        self.acceptance, self.jumps = (float(np.mean(x)) for x in zip(*((e.accepted, e.jumped) for e in ends)))
+        self._used += sum(e.n_evaluations for e in ends)
         self.blocks += 1
-        return np.concatenate(z, axis=1), np.concatenate(log_prob, axis=1)
-
-    def _arrays(self) -> tuple[Array, Array, Array]:
-        return self.walkers.z, self.walkers.log_prob, self.walkers.log_total
+        return np.concatenate([e.z for e in ends], axis=1), np.concatenate([e.log_prob for e in ends], axis=1)
 
     def state(self, before: int) -> dict[str, NDArray]:
         """What the run goes on from; before : evaluations of the runs before."""
@@ -304,6 +306,47 @@ class ManifoldRun:
         self.sheet.held = Held(held.columns, state["centre"], state["root"], held.count)
         self.scale, self.blocks, self.hurried = float(state["scale"]), int(state["blocks"]), bool(state["hurried"])
         self.nested = Nested.restored(self.sheet, state) if "bent" in state else None
+        self._share()
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Walkers that go together, the scale of their angles, and the seed of their random numbers in this block."""
+
+    walkers: Walkers
+    scale: float
+    seed: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Advanced:
+    """Where they were after each step of a block, z (steps, n, ndim) and ln p (steps, n), and are in the end; shares of
+    steps and jumps that were accepted, and evaluations."""
+
+    z: Array
+    log_prob: Array
+    walkers: Walkers
+    accepted: float
+    jumped: float
+    n_evaluations: int
+
+
+def _advanced(known: tuple[Sheet, Nested | None], piece: _Piece) -> _Advanced:
+    """A block of steps."""
+    sheet, own = known[0].counting(), Walkers(*(x.copy() for x in _arrays(piece.walkers)))
+    rng = np.random.default_rng(piece.seed)
+    if known[1] is None:
+        z, log_prob, went = sheet.advance(own, _BLOCK, piece.scale, rng)
+        return _Advanced(z, log_prob, own, went, 0.0, sheet.n_evaluations)
+    nested = known[1].counting()
+    z, log_prob, went = sheet.advance(own, _BLOCK - _JUMPS, piece.scale, rng)
+    jumps, levels, gone = jump(sheet, nested, own, _JUMPS, rng)
+    used = sheet.n_evaluations + nested.n_evaluations
+    return _Advanced(np.concatenate([z, jumps]), np.concatenate([log_prob, levels]), own, went, gone, used)
+
+
+def _arrays(walkers: Walkers) -> tuple[Array, Array, Array]:
+    return walkers.z, walkers.log_prob, walkers.log_total
 
 
 def jump(
