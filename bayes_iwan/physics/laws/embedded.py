@@ -54,10 +54,7 @@ class Tilted:
         return self.base.units
 
     def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
-        tables, top = self.base.table(parameter_values)
-        bent = warp.tilted(tables, top, _tilts(parameter_values))
-        stretch = tables[:, -1].sum(axis=1) / bent[:, -1].sum(axis=1)
-        return bent * stretch[:, None, None], top * stretch
+        return warp.tilted_to_mean(*self.base.table(parameter_values), _tilts(parameter_values))
 
     def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
         w, cubic, width = self._cells(phi, parameter_values)

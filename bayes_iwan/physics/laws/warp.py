@@ -63,8 +63,9 @@ def _distribution(coefficients: Array) -> tuple[Array, Array]:
 
 
 @_jit
-def _tilt_tables(tables, top, width, value, slope, tilted, out):
-    """Tilted tables into out: the tilted survival at the cells' ends and middles, integrated by Simpson's rule.
+def _tilt_tables(tables, top, width, value, slope, tilted, same_mean, out, stretch):
+    """Tilted tables into out: the tilted survival at the cells' ends and middles, integrated by Simpson's rule. If
+    same_mean they are stretched to the mean that they had, by a factor (draws,) that is left in stretch.
 
     The share of elements beyond the quantile p is read from Hermite cubics over equal cells of p. Where each place lies
     among them is worked out in vectors; reading cannot be.
@@ -74,6 +75,7 @@ def _tilt_tables(tables, top, width, value, slope, tilted, out):
     cubic = np.empty((parts, 4))
     cell, place, above = np.empty(2 * cells, np.uint64), np.empty(2 * cells), np.empty(2 * cells)
     for d in range(draws):
+        stretch[d] = 1.0
         if not tilted[d]:
             out[d] = tables[d]
             continue
@@ -111,6 +113,12 @@ def _tilt_tables(tables, top, width, value, slope, tilted, out):
             out[d, j, 3] = h * (start + end) - 2.0 * rise
             limited += rise
             start = end
+        if same_mean:
+            last = tables[d, cells - 1]
+            stretch[d] = (last[0] + last[1] + last[2] + last[3]) / limited
+            for j in range(cells):
+                for c in range(4):
+                    out[d, j, c] *= stretch[d]
 
 
 @cache
@@ -126,10 +134,22 @@ def tilted(tables: Array, top: Array, coefficients: Array) -> Array:
     coefficients : (draws, order), dimensionless; a draw with all of them zero keeps its table bit for bit. Order 1
         moves the mean, order 2 the spread; size 0.3 changes the density by about that share.
     """
-    out = np.empty_like(tables)
+    return _tilt(tables, top, coefficients, False)[0]
+
+
+def tilted_to_mean(tables: Array, top: Array, coefficients: Array) -> tuple[Array, Array]:
+    """The same, with slip forces then stretched to the mean that they had: table and top."""
+    out, stretch = _tilt(tables, top, coefficients, True)
+    return out, top * stretch
+
+
+def _tilt(tables: Array, top: Array, coefficients: Array, same_mean: bool) -> tuple[Array, Array]:
+    """The tilted table, and what it was stretched by (draws,)."""
+    out, stretch = np.empty_like(tables), np.empty(len(tables))
     value, slope = _distribution(coefficients)
-    _tilt_tables(tables, top, cell_width(tables.shape[1]), value, slope, np.any(coefficients != 0.0, axis=1), out)
-    return out
+    width, bent = cell_width(tables.shape[1]), np.any(coefficients != 0.0, axis=1)
+    _tilt_tables(tables, top, width, value, slope, bent, same_mean, out, stretch)
+    return out, stretch
 
 
 def bent_stiffness(k: Array, alpha: Array, exponent: Array, bend: Array) -> Array:

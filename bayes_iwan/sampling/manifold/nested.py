@@ -35,7 +35,10 @@ from bayes_iwan.sampling.manifold.sheet import Places, Sheet
 #: first; and how many may
 _BENT, _MOST = 0.15, 8
 _STEP = 0.02  # of the second differences, in standard deviations
-_COMPONENTS, _PRIOR_SHARE = 8, 0.1
+_COMPONENTS = 8
+#: shares of v's mixture that the prior has, and components about known places, as wide as the posterior seems from
+#: there, and a little of the whole, times this: they follow what bends too much for the others
+_PRIOR_SHARE, _PLACES_SHARE, _SEEN, _WHOLE = 0.1, 0.4, 0.7, 0.1
 _MATERIAL, _KNOWN = 4000, 256  # draws that the mixture is fitted to; places from which the others are solved for
 _NU, _NU_OTHERS = 4.0, 12.0  # degrees of freedom of v's and x's t distributions
 _WIDER_V, _WIDER = 1.1, 1.05  # their scales over what was found
@@ -69,14 +72,17 @@ class Nested:
     def fitted(cls, whole: Sheet, v: NDArray[np.int64], z: Array, rng: np.random.Generator) -> Nested:
         """From draws z (n, ndim), which may hang together."""
         some = z[rng.permutation(len(z))]
-        fit = fit_mixture(some[:_MATERIAL, v], _COMPONENTS, rng, nu=_NU)
+        fit, known = fit_mixture(some[:_MATERIAL, v], _COMPONENTS, rng, nu=_NU), some[:_KNOWN]
+        back = whole.places(known).back[:, np.searchsorted(whole.free, v)]
+        wide = _WHOLE * np.cov(some[:, v].T).reshape(len(v), len(v)) + (1.0 - _WHOLE) * back @ back.transpose(0, 2, 1)
+        share = 1.0 - _PRIOR_SHARE - _PLACES_SHARE
         mixture = StudentMixture(
-            np.concatenate([[_PRIOR_SHARE], (1.0 - _PRIOR_SHARE) * fit.weights]),
-            np.concatenate([np.zeros((1, len(v))), fit.means]),
-            np.concatenate([np.eye(len(v))[None], _WIDER_V * fit.scales]),
+            np.concatenate([[_PRIOR_SHARE], share * fit.weights, np.full(len(known), _PLACES_SHARE / len(known))]),
+            np.concatenate([np.zeros((1, len(v))), fit.means, known[:, v]]),
+            np.concatenate([np.eye(len(v))[None], _WIDER_V * fit.scales, _SEEN * np.linalg.cholesky(wide)]),
             _NU,
         )
-        return cls(whole, v, mixture, some[:_KNOWN])
+        return cls(whole, v, mixture, known)
 
     def propose(self, n: int, rng: np.random.Generator) -> Proposed:
         """n independent proposals."""

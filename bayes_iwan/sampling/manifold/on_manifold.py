@@ -40,22 +40,22 @@ from bayes_iwan.sampling.manifold.sheet import Rows, Sheet, Walkers
 #: what a checkpoint's fingerprint says of this way of sampling
 METHOD = {"method": "manifold"}
 _STAGE = "production"  # as ensembles name it, so that pages find the whole run
-WALKERS = 8  # of each ensemble
-_TOGETHER = 16  # walkers on one thread
+WALKERS = 16  # of each ensemble
+_TOGETHER = 32  # walkers on one thread: fewer cost more each, for calls of few rows are dear
 #: autocorrelation times that each walker takes at least; all of an ensemble together take as many as are asked
 LEAST_TAUS = 10.0
 _BLOCK = 25  # steps between two commits
 _JUMPS = 10  # of a block's steps, where some numbers bend the sheet
 #: blocks of a stage of the warm-up; stages without jumps, the first to find the way, and with them, each with what was
 #: learnt in all but the first
-_WARM_UP, _STAGES, _JUMPING = 3, 2, 3
+_WARM_UP, _STAGES, _JUMPING = 2, 2, 3
 _REFRESH = 5  # jumps before the held numbers are drawn anew
 _LEAST_JUMPS = 0.02  # acceptance of jumps below which they are not worth their cost
-_ACCEPTANCE = 0.3  # what the angles are fitted to
+_ACCEPTANCE, _HASTE = 0.3, 1.5  # what the angles are fitted to, and how fast
 _LEAST, _MOST = 0.15, 1.1  # scale of the angles: below this the chains hardly move, above it draws are independent
 _HELD_DRAWS = 64
 _DEPTH = 12.0  # maxima so many nats below the best are no starts
-FIRST_CHECK = 200
+FIRST_CHECK = 100
 
 
 def sample_on_manifold(
@@ -254,7 +254,9 @@ class ManifoldRun:
                 if self.hurried:
                     break
                 z.append(self.block()[0])
-                self.scale = float(np.clip(self.scale * np.exp(self.acceptance - _ACCEPTANCE), _LEAST, _MOST))
+                self.scale = float(
+                    np.clip(self.scale * np.exp(_HASTE * (self.acceptance - _ACCEPTANCE)), _LEAST, _MOST)
+                )
                 bar.update(_BLOCK)
             if z:
                 z = z[-_WARM_UP // 2 :] if stage == 0 else z  # the first steps are on the way
