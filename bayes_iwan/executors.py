@@ -72,8 +72,9 @@ def opened(
 ) -> Iterator[Executor | None]:
     """An executor: None (this process) for one worker, spawned processes for more, or a Dask cluster's workers.
 
-    along : this process is one of the workers, for it takes its share (:class:`Rounds`); needs : modules that spawned
-    processes import as they start, while this one prepares their first pieces. dask : address of a scheduler,
+    along : this process is one of the workers, for it takes its share (:class:`Rounds`), and the others start when
+    there is something to share; needs : modules that spawned processes import as they start, which then is at once,
+    while this one prepares their first pieces. dask : address of a scheduler,
     `tcp://host:port`; its workers need this package and see the same folders. Leaving the block by an exception, Ctrl-C
     among them, ends the processes at once and takes back what a cluster has not done.
     Raises ExecutorError for less than one worker, for both at once and for a cluster that does not answer.
@@ -88,7 +89,7 @@ def opened(
     elif workers == 1:
         yield None
     else:
-        with Processes(workers - along, needs) as processes:
+        with Processes(workers - along, needs, at_once=not along or len(needs) > 0) as processes:
             yield processes
 
 
@@ -325,7 +326,7 @@ class Processes(ThreadPoolExecutor):
     process would kill forked ones.
     """
 
-    def __init__(self, count: int, needs: Sequence[str] = ()) -> None:
+    def __init__(self, count: int, needs: Sequence[str] = (), at_once: bool = True) -> None:
         super().__init__(count, thread_name_prefix="processes")
         self._needs = tuple(needs)
         self._context = multiprocessing.get_context("spawn")
@@ -333,7 +334,7 @@ class Processes(ThreadPoolExecutor):
         self._slot = _Slot()
         self._pools: list[ProcessPoolExecutor] = []
         self._values: list[Any] = []
-        for _ in range(count):  # they start, and import what they need, while this process prepares its first pieces
+        for _ in range(count if at_once else 0):  # they import what they need while this process prepares their pieces
             self.submit(_ready)
 
     def send(self, value: Any) -> _Sent:

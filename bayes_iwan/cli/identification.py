@@ -7,6 +7,7 @@ import argparse
 from bayes_iwan.cli.command import (
     CAMPAIGN,
     CONFIG,
+    DASK,
     ELSEWHERE,
     OUT,
     SEED,
@@ -16,6 +17,9 @@ from bayes_iwan.cli.command import (
     executor_of,
     say,
 )
+
+#: processes that a posterior's chains go in, if they must go along its manifold
+CHAINS_IN = 2
 
 
 @command(
@@ -34,17 +38,30 @@ from bayes_iwan.cli.command import (
     ),
     argument("--quick", action="store_true", help="optimum and Laplace intervals in seconds, not sampled"),
     SIMULATOR,
-    *ELSEWHERE,
+    argument(
+        "--workers",
+        metavar="N",
+        type=int,
+        help=f"processes, one core each (default: {CHAINS_IN} where there are as many cores; 1 with --per-test)",
+    ),
+    DASK,
 )
 def run_identify(args: argparse.Namespace) -> int:
     import warnings
 
+    import numba
+
     from bayes_iwan import Model, NotConverged, identify
+    from bayes_iwan.executors import opened
     from bayes_iwan.inference.results.left_out import left_out_said
 
     warnings.simplefilter("ignore", NotConverged)  # said below
 
-    with executor_of(args) as executor:
+    workers = args.workers
+    if workers is None:
+        workers = 1 if args.dask or args.per_test else min(numba.get_num_threads(), CHAINS_IN)
+    # one posterior's chains are this process's work too; single frequencies are that of the others
+    with opened(workers, args.dask, along=not args.per_test) as executor:
         posterior = identify(
             args.campaign,
             args.out,

@@ -4,6 +4,7 @@ import numba as nb
 import numpy as np
 import pytest
 
+from bayes_iwan.executors import opened
 from bayes_iwan.sampling.common.checkpoint import CheckpointError
 from bayes_iwan.sampling.common.held import Held
 from bayes_iwan.sampling.ensemble.ensembles import Stop
@@ -145,6 +146,35 @@ def test_held_noise_is_integrated_out(grid):
     z = chains.flat()
     np.testing.assert_allclose([np.mean(z[:, i] ** k) for i in (0, 1) for k in (1, 2)], moments, atol=0.025)
     np.testing.assert_allclose(chains.log_prob.reshape(-1), noisy_log_prob(z), rtol=1e-9)
+
+
+def test_processes_draw_the_same(soon):
+    """The same to the bit in this process alone and with a spawned one, which takes half of the walkers."""
+    best, runs = np.array([[0.7, -0.6]]), []
+    for workers in (1, 2):
+        with opened(workers, along=True) as executor:
+            runs.append(
+                sample_on_manifold(
+                    noisy_rows,
+                    held_log_prob,
+                    best,
+                    noisy_log_prob(best),
+                    np.array([1]),
+                    np.array([[0.22]]),
+                    limit=8.0,
+                    names=("mean", "log scale"),
+                    seed=1,
+                    max_steps=25,
+                    progress=False,
+                    executor=executor,
+                )
+            )
+            # it starts when there is something to share
+            assert workers == 1 or len(executor._pools) == 1
+    alone, shared = runs
+    np.testing.assert_array_equal(shared.draws, alone.draws)
+    np.testing.assert_array_equal(shared.log_prob, alone.log_prob)
+    assert shared.n_evaluations == alone.n_evaluations
 
 
 def spread_of_noise(grid):

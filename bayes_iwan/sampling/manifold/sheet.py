@@ -45,6 +45,8 @@ _LONGEST = 1.0  # step of any coordinate
 _LOST = 1e6  # a step that is off by so much has left for good
 #: angles of steps, times the chains' own scale
 _ANGLES = (0.6, 1.4)
+#: this share of steps is that much shorter: from where the sheet bends most, no longer ones lead away
+_SHORT, _SHORTER = 0.2, 0.2
 
 
 @dataclass(frozen=True)
@@ -180,7 +182,8 @@ class Sheet:
     def step(self, walkers: Walkers, places: Places, scale: float, rng: np.random.Generator) -> NDArray[np.bool_]:
         """Take a step from where the walkers are, their `places`, which is changed with them; who went (n,)."""
         n, went = len(walkers.z), np.zeros(len(walkers.z), bool)
-        angle = np.minimum(scale * rng.uniform(*_ANGLES, n), 0.5 * np.pi)
+        angle = scale * rng.uniform(*_ANGLES, n) * np.where(rng.random(n) < _SHORT, _SHORTER, 1.0)
+        angle = np.minimum(angle, 0.5 * np.pi)
         cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
         unit, held, chance = rng.standard_normal((n, len(self.free))), self.held.chances(n, rng), rng.random(n)
         first, second = np.log(rng.random((2, n)))
