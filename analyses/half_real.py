@@ -6,7 +6,7 @@ Each real campaign is diagnosed as it is. Then a delay, a high-pass of force or 
 of friction is applied to the measured signals at a size of 6 to 20 % of the friction force, the loops are averaged
 anew, and the campaign is diagnosed again, with nothing told of the first diagnosis. Right is an answer that names what
 was added (or has it among what cannot be told apart from a named cause); where the natural gap already had a part with
-that name, its strength must have moved. The natural causes should still be named. An effect can be absorbed by the
+that name, its strength must have moved by two standard deviations (counted without that, too). The natural causes should still be named. An effect can be absorbed by the
 model's own parameters, or undo a part of the natural gap: what is found is also counted over the visible ones, which
 make the gap that the model leaves, or its part along the record, larger.
 """
@@ -179,7 +179,12 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     near = named or name in together
     suspected = near or name in {x["name"] for x in answer["verdict"]["suspects"]}
     kept = set(before) <= set(causes) | together
-    found = {"named": named, "named or in the set": near, "named, in the set or suspected": suspected}
+    found = {
+        "named, or named as before": name in causes,
+        "named": named,
+        "named or in the set": near,
+        "named, in the set or suspected": suspected,
+    }
     counted = {f"{k}, visible ones": v for k, v in found.items() if visible(answer, natural)}
     return found | counted | {"natural causes still named": kept}
 
