@@ -6,9 +6,10 @@ Each real campaign is diagnosed as it is. Then a delay, a high-pass of force or 
 of friction is applied to the measured signals at a size of 6 to 20 % of the friction force, the loops are averaged
 anew, and the campaign is diagnosed again, with nothing told of the first diagnosis. Right is an answer that names what
 was added (or has it among what cannot be told apart from a named cause); where the natural gap already had a part with
-that name, its strength must have moved by two standard deviations (counted without that, too). The natural causes should still be named. An effect can be absorbed by the
-model's own parameters, or undo a part of the natural gap: what is found is also counted over the visible ones, which
-make the gap that the model leaves, or its part along the record, larger.
+that name, its strength must have moved by two standard deviations (counted without that, too). The natural
+causes should still be named. An effect can be absorbed by the model's own parameters, or undo a part of the natural
+gap: what is found is also counted over the visible ones, which make the gap that the model leaves, or its part along
+the record, larger.
 """
 
 from __future__ import annotations
