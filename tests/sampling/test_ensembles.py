@@ -184,8 +184,7 @@ SCRIPT = textwrap.dedent("""
     import sys, numpy as np
     sys.path.insert(0, {here!r})
     import test_ensembles as t
-    from bayes_iwan.sampling.ensemble import ensembles
-    from bayes_iwan.sampling.ensemble import run
+    from bayes_iwan.sampling.ensemble import ensembles, run
     run._WARMUP_STEPS, run._ROUND_STEPS, run._ROUNDS, run._TRIAL_STEPS = 100, (60, 100), (3, 6), 200
     settings = t.SHORT | dict(target_ess=1e9, max_steps=1500, chain_taus=1e5)
     ensembles.sample(t.banana, t.population(), names=t.NAMES, seed=5, checkpoint={path!r},

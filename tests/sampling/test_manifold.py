@@ -124,24 +124,18 @@ def grid():
     return z, p / p.sum()
 
 
+def noisy_chains(best, **settings):
+    """Chains of the model with noise of unknown size, about its maximum (1, 2)."""
+    known = noisy_rows, held_log_prob, best, noisy_log_prob(best), np.array([1]), np.array([[0.22]])
+    return sample_on_manifold(*known, limit=8.0, names=("mean", "log scale"), seed=1, progress=False, **settings)
+
+
 def test_held_noise_is_integrated_out(grid):
     """The joint posterior's moments by a grid."""
     places, p = grid
     moments = [np.sum(p * places[:, i] ** k) for i in (0, 1) for k in (1, 2)]
     best = places[[np.argmax(p)]]
-    chains = sample_on_manifold(
-        noisy_rows,
-        held_log_prob,
-        best,
-        noisy_log_prob(best),
-        np.array([1]),
-        np.array([[0.22]]),
-        limit=8.0,
-        names=("mean", "log scale"),
-        seed=1,
-        target_ess=1500,
-        progress=False,
-    )
+    chains = noisy_chains(best, target_ess=1500)
     assert chains.converged and chains.convergence.worst_r_hat < 1.01
     z = chains.flat()
     np.testing.assert_allclose([np.mean(z[:, i] ** k) for i in (0, 1) for k in (1, 2)], moments, atol=0.025)
@@ -153,22 +147,7 @@ def test_processes_draw_the_same(soon):
     best, runs = np.array([[0.7, -0.6]]), []
     for workers in (1, 2):
         with opened(workers, along=True) as executor:
-            runs.append(
-                sample_on_manifold(
-                    noisy_rows,
-                    held_log_prob,
-                    best,
-                    noisy_log_prob(best),
-                    np.array([1]),
-                    np.array([[0.22]]),
-                    limit=8.0,
-                    names=("mean", "log scale"),
-                    seed=1,
-                    max_steps=25,
-                    progress=False,
-                    executor=executor,
-                )
-            )
+            runs.append(noisy_chains(best, max_steps=25, executor=executor))
             # it starts when there is something to share
             assert workers == 1 or len(executor._pools) == 1
     alone, shared = runs

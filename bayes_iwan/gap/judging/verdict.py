@@ -86,10 +86,15 @@ def removed_along(
 ) -> dict[str, float]:
     """Of each of these effects that changes along the record: the share that it removes of what changes there, 0 where
     that is less than anything is named for."""
-    there = sizes[frozenset()].along.share >= LEAST_OF_FRICTION
+    there = _changes(sizes)
     removed = along_shares(kept, {k: sizes[k].along.rms_N for k in subsets(kept)})
     evolving = {e.name for e in fits[kept].effects if e.evolving}
     return {n: v if there else 0.0 for n, v in removed.items() if n in evolving}
+
+
+def _changes(sizes: Mapping[frozenset[str], GapSize]) -> bool:
+    """Does the base's gap change along the record by as much as anything is named for?"""
+    return sizes[frozenset()].along.share >= LEAST_OF_FRICTION
 
 
 def weighed(search: Search, seed: int) -> Weighed:
@@ -140,12 +145,12 @@ def _removing(
         most = max(rms[none] - rms[frozenset({name})], rms[whole - {name}] - rms[whole])
         return most / rms[none] if rms[none] > 0.0 else 0.0
 
-    changes = sizes[none].along.share >= LEAST_OF_FRICTION
+    there = _changes(sizes)
     while kept:
         most = {
             n: max(
                 removes(n, "all") - LEAST_SHARE,
-                removes(n, "along") - LEAST_ALONG if n in evolving and changes else -1.0,
+                removes(n, "along") - LEAST_ALONG if n in evolving and there else -1.0,
             )
             for n in kept
         }
