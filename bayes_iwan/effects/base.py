@@ -28,6 +28,7 @@ from bayes_iwan.inference.setup.parameters import Parameter
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.physics import Motion
+from bayes_iwan.physics.interface.distinct import for_distinct
 from bayes_iwan.physics.interface.parameter import Distribution
 from bayes_iwan.physics.interface.simulator import INNER, OUTER
 
@@ -260,6 +261,13 @@ class Effect:
     def get(self, parameter_values: ParameterValues, name: str) -> Array:
         """A parameter as (draws, 1, 1)."""
         return parameter_values[f"{self.name}.{name}"][:, None, None]
+
+    def own(self, law: Callable[[ParameterValues], Array], motion: Motion, parameter_values: ParameterValues) -> Array:
+        """law(parameter_values), (draws, loops, samples), of the effect's own parameters and the motion alone, computed
+        once for draws that have both in common."""
+        if motion.draws > 1:
+            return law(parameter_values)
+        return for_distinct(law, [p.name for p in self.parameters], parameter_values)
 
     # the stations: each returns what it was given unless overridden
     def motion(self, motion: Motion, parameter_values: ParameterValues) -> Motion:

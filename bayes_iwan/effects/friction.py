@@ -78,13 +78,11 @@ class StribeckWeakening(_OfSlipSpeed):
         }
 
     def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        x = power_of(
-            self.speed_m_s(motion, parameter_values) / self.get(parameter_values, "v_s_m_s"),
-            self.get(parameter_values, "exponent"),
-        )
-        return alpha * (
-            1.0 - self.get(parameter_values, "drop") * (1.0 - falling(x, self.get(parameter_values, "tail")))
-        )
+        def left(own: ParameterValues) -> Array:
+            x = power_of(self.speed_m_s(motion, own) / self.get(own, "v_s_m_s"), self.get(own, "exponent"))
+            return 1.0 - self.get(own, "drop") * (1.0 - falling(x, self.get(own, "tail")))
+
+        return alpha * self.own(left, motion, parameter_values)
 
 
 class RateStrengthening(_OfSlipSpeed):
@@ -121,8 +119,11 @@ class RateStrengthening(_OfSlipSpeed):
         }
 
     def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        ratio = self.speed_m_s(motion, parameter_values) / self.get(parameter_values, "v0_m_s")
-        return alpha * (1.0 + self.get(parameter_values, "c") * growing(ratio, self.get(parameter_values, "power")))
+        def grown(own: ParameterValues) -> Array:
+            ratio = self.speed_m_s(motion, own) / self.get(own, "v0_m_s")
+            return 1.0 + self.get(own, "c") * growing(ratio, self.get(own, "power"))
+
+        return alpha * self.own(grown, motion, parameter_values)
 
 
 class NormalForceLag(Effect):

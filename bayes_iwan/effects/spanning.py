@@ -9,9 +9,8 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.physics import Motion
+from bayes_iwan.physics.kernels import pointwise
 
-#: below this a parameter that bends a law is taken as zero: the limit itself, free of cancellation
-_NONE = 1e-7
 #: Gauss–Legendre points and weights (they sum to one) of an average over a block of cycles
 _POINTS, _WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 18.0
 
@@ -24,19 +23,27 @@ def about(value: float, sd: float):
 def falling(x: Array, tail: Array) -> Array:
     """(1 + q x)^(−1/q), x ≥ 0: e^(−x) at q → 0, 1/(1 + x) at q = 1, all but logarithmic for large q; for q < 0 it
     reaches zero at x = 1/|q| (Tsallis' q-exponential)."""
-    q = np.where(np.abs(tail) < _NONE, _NONE, tail)
-    return np.exp(-np.log(np.maximum(1.0 + q * x, 1e-300)) / q)
+    return _by_draw(pointwise.falling, x, tail)
 
 
 def growing(x: Array, power: Array) -> Array:
     """((1 + x)^q − 1)/q, x ≥ 0: ln(1 + x) at q → 0, x at q = 1, saturating for q < 0 (Box and Cox)."""
-    q = np.where(np.abs(power) < _NONE, _NONE, power)
-    return np.expm1(q * np.log1p(x)) / q
+    return _by_draw(pointwise.growing, x, power)
 
 
 def power_of(x: Array, exponent: Array) -> Array:
     """|x|^p, 0 at x = 0."""
-    return np.exp(exponent * np.log(np.maximum(np.abs(x), 1e-300)))
+    return _by_draw(pointwise.power, x, exponent)
+
+
+def _by_draw(law: Callable[[Array, Array, Array], None], x: Array, number: Array) -> Array:
+    """A compiled law of samples x (1 or draws, …), or (…) for all draws, and each draw's number (draws or 1, 1, …)."""
+    x = x.reshape((1,) * (number.ndim - x.ndim) + x.shape)
+    draws = max(len(x), len(number))
+    out = np.empty((draws, *x.shape[1:]))
+    numbers = np.ascontiguousarray(np.broadcast_to(number.reshape(-1), draws))
+    law(np.ascontiguousarray(x).reshape(len(x), -1), numbers, out.reshape(draws, -1))
+    return out
 
 
 def over_block(motion: Motion, law: Callable[[Array], Array]) -> Array:

@@ -55,11 +55,15 @@ class ViscousDamping(Effect):
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         top = self.scales.speed_m_s
-        bend = self.get(parameter_values, "bend_m_s")
-        thinned = (bend**2 + motion.speed_m_s**2) / (bend**2 + top**2)
-        grown = motion.speed_m_s / top * power_of(thinned, 0.5 * (self.get(parameter_values, "exponent") - 1.0))
-        way = np.sign(motion.velocity_m_s) + self.get(parameter_values, "one_way")
-        return force_N + (self.get(parameter_values, "c_N_s_mm") * 1e3 * top) * way * grown
+
+        def drag_N(own: ParameterValues) -> Array:
+            bend = self.get(own, "bend_m_s")
+            thinned = (bend**2 + motion.speed_m_s**2) / (bend**2 + top**2)
+            grown = motion.speed_m_s / top * power_of(thinned, 0.5 * (self.get(own, "exponent") - 1.0))
+            way = np.sign(motion.velocity_m_s) + self.get(own, "one_way")
+            return (self.get(own, "c_N_s_mm") * 1e3 * top) * way * grown
+
+        return force_N + self.own(drag_N, motion, parameter_values)
 
 
 class MaxwellBranch(Effect):
@@ -105,15 +109,16 @@ class MaxwellBranch(Effect):
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        tau, order = self.get(parameter_values, "tau_s"), self.get(parameter_values, "spread")
+        def branch_N(own: ParameterValues) -> Array:
+            tau, order = self.get(own, "tau_s"), self.get(own, "spread")
 
-        def response(f: Array) -> Array:
-            s = power_of(2.0 * np.pi * f * tau, order) * np.exp(0.5j * np.pi * order)
-            return np.where(f > 0.0, s / (1.0 + s), 0.0)
+            def response(f: Array) -> Array:
+                s = power_of(2.0 * np.pi * f * tau, order) * np.exp(0.5j * np.pi * order)
+                return np.where(f > 0.0, s / (1.0 + s), 0.0)
 
-        return force_N + self.get(parameter_values, "k_N_mm") * filtered(
-            motion.displacement_mm, motion.frequency_hz, response
-        )
+            return self.get(own, "k_N_mm") * filtered(motion.displacement_mm, motion.frequency_hz, response)
+
+        return force_N + self.own(branch_N, motion, parameter_values)
 
 
 class MovingMass(Effect):
@@ -146,15 +151,16 @@ class MovingMass(Effect):
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        period, damping = self.get(parameter_values, "period_s"), self.get(parameter_values, "damping")
+        def inertia_N(own: ParameterValues) -> Array:
+            period, damping = self.get(own, "period_s"), self.get(own, "damping")
 
-        def response(f: Array) -> Array:
-            r = f * period
-            return 1.0 / (1.0 - r * r + 2j * damping * r)
+            def response(f: Array) -> Array:
+                r = f * period
+                return 1.0 / (1.0 - r * r + 2j * damping * r)
 
-        return force_N + self.get(parameter_values, "m_kg") * filtered(
-            motion.acceleration_m_s2, motion.frequency_hz, response
-        )
+            return self.get(own, "m_kg") * filtered(motion.acceleration_m_s2, motion.frequency_hz, response)
+
+        return force_N + self.own(inertia_N, motion, parameter_values)
 
 
 class QuadraticStiffness(Effect):
@@ -185,9 +191,13 @@ class QuadraticStiffness(Effect):
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         length, u = self.scales.length_mm, motion.displacement_mm
-        grown = power_of(u / length, self.get(parameter_values, "exponent"))
-        side = 1.0 + self.get(parameter_values, "one_sided") * np.sign(u)
-        return force_N + (self.get(parameter_values, "k2_N_mm2") * length**2) * grown * side
+
+        def spring_N(own: ParameterValues) -> Array:
+            grown = power_of(u / length, self.get(own, "exponent"))
+            side = 1.0 + self.get(own, "one_sided") * np.sign(u)
+            return (self.get(own, "k2_N_mm2") * length**2) * grown * side
+
+        return force_N + self.own(spring_N, motion, parameter_values)
 
 
 class CubicStiffness(Effect):
@@ -212,8 +222,12 @@ class CubicStiffness(Effect):
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         length, u = self.scales.length_mm, motion.displacement_mm
-        grown = np.sign(u) * power_of(u / length, self.get(parameter_values, "exponent"))
-        return force_N + (self.get(parameter_values, "k3_N_mm3") * length**3) * grown
+
+        def spring_N(own: ParameterValues) -> Array:
+            grown = np.sign(u) * power_of(u / length, self.get(own, "exponent"))
+            return (self.get(own, "k3_N_mm3") * length**3) * grown
+
+        return force_N + self.own(spring_N, motion, parameter_values)
 
 
 class BentStiffness(CubicStiffness):
@@ -233,15 +247,19 @@ class BentStiffness(CubicStiffness):
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         length, u = self.scales.length_mm, motion.displacement_mm
-        bend, width = self.get(parameter_values, "bend"), self.get(parameter_values, "width")
 
-        def beyond(x: Array) -> Array:
-            """Rounded max(x − x₀, 0), its value and its slope at 0 taken off, for these are the linear spring's."""
-            hard = np.logaddexp(0.0, (x - bend) / width) - np.logaddexp(0.0, -bend / width)
-            return width * hard - x / (1.0 + np.exp(bend / width))
+        def spring_N(own: ParameterValues) -> Array:
+            bend, width = self.get(own, "bend"), self.get(own, "width")
 
-        shape = np.sign(u) * beyond(np.abs(u) / length) / beyond(np.ones(1))
-        return force_N + (self.get(parameter_values, "k3_N_mm3") * length**3) * shape
+            def beyond(x: Array) -> Array:
+                """Rounded max(x − x₀, 0), its value and its slope at 0 taken off, for these are the linear spring's."""
+                hard = np.logaddexp(0.0, (x - bend) / width) - np.logaddexp(0.0, -bend / width)
+                return width * hard - x / (1.0 + np.exp(bend / width))
+
+            shape = np.sign(u) * beyond(np.abs(u) / length) / beyond(np.ones(1))
+            return (self.get(own, "k3_N_mm3") * length**3) * shape
+
+        return force_N + self.own(spring_N, motion, parameter_values)
 
 
 class _Contact(Effect):
@@ -306,10 +324,13 @@ class EndStop(_Contact):
     signature = "nothing below the clearance; beyond it a one-sided force, all harmonics in phase, at all frequencies"
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        k = self.get(parameter_values, "k_N_mm")
-        side = np.where(k < 0.0, -1.0, 1.0)
-        into = side * motion.displacement_mm - self.get(parameter_values, "clearance_mm")
-        return force_N + k * self.push_N(into, side * motion.velocity_m_s, parameter_values)
+        def contact_N(own: ParameterValues) -> Array:
+            k = self.get(own, "k_N_mm")
+            side = np.where(k < 0.0, -1.0, 1.0)
+            into = side * motion.displacement_mm - self.get(own, "clearance_mm")
+            return k * self.push_N(into, side * motion.velocity_m_s, own)
+
+        return force_N + self.own(contact_N, motion, parameter_values)
 
 
 class EndStops(_Contact):
@@ -318,10 +339,12 @@ class EndStops(_Contact):
     signature = "nothing in mid-stroke; beyond the clearance odd harmonics in phase, at every frequency alike"
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        u = motion.displacement_mm
-        into = np.abs(u) - self.get(parameter_values, "clearance_mm")
-        push = self.push_N(into, np.sign(u) * motion.velocity_m_s, parameter_values)
-        return force_N + self.get(parameter_values, "k_N_mm") * np.sign(u) * push
+        def contacts_N(own: ParameterValues) -> Array:
+            u = motion.displacement_mm
+            into = np.abs(u) - self.get(own, "clearance_mm")
+            return self.get(own, "k_N_mm") * np.sign(u) * self.push_N(into, np.sign(u) * motion.velocity_m_s, own)
+
+        return force_N + self.own(contacts_N, motion, parameter_values)
 
 
 EFFECTS: tuple[type[Effect], ...] = (

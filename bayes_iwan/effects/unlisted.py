@@ -54,9 +54,11 @@ class BreakAway(Effect):
         since = np.where(
             motion.velocity_m_s > 0.0, u - u.min(axis=-1, keepdims=True), u.max(axis=-1, keepdims=True) - u
         )
-        return alpha * (
-            1.0 + self.get(parameter_values, "rise") * np.exp(-since / self.get(parameter_values, "slide_mm"))
-        )
+
+        def raised(own: ParameterValues) -> Array:
+            return 1.0 + self.get(own, "rise") * np.exp(-since / self.get(own, "slide_mm"))
+
+        return alpha * self.own(raised, motion, parameter_values)
 
 
 EFFECTS: tuple[type[Effect], ...] = (SpeedSquared, BreakAway)

@@ -53,7 +53,14 @@ class Descent:
         return int(np.argmin(self.cost))
 
 
-def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: int, step: float = 1e-6) -> Descent:
+def descend(
+    residuals: BatchResiduals,
+    starts: Array,
+    box: Array,
+    iterations: int,
+    step: float = 1e-6,
+    known: Array | None = None,
+) -> Descent:
     """Lower ½‖residuals(x)‖² from every start, all in lock-step.
 
     Parameters
@@ -66,6 +73,8 @@ def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: in
         at most so many steps of each start.
     step
         of the forward differences.
+    known
+        (m, ndim) the Jacobian at the first start, where it is at hand.
     """
     lower, upper = box.T
     x = np.clip(np.asarray(starts, dtype=float), lower, upper)
@@ -77,6 +86,8 @@ def descend(residuals: BatchResiduals, starts: Array, box: Array, iterations: in
     damping, column = np.full(n, 1e-3), np.zeros((n, ndim))
     jacobian = np.zeros((n, r.shape[1], ndim))
     stale = np.ones(n, dtype=bool)
+    if known is not None:
+        jacobian[0], stale[0] = known, False
     idle = np.zeros(n, dtype=np.int64)
     gains = np.full((n, 2), np.inf)  # of the last two steps
     for iteration in range(iterations):

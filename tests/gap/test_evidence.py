@@ -7,8 +7,9 @@ import pytest
 
 from bayes_iwan.campaign import average
 from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.fitting.evidence import Rows, _distinct, _grid, extended, fit_model, in_newtons, predicting
+from bayes_iwan.gap.fitting.evidence import _distinct, _grid, extended, fit_model, in_newtons, predicting
 from bayes_iwan.gap.fitting.rest import LENGTHS, SHARES, Linear, Rest
+from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging import sample_fit
 from bayes_iwan.gap.searching.base import fit_base, gap_rms_N
 from bayes_iwan.gap.telling.saved_fits import LOOPS
@@ -22,12 +23,11 @@ def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record
     toy = Linear(rng.standard_normal(30), 3.0 * rng.standard_normal((30, 4)), rest, rng.standard_normal(4))
     grid = _grid(toy)
     assert grid.log_z.shape == (len(SHARES), len(LENGTHS))
-    along = grid.best.size.along
-    one = np.array([[toy.evidence(a, b, along).log_z for b in LENGTHS] for a in SHARES])
+    along = np.array([grid.size.along])
+    one = np.array([[toy.evidence(((a, b),), along).log_z[0] for b in LENGTHS] for a in SHARES])
     np.testing.assert_allclose(np.ptp(grid.log_z - one), 0.0, atol=1e-9)  # the average is one constant
-    assert grid.best.log_z == one.max()
     i, k = np.unravel_index(np.argmax(one), one.shape)
-    assert (grid.best.size.share, grid.best.size.length) == (SHARES[i], LENGTHS[k])
+    assert (grid.size.share, grid.size.length) == (SHARES[i], LENGTHS[k])
     low, middle, high = sorted(grid.rest_share)
     assert grid.rest_share == (middle, low, high) and low < high
 
@@ -72,8 +72,8 @@ def test_idle_evolving_effect_costs_what_the_steady_model_pays(name, kit):
         z[0, problem.names.index(effect.strength_name)] = -8.0  # a thousandth of the typical
     idle, base = rows.residual(z)[0], steady.residual(found.base.z[None])[0]
     np.testing.assert_allclose(idle[: len(base)], base, atol=0.5)
-    assert rows.constant == 0.0
-    assert 0.5 * np.sum(idle[len(base) :] ** 2) == pytest.approx(steady.missed(0.0), rel=0.03)
+    assert rows.layout.constant == 0.0
+    assert 0.5 * np.sum(idle[len(base) :] ** 2) == pytest.approx(steady.layout.missed(0.0), rel=0.03)
 
 
 @pytest.mark.parametrize("name, most", [("friction_fade", 12.0), ("force_drift", 12.0)])

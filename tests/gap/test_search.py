@@ -12,7 +12,8 @@ from bayes_iwan.effects.mounting import RigCompliance
 from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.gap.diagnosis import diagnose_loops
 from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.fitting.evidence import Rows, extended
+from bayes_iwan.gap.fitting.evidence import extended
+from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
 from bayes_iwan.gap.searching import explored
 from bayes_iwan.gap.searching import search as searching

@@ -17,17 +17,15 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect, effects_of
-from bayes_iwan.gap.fitting.data import GapData, predicted
-from bayes_iwan.gap.fitting.rest import ALONG_SHARES, FIRST, LENGTHS, SHARES, Linear, Rest, RestSize, Stepped
+from bayes_iwan.gap.fitting.data import GapData
+from bayes_iwan.gap.fitting.rest import ALONG_SHARES, FIRST, LENGTHS, SHARES, Linear, RestSize, Sizes, Stepped
+from bayes_iwan.gap.fitting.rows import Z_BOX, Rows
 from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.setup.problem import Problem, iwan_model, make_problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings, LikelihoodSettings, ParameterChange
-from bayes_iwan.optimize.descent import Descent, descend
 from bayes_iwan.physics import Model, Simulator
 
-#: z of every parameter stays within these prior standard deviations
-Z_BOX = 5.0
 #: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
 OTHER_WEIGHTS = 0.25
 #: the least gap in newtons is sought beside no larger rest: there priors hold a model where it misses far more than it
@@ -35,6 +33,10 @@ OTHER_WEIGHTS = 0.25
 LARGEST_REST = 0.05
 #: optima of the evidence from which it is sought besides the best, and iterations of that
 NEWTON_STARTS, NEWTON_STEPS = 2, 15
+#: sizes of the rest over which the evidence is tabulated, and those among which the loops' is found first where a rest
+#: changes along the record
+_FINE: Sizes = tuple((float(a), float(n)) for a in SHARES for n in LENGTHS)
+_COARSE: Sizes = tuple((float(a), float(LENGTHS[-1])) for a in SHARES[::2])
 _FIXED_NOISE = {
     "noise_scale": ParameterChange(fixed=1.0),
     "discrepancy_share": ParameterChange(fixed=FIRST.share),
@@ -107,100 +109,6 @@ def extended(problem: Problem, effects: Sequence[Effect]) -> Problem:
     return problem.with_effects(effects)
 
 
-class Rows:
-    """Residual rows of a model in units of the noise, and what is needed to whiten them by any rest."""
-
-    def __init__(self, data: GapData, problem: Problem) -> None:
-        self.data, self.problem = data, problem
-        self.turn, values, there, _ = data.likelihood.rotation
-        self.there = there.astype(bool)
-        self.used = len(self.turn)
-        order = np.broadcast_to(np.arange(self.used)[:, None], self.there.shape)
-        real, imaginary = self.there, self.there & (order > 0)
-        self.evolving = any(e.evolving for e in effects_of(problem))
-        self._masks = real, imaginary
-        self._trend = np.isfinite(data.trend_noise_N)
-        self._line = np.isfinite(data.mains_noise_N)
-        loop = Rest(
-            np.r_[values[real], values[imaginary]],
-            np.r_[order[real], order[imaginary]].astype(np.int64),
-            np.zeros(int(real.sum() + imaginary.sum()), dtype=bool),
-        )
-        self.rest = loop
-        if self.evolving:
-            changing, lines = self._changing, 2 * int(self._line.sum())
-            self.rest = Rest(
-                np.r_[loop.eigen, changing.eigen, np.zeros(lines)],
-                np.r_[loop.order, changing.order, np.zeros(lines, dtype=np.int64)],
-                np.r_[loop.changing, changing.changing, np.zeros(lines, dtype=bool)],
-            )
-
-    @cached_property
-    def constant(self) -> float:
-        """ln evidence that a steady model has whatever its numbers: it misses all changes and lines."""
-        if self.evolving:
-            return 0.0
-        sizes = [RestSize(0.0, LENGTHS[-1], b) for b in ALONG_SHARES]
-        logdet = [0.5 * float(np.sum(np.log(self._changing.variance(size)))) for size in sizes]
-        cost = [-self.missed(size.along) - d for size, d in zip(sizes, logdet)]
-        return float(np.logaddexp.reduce(cost) - np.log(len(cost)))
-
-    def missed(self, along: float) -> float:
-        """Half the squares of all changes along the record and lines, in units of noise and rest: a steady model's."""
-        change = (self.data.trend_N / self.data.trend_noise_N)[self._trend]
-        lines = np.abs(self.data.mains_N[self._line] / self.data.mains_noise_N[self._line]) ** 2
-        square = np.r_[change.real, change.imag] ** 2 / self._changing.variance(RestSize(0.0, LENGTHS[-1], along))
-        return 0.5 * float(square.sum() + lines.sum())
-
-    @cached_property
-    def _changing(self) -> Rest:
-        """The rest in the contrasts along the record: each as large as its test's friction level times b."""
-        level = np.broadcast_to(self.data.level_N[:, None, None], self.data.trend_noise_N.shape)[self._trend]
-        eigen = (level / self.data.trend_noise_N[self._trend]) ** 2
-        order = np.broadcast_to(np.arange(self._trend.shape[2]), self._trend.shape)[self._trend].astype(np.int64)
-        return Rest(np.r_[eigen, eigen], np.r_[order, order], np.ones(2 * len(order), dtype=bool))
-
-    def residual(self, z: Array) -> Array:
-        """Measured − predicted in units of the noise, rotated, (draws, m)."""
-        data = self.data
-        mean, trend, lines = predicted(data, self.problem, z)
-        c = (data.harmonics_N[:, : self.used] - mean[..., : self.used]).transpose(2, 0, 1)
-        turn = self.turn.transpose(0, 2, 1)
-        parts = [
-            (c.real @ turn).transpose(1, 0, 2)[:, self._masks[0]],
-            (c.imag @ turn).transpose(1, 0, 2)[:, self._masks[1]],
-        ]
-        if self.evolving:
-            r = ((data.trend_N - trend) / data.trend_noise_N)[:, self._trend]
-            line = np.zeros((len(z), *data.mains_N.shape)) if lines is None else lines
-            q = ((data.mains_N - line) / data.mains_noise_N)[:, self._line]
-            parts += [r.real, r.imag, q.real, q.imag]
-        return np.concatenate(parts, axis=1)
-
-    def linear(self, z: Array, step: float = 1e-4) -> Linear:
-        """Residual and central-difference Jacobian at z (ndim,), in one batch call."""
-        n = len(z)
-        points = np.concatenate([z[None], z + step * np.eye(n), z - step * np.eye(n)])
-        r = self.residual(points)
-        jacobian = (r[n + 1 :] - r[1 : n + 1]).T / (2.0 * step)
-        return Linear(r[0], jacobian, self.rest, z.copy())
-
-    def sd(self, size: RestSize) -> Array:
-        """(m,) what the rows are divided by, so that they are white."""
-        return np.sqrt(self.rest.variance(size))
-
-    def fit(self, starts: Array, size: RestSize, iterations: int) -> Descent:
-        """Least squares from all starts at one size of the rest."""
-        sd = self.sd(size)
-
-        def rows(z: Array) -> Array:
-            with np.errstate(all="ignore"):
-                return np.concatenate([self.residual(z) / sd, z], axis=1)
-
-        box = np.tile([-Z_BOX, Z_BOX], (starts.shape[1], 1))
-        return descend(rows, starts, box, iterations)
-
-
 def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 40) -> Fit:
     """Fit a model from all starts, tabulate its evidence over the rest's grid, refit at the best point.
 
@@ -213,19 +121,19 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
         raise FitError(f"{'+'.join(e.name for e in effects_of(problem)) or 'the base model'}: no finite force")
     optima = _distinct(found.x[order], cost[order])
     grid = _grid(rows.linear(optima[0]))
-    if np.sqrt(np.mean(np.log(rows.sd(grid.best.size) / rows.sd(FIRST)) ** 2)) > OTHER_WEIGHTS:
-        near = np.stack([*optima, np.clip(grid.best.z, -Z_BOX, Z_BOX)])  # the best there may be another one
-        again = rows.fit(near, grid.best.size, iterations)
+    if np.sqrt(np.mean(np.log(rows.sd(grid.size) / rows.sd(FIRST)) ** 2)) > OTHER_WEIGHTS:
+        near = np.stack([*optima, np.clip(grid.z, -Z_BOX, Z_BOX)])  # the best there may be another one
+        again = rows.fit(near, grid.size, iterations, grid.linear)
         # beside a large rest the prior may lead away from a model that needs a small one; asked where each really is
-        places = (np.clip(grid.best.z, -Z_BOX, Z_BOX), again.x[again.best])
+        places = (np.clip(grid.z, -Z_BOX, Z_BOX), again.x[again.best])
         grid = max((_grid(rows.linear(z)) for z in places), key=lambda g: g.log_evidence)
     return Fit(
         problem,
         grid.linear.z,
-        grid.log_z + rows.constant,
-        grid.best.size,
+        grid.log_z + rows.layout.constant,
+        grid.size,
         grid.rest_share,
-        np.asarray(np.linalg.inv(grid.best.precision)),
+        np.asarray(np.linalg.inv(grid.precision)),
         optima,
         grid.linear,
         bool(found.arrived[order[0]]),
@@ -260,7 +168,7 @@ def _beside(data: GapData, fit: Fit, size: RestSize, starts: Sequence[Array], it
     if fit.size == size:
         return fit
     rows = Rows(data, fit.problem)
-    found = rows.fit(np.array(starts), size, iterations)
+    found = rows.fit(np.array(starts), size, iterations, fit.linear)
     linear = rows.linear(found.x[found.best])
     _, precision, _ = linear.step(size)
     covariance = np.asarray(np.linalg.inv(precision))
@@ -269,11 +177,14 @@ def _beside(data: GapData, fit: Fit, size: RestSize, starts: Sequence[Array], it
 
 @dataclass(frozen=True)
 class _Grid:
-    """ln evidence (shares, lengths) over the rest's grid, the best point's, and the rest's share of the friction."""
+    """ln evidence (shares, lengths) over the rest's grid; its best point z (ndim,), the precision and the rest's size
+    there; and the rest's share of the friction."""
 
     linear: Linear
     log_z: Array
-    best: Stepped
+    z: Array
+    precision: Array
+    size: RestSize
     rest_share: tuple[float, float, float]
 
     @property
@@ -283,29 +194,29 @@ class _Grid:
 
 
 def _grid(linear: Linear) -> _Grid:
-    along, change = ALONG_SHARES[0], 0.0
+    along, change = float(ALONG_SHARES[0]), 0.0
     if linear.rest.changing.any():  # the change along the record has its own size, found where the loops' is best
-        share = max(SHARES[::2], key=lambda a: linear.evidence(float(a), LENGTHS[-1], FIRST.along).log_z)
-        by_change = np.array([linear.evidence(float(share), LENGTHS[-1], float(b)).log_z for b in ALONG_SHARES])
-        along = ALONG_SHARES[int(np.argmax(by_change))]
+        coarse = linear.evidence(_COARSE, np.full(len(_COARSE), FIRST.along))
+        loops = _COARSE[int(np.argmax(coarse.log_z))]
+        by_change = linear.evidence((loops,) * len(ALONG_SHARES), ALONG_SHARES).log_z
+        along = float(ALONG_SHARES[int(np.argmax(by_change))])
         change = float(np.logaddexp.reduce(by_change) - np.log(len(by_change)) - by_change.max())
-    steps = [[linear.evidence(float(a), float(n), float(along)) for n in LENGTHS] for a in SHARES]
-    log_z = np.array([[s.log_z for s in row] for row in steps])
-    best = steps[int(np.argmax(log_z.max(axis=1)))][int(np.argmax(log_z.max(axis=0)))]
-    return _Grid(linear, log_z + change, best, _whole_share(linear.rest.orders, steps, log_z))
+    found = linear.evidence(_FINE, np.full(len(_FINE), along))
+    best = int(np.argmax(found.log_z))
+    log_z = found.log_z.reshape(len(SHARES), len(LENGTHS)) + change
+    share = _whole_share(linear.rest.orders, found)
+    return _Grid(linear, log_z, found.z[best], found.precision[best], found.sizes[best], share)
 
 
-def _whole_share(orders: int, steps: Sequence[Sequence[Stepped]], log_z: Array) -> tuple[float, float, float]:
+def _whole_share(orders: int, found: Stepped) -> tuple[float, float, float]:
     """Median and 90 % interval of the rest's RMS share of the friction force, the λ of its harmonics included."""
-    sizes = [s.size for row in steps for s in row]
-    power = [
-        float(np.sum(discrepancy_spectrum(np.array([x.share]), np.array([x.length]), orders)[0] * x.factors(orders)))
-        for x in sizes
-    ]
+    share, length = np.array([(x.share, x.length) for x in found.sizes]).T
+    factors = np.array([x.factors(orders) for x in found.sizes])
+    power = np.sum(discrepancy_spectrum(share, length, orders) * factors, axis=1)
     at = np.argsort(power)
-    weight = np.exp(log_z.ravel() - np.logaddexp.reduce(log_z.ravel()))[at]
+    weight = np.exp(found.log_z - np.logaddexp.reduce(found.log_z))[at]
     below = np.cumsum(weight) - 0.5 * weight
-    low, middle, high = np.exp(np.interp([0.05, 0.5, 0.95], below, 0.5 * np.log(np.array(power)[at])))
+    low, middle, high = np.exp(np.interp([0.05, 0.5, 0.95], below, 0.5 * np.log(power[at])))
     return float(middle), float(low), float(high)
 
 

@@ -13,9 +13,10 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.effects.base import effects_of
 from bayes_iwan.gap.fitting.data import GapData, gap_data
-from bayes_iwan.gap.fitting.evidence import Fit, Rows
+from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import ALONG, residual_of
+from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.threads import alongside
 

@@ -17,7 +17,8 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import effects_of
 from bayes_iwan.effects.by_test import ByTest
 from bayes_iwan.gap.fitting.data import TREND_FLOOR, TREND_HARMONICS, GapData, predicted
-from bayes_iwan.gap.fitting.evidence import Fit, Rows
+from bayes_iwan.gap.fitting.evidence import Fit
+from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.inference.setup.discrepancy import between_tests, discrepancy_spectrum
 from bayes_iwan.inference.setup.problem import Problem
 
@@ -117,16 +118,11 @@ class Residual:
     def rows_of(self, change: np.ndarray) -> Array:
         """(draws, rows) changes of the data (draws, T, M) in the coordinates of the fit's `linear`."""
         rows = self._rows
-        c = change[..., : rows.used].transpose(2, 0, 1)
-        turn = rows.turn.transpose(0, 2, 1)
-        parts = [
-            (c.real @ turn).transpose(1, 0, 2)[:, rows._masks[0]],
-            (c.imag @ turn).transpose(1, 0, 2)[:, rows._masks[1]],
-        ]
+        parts = rows.turned(change[..., : rows.layout.used])
         if rows.evolving:
             for kind, mask, noise in (
-                (ALONG, rows._trend, self.data.trend_noise_N),
-                (MAINS, rows._line, self.data.mains_noise_N),
+                (ALONG, rows.layout.trend, self.data.trend_noise_N),
+                (MAINS, rows.layout.line, self.data.mains_noise_N),
             ):
                 scaled = change[..., self.kind == kind].reshape(len(change), *mask.shape)[:, mask] / noise[mask]
                 parts += [scaled.real, scaled.imag]

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,8 +47,20 @@ class RestSize:
         return out
 
 
+#: shares a and lengths ℓ, in pairs
+Sizes = tuple[tuple[float, float], ...]
 #: the sizes at which models are fitted first
 FIRST = RestSize(0.01, 0.05, 0.004)
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Of several sizes: variances of the rest at λ = 1 (sizes, m); of every value of λ, precisions of the rows
+    (sizes, m, values) and what each order costs before its residuals are seen (sizes, orders, values), in ln."""
+
+    shape: Array
+    precision: Array
+    cost: Array
 
 
 @dataclass(frozen=True)
@@ -67,20 +80,19 @@ class Rest:
         """Number of harmonics, the mean's included."""
         return int(self.order.max(initial=0)) + 1
 
-    @cached_property
-    def _of_order(self) -> Array:
-        """(orders, m) 1 where a row belongs to a harmonic and carries its λ."""
-        return np.where(self.changing, 0.0, np.arange(self.orders)[:, None] == self.order)
-
     def variance(self, size: RestSize) -> Array:
         """(m,) variance of each row."""
         loop = self._shape(size.share, size.length) * size.factors(self.orders)[self.order]
-        return 1.0 + np.where(self.changing, self._shape(size.along, LENGTHS[-1]), loop)
+        return 1.0 + np.where(self.changing, self.changing_variance(size.along), loop)
 
     def variances(self, share: Array, length: Array, size: RestSize) -> Array:
         """(draws, m) the same for several a and ℓ, (draws,) each; b and λ are those of `size`."""
         loop = discrepancy_spectrum(share, length, self.orders)[:, self.order] * size.factors(self.orders)[self.order]
-        return 1.0 + np.where(self.changing, self._shape(size.along, LENGTHS[-1]), loop * self.eigen)
+        return 1.0 + np.where(self.changing, self.changing_variance(size.along), loop * self.eigen)
+
+    def changing_variance(self, along: float) -> Array:
+        """(m,) that of the rest in rows that change along the record, at its share there; of no meaning in others."""
+        return self._shape(along, LENGTHS[-1])
 
     def _shape(self, share: float, length: float) -> Array:
         return share**2 * self._unit(length)
@@ -96,28 +108,60 @@ class Rest:
     def _units(self) -> dict[float, Array]:
         return {}
 
-    def spectrum(self, residual: Array, share: float, length: float) -> tuple[Array, float]:
-        """Geometric posterior mean of every λ given a residual (m,), and ln ∫ Π p(residual | λ) p(λ) of the rows that
-        carry one, without the constants of 2π."""
-        shape = np.where(self.changing, 0.0, self._shape(share, length))
-        prior = -0.5 * (LN_SPECTRUM / SPECTRUM_SD) ** 2
-        prior -= np.logaddexp.reduce(prior)
-        variance = 1.0 + shape[:, None] * np.exp(LN_SPECTRUM)
-        by_order = prior - 0.5 * self._of_order @ (residual[:, None] ** 2 / variance + np.log(variance))
-        whole = np.logaddexp.reduce(by_order, axis=1)
-        mean = np.sum(np.exp(by_order - whole[:, None]) * LN_SPECTRUM, axis=1)
-        return np.exp(mean), float(whole.sum())
+    def __reduce__(self) -> tuple[type[Rest], tuple[np.ndarray, ...]]:
+        return Rest, (self.eigen, self.order, self.changing)  # without its tables, which are soon made again
+
+    def spectrum(self, residual: Array, sizes: Sizes) -> tuple[Array, Array]:
+        """Geometric posterior mean of every λ, (sizes, orders), given the residuals at several sizes (sizes, m), and
+        ln ∫ Π p(residual | λ) p(λ) of the rows that carry one, (sizes,), without the constants of 2π."""
+        table = self._table(sizes)
+        cost = np.zeros_like(table.cost)
+        _by_order(residual**2, table.precision, self.order, cost)
+        by_order = table.cost - 0.5 * cost
+        whole = np.logaddexp.reduce(by_order, axis=2)
+        mean = np.exp(by_order - whole[:, :, None]) @ LN_SPECTRUM
+        return np.exp(mean), whole.sum(axis=1)
+
+    def shape(self, sizes: Sizes) -> Array:
+        """(sizes, m) variance of each row's rest at λ = 1; 0 where it changes along the record."""
+        return self._table(sizes).shape
+
+    def _table(self, sizes: Sizes) -> _Table:
+        if sizes not in self._tables:
+            shape = np.stack([np.where(self.changing, 0.0, self._shape(a, n)) for a, n in sizes])
+            variance = 1.0 + shape[:, :, None] * np.exp(LN_SPECTRUM)
+            prior = -0.5 * (LN_SPECTRUM / SPECTRUM_SD) ** 2
+            prior -= np.logaddexp.reduce(prior)
+            logs = np.where(self.changing[:, None], 0.0, np.log(variance))
+            by_order = prior - 0.5 * (np.arange(self.orders)[:, None] == self.order).astype(float) @ logs
+            precision = np.where(self.changing[:, None], 0.0, 1.0 / variance)
+            self._tables[sizes] = _Table(shape, precision, by_order)
+        return self._tables[sizes]
+
+    @cached_property
+    def _tables(self) -> dict[Sizes, _Table]:
+        return {}
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _by_order(square, precision, order, out):
+    """Squares (sizes, m) times precisions (sizes, m, values), added up by order into `out` (sizes, orders, values)."""
+    sizes, rows, values = precision.shape
+    for s in range(sizes):
+        for m in range(rows):
+            for v in range(values):
+                out[s, order[m], v] += square[s, m] * precision[s, m, v]
 
 
 @dataclass(frozen=True)
 class Stepped:
-    """A linear model's best point at one size of the rest: ln evidence, z and its precision, and the size with the
-    harmonics' λ as they were inferred."""
+    """A linear model's best points at several sizes of the rest: ln evidence (sizes,), z (sizes, ndim) and its
+    precision (sizes, ndim, ndim), and the sizes with the harmonics' λ as they were inferred."""
 
-    log_z: float
+    log_z: Array
     z: Array
     precision: Array
-    size: RestSize
+    sizes: tuple[RestSize, ...]
 
 
 @dataclass(frozen=True)
@@ -144,15 +188,24 @@ class Linear:
         z = np.asarray(np.linalg.solve(precision, j.T @ (r + j @ self.z)))  # minimise |r − J(z' − z)|² + |z'|²
         return z, precision, self.residual - self.jacobian @ (z - self.z)
 
-    def evidence(self, share: float, length: float, along: float) -> Stepped:
-        """ln evidence at one size of the rest by Gauss–Newton steps from z, the harmonics' λ integrated out."""
-        size = RestSize(share, length, along)
+    def evidence(self, sizes: Sizes, along: Array) -> Stepped:
+        """ln evidence at sizes of the rest, pairs of share and length with `along` at each, by Gauss–Newton steps from
+        z, the harmonics' λ integrated out."""
+        rest, n = self.rest, len(self.z)
+        shape, turned = rest.shape(sizes), self.jacobian.T
+        target = self.residual + self.jacobian @ self.z  # minimise |r − J(z' − z)|² + |z'|²
+        changing = 1.0 + np.array([rest.changing_variance(b) for b in along])
+        factors = np.ones((len(sizes), rest.orders))
         for _ in range(ROUNDS):
-            z, precision, left = self.step(size)
-            factors, log_p = self.rest.spectrum(left, share, length)
-            size = RestSize(share, length, along, tuple(factors.tolist()))
-        at = self.rest.changing
-        variance = self.variance(size)[at]
-        log_p -= 0.5 * float(np.sum(left[at] ** 2 / variance + np.log(variance)))
-        half_logdet = 0.5 * float(np.linalg.slogdet(precision)[1])
-        return Stepped(log_p - 0.5 * float(z @ z) - half_logdet, z, precision, size)
+            variance = np.where(rest.changing, changing, 1.0 + shape * factors[:, rest.order])
+            weighted = turned / variance[:, None, :]
+            precision = weighted @ self.jacobian + np.eye(n)
+            z = np.asarray(np.linalg.solve(precision, (weighted @ target)[:, :, None])[:, :, 0])
+            left = self.residual - (z - self.z) @ turned
+            factors, log_p = rest.spectrum(left, sizes)
+        at = rest.changing
+        if at.any():
+            log_p = log_p - 0.5 * np.sum(left[:, at] ** 2 / changing[:, at] + np.log(changing[:, at]), axis=1)
+        log_z = log_p - 0.5 * np.sum(z * z, axis=1) - 0.5 * np.linalg.slogdet(precision)[1]
+        found = (RestSize(a, n, float(b), tuple(f.tolist())) for (a, n), b, f in zip(sizes, along, factors))
+        return Stepped(np.asarray(log_z), z, precision, tuple(found))

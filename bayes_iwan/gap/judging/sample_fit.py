@@ -11,8 +11,9 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.gap.fitting.data import GapData
-from bayes_iwan.gap.fitting.evidence import Fit, Rows
+from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.rest import LENGTHS
+from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.inference.setup.parameters import Z_LIMIT
 from bayes_iwan.sampling.common.held import log_mean_exp

@@ -13,8 +13,9 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.gap.fitting.data import GapData
-from bayes_iwan.gap.fitting.evidence import Fit, Rows, extended, newton_size
+from bayes_iwan.gap.fitting.evidence import Fit, extended, newton_size
 from bayes_iwan.gap.fitting.rest import FIRST, RestSize
+from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.threads import alongside
 
@@ -229,5 +230,5 @@ def _cost(rows: Rows, smaller: Fit, size: RestSize) -> float:
     """Half the squared residuals of a smaller model at its optimum, in the rows of a larger one."""
     mine = smaller.linear.residual / np.sqrt(smaller.linear.variance(size))
     theirs = Rows(rows.data, smaller.problem)
-    missed = 0.0 if theirs.evolving or not rows.evolving else theirs.missed(size.along)
+    missed = 0.0 if theirs.evolving or not rows.evolving else theirs.layout.missed(size.along)
     return 0.5 * float(mine @ mine + smaller.z @ smaller.z) + missed

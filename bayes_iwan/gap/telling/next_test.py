@@ -13,8 +13,9 @@ from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.gap.fitting.data import GapData
-from bayes_iwan.gap.fitting.evidence import Fit, Rows, extended
+from bayes_iwan.gap.fitting.evidence import Fit, extended
 from bayes_iwan.gap.fitting.rest import RestSize
+from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.gap.searching.candidates import extra_points
 from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum

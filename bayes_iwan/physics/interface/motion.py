@@ -57,6 +57,11 @@ class Motion:
     conditions: Mapping[str, Array] = field(default_factory=dict)
 
     @property
+    def draws(self) -> int:
+        """How many motions for each loop: 1 where all draws share one."""
+        return self.displacement_mm.shape[0]
+
+    @property
     def loops(self) -> int:
         """How many loops."""
         return self.displacement_mm.shape[1]
@@ -79,7 +84,7 @@ class Motion:
 
     def of_draws(self, part: slice) -> Motion:
         """The motion of some draws only; itself where all draws share one motion."""
-        if self.displacement_mm.shape[0] == 1:
+        if self.draws == 1:
             return self
         return self.moved(self.displacement_mm[part], self.velocity_m_s[part], self.acceleration_m_s2[part])
 

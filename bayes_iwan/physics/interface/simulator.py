@@ -18,6 +18,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.physics.interface.distinct import for_distinct
 from bayes_iwan.physics.interface.motion import Motion
 from bayes_iwan.physics.interface.parameter import Parameter
 from bayes_iwan.physics.interface.scales import Scales
@@ -173,11 +174,15 @@ def recorded_force(
 ) -> Array:
     """The force that the cell records, N, (draws, loops, samples), with all effects and the force zero."""
     inside = inner_effects(effects)
+    outside = {p.name for e in effects if e not in inside for p in e.parameters}
+    read = [n for n in parameter_values if n not in outside and n != FORCE_ZERO]
     for effect in effects:
         motion = effect.motion(motion, parameter_values)
 
     def specimen(at: Motion) -> Array:
-        return simulator.force(parameter_values, at, inside)
+        if at.draws > 1 or not outside:
+            return simulator.force(parameter_values, at, inside)
+        return for_distinct(lambda some: simulator.force(some, at, inside), read, parameter_values)
 
     inner: Callable[[Motion], Array] = specimen
     for effect in effects:  # effects in series with the specimen need the force back

@@ -17,8 +17,8 @@ _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"
 
 
 @_jit
-def _expm1(x):
-    """e^x − 1 to 1e-14 relative for |x| < 700 (saturating beyond): (2ⁿ − 1) + 2ⁿ(e^r − 1), |r| ≤ ½ ln 2."""
+def _parts(x):
+    """2ⁿ and 2ⁿ(e^r − 1) of e^x, |r| ≤ ½ ln 2, to 1e-14 relative for |x| < 700 (saturating beyond)."""
     near = x if x > -700.0 else -700.0  # NaN comes out of the comparisons as a number, and is put back below
     near = near if near < 700.0 else 700.0
     shifted = near * 1.4426950408889634 + 6755399441055744.0  # 1.5·2⁵²: n, rounded, stands in its last bits
@@ -37,7 +37,21 @@ def _expm1(x):
     q = q * r + 0.500000000000000102
     q = q * r + 1.0
     power = np.int64((np.float64(shifted).view(np.int64) + 1023) << 52).view(np.float64)
-    return (power - 1.0) + power * r * q + 0.0 * x
+    return power, power * r * q + 0.0 * x
+
+
+@_jit
+def _expm1(x):
+    """e^x − 1, as exact as :func:`_parts`."""
+    power, rest = _parts(x)
+    return (power - 1.0) + rest
+
+
+@_jit
+def _exp(x):
+    """e^x, as exact as :func:`_parts`."""
+    power, rest = _parts(x)
+    return power + rest
 
 
 @_jit
@@ -71,10 +85,14 @@ def saturating(alpha, final, bend, out):
 
 @_jit
 def _log(x):
-    """ln x to 1e-15 absolute or relative for x > 0: exponent and 2·artanh((m − 1)/(m + 1)), √½ ≤ m < √2, by series."""
-    bits = np.float64(x).view(np.int64)
-    n = (bits - np.int64(0x3FE6A09E667F3BCD)) >> np.int64(52)
-    m = np.int64(bits - (n << np.int64(52))).view(np.float64)
+    """ln x to 1e-15 absolute or relative for x > 0: exponent and 2·artanh((m − 1)/(m + 1)), √½ ≤ m < √2, by series.
+
+    The exponent is shifted as an unsigned number and read from a mantissa's last bits: vectors of 256 bits can do both.
+    """
+    bits = np.float64(x).view(np.uint64)
+    up = (bits + np.uint64(0x00095F619980C433)) >> np.uint64(52)  # the exponent of x/√½, 1023 added
+    n = np.uint64(up | np.uint64(0x4330000000000000)).view(np.float64) - (4503599627370496.0 + 1023.0)
+    m = np.uint64(bits - (up << np.uint64(52)) + np.uint64(0x3FF0000000000000)).view(np.float64)
     s = (m - 1.0) / (m + 1.0)
     y = s * s
     q = 1.0 / 21.0
@@ -129,3 +147,44 @@ def solve_elasticity(value, out):
             if not abs(step) > 1e-14 * z:
                 break
         out[d] = z + 0.0 * value[d]  # NaN stays NaN
+
+
+#: what stands for zero in a logarithm
+_LEAST = 1e-300
+#: below this a parameter that bends a law is taken as zero: the limit itself, free of cancellation
+_NONE = 1e-7
+
+
+@_jit
+def power(x, exponent, out):
+    """|x|^p into out (draws, samples), 0 (all but) at x = 0; x : (1 or draws, samples), exponent : (draws,)."""
+    apart_and_wide()
+    for d in range(out.shape[0]):
+        m = d % x.shape[0]
+        for i in range(out.shape[1]):
+            size = abs(x[m, i])
+            out[d, i] = _exp(exponent[d] * _log(_LEAST if size < _LEAST else size))
+
+
+@_jit
+def falling(x, tail, out):
+    """(1 + q x)^(−1/q), x ≥ 0, into out (draws, samples), 0 (all but) where 1 + q x < 0; x and tail as x and exponent
+    of :func:`power`."""
+    apart_and_wide()
+    for d in range(out.shape[0]):
+        m = d % x.shape[0]
+        q = tail[d] if not abs(tail[d]) < _NONE else _NONE
+        for i in range(out.shape[1]):
+            at = 1.0 + q * x[m, i]
+            out[d, i] = _exp(-_log(_LEAST if at < _LEAST else at) / q)
+
+
+@_jit
+def growing(x, power, out):
+    """((1 + x)^q − 1)/q, x ≥ 0, into out (draws, samples); x and power as x and exponent of :func:`power`."""
+    apart_and_wide()
+    for d in range(out.shape[0]):
+        m = d % x.shape[0]
+        q = power[d] if not abs(power[d]) < _NONE else _NONE
+        for i in range(out.shape[1]):
+            out[d, i] = _expm1(q * _log(1.0 + x[m, i])) / q

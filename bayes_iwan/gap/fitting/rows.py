@@ -1,0 +1,72 @@
+"""The residual of a model, row by row in units of the noise, and its descent to an optimum."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.effects.base import effects_of
+from bayes_iwan.gap.fitting.data import GapData, predicted
+from bayes_iwan.gap.fitting.rest import Linear, RestSize
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.optimize.descent import Descent, descend
+
+#: z of every parameter stays within these prior standard deviations
+Z_BOX = 5.0
+
+
+class Rows:
+    """Residual rows of a model in units of the noise, and what is needed to whiten them by any rest."""
+
+    def __init__(self, data: GapData, problem: Problem) -> None:
+        self.data, self.problem = data, problem
+        self.evolving = any(e.evolving for e in effects_of(problem))
+        self.layout = data.layouts[self.evolving]
+        self.rest = self.layout.rest
+
+    def residual(self, z: Array) -> Array:
+        """Measured − predicted in units of the noise, rotated, (draws, m)."""
+        data = self.data
+        mean, trend, lines = predicted(data, self.problem, z)
+        used = self.layout.used
+        parts = self.turned(data.harmonics_N[:, :used] - mean[..., :used])
+        if self.evolving:
+            r = ((data.trend_N - trend) / data.trend_noise_N)[:, self.layout.trend]
+            line = np.zeros((len(z), *data.mains_N.shape)) if lines is None else lines
+            q = ((data.mains_N - line) / data.mains_noise_N)[:, self.layout.line]
+            parts += [r.real, r.imag, q.real, q.imag]
+        return np.concatenate(parts, axis=1)
+
+    def turned(self, harmonics_N: np.ndarray) -> list[Array]:
+        """The rows that harmonics of averaged loops (draws, T, used) make, real parts and imaginary ones."""
+        c, turn, layout = harmonics_N.transpose(2, 0, 1), self.layout.turn.transpose(0, 2, 1), self.layout
+        return [
+            (c.real @ turn).transpose(1, 0, 2)[:, layout.real],
+            (c.imag @ turn).transpose(1, 0, 2)[:, layout.imaginary],
+        ]
+
+    def linear(self, z: Array, step: float = 1e-4) -> Linear:
+        """Residual and central-difference Jacobian at z (ndim,), in one batch call."""
+        n = len(z)
+        points = np.concatenate([z[None], z + step * np.eye(n), z - step * np.eye(n)])
+        r = self.residual(points)
+        jacobian = (r[n + 1 :] - r[1 : n + 1]).T / (2.0 * step)
+        return Linear(r[0], jacobian, self.rest, z.copy())
+
+    def sd(self, size: RestSize) -> Array:
+        """(m,) what the rows are divided by, so that they are white."""
+        return np.sqrt(self.rest.variance(size))
+
+    def fit(self, starts: Array, size: RestSize, iterations: int, first: Linear | None = None) -> Descent:
+        """Least squares from all starts at one size of the rest; first : the linear model at the first of them."""
+        sd = self.sd(size)
+
+        def rows(z: Array) -> Array:
+            with np.errstate(all="ignore"):
+                return np.concatenate([self.residual(z) / sd, z], axis=1)
+
+        box = np.tile([-Z_BOX, Z_BOX], (starts.shape[1], 1))
+        known = None
+        if first is not None and np.all(np.abs(first.z) <= Z_BOX):
+            known = np.concatenate([-first.jacobian / sd[:, None], np.eye(len(first.z))])
+        return descend(rows, starts, box, iterations, known=known)

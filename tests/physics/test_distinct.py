@@ -1,0 +1,40 @@
+"""Draws that agree in what a law reads: computed once, to the same bits."""
+
+import numpy as np
+import pytest
+
+from bayes_iwan.physics.interface.distinct import for_distinct
+from bayes_iwan.physics.kernels import pointwise
+
+
+def test_a_law_is_asked_once_of_draws_that_agree():
+    asked = []
+
+    def law(values):
+        asked.append(values["a"].copy())
+        return np.stack([values["a"] + values["b"], values["a"]], axis=1)
+
+    values = {"a": np.array([1.0, 2.0, 1.0, 2.0, 1.0]), "b": np.array([0.0, 0.0, 0.0, 0.0, 3.0]), "c": np.arange(5.0)}
+    found = for_distinct(law, ("a", "b"), values)
+    np.testing.assert_array_equal(asked[0], [1.0, 2.0, 1.0])
+    np.testing.assert_array_equal(found, [[1.0, 1.0], [2.0, 2.0], [1.0, 1.0], [2.0, 2.0], [4.0, 1.0]])
+    for_distinct(law, ("a", "b", "c"), values)
+    assert len(asked[1]) == 5
+
+
+@pytest.mark.parametrize("draws", [1, 7])
+def test_compiled_powers_are_numpys(draws):
+    rng = np.random.default_rng(2)
+    x, p = rng.lognormal(0.0, 3.0, (draws, 500)), rng.uniform(0.3, 4.0, 7)
+    x[:, 0] = 0.0
+    out = np.empty((7, 500))
+    pointwise.power(-x, p, out)
+    np.testing.assert_allclose(out[:, 1:], (x ** p[:, None])[:, 1:], rtol=1e-12)
+    assert out[:, 0].max() < 1e-80
+    pointwise.falling(x, p, out)
+    np.testing.assert_allclose(out, (1.0 + p[:, None] * x) ** (-1.0 / p[:, None]), rtol=1e-12)
+    pointwise.falling(x, -p, out)
+    inside = 1.0 - p[:, None] * x
+    np.testing.assert_allclose(out, np.maximum(inside, 0.0) ** (1.0 / p[:, None]), rtol=1e-10, atol=1e-60)
+    pointwise.growing(x, p, out)
+    np.testing.assert_allclose(out, ((1.0 + x) ** p[:, None] - 1.0) / p[:, None], rtol=1e-11, atol=1e-14)
