@@ -31,6 +31,7 @@ from bayes_iwan.physics import Motion
 from bayes_iwan.physics.interface.distinct import for_distinct
 from bayes_iwan.physics.interface.parameter import Distribution
 from bayes_iwan.physics.interface.simulator import INNER, OUTER
+from bayes_iwan.physics.kernels.pointwise import speeds_of_change
 
 #: prior of an effect's strength: the RMS force it moves over the RMS friction force has this median, ×/÷ e^0.9
 TYPICAL_SHARE = 0.08
@@ -344,10 +345,8 @@ def filtered(signal: Array, frequency_hz: Array, response: Callable[[Array], np.
 def moved_by(motion: Motion, displacement_mm: Array) -> Motion:
     """The motion with another displacement (draws, loops, samples); how it changes the speeds is taken by central
     differences over the period, so that no change of displacement is no change of speed."""
-    dt = (1.0 / (motion.frequency_hz * motion.samples))[:, None]
-    change = displacement_mm - motion.displacement_mm
-    ahead, behind = np.roll(change, -1, axis=-1), np.roll(change, 1, axis=-1)
-    velocity = motion.velocity_m_s + 1e-3 * (ahead - behind) / (2.0 * dt)
-    return motion.moved(
-        displacement_mm, velocity, motion.acceleration_m_s2 + 1e-3 * (ahead - 2.0 * change + behind) / dt**2
-    )
+    velocity, acceleration = np.empty_like(displacement_mm), np.empty_like(displacement_mm)
+    old = (motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)
+    half_hz = 0.5 * motion.frequency_hz * motion.samples
+    speeds_of_change(displacement_mm, *(np.ascontiguousarray(x) for x in old), half_hz, velocity, acceleration)
+    return motion.moved(displacement_mm, velocity, acceleration)

@@ -11,6 +11,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, moved_by
+from bayes_iwan.physics.kernels import pointwise
 
 #: passes over the loop that settle how far the rig gives, or where the force crosses zero
 PASSES = 4
@@ -52,28 +53,19 @@ class RigCompliance(Effect):
         }
 
     def around(self, inner: Callable[[Motion], Array], motion: Motion, parameter_values: ParameterValues) -> Array:
-        compliance, first_N = self.get(parameter_values, "compliance_mm_N"), self.get(parameter_values, "soft_N")
-        softer = self.get(parameter_values, "soft_ratio") - 1.0
-
-        def given(force: Array) -> tuple[Array, Array]:
-            """How far the rig gives under a force, mm, and its slope, mm/N."""
-            open_ = np.exp(-np.abs(force) / first_N)
-            return (
-                compliance * (force + softer * first_N * (1.0 - open_) * np.sign(force)),
-                compliance * (1.0 + softer * open_),
-            )
-
-        u = motion.displacement_mm
+        compliance, first_N, ratio = (
+            np.ascontiguousarray(parameter_values[f"{self.name}.{n}"])
+            for n in ("compliance_mm_N", "soft_N", "soft_ratio")
+        )
+        u = np.ascontiguousarray(motion.displacement_mm)
         force = inner(motion)
-        at, stiffness = u + np.zeros_like(force), np.zeros_like(force)
+        at = u + np.zeros_like(force)
+        step, stiffness = np.zeros_like(force), np.zeros_like(force)
+        least, most = 1e-12 * self.scales.length_mm, STIFFEST * self.scales.stiff_N_mm
         for _ in range(PASSES):  # Newton's method with the secant stiffness of the last two passes, sample by sample
-            gives, slope = given(force)
-            step = (u - gives - at) / (1.0 + slope * stiffness)
-            before, at = force, at + step
-            force = inner(moved_by(motion, at))
-            there = np.abs(step) > 1e-12 * self.scales.length_mm
-            secant = np.where(there, (force - before) / np.where(there, step, 1.0), 0.0)
-            stiffness = np.clip(secant, 0.0, STIFFEST * self.scales.stiff_N_mm)
+            pointwise.give_step(u, force, compliance, ratio - 1.0, first_N, stiffness, at, step)
+            before, force = force, np.ascontiguousarray(inner(moved_by(motion, at)))
+            pointwise.secants(force, before, step, least, most, stiffness)
         return force
 
 

@@ -188,3 +188,59 @@ def growing(x, power, out):
         q = power[d] if not abs(power[d]) < _NONE else _NONE
         for i in range(out.shape[1]):
             out[d, i] = _expm1(q * _log(1.0 + x[m, i])) / q
+
+
+@_jit
+def give_step(u, force, compliance, softer, first_N, stiffness, at, step):
+    """Newton's step towards u = at + g(F), g = C·(F + s·F₁·(1 − e^(−|F|/F₁))·sgn F): into step, and added to at.
+
+    u : (1 or draws, loops, samples); force, stiffness dF/d at, at, step : (draws, loops, samples); C, s, F₁ : (draws,).
+    """
+    apart_and_wide()
+    for d in range(force.shape[0]):
+        m = d % u.shape[0]
+        for j in range(force.shape[1]):
+            for i in range(force.shape[2]):
+                f = force[d, j, i]
+                open_ = _exp(-abs(f) / first_N[d])
+                extra = softer[d] * first_N[d] * (1.0 - open_)
+                gives = compliance[d] * (f + (extra if f > 0.0 else -extra))
+                slope = compliance[d] * (1.0 + softer[d] * open_)
+                step[d, j, i] = (u[m, j, i] - gives - at[d, j, i]) / (1.0 + slope * stiffness[d, j, i])
+                at[d, j, i] += step[d, j, i]
+
+
+@_jit
+def secants(force, before, step, least, most, stiffness):
+    """(force − before)/step within 0 and `most` into stiffness, 0 where the step is no longer than `least`; all
+    (draws, loops, samples)."""
+    apart_and_wide()
+    for d in range(force.shape[0]):
+        for j in range(force.shape[1]):
+            for i in range(force.shape[2]):
+                s = step[d, j, i]
+                there = abs(s) > least
+                slope = (force[d, j, i] - before[d, j, i]) / (s if there else 1.0)
+                slope = slope if slope > 0.0 else 0.0
+                slope = slope if slope < most else most
+                stiffness[d, j, i] = slope if there else 0.0
+
+
+@_jit
+def speeds_of_change(new, old, velocity, acceleration, half_hz, out_velocity, out_acceleration):
+    """Velocity and acceleration (SI), those of the change new − old, mm, of periodic loops added, by central
+    differences; half_hz (loops,) half the sampling rate; new, out_… : (draws, loops, samples), others 1 or draws."""
+    apart_and_wide()
+    samples = new.shape[2]
+    change = np.empty(samples + 2)
+    for d in range(new.shape[0]):
+        m = d % old.shape[0]
+        for j in range(new.shape[1]):
+            for i in range(samples):
+                change[i + 1] = new[d, j, i] - old[m, j, i]
+            change[0], change[samples + 1] = change[samples], change[1]
+            once, twice = 1e-3 * half_hz[j], 4e-3 * half_hz[j] ** 2
+            for i in range(samples):
+                out_velocity[d, j, i] = velocity[m, j, i] + once * (change[i + 2] - change[i])
+                bend = change[i + 2] - 2.0 * change[i + 1] + change[i]
+                out_acceleration[d, j, i] = acceleration[m, j, i] + twice * bend
