@@ -27,15 +27,12 @@ The functions here call each other, so they stay in one file (numba's cache does
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any
-
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.physics.kernels.vectors import InWords, apart_and_wide
+from bayes_iwan.physics.kernels.vectors import apart_and_wide
 
 #: pieces kept; when a wild motion makes more, the least important vertex is dropped
 MAX_PIECES = 64
@@ -47,12 +44,11 @@ RUNIN_SAMPLES = 16
 LONGEST = 64
 P, M, END, X_END, L_END, REST = range(6)
 
-_how: Any = partial(nb.njit, cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, pipeline_class=InWords)
-_jit = _how()
+_jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 #: for what allocates nothing: without it numba counts references to every array at every call, 100 ns each time
-_part = _how(_nrt=False)
+_part = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)  # type: ignore[call-overload]
 #: a part that becomes its caller's own code: passing on a dozen arrays costs as much as a short stretch of the way
-_inner = _how(_nrt=False, forceinline=True)
+_inner = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False, forceinline=True)  # type: ignore[call-overload]
 
 
 @_part

@@ -1,4 +1,4 @@
-"""What numba does not say to LLVM by itself, said by a call at the head of a compiled function and by its compiler."""
+"""Two things that numba cannot say to LLVM, said by one call at the head of a compiled function."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from collections.abc import Callable
 
 from llvmlite import ir
 from numba import types
-from numba.core import config
-from numba.core.compiler import Compiler
 from numba.extending import intrinsic
 
 
@@ -28,19 +26,3 @@ def _apart_and_wide(typing_context):
 #: compares the addresses of its arrays. LLVM's habit is 256 bits even where the machine has 512; where it has not,
 #: nothing changes. A function inlined into another keeps what it said of its arrays, and its loops.
 apart_and_wide: Callable[[], None] = intrinsic(_apart_and_wide)  # type: ignore[assignment]
-
-
-class InWords(Compiler):
-    """A compiler (`pipeline_class` of `numba.njit`) that also makes vectors of neighbouring lines, not only of loops.
-
-    numba leaves that out since an LLVM of old miscompiled it. The sliders take a fifth less time with it and give the
-    same bits; tests against single elements and closed forms watch them.
-    """
-
-    def compile_extra(self, func):
-        before = config.SLP_VECTORIZE  # type: ignore[attr-defined]
-        config.SLP_VECTORIZE = 1  # type: ignore[attr-defined]  # read while this compiles, under numba's own lock
-        try:
-            return super().compile_extra(func)
-        finally:
-            config.SLP_VECTORIZE = before  # type: ignore[attr-defined]
