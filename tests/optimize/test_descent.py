@@ -31,6 +31,15 @@ def test_arrives_within_a_tenth_of_a_nat_of_the_exact_optimum_for_less():
     assert quick.n_evaluations < 0.5 * exact.n_evaluations
 
 
+def test_a_jacobian_at_hand_is_not_taken_again():
+    start = np.array([[0.0, -0.5, 0.3, 0.2]])
+    step = 1e-6 * np.eye(4)
+    known = (residuals(start + step) - residuals(start)).T / 1e-6
+    alone, helped = (descend(residuals, start, BOX, 60, known=j) for j in (None, known))
+    assert helped.n_evaluations == alone.n_evaluations - 4
+    np.testing.assert_allclose(helped.x, alone.x, atol=1e-4)
+
+
 def test_a_start_in_a_hopeless_valley_is_given_up():
     def two_valleys(x):  # at 2 the cost is 0, at -2 it is half the square of `high`
         high = 2.0 * np.sqrt(2.0 * BEHIND)

@@ -38,3 +38,16 @@ def test_compiled_powers_are_numpys(draws):
     np.testing.assert_allclose(out, np.maximum(inside, 0.0) ** (1.0 / p[:, None]), rtol=1e-10, atol=1e-60)
     pointwise.growing(x, p, out)
     np.testing.assert_allclose(out, ((1.0 + x) ** p[:, None] - 1.0) / p[:, None], rtol=1e-11, atol=1e-14)
+
+
+def test_speeds_of_a_change_are_its_central_differences():
+    phase, hz, samples = 2.0 * np.pi * np.arange(256) / 256, np.array([8.0, 20.0]), 256
+    old, speed = np.zeros((1, 2, samples)), np.full((1, 2, samples), 3.0)
+    new = np.array([0.5, 2.0, 0.0])[:, None, None] * np.sin(phase) * np.ones((2, 1))
+    velocity, acceleration = np.empty_like(new), np.empty_like(new)
+    pointwise.speeds_of_change(new, old, speed, old, 0.5 * hz * samples, velocity, acceleration)
+    omega = 2.0 * np.pi * hz[:, None]
+    size = np.array([0.5e-3, 2e-3, 0.0])[:, None, None]
+    np.testing.assert_allclose(velocity - 3.0, size * omega * np.cos(phase), atol=1e-3 * 2e-3 * omega.max())
+    np.testing.assert_allclose(acceleration, -size * omega**2 * np.sin(phase), atol=1e-3 * 2e-3 * omega.max() ** 2)
+    assert np.all(velocity[2] == 3.0) and np.all(acceleration[2] == 0.0)
