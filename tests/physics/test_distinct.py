@@ -38,6 +38,9 @@ def test_compiled_powers_are_numpys(draws):
     np.testing.assert_allclose(out, np.maximum(inside, 0.0) ** (1.0 / p[:, None]), rtol=1e-10, atol=1e-60)
     pointwise.growing(x, p, out)
     np.testing.assert_allclose(out, ((1.0 + x) ** p[:, None] - 1.0) / p[:, None], rtol=1e-11, atol=1e-14)
+    for law in (pointwise.power, pointwise.falling, pointwise.growing):  # what is no number must not become one
+        law(np.full((1, 500), np.nan), p, out)
+        assert np.isnan(out).all()
 
 
 def test_speeds_of_a_change_are_its_central_differences():

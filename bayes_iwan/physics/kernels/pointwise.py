@@ -105,7 +105,8 @@ def _log(x):
     q = q * y + 1.0 / 7.0
     q = q * y + 0.2
     q = q * y + 1.0 / 3.0
-    return n * 0.6931471805599453 + 2.0 * s * (1.0 + y * q)
+    found = n * 0.6931471805599453 + 2.0 * s * (1.0 + y * q)
+    return found if x == x else x  # the bits of a NaN would pass for a number's
 
 
 @_jit
