@@ -45,7 +45,8 @@ from bayes_iwan.gap.judging.calibration import (
     effect_figures,
 )
 from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.judging.verdict import Weighed, helping, named_by, weighed
+from bayes_iwan.gap.judging.verdict import helping, named_by
+from bayes_iwan.gap.judging.weighing import Weighed, weighed
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.inference.setup.settings import DiagnoseSettings

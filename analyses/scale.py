@@ -33,7 +33,7 @@ from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.gap import diagnosis
 from bayes_iwan.gap.fitting.data import GapData, gap_data
 from bayes_iwan.gap.fitting.evidence import base_problem
-from bayes_iwan.gap.judging.verdict import weighed
+from bayes_iwan.gap.judging.weighing import weighed
 from bayes_iwan.gap.searching.found import Search
 from bayes_iwan.gap.searching.search import search
 from bayes_iwan.inference.results.population import SpecimenDraws, population

@@ -27,7 +27,8 @@ from bayes_iwan.gap.fitting.residuals import Residual, residual_of
 from bayes_iwan.gap.judging.budget import NO_CAUSE, GapBudget, Kind, RestOfGap, Share, Verdict, rest_share
 from bayes_iwan.gap.judging.calibration import Calibration, calibration
 from bayes_iwan.gap.judging.sample_fit import sampled_fit
-from bayes_iwan.gap.judging.verdict import Weighed, verdict_of, weighed
+from bayes_iwan.gap.judging.verdict import verdict_of
+from bayes_iwan.gap.judging.weighing import Weighed, weighed
 from bayes_iwan.gap.searching.explored import Report, silent
 from bayes_iwan.gap.searching.found import Search
 from bayes_iwan.gap.searching.search import MOST_EFFECTS, search

@@ -19,7 +19,8 @@ from bayes_iwan.gap.judging.calibration import (
     rest_figures,
 )
 from bayes_iwan.gap.judging.guards import Figures, borne_out, companion
-from bayes_iwan.gap.judging.verdict import LEAST_ALONG, _removing, falls_short, named_by, one_of
+from bayes_iwan.gap.judging.verdict import falls_short, named_by, one_of
+from bayes_iwan.gap.judging.weighing import LEAST_ALONG, _removing
 from bayes_iwan.gap.searching.base import USUAL_GAP, gap_rms_N, newton_nats, quick_gap_N
 from bayes_iwan.gap.telling.words import title
 

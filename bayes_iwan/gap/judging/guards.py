@@ -7,8 +7,8 @@ tests, and its lead over effects of another kind speak with it (:mod:`bayes_iwan
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -16,10 +16,11 @@ import numpy as np
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import moved_shares
-from bayes_iwan.gap.fitting.leave_out import HELD_OUT, halves, left_out, refitted
-from bayes_iwan.gap.searching.base import changes, gap_parts_N, newton_nats
+from bayes_iwan.gap.fitting.leave_out import Unseen, halves, refitted
+from bayes_iwan.gap.searching.base import WORTH_NATS, changes, gap_parts_N, newton_nats
+from bayes_iwan.gap.searching.ends import SPREAD
 from bayes_iwan.gap.searching.found import LAST, Search, look_alike
-from bayes_iwan.gap.searching.search import TIED_NATS, WORTH_NATS
+from bayes_iwan.gap.searching.search import TIED_NATS
 from bayes_iwan.threads import alongside
 
 #: strengths on two halves of the tests that differ by so many prior standard deviations are still called the same:
@@ -65,14 +66,14 @@ class Figures:
 def guard_figures(
     search: Search,
     nearest: Mapping[frozenset[str], Fit],
-    predicting: Mapping[frozenset[str], Fit],
+    unseen: Sequence[Unseen],
     share: Mapping[str, float],
     along: Mapping[str, float],
     judged: Iterable[str],
 ) -> tuple[Figures, ...]:
     """The figures of every effect of the chosen set that is judged.
 
-    nearest : by subset of those, the fit that misses least in newtons; predicting : the same for tests left out;
+    nearest : by subset of those, the fit that misses least in newtons; unseen : what they miss on tests left out
     share : of the gap, by effect (:func:`.budget.shares`); along : of what changes along the record, by
     effect that acts on that
     """
@@ -82,7 +83,6 @@ def guard_figures(
     data, whole = search.data, search.fit(judged)
     without = {n: search.fit(set(judged) - {n}) for n in judged}
     sets = dict.fromkeys((whole.names, *(f.names for f in without.values()), frozenset()))
-    unseen = [u for u in left_out([predicting[k] for k in sets], data) if u.by != HELD_OUT]
     differs = _differences(whole, data)
     moved = moved_shares(whole, data)
     level = float(np.sqrt(np.mean(data.level_N**2)))
@@ -130,6 +130,42 @@ def guard_figures(
             )
         )
     return tuple(out)
+
+
+def in_company(
+    chosen: Sequence[Figures], weight: float, others: Sequence[tuple[float, Sequence[Figures]]]
+) -> tuple[Figures, ...]:
+    """The chosen set's figures, each the mean over the company in which its effect could be: other ends of the search
+    with their weights, nothing of it where it is not in them. An end has it too where it could stand in the place of
+    another as well."""
+    if not others:
+        return tuple(chosen)
+    out = []
+    for f in chosen:
+        parts = [(weight, f), *((w, _place(f.name, figures)) for w, figures in others)]
+        total = sum(w for w, _ in parts)
+
+        def mean(figure: Callable[[Figures], float]) -> float:
+            return sum(w * figure(g) for w, g in parts if g is not None) / total  # noqa: B023 - called at once
+
+        out.append(
+            replace(
+                f,
+                gain=mean(lambda g: g.gain),
+                lead=mean(lambda g: g.lead),
+                fitted=mean(lambda g: g.fitted),
+                unseen=mean(lambda g: g.unseen),
+                by_test=mean(lambda g: g.by_test),
+                differs=mean(lambda g: g.differs),
+            )
+        )
+    return tuple(out)
+
+
+def _place(name: str, figures: Sequence[Figures]) -> Figures | None:
+    """The place that an effect fills among others, or could fill as well as what does."""
+    could = [f for f in figures if f.rivals.get(name, -np.inf) > -SPREAD]
+    return max(could, key=lambda f: (f.name == name, f.rivals[name]), default=None)
 
 
 def companion(search: Search, whole: Fit, less: Fit, rival: Fit, name: str) -> bool:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
 from bayes_iwan.campaign import Loop
-from bayes_iwan.gap.fitting.evidence import Fit, in_newtons, predicting
-from bayes_iwan.gap.fitting.gap_size import GapSize, gap_size
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, left_out
-from bayes_iwan.gap.fitting.residuals import residual_of
 from bayes_iwan.gap.judging.budget import (
     NAMED,
     NO_CAUSE,
@@ -22,9 +18,7 @@ from bayes_iwan.gap.judging.budget import (
     OneOf,
     Suspect,
     Verdict,
-    along_shares,
     contributing,
-    fits_of_subsets,
     left_unnamed,
     rest_without_name,
     shares,
@@ -32,133 +26,18 @@ from bayes_iwan.gap.judging.budget import (
     unseen_shares,
 )
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
-from bayes_iwan.gap.judging.guards import Figures, guard_figures
+from bayes_iwan.gap.judging.guards import Figures
+from bayes_iwan.gap.judging.weighing import LEAST_ALONG, LEAST_SHARE, Weighed
 from bayes_iwan.gap.searching.base import LEAST_OF_FRICTION, gap_rms_N
-from bayes_iwan.gap.searching.found import OWN_FORM, Search
+from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.threads import alongside
 
-#: share of the gap that an effect must remove to be named, and a cause in the base's own form, which always removes
-#: some
-LEAST_SHARE, LEAST_OWN_FORM = 0.02, 0.2
+#: share of the gap that a cause in the base's own form must remove to be named: it always removes some
+LEAST_OWN_FORM = 0.2
 #: share that it must remove on tests left out, of all of them or of each one's own gap on the mean
 HOLDS = 0.1
-#: an effect that changes along the record is named for less, if it removes this share of all that changes there: a
-#: large steady gap of another cause must not hide it
-LEAST_ALONG = 0.2
 #: share of a nameless gap that an effect must remove alone to be suspected, and how many are said
 SUSPECT, SUSPECTS_MOST = 0.5, 6
-#: gap over the friction force below which no cause in the base's own form is named: so much every specimen differs
-LEAST_GAP = 0.01
-
-
-@dataclass(frozen=True)
-class Weighed:
-    """Everything behind a verdict but the calibration's constants.
-
-    search : its chosen effects are those that remove anything; asked : all that it chose, beside which rivals stood
-    figures : of every effect of the chosen set that may be named; by every subset of it: fits; in_newtons, the same
-    models where they miss least in newtons; predicting, the same as they predict tests left out; sizes, what they miss
-    in newtons
-    subharmonic : the largest power of a line at half a test's frequency over its background
-    """
-
-    search: Search
-    asked: frozenset[str]
-    figures: tuple[Figures, ...]
-    fits: Mapping[frozenset[str], Fit]
-    in_newtons: Mapping[frozenset[str], Fit]
-    predicting: Mapping[frozenset[str], Fit]
-    sizes: Mapping[frozenset[str], GapSize]
-    subharmonic: float
-
-    @property
-    def gap_N(self) -> dict[frozenset[str], float]:
-        """RMS gap by set of effects."""
-        return {k: s.all.rms_N for k, s in self.sizes.items()}
-
-    def along(self, names: Iterable[str]) -> dict[str, float]:
-        """See :func:`removed_along`."""
-        return removed_along(frozenset(names), self.fits, self.sizes)
-
-
-def removed_along(
-    kept: frozenset[str], fits: Mapping[frozenset[str], Fit], sizes: Mapping[frozenset[str], GapSize]
-) -> dict[str, float]:
-    """Of each of these effects that changes along the record: the share that it removes of what changes there, 0 where
-    that is less than anything is named for."""
-    there = _changes(sizes)
-    removed = along_shares(kept, {k: sizes[k].along.rms_N for k in subsets(kept)})
-    evolving = {e.name for e in fits[kept].effects if e.evolving}
-    return {n: v if there else 0.0 for n, v in removed.items() if n in evolving}
-
-
-def _changes(sizes: Mapping[frozenset[str], GapSize]) -> bool:
-    """Does the base's gap change along the record by as much as anything is named for?"""
-    return sizes[frozenset()].along.share >= LEAST_OF_FRICTION
-
-
-def weighed(search: Search, seed: int) -> Weighed:
-    """Figures of the chosen effects that remove anything, fits and gaps of all their subsets."""
-    fits = fits_of_subsets(search)
-    nearest = {k: in_newtons(search.data, f) for k, f in fits.items()}
-    held = {k: predicting(search.data, f, nearest[k]) for k, f in fits.items()}
-    before = gap_size(residual_of(search.data, nearest[frozenset()]), seed)
-    sizes = {
-        k: before if not k else gap_size(residual_of(search.data, f), seed, friction_N=before.friction_N)
-        for k, f in nearest.items()
-    }
-    evolving = [e.name for e in search.fit(search.chosen).effects if e.evolving]
-    kept = _removing(search.chosen, evolving, sizes)
-    search = replace(search, fits=dict(search.fits) | fits)
-    fits = {k: f for k, f in fits.items() if k <= frozenset(kept)}
-    sizes = {k: s for k, s in sizes.items() if k in fits}
-    share = {n: s.value for n, s in shares(kept, sizes).items()} if kept else {}
-    along = removed_along(frozenset(kept), fits, sizes) if kept else {}
-    figures = guard_figures(search, nearest, held, share, along, kept)
-    said = tuple(f for f in figures if f.name not in OWN_FORM or f.gap >= LEAST_GAP)
-    asked, search = frozenset(search.chosen), replace(search, chosen=kept)
-    return Weighed(
-        search,
-        asked,
-        said,
-        fits,
-        {k: nearest[k] for k in fits},
-        {k: held[k] for k in fits},
-        sizes,
-        float(np.max(search.data.subharmonic, initial=0.0)),
-    )
-
-
-def _removing(
-    chosen: Sequence[str], evolving: Sequence[str], sizes: Mapping[frozenset[str], GapSize]
-) -> tuple[str, ...]:
-    """The chosen effects less those that remove next to nothing of the gap, neither alone nor beside the others, nor of
-    what changes along the record: what raises the evidence without that is the difference between two laws, and clouds
-    what is said of the others."""
-    none: frozenset[str] = frozenset()
-    kept = list(chosen)
-
-    def removes(name: str, part: str) -> float:
-        """Share of the gap, or of a part of it, that an effect removes, alone or last."""
-        rms = {k: float(getattr(s, part).rms_N) for k, s in sizes.items()}
-        whole = frozenset(kept)
-        most = max(rms[none] - rms[frozenset({name})], rms[whole - {name}] - rms[whole])
-        return most / rms[none] if rms[none] > 0.0 else 0.0
-
-    there = _changes(sizes)
-    while kept:
-        most = {
-            n: max(
-                removes(n, "all") - LEAST_SHARE,
-                removes(n, "along") - LEAST_ALONG if n in evolving and there else -1.0,
-            )
-            for n in kept
-        }
-        worst = min(kept, key=lambda n: most[n])
-        if most[worst] >= 0.0:
-            break
-        kept.remove(worst)
-    return tuple(kept)
 
 
 def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:

@@ -23,6 +23,8 @@ QUICK_STEPS = 6
 #: nats of the logarithm of the gap in newtons, for each test: two for one harmonic, twice as many since half of what
 #: evidence says of two laws is true of neither (the power `within` that calibration finds for it)
 NEWTON_NATS = 4.0
+#: an effect is worth its place in a set if it gains so many nats
+WORTH_NATS = 3.0
 #: a sound specimen's usual gap over the friction force: a smaller gap is worth no more
 USUAL_GAP = 0.004
 

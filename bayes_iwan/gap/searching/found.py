@@ -26,6 +26,7 @@ class Search:
 
     fits : the best fit of every set of effects that was refitted, the base under the empty set
     chosen : the set that explains most for its size, the effect that gains most first
+    ends : weight of the chosen set, and of others that are worth all but as much or more (:func:`.ends.ends_of`)
     effects : every law on offer by effect; failed : effects without a finite force or calibration, and why
     """
 
@@ -34,6 +35,7 @@ class Search:
     settings: DiagnoseSettings
     fits: Mapping[frozenset[str], Fit]
     chosen: tuple[str, ...]
+    ends: Mapping[frozenset[str], float]
     effects: Mapping[str, tuple[Effect, ...]]
     failed: Mapping[str, str] = field(default_factory=dict)
 

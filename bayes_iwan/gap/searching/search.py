@@ -15,8 +15,9 @@ import numpy as np
 from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
-from bayes_iwan.gap.searching.base import changes, missed, sound_gap_N
+from bayes_iwan.gap.searching.base import WORTH_NATS, changes, missed, sound_gap_N
 from bayes_iwan.gap.searching.candidates import Candidate, removing
+from bayes_iwan.gap.searching.ends import ends_of
 from bayes_iwan.gap.searching.explored import Explored, Report, silent
 from bayes_iwan.gap.searching.found import LAST, Search, look_alike, part
 from bayes_iwan.inference.setup.scales import Scales
@@ -30,9 +31,9 @@ PROMISE, FURTHER_MOST = 3.0, 4
 #: where this share of a gap is change along the record, all that acts there is refitted: one step of a fade that
 #: recovers leads nowhere, though it may be the whole cause
 CHANGING = 0.3
-#: an effect is taken in if it gains so many nats, and dropped again below half of that; so many, where newtons alone
+#: an effect is taken in if it gains WORTH_NATS, and dropped again below half of that; so many, where newtons alone
 #: speak for it and not the evidence, and in between for evidence in between
-WORTH_NATS, NEWTONS_ALONE = 3.0, 12.0
+NEWTONS_ALONE = 12.0
 #: and so many, or this share of the base's gap, where one that looks alike is in the set: nature seldom has both
 BESIDE_ALIKE, ALIKE_SHARE = 25.0, 0.1
 #: rivals refitted in the place of each effect of the chosen set
@@ -253,7 +254,7 @@ def search(
     """
     found = _Explorer(data, scales, settings, kinds, rng, report, simulator, executor)
     if not missed(data, found.fits[frozenset()]):
-        return Search(data, scales, settings, found.fits, (), found.effects, found.failed)
+        return Search(data, scales, settings, found.fits, (), {frozenset(): 1.0}, found.effects, found.failed)
     found.singles()
     if found.base_again():  # the base had missed its optimum: once more from there
         found.singles()
@@ -270,9 +271,16 @@ def search(
             break
         current = found.pruned(found.grown(better, most))  # what an exchange opened, or made needless
         ends[current.names] = current
+    for names in ends_of(found, current, most):  # passed on the way, and better than where it led
+        if (
+            found.worth(found.fits[names]) > found.worth(current) + 1.0
+            and found.pruned(found.fits[names]).names == names
+        ):
+            ends[names] = found.fits[names]
     current = max(ends.values(), key=found.worth)
     if current.effects and current.names not in asked:
         current = found.rivals(current)
     gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
-    return Search(data, scales, settings, found.fits, order, found.effects, found.failed)
+    weights = ends_of(found, current, most)
+    return Search(data, scales, settings, found.fits, order, weights, found.effects, found.failed)
