@@ -122,11 +122,16 @@ page.FILES = ()
 
 @pytest.fixture(scope="module")
 def no_pictures():
-    """Pages with their words and tables, figures made but not drawn: half a page's time, for tests of other things."""
+    """Pages with their words and tables, figures made but not drawn: half a page's time, for tests of other things.
+    Gives the line that does it in a child."""
     with pytest.MonkeyPatch.context() as patch:
         nothing = rendering.Rendered(Markup("<svg></svg>"), b"")
         patch.setattr(rendering.Batch, "draw", lambda self, order, figure: nothing)
-        yield
+        patch.setattr(rendering, "_Aside", lambda: None)  # the second process would draw
+        yield (
+            "from bayes_iwan.report import rendering as r; r._Aside = lambda: None; "
+            "r.Batch.draw = lambda *_: r.Rendered(r.Markup('<svg></svg>'), b'')"
+        )
 
 
 @pytest.fixture

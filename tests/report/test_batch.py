@@ -157,11 +157,14 @@ if __name__ == "__main__":
 """
 
 
-def test_killed_half_way_in_two_processes_it_goes_on_to_the_same_answer(done, folder, tmp_path, short_adaptation):
+def test_killed_half_way_in_two_processes_it_goes_on_to_the_same_answer(
+    done, folder, tmp_path, short_adaptation, no_pictures
+):
     _, whole = done
     out, script, two = tmp_path / "out", tmp_path / "run.py", tmp_path / "two"
     # above `if __name__`: its worker processes read it too
-    script.write_text(f"{short_adaptation}\nfrom bayes_iwan.report import page; page.FILES = ()\n{RUN}")
+    files = "from bayes_iwan.report import page; page.FILES = ()"
+    script.write_text("\n".join((short_adaptation, no_pictures, files, RUN)))
     for name in "ab":
         shutil.copytree(folder / name, two / name)
     env = {**os.environ, "PYTHONPATH": str(Path(bayes_iwan.__file__).parents[1])}
