@@ -31,6 +31,9 @@ OTHER_WEIGHTS = 0.25
 #: the least gap in newtons is sought beside no larger rest: there priors hold a model where it misses far more than it
 #: must
 LARGEST_REST = 0.05
+#: rounds in which a model is fitted again, each with the weights of the rest that the last one left, while it gains so
+#: many nats
+ROUNDS, GAINED = 4, 0.5
 #: optima of the evidence from which it is sought besides the best, and iterations of that
 NEWTON_STARTS, NEWTON_STEPS = 2, 15
 #: sizes of the rest over which the evidence is tabulated, and those among which the loops' is found first where a rest
@@ -120,13 +123,18 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     if not np.isfinite(cost[order[0]]):
         raise FitError(f"{'+'.join(e.name for e in effects_of(problem)) or 'the base model'}: no finite force")
     optima = _distinct(found.x[order], cost[order])
-    grid = _grid(rows.linear(optima[0]))
-    if np.sqrt(np.mean(np.log(rows.sd(grid.size) / rows.sd(FIRST)) ** 2)) > OTHER_WEIGHTS:
-        near = np.stack([*optima, np.clip(grid.z, -Z_BOX, Z_BOX)])  # the best there may be another one
-        again = rows.fit(near, grid.size, iterations, grid.linear)
-        # beside a large rest the prior may lead away from a model that needs a small one; asked where each really is
-        places = (np.clip(grid.z, -Z_BOX, Z_BOX), again.x[again.best])
-        grid = max((_grid(rows.linear(z)) for z in places), key=lambda g: g.log_evidence)
+    best = grid = _grid(rows, rows.linear(optima[0]))
+    near, weighed_by = list(optima), FIRST
+    for _ in range(ROUNDS):  # the rest follows the model and the model the rest, until both stand
+        if np.sqrt(np.mean(np.log(rows.sd(grid.size) / rows.sd(weighed_by)) ** 2)) <= OTHER_WEIGHTS:
+            break
+        again = rows.fit(np.stack([*near, grid.z]), grid.size, iterations, grid.linear)
+        weighed_by, grid = grid.size, _grid(rows, rows.linear(again.x[again.best]))
+        gained = grid.log_evidence - best.log_evidence
+        best, near = max(best, grid, key=lambda g: g.log_evidence), [grid.linear.z]
+        if gained < GAINED:
+            break
+    grid = best
     return Fit(
         problem,
         grid.linear.z,
@@ -193,19 +201,33 @@ class _Grid:
         return float(np.logaddexp.reduce(self.log_z.ravel()))
 
 
-def _grid(linear: Linear) -> _Grid:
+def _grid(rows: Rows, linear: Linear) -> _Grid:
     along, change = float(ALONG_SHARES[0]), 0.0
     if linear.rest.changing.any():  # the change along the record has its own size, found where the loops' is best
-        coarse = linear.evidence(_COARSE, np.full(len(_COARSE), FIRST.along))
+        coarse = _borne_out(rows, linear, _COARSE, np.full(len(_COARSE), FIRST.along))
         loops = _COARSE[int(np.argmax(coarse.log_z))]
-        by_change = linear.evidence((loops,) * len(ALONG_SHARES), ALONG_SHARES).log_z
+        by_change = _borne_out(rows, linear, (loops,) * len(ALONG_SHARES), ALONG_SHARES).log_z
         along = float(ALONG_SHARES[int(np.argmax(by_change))])
         change = float(np.logaddexp.reduce(by_change) - np.log(len(by_change)) - by_change.max())
-    found = linear.evidence(_FINE, np.full(len(_FINE), along))
+    found = _borne_out(rows, linear, _FINE, np.full(len(_FINE), along))
     best = int(np.argmax(found.log_z))
     log_z = found.log_z.reshape(len(SHARES), len(LENGTHS)) + change
     share = _whole_share(linear.rest.orders, found)
     return _Grid(linear, log_z, found.z[best], found.precision[best], found.sizes[best], share)
+
+
+def _borne_out(rows: Rows, linear: Linear, sizes: Sizes, along: Array) -> Stepped:
+    """ln evidence at sizes of the rest by what the model really misses where the linear one leads, or where it was made
+    if that is better: in a bent valley a step may promise hundreds of nats that are not there."""
+    stepped = linear.evidence(sizes, along)
+    z = np.clip(stepped.z, -Z_BOX, Z_BOX)
+    with np.errstate(all="ignore"):
+        there = linear.at(rows.residual(z), z, sizes, along, stepped.precision)
+    here = linear.at(linear.residual[None], linear.z[None], sizes, along, stepped.precision)
+    stays = ~(there.log_z >= here.log_z)
+    log_z = np.where(stays, here.log_z, there.log_z)
+    which = tuple(h if s else t for s, h, t in zip(stays, here.sizes, there.sizes))
+    return Stepped(log_z, np.where(stays[:, None], linear.z, z), stepped.precision, which)
 
 
 def _whole_share(orders: int, found: Stepped) -> tuple[float, float, float]:

@@ -202,10 +202,22 @@ class Linear:
             precision = weighted @ self.jacobian + np.eye(n)
             z = np.asarray(np.linalg.solve(precision, (weighted @ target)[:, :, None])[:, :, 0])
             left = self.residual - (z - self.z) @ turned
-            factors, log_p = rest.spectrum(left, sizes)
+            factors, _ = rest.spectrum(left, sizes)
+        return self.at(left, z, sizes, along, precision)
+
+    def at(self, residual: Array, z: Array, sizes: Sizes, along: Array, precision: Array) -> Stepped:
+        """ln evidence at each size of what is left (sizes, m) or (1, m) at z (sizes, ndim) or (1, ndim), with the
+        precision (sizes, ndim, ndim) of z; -inf where what is left is not finite."""
+        rest = self.rest
+        finite = np.asarray(np.all(np.isfinite(residual), axis=1))
+        left = np.broadcast_to(np.where(finite[:, None], residual, 0.0), (len(sizes), residual.shape[1]))
+        factors, log_p = rest.spectrum(left, sizes)
         at = rest.changing
         if at.any():
-            log_p = log_p - 0.5 * np.sum(left[:, at] ** 2 / changing[:, at] + np.log(changing[:, at]), axis=1)
+            changing = 1.0 + np.array([rest.changing_variance(b)[at] for b in along])
+            log_p = log_p - 0.5 * np.sum(left[:, at] ** 2 / changing + np.log(changing), axis=1)
         log_z = log_p - 0.5 * np.sum(z * z, axis=1) - 0.5 * np.linalg.slogdet(precision)[1]
         found = (RestSize(a, n, float(b), tuple(f.tolist())) for (a, n), b, f in zip(sizes, along, factors))
-        return Stepped(np.asarray(log_z), z, precision, tuple(found))
+        return Stepped(
+            np.where(finite, log_z, -np.inf), np.broadcast_to(z, (len(sizes), z.shape[1])), precision, tuple(found)
+        )

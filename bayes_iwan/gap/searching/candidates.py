@@ -227,8 +227,12 @@ def stepped(rows: Rows, point: Array, smaller: Fit, size: RestSize) -> float:
 
 
 def _cost(rows: Rows, smaller: Fit, size: RestSize) -> float:
-    """Half the squared residuals of a smaller model at its optimum, in the rows of a larger one."""
-    mine = smaller.linear.residual / np.sqrt(smaller.linear.variance(size))
+    """Half the squared residuals of a smaller model, in the rows of a larger one, less what a step of its own would
+    gain: at another size of the rest than its own it is not at its optimum."""
+    sd = np.sqrt(smaller.linear.variance(size))
+    mine, j = smaller.linear.residual / sd, smaller.linear.jacobian / sd[:, None]
+    b = j.T @ mine - smaller.z
+    own = b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b)
     theirs = Rows(rows.data, smaller.problem)
     missed = 0.0 if theirs.evolving or not rows.evolving else theirs.layout.missed(size.along)
-    return 0.5 * float(mine @ mine + smaller.z @ smaller.z) + missed
+    return 0.5 * float(mine @ mine + smaller.z @ smaller.z - own) + missed
