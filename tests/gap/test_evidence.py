@@ -1,6 +1,7 @@
 """Evidence: Laplace's approximation where it is exact, and one scale for steady and evolving models."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,11 +18,27 @@ from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 
 
-def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record():
+@pytest.fixture
+def toy():
+    """A model of four numbers, linear about where it stands, and a rest of which a part changes along the record."""
     rng = np.random.default_rng(5)
     rest = Rest(rng.uniform(0.0, 400.0, 30), rng.integers(0, 6, 30), np.arange(30) >= 24)
-    toy = Linear(rng.standard_normal(30), 3.0 * rng.standard_normal((30, 4)), rest, rng.standard_normal(4))
-    grid = _grid(toy)
+    return Linear(rng.standard_normal(30), 3.0 * rng.standard_normal((30, 4)), rest, rng.standard_normal(4))
+
+
+def really(linear, bend=0.0):
+    """Rows of a model whose residual departs from its linear one by `bend` times the square of the step."""
+    away = np.ones(len(linear.residual))
+
+    def residual(z):
+        step = z - linear.z
+        return linear.residual - step @ linear.jacobian.T + bend * np.sum(step**2, axis=1)[:, None] * away
+
+    return SimpleNamespace(residual=residual)
+
+
+def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record(toy):
+    grid = _grid(really(toy), toy)
     assert grid.log_z.shape == (len(SHARES), len(LENGTHS))
     along = np.array([grid.size.along])
     one = np.array([[toy.evidence(((a, b),), along).log_z[0] for b in LENGTHS] for a in SHARES])
@@ -30,6 +47,30 @@ def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record
     assert (grid.size.share, grid.size.length) == (SHARES[i], LENGTHS[k])
     low, middle, high = sorted(grid.rest_share)
     assert grid.rest_share == (middle, low, high) and low < high
+
+
+@pytest.mark.parametrize("bend", [30.0, np.inf])
+def test_evidence_is_of_what_a_model_misses_and_not_of_what_its_linear_one_promises(toy, bend):
+    """Where the step leads nowhere, or where there is no force, the model stays; half-way it is as good as it is."""
+    straight, bent = _grid(really(toy), toy), _grid(really(toy, bend), toy)
+    assert bent.log_evidence < straight.log_evidence - 1.0
+    np.testing.assert_array_equal(bent.z, toy.z)
+    size = ((bent.size.share, bent.size.length),)
+    stays = toy.at(toy.residual[None], toy.z[None], size, np.array([bent.size.along]), bent.precision[None])
+    assert bent.size == stays.sizes[0]
+    slight = _grid(really(toy, 1e-4), toy)
+    assert straight.log_evidence - 1.0 < slight.log_evidence < straight.log_evidence
+
+
+@pytest.mark.parametrize("cause", [None, "viscous_damping"])
+def test_a_fit_stands_where_its_evidence_is(kit, cause):
+    """At its own size of the rest no step promises more than a nat or two."""
+    search = kit.diagnosed(cause, *(() if cause is None else ("grid",))).search
+    for fit in (search.base, search.fit(search.chosen)):
+        sd = np.sqrt(fit.linear.variance(fit.size))
+        j, r = fit.linear.jacobian / sd[:, None], fit.linear.residual / sd
+        b = j.T @ r - fit.z
+        assert 0.5 * b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b) < 2.0, fit.name
 
 
 def test_evidence_is_the_mean_over_the_grid_and_the_rest_has_its_size(kit):
