@@ -154,13 +154,17 @@ def newton_size(rest_share: float) -> RestSize:
     return RestSize(share, 0.0, share)
 
 
-def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS) -> Fit:
-    """The model of a fit where it misses least in newtons: least squares of loops and their changes alike.
+def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS, smaller: Sequence[Fit] = ()) -> Fit:
+    """The model of a fit where it misses least in newtons: least squares of loops and their changes alike; sought from
+    where smaller models do, too, since more effects cannot miss more.
 
     What an effect does is judged by evidence, which follows the harmonics that are quiet and leaves to a large rest
     what the model need not fit; how large a gap is, and which share of it an effect removes, is asked in newtons.
     """
-    return _beside(data, fit, newton_size(fit.rest_share[0]), [fit.z, *fit.optima[:NEWTON_STARTS]], iterations)
+    own = dict(zip(fit.problem.names, fit.z))
+    theirs = [own | dict(zip(f.problem.names, f.z)) for f in smaller]
+    starts = [fit.z, *fit.optima[:NEWTON_STARTS], *(np.array([z[n] for n in own]) for z in theirs)]
+    return _beside(data, fit, newton_size(fit.rest_share[0]), starts, iterations)
 
 
 def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:

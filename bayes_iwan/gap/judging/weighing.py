@@ -125,7 +125,10 @@ class _Models:
         known = replace(self.search, fits=dict(self.search.fits) | self.fits, chosen=chosen)
         new = {k: f for k, f in fits_of_subsets(known).items() if k not in self.fits}
         self.fits |= new
-        self.nearest |= zip(new, alongside(partial(in_newtons, data), list(new.values())))
+        for size in sorted({len(k) for k in new}):  # the smaller sets first: a larger one starts where they ended, too
+            level = {k: f for k, f in new.items() if len(k) == size}
+            pieces = [(f, [self.nearest[k - {n}] for n in sorted(k)]) for k, f in level.items()]
+            self.nearest |= zip(level, alongside(partial(_nearest, data), pieces))
         held = alongside(partial(_predicting, data), [(f, self.nearest[k]) for k, f in new.items()])
         self.predicting |= zip(new, held)
         for k in sorted(new, key=len):
@@ -148,6 +151,11 @@ class _Models:
             return ()
         found = left_out([self.predicting[k] for k in sets], self.search.data)
         return tuple(u for u in found if u.by != HELD_OUT)
+
+
+def _nearest(data: GapData, piece: tuple[Fit, Sequence[Fit]]) -> Fit:
+    fit, smaller = piece
+    return in_newtons(data, fit, smaller=smaller)
 
 
 def _predicting(data: GapData, both: tuple[Fit, Fit]) -> Fit:
