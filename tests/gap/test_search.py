@@ -94,6 +94,22 @@ def test_every_effect_is_offered_and_the_most_promising_first(kit):
     assert "viscous_damping" in [c.name for c in offered[:SINGLE_MOST]]
 
 
+def test_an_effect_is_not_promised_what_a_step_of_the_smaller_model_gains_by_itself(kit):
+    """A base that stands a little beside its optimum: what it would gain there is no merit of any effect."""
+    found = kit.diagnosed("viscous_damping", "held out").search
+    effects = {n: e for n, e in found.effects.items() if n not in LAST | NO_CAUSE and not e[0].sudden}
+    right = found.base
+    beside = right.z + 0.2 * np.random.default_rng(4).standard_normal(len(right.z))
+    off = replace(right, z=beside, optima=beside[None], linear=Rows(found.data, right.problem).linear(beside))
+    sd = np.sqrt(off.linear.variance(off.size))
+    j, r = off.linear.jacobian / sd[:, None], off.linear.residual / sd
+    b = j.T @ r - off.z
+    own = 0.5 * b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b)
+    at_optimum, aside = ({c.name: c.gain for c in candidates(found.data, x, effects)} for x in (right, off))
+    assert own > 300.0
+    assert np.median([abs(aside[n] - at_optimum[n]) for n in at_optimum]) < 0.1 * own
+
+
 def test_effects_with_a_number_for_each_test_promise_what_a_step_of_these_gains(kit):
     """A hum of a twentieth of the friction force, in a campaign whose base is fitted far worse than that."""
     tests = [(8.0, 0.4), (8.0, 0.9), (20.0, 0.4), (20.0, 0.9)]

@@ -113,7 +113,8 @@ def extended(problem: Problem, effects: Sequence[Effect]) -> Problem:
 
 
 def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 40) -> Fit:
-    """Fit a model from all starts, tabulate its evidence over the rest's grid, refit at the best point.
+    """Fit a model from all starts, tabulate its evidence over the rest's grid, refit at the best point, until neither
+    the model nor the rest moves any more.
 
     Raises FitError where no start reaches a finite cost: the model has no force there.
     """
@@ -134,16 +135,15 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
         best, near = max(best, grid, key=lambda g: g.log_evidence), [grid.linear.z]
         if gained < GAINED:
             break
-    grid = best
     return Fit(
         problem,
-        grid.linear.z,
-        grid.log_z + rows.layout.constant,
-        grid.size,
-        grid.rest_share,
-        np.asarray(np.linalg.inv(grid.precision)),
+        best.linear.z,
+        best.log_z + rows.layout.constant,
+        best.size,
+        best.rest_share,
+        np.asarray(np.linalg.inv(best.precision)),
         optima,
-        grid.linear,
+        best.linear,
         bool(found.arrived[order[0]]),
     )
 

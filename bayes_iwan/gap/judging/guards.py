@@ -91,7 +91,7 @@ def guard_figures(
     before, before_along = parts[frozenset()]
     out = []
     asked = search.fit(search.chosen)  # rivals were sought beside all that was chosen
-    asked_N, asked_along = parts[whole.names] if asked.names == whole.names else parts_of(asked)
+    asked_N, asked_along = parts_of(asked)  # as its rivals' is found: not from where its subsets end, too
     for name in judged:
         effect = next(e for e in whole.effects if e.name == name)
         acts_along = effect.evolving and changes(data, before_along)
