@@ -9,6 +9,8 @@ import pytest
 from bayes_iwan.campaign import average
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import _distinct, _grid, extended, fit_model, in_newtons, predicting
+from bayes_iwan.gap.fitting.gap_size import gap_power_N2
+from bayes_iwan.gap.fitting.residuals import residual_of
 from bayes_iwan.gap.fitting.rest import LENGTHS, SHARES, Linear, Rest
 from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging import sample_fit
@@ -51,7 +53,7 @@ def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record
 
 @pytest.mark.parametrize("bend", [30.0, np.inf])
 def test_evidence_is_of_what_a_model_misses_and_not_of_what_its_linear_one_promises(toy, bend):
-    """Where the step leads nowhere, or where there is no force, the model stays; half-way it is as good as it is."""
+    """Where the step leads nowhere, or where there is no force, the model stays; a slight bend costs what it costs."""
     straight, bent = _grid(really(toy), toy), _grid(really(toy, bend), toy)
     assert bent.log_evidence < straight.log_evidence - 1.0
     np.testing.assert_array_equal(bent.z, toy.z)
@@ -71,6 +73,22 @@ def test_a_fit_stands_where_its_evidence_is(kit, cause):
         j, r = fit.linear.jacobian / sd[:, None], fit.linear.residual / sd
         b = j.T @ r - fit.z
         assert 0.5 * b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b) < 2.0, fit.name
+
+
+def test_a_larger_model_misses_no_more_in_newtons_than_a_smaller_one(kit):
+    """From where evidence left it it may arrive nowhere; the smaller model's place is a start as good."""
+    search = kit.diagnosed("viscous_damping", "grid").search
+    base = in_newtons(search.data, search.base)
+    lost = np.full(len(search.fit(search.chosen).z), 2.5)
+    astray = replace(search.fit(search.chosen), z=lost, optima=lost[None])
+
+    def missed_N2(fit):
+        return float(np.mean(gap_power_N2(residual_of(search.data, fit, refitted=False))))
+
+    astray = replace(astray, linear=Rows(search.data, astray.problem).linear(lost))
+    alone = in_newtons(search.data, astray, iterations=1)
+    beside = in_newtons(search.data, astray, iterations=1, smaller=[base])
+    assert missed_N2(beside) < 0.5 * missed_N2(alone)
 
 
 def test_evidence_is_the_mean_over_the_grid_and_the_rest_has_its_size(kit):

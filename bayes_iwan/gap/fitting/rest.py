@@ -196,13 +196,15 @@ class Linear:
         target = self.residual + self.jacobian @ self.z  # minimise |r − J(z' − z)|² + |z'|²
         changing = 1.0 + np.array([rest.changing_variance(b) for b in along])
         factors = np.ones((len(sizes), rest.orders))
-        for _ in range(ROUNDS):
+        left = self.residual
+        for turn in range(ROUNDS):
+            if turn:
+                factors, _ = rest.spectrum(left, sizes)
             variance = np.where(rest.changing, changing, 1.0 + shape * factors[:, rest.order])
             weighted = turned / variance[:, None, :]
             precision = weighted @ self.jacobian + np.eye(n)
             z = np.asarray(np.linalg.solve(precision, (weighted @ target)[:, :, None])[:, :, 0])
             left = self.residual - (z - self.z) @ turned
-            factors, _ = rest.spectrum(left, sizes)
         return self.at(left, z, sizes, along, precision)
 
     def at(self, residual: Array, z: Array, sizes: Sizes, along: Array, precision: Array) -> Stepped:

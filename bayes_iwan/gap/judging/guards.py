@@ -7,7 +7,7 @@ tests, and its lead over effects of another kind speak with it (:mod:`bayes_iwan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -73,7 +73,7 @@ def guard_figures(
 ) -> tuple[Figures, ...]:
     """The figures of every effect of the chosen set that is judged.
 
-    nearest : by subset of those, the fit that misses least in newtons; unseen : what they miss on tests left out
+    nearest : by subset of those, the fit that misses least in newtons; unseen : what they miss on tests left out;
     share : of the gap, by effect (:func:`.budget.shares`); along : of what changes along the record, by
     effect that acts on that
     """
@@ -144,21 +144,13 @@ def in_company(
     for f in chosen:
         parts = [(weight, f), *((w, _place(f.name, figures)) for w, figures in others)]
         total = sum(w for w, _ in parts)
-
-        def mean(figure: Callable[[Figures], float]) -> float:
-            return sum(w * figure(g) for w, g in parts if g is not None) / total  # noqa: B023 - called at once
-
-        out.append(
-            replace(
-                f,
-                gain=mean(lambda g: g.gain),
-                lead=mean(lambda g: g.lead),
-                fitted=mean(lambda g: g.fitted),
-                unseen=mean(lambda g: g.unseen),
-                by_test=mean(lambda g: g.by_test),
-                differs=mean(lambda g: g.differs),
-            )
+        there = [
+            (w / total, (g.gain, g.lead, g.fitted, g.unseen, g.by_test, g.differs)) for w, g in parts if g is not None
+        ]
+        gain, lead, fitted, unseen, by_test, differs = (
+            sum(w * values[i] for w, values in there) for i in range(len(there[0][1]))
         )
+        out.append(replace(f, gain=gain, lead=lead, fitted=fitted, unseen=unseen, by_test=by_test, differs=differs))
     return tuple(out)
 
 

@@ -146,7 +146,7 @@ def _causes(
     predicted = unseen_shares(named, judges) if judges else {}
     whole, along = found.fits[frozenset(named)], found.along(named)
     out = []
-    for f in found.figures:
+    for f in found.alone:
         if f.name not in named:
             continue
         effect = next(e for e in whole.effects if e.name == f.name)

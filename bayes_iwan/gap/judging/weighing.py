@@ -5,12 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations
 
 import numpy as np
 
-from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, in_newtons, predicting
 from bayes_iwan.gap.fitting.gap_size import GapSize, gap_size
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, left_out
@@ -37,15 +35,17 @@ class Weighed:
     """Everything behind a verdict but the calibration's constants.
 
     search : its chosen effects are those that remove anything; asked : all that it chose, beside which rivals stood
-    figures : of every effect of the chosen set that may be named; by every subset of it: fits; in_newtons, the same
-    models where they miss least in newtons; predicting, the same as they predict tests left out; sizes, what they miss
-    in newtons
+    figures : of every effect of the chosen set that may be named, in the company of all ends of the search: from these
+    come probabilities; alone : the same in the chosen set, as they are reported
+    by every subset of it: fits; in_newtons, the same models where they miss least in newtons; predicting, the same as
+    they predict tests left out; sizes, what they miss in newtons
     subharmonic : the largest power of a line at half a test's frequency over its background
     """
 
     search: Search
     asked: Names
     figures: tuple[Figures, ...]
+    alone: tuple[Figures, ...]
     fits: Mapping[Names, Fit]
     in_newtons: Mapping[Names, Fit]
     predicting: Mapping[Names, Fit]
@@ -95,12 +95,14 @@ def weighed(search: Search, seed: int) -> Weighed:
             share, along = models.shares(names)
             figures[names] = guard_figures(beside, models.nearest, unseen, share, along, names)
     here = next(iter(kept.values()))
-    said = in_company(figures[here], weight[here], [(weight[k], f) for k, f in figures.items() if k != here])
+    alone = tuple(f for f in figures[here] if f.name not in OWN_FORM or f.gap >= LEAST_GAP)
+    others = [(weight[k], f) for k, f in figures.items() if k != here]
     own = subsets(here)
     return Weighed(
         replace(search, fits=all_fits, chosen=here),
         whole,
-        tuple(f for f in said if f.name not in OWN_FORM or f.gap >= LEAST_GAP),
+        in_company(alone, weight[here], others),
+        alone,
         {k: models.fits[k] for k in own},
         {k: models.nearest[k] for k in own},
         {k: models.predicting[k] for k in own},
@@ -128,8 +130,8 @@ class _Models:
         for size in sorted({len(k) for k in new}):  # the smaller sets first: a larger one starts where they ended, too
             level = {k: f for k, f in new.items() if len(k) == size}
             pieces = [(f, [self.nearest[k - {n}] for n in sorted(k)]) for k, f in level.items()]
-            self.nearest |= zip(level, alongside(partial(_nearest, data), pieces))
-        held = alongside(partial(_predicting, data), [(f, self.nearest[k]) for k, f in new.items()])
+            self.nearest |= zip(level, alongside(lambda p: in_newtons(data, p[0], smaller=p[1]), pieces))
+        held = alongside(lambda p: predicting(data, *p), [(f, self.nearest[k]) for k, f in new.items()])
         self.predicting |= zip(new, held)
         for k in sorted(new, key=len):
             friction_N = self.sizes[frozenset()].friction_N if k else None
@@ -151,15 +153,6 @@ class _Models:
             return ()
         found = left_out([self.predicting[k] for k in sets], self.search.data)
         return tuple(u for u in found if u.by != HELD_OUT)
-
-
-def _nearest(data: GapData, piece: tuple[Fit, Sequence[Fit]]) -> Fit:
-    fit, smaller = piece
-    return in_newtons(data, fit, smaller=smaller)
-
-
-def _predicting(data: GapData, both: tuple[Fit, Fit]) -> Fit:
-    return predicting(data, *both)
 
 
 def _removing(
