@@ -42,6 +42,7 @@ from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.solving.chains import Run, independent_chains, manifold_chains
 from bayes_iwan.inference.solving.point import Point, find_point, starting_population
 from bayes_iwan.sampling.common.convergence import convergence_of
+from bayes_iwan.sampling.common.plan import Plan
 from bayes_iwan.sampling.ensemble.ensembles import sample
 
 ENSEMBLES, WALKERS = 4, 40
@@ -124,7 +125,7 @@ def package_ensembles(density: Density, starts: np.ndarray, names: tuple[str, ..
             raise KeyboardInterrupt  # ends a run with the draws that there are
         return density(z)
 
-    chains = sample(log_prob, starts, names=names, seed=seed, target_ess=1e9, progress=False)
+    chains = sample(log_prob, starts, Plan(names, seed, target_ess=1e9, progress=False))
     if chains.convergence is None:
         return {"note": chains.message}
     kept |= {"ess": float(chains.convergence.least_ess), "r_hat": float(chains.convergence.worst_r_hat)}

@@ -32,6 +32,7 @@ from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.setup.settings import IdentifySettings
 from bayes_iwan.inference.solving.point import find_point, starting_population
 from bayes_iwan.sampling.common.convergence import convergence_of
+from bayes_iwan.sampling.common.plan import Plan
 from bayes_iwan.sampling.ensemble.ensembles import sample
 from bayes_iwan.sampling.ensemble.moves import StretchMove
 from bayes_iwan.sampling.ensemble.run import POWERS
@@ -88,20 +89,17 @@ def ours(
     extra = tuple(n for n in names if n not in problem.names)
     s = settings.sampling
     began, clock = time.process_time(), time.perf_counter()
-    chains = sample(
-        problem.log_prob,
-        population,
+    plan = Plan(
         names=problem.names,
         seed=seed,
+        quantities=(lambda z: numbers(problem, z, extra)) if extra else None,
         quantity_names=extra,
-        quantities=lambda z: numbers(problem, z, extra),
-        n_ensembles=s.ensembles,
-        n_walkers=s.walkers,
         target_r_hat=s.r_hat,
         target_ess=s.ess,
         chain_taus=s.taus,
         budget_s=limit_s,
     )
+    chains = sample(problem.log_prob, population, plan, n_ensembles=s.ensembles, n_walkers=s.walkers)
     taken = time.process_time() - began
     clock = time.perf_counter() - clock
     both = np.concatenate([chains.draws, chains.quantities], axis=3)

@@ -30,6 +30,7 @@ from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.report.batch import Batch, populations, stored_specimen
 from bayes_iwan.sampling.common import checkpoint
+from bayes_iwan.sampling.common.plan import Plan
 from bayes_iwan.sampling.ensemble import run as sampling_run
 from bayes_iwan.sampling.ensemble.ensembles import sample
 from bayes_iwan.validation import scoring
@@ -179,10 +180,8 @@ def _sampled(path: Path, resume: bool) -> object:
     """A short run of a normal distribution in two numbers, or what going on from its checkpoint gives."""
     sampling_run._WARMUP_STEPS, sampling_run._ROUND_STEPS, sampling_run._ROUNDS = 20, (10, 10), (3, 3)
     start = np.random.default_rng(0).standard_normal((80, 2))
-    return sample(
-        _gauss, start, names=("a", "b"), seed=1, checkpoint=path, resume=resume, n_ensembles=2, n_walkers=8,
-        max_steps=40, progress=False,
-    )  # fmt: skip
+    plan = Plan(("a", "b"), 1, checkpoint=path, resume=resume, max_steps=40, progress=False)
+    return sample(_gauss, start, plan, n_ensembles=2, n_walkers=8)
 
 
 def _recordings(folder: Path, record: Record) -> dict[str, Path]:

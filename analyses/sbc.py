@@ -88,7 +88,6 @@ def short_posterior(problem: Problem, seed: int, settings: SamplingSettings) -> 
     c = chains.convergence
     told = {
         "converged": bool(chains.converged),
-        "independent": chains.proposal is None,
         "steps": int(chains.n_steps),
         "cpu_s": time.process_time() - began,
         "r_hat": float(np.max(c.r_hat)) if c is not None else None,

@@ -32,8 +32,8 @@ from bayes_iwan.inference.solving.chains import Run, sampled
 from bayes_iwan.inference.solving.point import Point, find_point, laplace_scale
 from bayes_iwan.physics import Scales, Simulator
 from bayes_iwan.physics.interface.parameter import Z_LIMIT
+from bayes_iwan.sampling.common.chains import Chains, Stop
 from bayes_iwan.sampling.common.checkpoint import NAME as CHECKPOINT
-from bayes_iwan.sampling.ensemble.ensembles import Chains, Stop
 
 #: `quick`: the search unless the configuration has its own, and the draws of the normal distribution
 QUICK_SEARCH = SearchSettings(members=100, evaluations=4000, second_opinion=False, starts=8)

@@ -13,12 +13,17 @@ import numpy as np
 import pytest
 
 from bayes_iwan.sampling.common import checkpoint
+from bayes_iwan.sampling.common.chains import Stop
 from bayes_iwan.sampling.common.checkpoint import Checkpoint, CheckpointError, read_checkpoint
-from bayes_iwan.sampling.ensemble import run, walkers
-from bayes_iwan.sampling.ensemble.ensembles import SamplingError, Stop, sample
+from bayes_iwan.sampling.common.plan import Plan, SamplingError
+from bayes_iwan.sampling.ensemble import ensembles, run, walkers
 
 NAMES = ("a", "b", "c")
 SHORT = dict(n_walkers=16, target_ess=300.0, chain_taus=20.0, progress=False)
+
+
+def sample(log_prob, start, *, n_ensembles=4, n_walkers=40, **asked):
+    return ensembles.sample(log_prob, start, Plan(**asked), n_ensembles=n_ensembles, n_walkers=n_walkers)
 
 
 def banana(z):
@@ -173,6 +178,19 @@ def test_unusable_input_is_refused_with_its_reason(log_prob, start, words):
         sample(log_prob, start, names=NAMES, seed=0, **SHORT)
 
 
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"quantities": lambda z: z}, "go together"),
+        ({"quantity_names": ("q",)}, "go together"),
+        ({"quantities": lambda z: z, "quantity_names": ("q",)}, r"shape \(\d+, 3\); it must be \(n, 1\)"),
+    ],
+)
+def test_quantities_that_are_not_what_their_names_say_are_refused(asked, words):
+    with pytest.raises(SamplingError, match=words):
+        sample(banana, population(), names=NAMES, seed=0, max_steps=60, **SHORT, **asked)
+
+
 def test_too_few_walkers_or_ensembles_are_refused():
     with pytest.raises(SamplingError, match="n_walkers"):
         sample(banana, population(), names=NAMES, seed=0, **SHORT | {"n_walkers": 7})
@@ -181,14 +199,14 @@ def test_too_few_walkers_or_ensembles_are_refused():
 
 
 SCRIPT = textwrap.dedent("""
-    import sys, numpy as np
+    import sys, pathlib
     sys.path.insert(0, {here!r})
     import test_ensembles as t
-    from bayes_iwan.sampling.ensemble import ensembles, run
+    from bayes_iwan.sampling.ensemble import run
     run._WARMUP_STEPS, run._ROUND_STEPS, run._ROUNDS, run._TRIAL_STEPS = 100, (60, 100), (3, 6), 200
     settings = t.SHORT | dict(target_ess=1e9, max_steps=1500, chain_taus=1e5)
-    ensembles.sample(t.banana, t.population(), names=t.NAMES, seed=5, checkpoint={path!r},
-                     fingerprint={{"data": "d"}}, resume=True, **settings)
+    t.sample(t.banana, t.population(), names=t.NAMES, seed=5, checkpoint=pathlib.Path({path!r}),
+             fingerprint={{"data": "d"}}, resume=True, **settings)
 """)
 
 

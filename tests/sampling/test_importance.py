@@ -1,12 +1,15 @@
 """Draws by importance from residual maps, on posteriors whose moments a grid gives."""
 
+from dataclasses import replace
+
 import numba as nb
 import numpy as np
 import pytest
 
+from bayes_iwan.sampling.common.chains import Stop
 from bayes_iwan.sampling.common.checkpoint import CheckpointError
 from bayes_iwan.sampling.common.held import log_mean_exp
-from bayes_iwan.sampling.ensemble.ensembles import Stop
+from bayes_iwan.sampling.common.plan import Plan
 from bayes_iwan.sampling.independent import importance
 from bayes_iwan.sampling.independent.branches import Optimum
 from bayes_iwan.sampling.independent.importance import sample_independently
@@ -33,10 +36,8 @@ def drawn(residuals, optima, **options):
         lambda z, held: log_prob(z)[:, None],
         peaks,
         NONE,
+        Plan(tuple(f"z{i}" for i in range(len(optima[0]))), **{"seed": 3, "progress": False, **options}),
         limit=7.0,
-        names=tuple(f"z{i}" for i in range(len(optima[0]))),
-        progress=False,
-        **{"seed": 3, **options},
     )
     return chains, None if chains is None else chains.flat()
 
@@ -121,11 +122,8 @@ def test_held_noise_is_integrated_out():
         held_log_prob,
         [optimum],
         np.array([1]),
+        Plan(("mean", "log scale"), 1, target_ess=2000, progress=False),
         limit=7.0,
-        names=("mean", "log scale"),
-        seed=1,
-        target_ess=2000,
-        progress=False,
     )
     assert chains is not None and chains.converged
     z = chains.flat()
@@ -203,12 +201,14 @@ def test_proposals_that_are_worth_too_little_are_given_up_however_many_there_are
         return (needle - np.sum(z * z, axis=1))[:, None]
 
     optimum = Optimum(np.zeros(2), 0.0, np.eye(2), np.empty((0, 0)))
-    options = dict(limit=7.0, names=("a", "b"), seed=1, progress=False, target_ess=100, max_steps=2400)
     file = tmp_path / "chains.ckpt"
-    assert sample_independently(lambda z: z, held_log_prob, [optimum], NONE, **options, checkpoint=file) is None
+    plan = Plan(("a", "b"), 1, checkpoint=file, progress=False, target_ess=100, max_steps=2400)
+    assert sample_independently(lambda z: z, held_log_prob, [optimum], NONE, plan, limit=7.0) is None
     assert not file.exists()
     monkeypatch.setattr(importance, "_PATIENCE", 3000)
-    chains = sample_independently(lambda z: z, held_log_prob, [optimum], NONE, **options)
+    chains = sample_independently(
+        lambda z: z, held_log_prob, [optimum], NONE, replace(plan, checkpoint=None), limit=7.0
+    )
     assert chains.n_steps == 2400 and not chains.converged
 
 

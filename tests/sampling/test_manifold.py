@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from bayes_iwan.executors import opened
+from bayes_iwan.sampling.common.chains import Stop
 from bayes_iwan.sampling.common.checkpoint import CheckpointError
 from bayes_iwan.sampling.common.held import Held
-from bayes_iwan.sampling.ensemble.ensembles import Stop
+from bayes_iwan.sampling.common.plan import Plan
 from bayes_iwan.sampling.manifold import on_manifold
 from bayes_iwan.sampling.manifold.on_manifold import sample_on_manifold
 from bayes_iwan.sampling.manifold.sheet import Sheet
@@ -35,6 +36,7 @@ def spread(axis, p, count):
 
 def chains_of(rows, optima, **options):
     optima = np.atleast_2d(np.array(optima, float))
+    names = tuple(f"z{i}" for i in range(optima.shape[1]))
     return sample_on_manifold(
         rows,
         density(rows),
@@ -42,9 +44,8 @@ def chains_of(rows, optima, **options):
         density(rows)(optima)[:, 0],
         NONE,
         np.empty((0, 0)),
+        Plan(names, **{"seed": 3, "progress": False, **options}),
         limit=8.0,
-        names=tuple(f"z{i}" for i in range(optima.shape[1])),
-        **{"seed": 3, "progress": False, **options},
     )
 
 
@@ -124,10 +125,11 @@ def grid():
     return z, p / p.sum()
 
 
-def noisy_chains(best, **settings):
+def noisy_chains(best, executor=None, **settings):
     """Chains of the model with noise of unknown size, about its maximum (1, 2)."""
     known = noisy_rows, held_log_prob, best, noisy_log_prob(best), np.array([1]), np.array([[0.22]])
-    return sample_on_manifold(*known, limit=8.0, names=("mean", "log scale"), seed=1, progress=False, **settings)
+    plan = Plan(("mean", "log scale"), 1, progress=False, **settings)
+    return sample_on_manifold(*known, plan, limit=8.0, executor=executor)
 
 
 def test_held_noise_is_integrated_out(grid):

@@ -17,6 +17,7 @@ from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.inference.setup.parameters import Z_LIMIT
 from bayes_iwan.sampling.common.held import log_mean_exp
+from bayes_iwan.sampling.common.plan import Plan
 from bayes_iwan.sampling.manifold.on_manifold import sample_on_manifold
 
 #: seconds that one model may be sampled for
@@ -82,11 +83,8 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
         log_prob[order],
         target.held,
         root,
+        Plan((*fit.problem.names, "discrepancy_share", "discrepancy_length"), seed, budget_s=BUDGET_S),
         limit=Z_LIMIT,
-        names=(*fit.problem.names, "discrepancy_share", "discrepancy_length"),
-        seed=seed,
-        budget_s=BUDGET_S,
-        progress=True,
     )
     if chains is None:
         return replace(fit, converged=False)

@@ -23,7 +23,7 @@ from bayes_iwan.inference.setup.settings import IdentifySettings
 from bayes_iwan.inference.solving.point import Point
 from bayes_iwan.optimize.genetic import GlobalOptimum
 from bayes_iwan.physics import Scales
-from bayes_iwan.sampling.ensemble.ensembles import Stop
+from bayes_iwan.sampling.common.chains import Stop
 
 if TYPE_CHECKING:
     import xarray

@@ -26,8 +26,8 @@ from bayes_iwan.inference.solving.intervals import Widening, widenings
 from bayes_iwan.inference.solving.point import Point
 from bayes_iwan.physics.interface.motion import motion_of, sine_motion
 from bayes_iwan.physics.interface.simulator import FORCE_ZERO, Derived, straight_part
+from bayes_iwan.sampling.common.chains import Stop
 from bayes_iwan.sampling.common.convergence import Convergence, convergence_of
-from bayes_iwan.sampling.ensemble.ensembles import Stop
 
 if TYPE_CHECKING:
     import pandas

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,10 @@ from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.point import Point, laplace_scale, starting_population
 from bayes_iwan.physics import Model
 from bayes_iwan.physics.interface.parameter import Z_LIMIT
+from bayes_iwan.sampling.common.chains import Chains
 from bayes_iwan.sampling.common.checkpoint import read_checkpoint
-from bayes_iwan.sampling.ensemble.ensembles import Chains, sample
+from bayes_iwan.sampling.common.plan import Plan
+from bayes_iwan.sampling.ensemble.ensembles import sample
 from bayes_iwan.sampling.ensemble.run import CROWD, POWERS
 from bayes_iwan.sampling.ensemble.walkers import enough_walkers
 from bayes_iwan.sampling.independent.branches import Optimum
@@ -52,24 +53,6 @@ def _unsampled(problem: Problem) -> tuple[tuple[str, ...], Callable[[Array], Arr
     return names, parameter_values if names else None
 
 
-class _Asked(TypedDict):
-    """What every way of sampling is asked alike."""
-
-    names: tuple[str, ...]
-    seed: int
-    quantities: Callable[[Array], Array] | None
-    quantity_names: tuple[str, ...]
-    checkpoint: Path | None
-    fingerprint: dict[str, str]
-    resume: bool
-    budget_s: float | None
-    max_steps: int
-    target_r_hat: float
-    target_ess: float
-    chain_taus: float
-    progress: bool
-
-
 @dataclass(frozen=True)
 class Run:
     """A run as it is kept and shown: its seed, where it is written and gone on from, and what else draws depend on;
@@ -83,9 +66,9 @@ class Run:
     executor: Executor | None = None
 
 
-def _asked(problem: Problem, s: SamplingSettings, run: Run) -> _Asked:
+def _plan(problem: Problem, s: SamplingSettings, run: Run) -> Plan:
     names, parameter_values = _unsampled(problem)
-    return _Asked(
+    return Plan(
         names=tuple(problem.names),
         seed=run.seed,
         quantities=parameter_values,
@@ -119,9 +102,9 @@ def independent_chains(problem: Problem, point: Point, s: SamplingSettings, run:
         problem.log_prob_of_noise,
         optima,
         held,
+        _plan(problem, s, run),
         limit=0.95 * Z_LIMIT,
         n_chains=s.ensembles,
-        **_asked(problem, s, run),
     )
 
 
@@ -145,11 +128,11 @@ def manifold_chains(problem: Problem, point: Point, s: SamplingSettings, run: Ru
         point.optima_log_prob,
         held,
         root,
+        _plan(problem, s, run),
         limit=Z_LIMIT,
         n_ensembles=s.ensembles,
         # a simulator of the user's own may live in a file that other processes have not read
         executor=run.executor if isinstance(problem.model, Model) and isinstance(run.executor, Processes) else None,
-        **_asked(problem, s, run),
     )
 
 
@@ -168,9 +151,9 @@ def ensemble_chains(problem: Problem, point: Point, s: SamplingSettings, run: Ru
     return sample(
         problem.log_prob,
         starting_population(problem, point, run.seed, CROWD * len(POWERS) * s.ensembles * walkers),
+        _plan(problem, s, run),
         n_ensembles=s.ensembles,
         n_walkers=walkers,
-        **_asked(problem, s, run),
     )
 
 

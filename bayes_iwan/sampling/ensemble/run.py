@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +23,10 @@ from tqdm.auto import tqdm
 from bayes_iwan.arrays import Array
 from bayes_iwan.sampling.common.checkpoint import Checkpoint, CheckpointError
 from bayes_iwan.sampling.common.convergence import Convergence, longest_autocorrelation_time
+from bayes_iwan.sampling.common.plan import Plan
 from bayes_iwan.sampling.ensemble.moves import DifferentialEvolutionMove, MixtureMove, SnookerMove, StretchMove
 from bayes_iwan.sampling.ensemble.proposal import Proposal, fit_proposal
-from bayes_iwan.sampling.ensemble.walkers import SamplingError, Walkers, WeighedMoves, by_block, in_one_row
-
-BatchFunction = Callable[[Array], Array]
+from bayes_iwan.sampling.ensemble.walkers import Walkers, WeighedMoves, by_block, in_one_row
 
 STAGES = ("tempered", "plain", "production")
 POWERS = (1.0, 0.6)
@@ -113,17 +112,10 @@ class Run:
     def late(self) -> bool:
         return self.deadline is not None and time.monotonic() > self.deadline
 
-    def evaluate(self, quantities: BatchFunction | None, n: int) -> Array:
-        """(ensembles, stored, walkers, n) quantities of the draws; each draw is evaluated once."""
-        for draws, _ in self._kept[len(self._values) :]:
-            if quantities is None:
-                values = np.empty((*draws.shape[:3], 0))
-            else:
-                values = np.asarray(quantities(draws.reshape(-1, draws.shape[-1])), dtype=float)
-                if values.shape != (draws[..., 0].size, n):
-                    raise SamplingError(f"quantities(z) returned shape {values.shape}; it must be (n, {n})")
-            self._values.append(values.reshape(*draws.shape[:3], n))
-        shape = (self.walkers.ensembles, 0, self.producers, n)
+    def evaluate(self, plan: Plan) -> Array:
+        """(ensembles, stored, walkers, quantities) of the draws; each draw is evaluated once."""
+        self._values += [plan.evaluated(draws) for draws, _ in self._kept[len(self._values) :]]
+        shape = (self.walkers.ensembles, 0, self.producers, len(plan.quantity_names))
         return np.concatenate([np.empty(shape), *self._values], axis=1)
 
     # -- stages ----------------------------------------------------------------------------------------------

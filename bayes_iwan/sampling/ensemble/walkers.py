@@ -10,14 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.sampling.common.plan import BatchFunction, SamplingError
 from bayes_iwan.sampling.ensemble.moves import BlockMove
 
-BatchFunction = Callable[[Array], Array]
 WeighedMoves = Sequence[tuple[BlockMove, float]]
-
-
-class SamplingError(ValueError):
-    """The posterior, the population or the settings cannot be sampled."""
 
 
 def enough_walkers(ndim: int) -> int:

@@ -33,10 +33,11 @@ from numpy.typing import NDArray
 from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.sampling.common.chains import Chains, Stop
 from bayes_iwan.sampling.common.checkpoint import Checkpoint, read_checkpoint
 from bayes_iwan.sampling.common.convergence import convergence_of
 from bayes_iwan.sampling.common.held import HeldFunction
-from bayes_iwan.sampling.ensemble.ensembles import BatchFunction, Chains, Stop
+from bayes_iwan.sampling.common.plan import Plan
 from bayes_iwan.sampling.independent.branches import Optimum
 from bayes_iwan.sampling.independent.reach import unreached
 from bayes_iwan.sampling.independent.residual_map import Residuals
@@ -62,22 +63,10 @@ def sample_independently(
     held_log_prob: HeldFunction,
     optima: Sequence[Optimum],
     held: NDArray[np.int64],
+    plan: Plan,
     *,
     limit: float,
-    names: Sequence[str],
-    seed: int,
-    quantities: BatchFunction | None = None,
-    quantity_names: Sequence[str] = (),
-    checkpoint: Path | None = None,
-    fingerprint: Mapping[str, str] | None = None,
-    resume: bool = False,
     n_chains: int = 4,
-    budget_s: float | None = None,
-    max_steps: int = 200_000,
-    target_r_hat: float = 1.01,
-    target_ess: float = 400.0,
-    chain_taus: float = 50.0,
-    progress: bool = True,
 ) -> Chains | None:
     """Draw from a posterior until converged or the budget is used up; None where this way does not fit.
 
@@ -87,73 +76,37 @@ def sample_independently(
         numbers alone; the nearer, the better.
     held_log_prob : z (n, ndim), held numbers (n, count, held) → ln p (n, count) of z with these in place of its own.
     optima : maxima of ln p, best first. held : the coordinates that scale the residuals (the noise's).
+    plan : what is asked; a chain is an ensemble of one walker. Where this way does not fit there is no checkpoint left.
     limit : z lies within ±limit.
-    checkpoint and all others : as for `sampling.ensemble.ensembles.sample`; a chain is an ensemble of one
-        walker. Where this way does not fit there is no checkpoint left.
 
     The same seed gives the same draws. Ctrl-C ends the run with the draws that are there.
     """
     began = time.monotonic()
-    first = _attempt_of(checkpoint) if resume and checkpoint is not None and checkpoint.exists() else 0
-    for attempt in range(first, len(_ATTEMPTS)):
-        left = None if budget_s is None else max(budget_s - (time.monotonic() - began), 0.0)
+    for attempt in range(0 if plan.resumed is None else _attempt_of(plan.resumed), len(_ATTEMPTS)):
         source = Source.of(residuals, held_log_prob, optima, held, limit)
-        chains = _attempt(
-            source,
-            attempt,
-            names=tuple(names),
-            seed=seed,
-            quantities=quantities,
-            quantity_names=tuple(quantity_names),
-            checkpoint=checkpoint,
-            fingerprint=fingerprint or {},
-            resume=resume,
-            n_chains=n_chains,
-            budget_s=left,
-            max_steps=max_steps,
-            target_r_hat=target_r_hat,
-            target_ess=target_ess,
-            chain_taus=chain_taus,
-            progress=progress,
-        )
+        left = None if plan.budget_s is None else max(plan.budget_s - (time.monotonic() - began), 0.0)
+        chains = _attempt(source, attempt, replace(plan, budget_s=left), n_chains)
         if chains is not None:
             return replace(chains, seconds=time.monotonic() - began)
     return None
 
 
-def _attempt(
-    source: Source,
-    attempt: int,
-    *,
-    names: tuple[str, ...],
-    seed: int,
-    quantities: BatchFunction | None,
-    quantity_names: tuple[str, ...],
-    checkpoint: Path | None,
-    fingerprint: Mapping[str, str],
-    resume: bool,
-    n_chains: int,
-    budget_s: float | None,
-    max_steps: int,
-    target_r_hat: float,
-    target_ess: float,
-    chain_taus: float,
-    progress: bool,
-) -> Chains | None:
+def _attempt(source: Source, attempt: int, plan: Plan, n_chains: int) -> Chains | None:
     """One of _ATTEMPTS at :func:`sample_independently`; None where it does not fit."""
     began = time.monotonic()
-    chains = [
-        _Chain(float(x), len(names), len(quantity_names)) for x in np.random.default_rng([seed, 23]).random(n_chains)
-    ]
-    store = _Store(checkpoint, {**METHOD, **fingerprint, "seed": str(seed), "chains": str(n_chains)}, names)
+    names, seed = plan.names, plan.seed
+    offsets = np.random.default_rng([seed, 23]).random(n_chains)
+    chains = [_Chain(float(x), len(names), len(plan.quantity_names)) for x in offsets]
+    stamp = {**METHOD, **plan.fingerprint, "seed": str(seed), "chains": str(n_chains)}
+    store = _Store(plan.checkpoint, stamp, names)
 
     def add(fresh: Sequence[Array]) -> None:
         """Proposals of all chains, one chain's after the other's."""
-        named = _evaluated(quantities, fresh[0], len(quantity_names))
+        named = plan.evaluated(fresh[0])
         for chain, *new in zip(chains, *(np.split(x, n_chains) for x in (*fresh, named))):
             chain.append(*new)
 
-    if resume and checkpoint is not None and checkpoint.exists():
+    if plan.resumed is not None:
         for block in store.resume(source):
             add(block)
     elif source.pilot(seed, _ATTEMPTS[attempt]):
@@ -166,17 +119,17 @@ def _attempt(
         next_check = int(1.15 * steps) if steps >= next_check else next_check
     stop: Stop | None = None
     said, short, result = "", "no draws yet", None
-    with tqdm(disable=None if progress else True, unit="step") as bar:
+    with tqdm(disable=plan.quiet, unit="step") as bar:
         bar.set_description("sampling")
         try:
             while stop is None:
                 steps = chains[0].length
-                late = budget_s is not None and time.monotonic() - began > budget_s
+                late = plan.budget_s is not None and time.monotonic() - began > plan.budget_s
                 planned = steps >= next_check
-                if steps >= 8 and (planned or late or steps >= max_steps):
+                if steps >= 8 and (planned or late or steps >= plan.max_steps):
                     together = np.stack([chain.resampled()[1] for chain in chains])
-                    result = convergence_of(together[:, :, None], names + quantity_names)
-                    short = result.shortfall(target_r_hat, target_ess, chain_taus)
+                    result = convergence_of(together[:, :, None], plan.every_name)
+                    short = plan.shortfall(result)
                     poor = steps >= _PATIENCE and result.least_ess < _LEAST_WORTH * n_chains * steps
                     if not short:
                         every = np.concatenate([chain.log_weight for chain in chains])
@@ -189,16 +142,12 @@ def _attempt(
                         if unreached(source, places, every, seed) > _MOST_UNREACHED:
                             store.remove()
                             return None
-                        stop, said = Stop.CONVERGED, "converged"
                     elif planned and poor:
                         store.remove()
                         return None
-                    elif steps >= max_steps:
-                        stop, said = Stop.STEPS, f"stopped at {max_steps} steps"
-                    elif late:
-                        stop, said = Stop.BUDGET, f"stopped at the time budget of {budget_s:g} s"
+                    stop, said = plan.ended(short, steps, late)
                 if stop is None:
-                    count = min(_BATCH, max(max_steps, 8) - steps)
+                    count = min(_BATCH, max(plan.max_steps, 8) - steps)
                     fresh = source.draw(n_chains * count, np.random.default_rng([seed, 25, blocks]))
                     store.append(fresh, n_chains, source)
                     add(fresh)
@@ -211,12 +160,12 @@ def _attempt(
     kept = [chain.resampled() for chain in chains]
     draws, levels = np.stack([x for _, x in kept]), np.stack([chain.log_prob[i] for chain, (i, _) in zip(chains, kept)])
     if stop is Stop.INTERRUPTED and draws.shape[1] >= 8:
-        result = convergence_of(draws[:, :, None], names + quantity_names)
-        short = result.shortfall(target_r_hat, target_ess, chain_taus)
+        result = convergence_of(draws[:, :, None], plan.every_name)
+        short = plan.shortfall(result)
     different = [len(np.unique(i)) / max(1, len(i)) for i, _ in kept]
     return Chains(
         names=names,
-        quantity_names=quantity_names,
+        quantity_names=plan.quantity_names,
         draws=draws[:, :, None, : len(names)],
         log_prob=levels[:, :, None],
         quantities=draws[:, :, None, len(names) :],
@@ -230,7 +179,6 @@ def _attempt(
         stop=stop,
         seed=seed,
         seconds=time.monotonic() - began,
-        proposal=None,
     )
 
 
@@ -318,8 +266,3 @@ class _Chain:
         at = (np.arange(self.length) + self.offset) / self.length * share[-1]
         which = np.searchsorted(share, at).astype(np.int64)
         return which, self.values[which]
-
-
-def _evaluated(quantities: BatchFunction | None, z: Array, count: int) -> Array:
-    """(n, count)"""
-    return np.empty((len(z), 0)) if quantities is None else np.asarray(quantities(z), dtype=float).reshape(-1, count)

@@ -19,10 +19,9 @@ very same.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +29,11 @@ from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Rounds
+from bayes_iwan.sampling.common.chains import Chains, Stop
 from bayes_iwan.sampling.common.checkpoint import Checkpoint
 from bayes_iwan.sampling.common.convergence import convergence_of
 from bayes_iwan.sampling.common.held import Held, HeldFunction
-from bayes_iwan.sampling.ensemble.ensembles import BatchFunction, Chains, Stop
+from bayes_iwan.sampling.common.plan import Plan
 from bayes_iwan.sampling.manifold.nested import Nested, bending, jumped
 from bayes_iwan.sampling.manifold.sheet import Rows, Sheet, Walkers
 
@@ -65,22 +65,10 @@ def sample_on_manifold(
     optima_log_prob: Array,
     held: NDArray[np.int64],
     held_root: Array,
+    plan: Plan,
     *,
     limit: float,
-    names: Sequence[str],
-    seed: int,
-    quantities: BatchFunction | None = None,
-    quantity_names: Sequence[str] = (),
-    checkpoint: Path | None = None,
-    fingerprint: Mapping[str, str] | None = None,
-    resume: bool = False,
     n_ensembles: int = 4,
-    budget_s: float | None = None,
-    max_steps: int = 200_000,
-    target_r_hat: float = 1.01,
-    target_ess: float = 400.0,
-    chain_taus: float = 50.0,
-    progress: bool = True,
     executor: Executor | None = None,
 ) -> Chains | None:
     """Draw from a posterior until converged or the budget is used up; None where steps must be too short to lead
@@ -94,55 +82,48 @@ def sample_on_manifold(
     optima, optima_log_prob : maxima of ln p (k, ndim), best first, and ln p there (k,).
     held, held_root : the coordinates that scale the residuals (the noise's), and the lower triangular root of their
         covariance at the first maximum.
+    plan : what is asked; its autocorrelation times are of the steps of all walkers of an ensemble, for these are
+        independent here. A run ends after whole blocks of 25 steps. Where this way does not fit there is no checkpoint
+        left.
     limit : z lies within ±limit.
-    chain_taus : autocorrelation times, of the steps of all walkers of an ensemble, for these are independent here.
-    checkpoint and all others : as for `sampling.ensemble.ensembles.sample`; a run ends after whole blocks of
-        25 steps. Where this way does not fit there is no checkpoint left.
     executor : from :func:`bayes_iwan.executors.opened`, for walkers in other processes as well; rows and held_log_prob
         must be picklable then.
 
     The same seed gives the same draws. Ctrl-C ends the run with the draws that are there.
     """
     began = time.monotonic()
-    names, quantity_names = tuple(names), tuple(quantity_names)
-    n = n_ensembles * WALKERS
-    taus = min(chain_taus, max(LEAST_TAUS, chain_taus / WALKERS))
-    run = ManifoldRun.at(rows, held_log_prob, optima[0], held, held_root, limit, seed, executor)
-    stamp = {**METHOD, **(fingerprint or {}), "seed": str(seed), "ensembles": str(n_ensembles)}
+    names, n = plan.names, n_ensembles * WALKERS
+    taus = min(plan.chain_taus, max(LEAST_TAUS, plan.chain_taus / WALKERS))
+    run = ManifoldRun.at(rows, held_log_prob, optima[0], held, held_root, limit, plan.seed, executor)
+    stamp = {**METHOD, **plan.fingerprint, "seed": str(plan.seed), "ensembles": str(n_ensembles)}
     file: Checkpoint | None = None
-    z, log_prob, other = np.empty((0, n, len(names))), np.empty((0, n)), np.empty((0, n, len(quantity_names)))
+    z, log_prob, other = np.empty((0, n, len(names))), np.empty((0, n)), np.empty((0, n, len(plan.quantity_names)))
     stop: Stop | None = None
     said, short, result, before = "", "no draws yet", None, 0
 
     def late() -> bool:
-        return budget_s is not None and time.monotonic() - began > budget_s
-
-    def evaluated(draws: Array) -> Array:
-        if quantities is None:
-            return np.empty((*draws.shape[:2], 0))
-        flat = np.asarray(quantities(draws.reshape(-1, draws.shape[2])), dtype=float)
-        return flat.reshape(*draws.shape[:2], len(quantity_names))
+        return plan.budget_s is not None and time.monotonic() - began > plan.budget_s
 
     def by_ensemble(x: Array) -> Array:
         """(ensembles, steps, walkers, …) of (steps, all walkers, …)"""
         return np.moveaxis(x.reshape(len(x), n_ensembles, WALKERS, *x.shape[2:]), 0, 1)
 
-    with tqdm(disable=None if progress else True, unit="step") as bar:
+    with tqdm(disable=plan.quiet, unit="step") as bar:
         try:
-            if resume and checkpoint is not None and checkpoint.exists():
-                file, found = Checkpoint.resume(checkpoint, stamp, names, (_STAGE,))
+            if plan.resumed is not None:
+                file, found = Checkpoint.resume(plan.resumed, stamp, names, (_STAGE,))
                 run.restore(found.state)
                 before = int(found.state["evaluations"])
                 z, log_prob = found.draws[_STAGE], found.log_prob[_STAGE]
-                other = evaluated(z)
+                other = plan.evaluated(z)
             else:
                 bar.set_description("warm-up")
                 near = optima[optima_log_prob > optima_log_prob[0] - _DEPTH]
                 which = np.arange(n_ensembles)[:, None] + n_ensembles * np.arange(WALKERS)
                 if not run.warm_up(near[which.ravel() % len(near)], late, bar):
                     return None
-                if checkpoint is not None:
-                    file = Checkpoint.create(checkpoint, stamp, names, {_STAGE: n}, run.state(before))
+                if plan.checkpoint is not None:
+                    file = Checkpoint.create(plan.checkpoint, stamp, names, {_STAGE: n}, run.state(before))
             bar.set_description("sampling")
             next_check = FIRST_CHECK
             while next_check <= len(z) - _BLOCK:  # where an uninterrupted run would have looked
@@ -150,23 +131,18 @@ def sample_on_manifold(
             while stop is None:
                 steps = len(z)
                 planned, over = steps >= next_check, late()
-                if steps >= 8 and (planned or over or steps >= max_steps):
-                    result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), names + quantity_names)
-                    short = result.shortfall(target_r_hat, target_ess, taus)
+                if steps >= 8 and (planned or over or steps >= plan.max_steps):
+                    result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), plan.every_name)
+                    short = plan.shortfall(result, taus)
                     while next_check <= steps:
                         next_check = int(1.15 * next_check)
                     bar.set_postfix_str(
                         f"R-hat {result.worst_r_hat:.3f}, ESS {result.least_ess:.0f}, tau {result.worst_tau:.0f}"
                     )
-                    if not short:
-                        stop, said = Stop.CONVERGED, "converged"
-                    elif steps >= max_steps:
-                        stop, said = Stop.STEPS, f"stopped at {max_steps} steps"
-                    elif over:
-                        stop, said = Stop.BUDGET, f"stopped at the time budget of {budget_s:g} s"
+                    stop, said = plan.ended(short, steps, over)
                 if stop is None:
                     fresh, level = run.block()
-                    values = evaluated(fresh)
+                    values = plan.evaluated(fresh)
                     if file is not None:
                         file.append(_STAGE, fresh, level)
                         file.commit(run.state(before))
@@ -180,13 +156,13 @@ def sample_on_manifold(
             if file is not None:
                 file.close()
     if stop is Stop.INTERRUPTED and len(z) >= 8:
-        result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), names + quantity_names)
-        short = result.shortfall(target_r_hat, target_ess, taus)
+        result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), plan.every_name)
+        short = plan.shortfall(result, taus)
     if run.hurried:
         said += "; the time budget cut warm-up short, so that more time gives other draws"
     return Chains(
         names=names,
-        quantity_names=quantity_names,
+        quantity_names=plan.quantity_names,
         draws=by_ensemble(z),
         log_prob=by_ensemble(log_prob),
         quantities=by_ensemble(other),
@@ -198,9 +174,8 @@ def sample_on_manifold(
         converged=not short,
         message=said if not short else f"not converged: {said}; {short}",
         stop=stop,
-        seed=seed,
+        seed=plan.seed,
         seconds=time.monotonic() - began,
-        proposal=None,
     )
 
 
