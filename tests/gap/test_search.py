@@ -15,10 +15,10 @@ from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import extended
 from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
-from bayes_iwan.gap.searching import explored
+from bayes_iwan.gap.searching import refits
 from bayes_iwan.gap.searching import search as searching
-from bayes_iwan.gap.searching.base import fit_base, missed
-from bayes_iwan.gap.searching.candidates import candidates, start_points, stepped_on
+from bayes_iwan.gap.searching.base import fit_base, gap_rms_N, missed, newton_nats
+from bayes_iwan.gap.searching.candidates import candidate, start_points, stepped_on
 from bayes_iwan.gap.searching.explored import silent
 from bayes_iwan.gap.searching.found import LAST, needed
 from bayes_iwan.gap.searching.search import SINGLE_MOST, _Explorer, search
@@ -31,6 +31,11 @@ from bayes_iwan.rig.planning import simulate_campaign
 from bayes_iwan.rig.simulate import PlannedTest
 
 FOUND = {"viscous_damping": "c_N_s_mm", "channel_delay": "delay_s"}
+
+
+def explorer(kit, data, kinds):
+    """A search that has fitted its base and no more."""
+    return _Explorer(data, scales_of(data.loops), kit.settings, kinds, np.random.default_rng(0), silent, None, None)
 
 
 @pytest.mark.parametrize("name", FOUND)
@@ -82,16 +87,28 @@ def test_single_frequency_answer_holds_the_truth_among_what_cannot_be_told_apart
 
 
 def test_every_effect_is_offered_and_the_most_promising_first(kit):
-    found = kit.diagnosed("viscous_damping", "held out").search
-    effects = {n: e for n, e in found.effects.items() if n not in LAST | NO_CAUSE}
-    offered = candidates(found.data, found.base, effects)
+    data = kit.diagnosed("viscous_damping", "held out").search.data
+    found = explorer(kit, data, {n: e for n, e in catalogue.variants().items() if n not in NO_CAUSE})
+    offered = found.offered(found.fits[frozenset()])
     # 50 and 60 Hz are no harmonics of these tests, and no line stands there
-    assert found.data.mains_possible == (False, False)
+    assert data.mains_possible == (False, False)
     assert {c.name for c in offered} == set(catalogue.NAMES) - {"mains_hum"} - LAST
-    gains = [c.gain for c in offered]
-    assert gains == sorted(gains, reverse=True)
+    promised = [c.worth for c in offered]
+    assert promised == sorted(promised, reverse=True)
     # one step is but a screen: the truth need not lead, but it must be refitted
     assert "viscous_damping" in [c.name for c in offered[:SINGLE_MOST]]
+
+
+def test_what_an_effect_removes_in_newtons_is_part_of_its_promise_where_there_is_a_gap(kit):
+    found = kit.diagnosed("viscous_damping", "held out").search
+    gap_N = gap_rms_N(found.data, found.base)
+    for name in ("viscous_damping", "moving_mass"):
+        without, beside = (candidate(found.data, found.base, g, found.effects[name][0]) for g in (0.0, gap_N))
+        assert without.worth == without.gain == beside.gain and len(beside.starts) == len(without.starts) + 1
+        removed = newton_nats(found.data, 0.0) - newton_nats(found.data, gap_N)
+        assert 0.0 <= beside.worth - beside.gain <= removed
+        if name == "viscous_damping":  # the truth: most of the gap, and so a good part of what all of it is worth
+            assert beside.worth - beside.gain > removed / 3.0
 
 
 def test_an_effect_is_not_promised_what_a_step_of_the_smaller_model_gains_by_itself(kit):
@@ -105,7 +122,10 @@ def test_an_effect_is_not_promised_what_a_step_of_the_smaller_model_gains_by_its
     j, r = off.linear.jacobian / sd[:, None], off.linear.residual / sd
     b = j.T @ r - off.z
     own = 0.5 * b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b)
-    at_optimum, aside = ({c.name: c.gain for c in candidates(found.data, x, effects)} for x in (right, off))
+    at_optimum, aside = (
+        {n: max(candidate(found.data, x, 0.0, e).gain for e in some) for n, some in effects.items()}
+        for x in (right, off)
+    )
     assert own > 300.0
     assert np.median([abs(aside[n] - at_optimum[n]) for n in at_optimum]) < 0.1 * own
 
@@ -122,12 +142,8 @@ def test_effects_with_a_number_for_each_test_promise_what_a_step_of_these_gains(
         loops = kit.made_up(kit.specimen_force, tests, noise_N=0.01, cycles=24, extra=extra).loops(**kit.small)
         data, scales = gap_data(loops), scales_of(loops)
         base = fit_base(data, kit.settings, scales, np.random.default_rng(0))
-        effects = {
-            "mains_hum": tuple(
-                calibrated(k, scales, data, base.problem, base.z) for k in catalogue.variants()["mains_hum"]
-            )
-        }
-        gain[name] = [c.gain for c in candidates(data, base, effects)]
+        effects = [calibrated(k, scales, data, base.problem, base.z) for k in catalogue.variants()["mains_hum"]]
+        gain[name] = [candidate(data, base, 0.0, e).gain for e in effects if e.possible(data)]
     assert max(gain["hum"]) > 100.0 and len(gain["hum"]) == 1  # 50 Hz alone: no line stands at 60
     assert gain["quiet"] == []
 
@@ -170,8 +186,7 @@ def test_a_law_that_only_its_shape_tells_from_the_base_is_found(kit):
     data, scales = gap_data(loops), scales_of(loops)
     base = fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(0))
     effect = calibrated(RigCompliance, scales, data, base.problem, base.z)
-    (one,) = candidates(data, base, {"rig_compliance": (effect,)})
-    assert one.gain > 10.0
+    assert candidate(data, base, 0.0, effect).gain > 10.0
 
 
 def test_what_others_stand_in_for_does_not_come_back_beside_them():
@@ -190,9 +205,10 @@ def test_sudden_effects_are_always_refitted(kit):
 
 def test_what_acts_along_the_record_is_refitted_where_the_gap_is_there_whatever_a_step_promises(kit, monkeypatch):
     def hopeless(*given):
-        return [replace(c, gain=-1e3, removes=-1.0) if c.effect.evolving else c for c in candidates(*given)]
+        one = candidate(*given)
+        return replace(one, gain=-1e3, worth=-1e3) if one.effect.evolving else one
 
-    monkeypatch.setattr(explored, "candidates", hopeless)
+    monkeypatch.setattr(refits, "candidate", hopeless)
     monkeypatch.setattr(searching, "SINGLE_MOST", 0)
     virtual = kit.rig_records("friction_fade")
     fading = gap_data([x for x in kit.campaign_of(virtual).loops(**kit.small) if x.role == "fit"])
@@ -200,9 +216,7 @@ def test_what_acts_along_the_record_is_refitted_where_the_gap_is_there_whatever_
     fitted = {}
     for name, data in (("fading", fading), ("steady", steady)):
         kinds = {n: catalogue.variants()[n] for n in ("friction_fade", "spring_softening", "moving_mass")}
-        found = _Explorer(
-            data, scales_of(data.loops), kit.settings, kinds, np.random.default_rng(0), silent, None, None
-        )
+        found = explorer(kit, data, kinds)
         found.singles()
         fitted[name] = set(found.fits)
     assert frozenset({"friction_fade"}) in fitted["fading"] and frozenset({"friction_fade"}) not in fitted["steady"]

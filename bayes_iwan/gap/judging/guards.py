@@ -142,14 +142,15 @@ def in_company(
         return tuple(chosen)
     out = []
     for f in chosen:
-        parts = [(weight, f), *((w, _place(f.name, figures)) for w, figures in others)]
-        total = sum(w for w, _ in parts)
-        there = [
-            (w / total, (g.gain, g.lead, g.fitted, g.unseen, g.by_test, g.differs)) for w, g in parts if g is not None
-        ]
-        gain, lead, fitted, unseen, by_test, differs = (
-            sum(w * values[i] for w, values in there) for i in range(len(there[0][1]))
+        places = [(w, _place(f.name, figures)) for w, figures in others]
+        there = [(weight, f), *((w, g) for w, g in places if g is not None)]
+        present = sum(w for w, _ in there)
+        whole = present + sum(w for w, g in places if g is None)
+        gain, lead, fitted, unseen, by_test = (
+            sum(w * getattr(g, figure) for w, g in there) / whole
+            for figure in ("gain", "lead", "fitted", "unseen", "by_test")
         )
+        differs = sum(w * g.differs for w, g in there) / present  # a strength that is not there is not steady
         out.append(replace(f, gain=gain, lead=lead, fitted=fitted, unseen=unseen, by_test=by_test, differs=differs))
     return tuple(out)
 

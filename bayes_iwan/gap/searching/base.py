@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, base_problem, fit_model, in_newtons
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2, gap_size
 from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.searching.candidates import cheapest
+from bayes_iwan.gap.fitting.rest import FIRST
+from bayes_iwan.gap.fitting.rows import Rows
+from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.physics import Simulator
@@ -40,6 +45,13 @@ def fit_base(
     problem = base_problem(data, settings, scales, simulator)
     draws = problem.prior.draw(rng, BASE_POINTS)
     return fit_model(data, problem, cheapest(data, problem, draws, BASE_STARTS))
+
+
+def cheapest(data: GapData, problem: Problem, z: Array, most: int) -> Array:
+    """(most, ndim) those of the points z (n, ndim) that cost least."""
+    rows = Rows(data, problem)
+    cost = np.sum((rows.residual(z) / rows.sd(replace(FIRST, share=0.05))) ** 2, axis=1) + np.sum(z * z, axis=1)
+    return z[np.argsort(np.where(np.isfinite(cost), cost, np.inf))[:most]]
 
 
 def gap_parts_N(data: GapData, fit: Fit) -> tuple[float, float]:

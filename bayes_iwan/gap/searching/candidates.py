@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -16,8 +15,8 @@ from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, extended, newton_size
 from bayes_iwan.gap.fitting.rest import FIRST, RestSize
 from bayes_iwan.gap.fitting.rows import Rows
+from bayes_iwan.gap.searching.base import newton_nats, sound_gap_N
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.threads import alongside
 
 #: z of the strength, signed or not, and of extra parameters at which an effect is tried
 STRENGTHS = {False: (-2.0, -1.0, -0.2, 0.6, 1.4, 2.2), True: (-1.2, -0.4, 0.4, 1.2)}
@@ -27,41 +26,24 @@ EFFECT_STARTS = 2
 LAWS_MOST = 2
 #: smallest share of the friction level at which a step is judged
 LEAST_SHARE = 1e-3
-#: of all candidates at most so many remove much: this share of the squares missed in newtons
-REMOVES, REMOVING_MOST = 0.4, 2
 #: step of the differences behind a trial's own Jacobian, and the longest step that is believed of it, in prior sd
 STEP, LONGEST = 1e-3, 1.5
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect on a smaller model: where its refit starts, (starts, ndim), the nats that one step promises, and the
-    share of the squares missed in newtons that another step would remove."""
+    """An effect on a smaller model: where its refit starts, (starts, ndim), the nats of evidence that one step
+    promises, and all that is promised: these, and those of the gap in newtons that another step would leave."""
 
     effect: Effect
     problem: Problem
     starts: Array
     gain: float
-    removes: float
+    worth: float
 
     @property
     def name(self) -> str:
         return self.effect.name
-
-
-def candidates(
-    data: GapData,
-    smaller: Fit,
-    effects: Mapping[str, tuple[Effect, ...]],
-    newtons: bool = True,
-    each: Callable[[Fit, Sequence[Effect], bool], Iterable[Candidate]] | None = None,
-) -> list[Candidate]:
-    """All effects (each law) that the records allow on top of a smaller fit, the most promising first; newtons : say
-    what each would remove there, too. each : asks :func:`candidate` of several effects (default: here)."""
-    tried = [e for some in effects.values() for e in some if e.possible(data)]
-    if each is None:
-        return sorted(alongside(partial(candidate, data, smaller, newtons), tried), key=lambda c: -c.gain)
-    return sorted(each(smaller, tried, newtons), key=lambda c: -c.gain)
 
 
 def leading(some: Sequence[Candidate]) -> list[Candidate]:
@@ -75,22 +57,14 @@ def leading(some: Sequence[Candidate]) -> list[Candidate]:
     return out
 
 
-def removing(some: Sequence[Candidate]) -> frozenset[str]:
-    """The effects that promise to remove most in newtons, if any removes much."""
-    most: dict[str, float] = {}
-    for one in some:
-        most[one.name] = max(most.get(one.name, 0.0), one.removes)
-    ranked = sorted((n for n, v in most.items() if v > REMOVES), key=lambda n: -most[n])
-    return frozenset(ranked[:REMOVING_MOST])
-
-
 def on_top(smaller: Fit, effect: Effect) -> Problem:
     """The problem of a fit with one effect more."""
     return extended(smaller.problem, ordered((*smaller.effects, effect)))
 
 
-def candidate(data: GapData, smaller: Fit, newtons: bool, effect: Effect) -> Candidate:
-    """One effect on top of a smaller fit; newtons : say what it would remove there, too."""
+def candidate(data: GapData, smaller: Fit, gap_N: float, effect: Effect) -> Candidate:
+    """One effect on top of a smaller fit; gap_N : RMS gap of that, which counts where it is more than a sound
+    specimen's."""
     optima = np.concatenate([smaller.z[None], smaller.optima[1:2]])
     at = replace(smaller.size, share=max(smaller.size.share, LEAST_SHARE), along=max(smaller.size.along, FIRST.along))
     problem = on_top(smaller, effect)
@@ -101,12 +75,14 @@ def candidate(data: GapData, smaller: Fit, newtons: bool, effect: Effect) -> Can
     starts, gain = promising(rows, points, residual, smaller, at, EFFECT_STARTS)
     if effect.strength_name not in problem.names:  # a number for each test: nothing of it is in any start
         gain = stepped(rows, points[0], smaller, at)
-    if not newtons:
-        return Candidate(effect, problem, starts, gain, 0.0)
+    if gap_N <= sound_gap_N(data):
+        return Candidate(effect, problem, starts, gain, gain)
     alike = newton_size(max(smaller.rest_share[0], LEAST_SHARE))
     nearest, less = promising(rows, points, residual, smaller, alike, 1)
     removes = less / max(_cost(rows, smaller, alike), 1e-300)
-    return Candidate(effect, problem, np.concatenate([starts, nearest]), gain, removes)
+    left_N = gap_N * float(np.sqrt(np.clip(1.0 - removes, 0.0, 1.0)))
+    worth = gain + newton_nats(data, left_N) - newton_nats(data, gap_N)
+    return Candidate(effect, problem, np.concatenate([starts, nearest]), gain, worth)
 
 
 def failing(data: GapData, smaller: Fit, effect: Effect) -> str:
@@ -121,13 +97,6 @@ def failing(data: GapData, smaller: Fit, effect: Effect) -> str:
     with np.errstate(all="ignore"):
         finite = bool(np.all(np.isfinite(Rows(data, problem).residual(z))))
     return "" if finite else "its force is not finite (NaN or infinite) at its typical strength"
-
-
-def cheapest(data: GapData, problem: Problem, z: Array, most: int) -> Array:
-    """(most, ndim) those of the points z (n, ndim) that cost least."""
-    rows = Rows(data, problem)
-    cost = np.sum((rows.residual(z) / rows.sd(replace(FIRST, share=0.05))) ** 2, axis=1) + np.sum(z * z, axis=1)
-    return z[np.argsort(np.where(np.isfinite(cost), cost, np.inf))[:most]]
 
 
 def extra_points(extras: int) -> list[tuple[float, ...]]:

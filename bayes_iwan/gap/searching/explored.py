@@ -24,9 +24,8 @@ from bayes_iwan.gap.searching.base import (
     gap_parts_N,
     newton_nats,
     quick_gap_N,
-    sound_gap_N,
 )
-from bayes_iwan.gap.searching.candidates import Candidate, candidates, failing, leading
+from bayes_iwan.gap.searching.candidates import Candidate, failing, leading
 from bayes_iwan.gap.searching.found import LAST, look_alike, needed, part
 from bayes_iwan.gap.searching.refits import ITERATIONS, Refit, Refits
 from bayes_iwan.gap.searching.strength import calibrated
@@ -135,8 +134,9 @@ class Explored:
         }
         at = (smaller.names, smaller.log_evidence, last)
         if at not in self._offers:
-            large = self.gap_N(smaller) > sound_gap_N(self.data)
-            self._offers[at] = leading(candidates(self.data, smaller, on_offer, large, self.refits.candidates))
+            tried = [e for some in on_offer.values() for e in some if e.possible(self.data)]
+            found = self.refits.candidates(smaller, tried, self.gap_N(smaller))
+            self._offers[at] = leading(sorted(found, key=lambda c: -c.worth))
         return self._offers[at]
 
     def without(self, fit: Fit, name: str) -> Fit:

@@ -15,7 +15,8 @@ from bayes_iwan.effects.base import Effect, effects_of
 from bayes_iwan.executors import Rounds
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, FitError, extended, fit_model
-from bayes_iwan.gap.searching.candidates import Candidate, candidate, cheapest, on_top
+from bayes_iwan.gap.searching.base import cheapest
+from bayes_iwan.gap.searching.candidates import Candidate, candidate, on_top
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.user_file import UserFiles
 
@@ -70,7 +71,7 @@ class _Fitted:
     parts: tuple[Any, ...]
     work: Callable[[GapData, Fit], Any] | None = None
     tried: tuple[int, ...] = ()
-    newtons: bool = False
+    gap_N: float = 0.0
 
     def fit(self, common: _Common) -> Fit:
         return Fit(common.problem(self.effects), *self.parts)
@@ -105,11 +106,11 @@ class Refits:
         pieces = [_Fitted(self._places(f.problem), _parts(f), work) for f in fits]
         return list(self._rounds.results(pieces, _asked))
 
-    def candidates(self, smaller: Fit, tried: Sequence[Effect], newtons: bool) -> list[Candidate]:
-        """See :func:`.candidates.candidate`, of each of these effects on top of a fit."""
+    def candidates(self, smaller: Fit, tried: Sequence[Effect], gap_N: float) -> list[Candidate]:
+        """See :func:`.candidates.candidate`, of each of these effects on top of a fit that leaves a gap."""
         places, parts = [self._place[id(e)] for e in tried], _parts(smaller)
         some = [tuple(places[i : i + TOGETHER]) for i in range(0, len(places), TOGETHER)]
-        pieces = [_Fitted(self._places(smaller.problem), parts, None, x, newtons) for x in some]
+        pieces = [_Fitted(self._places(smaller.problem), parts, None, x, gap_N) for x in some]
         told = [x for several in self._rounds.results(pieces, _promised) for x in several]
         return [Candidate(e, on_top(smaller, e), *x) for e, x in zip(tried, told)]
 
@@ -141,7 +142,7 @@ def _asked(common: _Common, piece: _Fitted) -> Any:
 
 
 def _promised(common: _Common, piece: _Fitted) -> list[tuple[Array, float, float]]:
-    """Starts, gain and what it removes of each effect tried."""
+    """Starts, gain and worth of each effect tried."""
     smaller = piece.fit(common)
-    found = [candidate(common.data, smaller, piece.newtons, common.effects[i]) for i in piece.tried]
-    return [(x.starts, x.gain, x.removes) for x in found]
+    found = [candidate(common.data, smaller, piece.gap_N, common.effects[i]) for i in piece.tried]
+    return [(x.starts, x.gain, x.worth) for x in found]

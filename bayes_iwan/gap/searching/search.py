@@ -16,7 +16,7 @@ from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.searching.base import WORTH_NATS, changes, missed, sound_gap_N
-from bayes_iwan.gap.searching.candidates import Candidate, removing
+from bayes_iwan.gap.searching.candidates import Candidate
 from bayes_iwan.gap.searching.ends import ends_of
 from bayes_iwan.gap.searching.explored import Explored, Report, silent
 from bayes_iwan.gap.searching.found import LAST, Search, look_alike, part
@@ -59,11 +59,11 @@ class _Explorer(Explored):
         base = self.fits[frozenset()]
         ranked: dict[str, int] = {}
         chosen, offered = [], self.offered(base)
-        near, changing = removing(offered), self.changing(base)
+        changing = self.changing(base)
         for one in offered:
             rank = ranked.setdefault(one.name, len(ranked))
             asked = one.effect.sudden or (changing and one.effect.evolving)
-            if rank < SINGLE_MOST or one.gain > PROMISE or asked or one.name in near:
+            if rank < SINGLE_MOST or one.gain > PROMISE or asked:
                 chosen.append(one)
         self.add(chosen, base)
 
@@ -86,12 +86,12 @@ class _Explorer(Explored):
         if current.effects or last:
             chosen = []
             offered = [x for x in self.offered(current, last) if self.needed(current.names | {x.name})]
-            near, changing = removing(offered), not last and self.changing(current)
+            changing = not last and self.changing(current)
             for i, one in enumerate(offered):
                 alone = self.fits.get(frozenset({one.name}))
                 helps = alone is not None and alone.log_evidence > self.fits[frozenset()].log_evidence + PROMISE
                 asked = (one.effect.sudden and helps) or (changing and one.effect.evolving)
-                if (i < FURTHER_MOST and one.gain > PROMISE) or asked or one.name in near:
+                if (i < FURTHER_MOST and one.worth > PROMISE) or asked:
                     chosen.append(one)
             self.add(chosen, current)
         larger = [
@@ -158,9 +158,9 @@ class _Explorer(Explored):
                 continue
             if name in LAST:
                 continue
-            least = 0.5 * (current.log_evidence - less.log_evidence)
+            least = 0.5 * (self.worth(current) - self.worth(less))
             near = [x for x in self.offered(less)[:FURTHER_MOST] if self.needed(less.names | {x.name})]
-            self.add([x for x in near if x.gain > least and x.name != name], less, current)
+            self.add([x for x in near if x.worth > least and x.name != name], less, current)
             current = self.best_beside(less, current)
         return current
 
@@ -216,7 +216,7 @@ class _Explorer(Explored):
                 if name not in current.names:
                     continue
                 less = self.without(current, name)
-                least = RIVAL_SHARE * (current.log_evidence - less.log_evidence)
+                least = RIVAL_SHARE * (self.worth(current) - self.worth(less))
                 chosen: dict[str, Candidate] = {}
                 others: list[str] = []
                 for one in [*self.offered(less), *self.offered(less, last=True)]:
@@ -226,7 +226,7 @@ class _Explorer(Explored):
                     if look_alike(self.effects, name, one.name):  # whatever a first step promises: ties are asked here
                         if known is None or known.log_evidence < current.log_evidence - TIED_NATS:
                             chosen[one.name] = one
-                    elif known is None and one.gain > least and len(others) < RIVALS_MOST:
+                    elif known is None and one.worth > least and len(others) < RIVALS_MOST:
                         chosen[one.name] = one
                         others.append(one.name)
                 self.add(list(chosen.values()), less, current)
