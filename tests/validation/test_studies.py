@@ -78,11 +78,13 @@ def test_effects_put_into_records_do_what_they_say(study):
         half_real.changed(x, "magic", 1.0)
 
 
-def test_plan_puts_masses_only_where_frequencies_differ(study):
+def test_plan_puts_into_a_source_only_what_means_something_there(study):
     half_real = study("half_real")
     cases = half_real.plan(48, 0)
     assert len(cases) == 48 and half_real.plan(20, 0) == cases[:20]
     assert all(source.startswith("damper") for source, effect, _ in cases if effect == "moving_mass")
+    assert all(source != "microtribometer" for source, effect, _ in cases if effect == "friction_fade")
+    assert {effect for _, effect, _ in cases} == set(half_real.EFFECTS)
     assert all(half_real.SIZES[0] <= size <= half_real.SIZES[1] for *_, size in cases)
 
 
