@@ -230,7 +230,7 @@ def test_a_cluster_that_does_not_answer_is_said(monkeypatch):
 
 
 SLEEPER = """
-import os, sys, time
+import os, signal, sys, time
 from pathlib import Path
 from bayes_iwan import executors
 
@@ -239,6 +239,7 @@ def sleep(folder, i):
     time.sleep(600)
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background is deaf to it
     with executors.opened(2) as executor:
         executors.run({"a": 1, "b": 2, "c": 3}, sleep, sys.argv[1], executor=executor, progress=False)
 """
