@@ -18,6 +18,8 @@ from bayes_iwan.validation.true_gaps import by_set, removed
 
 #: power of a line at half a test's frequency over its background that no sound specimen reaches
 CLEAR_LINE = 20.0
+#: share of the gap from which a known effect beside a foreign one is counted apart
+QUARTER = 0.25
 
 
 def figures_of(case: dict[str, Any]) -> list[Figures]:
@@ -113,6 +115,8 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         if kind == "known_beside_outside":
             for n in listed:
                 count("known beside unknown: known named", n in named)
+                part = "a quarter of the gap or more" if case["true_share"][n] >= QUARTER else "less of the gap"
+                count(f"known beside unknown: known that makes {part} named", n in named)
                 if n in clear:
                     count("known beside unknown: known larger than a sound specimen's gap named", n in named)
             if visible - listed:
