@@ -2,12 +2,16 @@
 
     python analyses/calibrate_diagnosis.py study --cases 200 --seed 71 --out runs/study [--workers 2]
     python analyses/calibrate_diagnosis.py fit runs/study/*.json [--half-real runs/half_real/answers.json] [--write]
+    python analyses/calibrate_diagnosis.py study --one-record --cases 80 --seed 72 --out runs/one
+    python analyses/calibrate_diagnosis.py unjudged runs/one/*.json
 
 `study` draws cases on the virtual rig (laws that the catalogue does not have, one to three faults, some from outside
 the catalogue), searches each and keeps its figures, one JSON file a case, so an interrupted run goes on. `fit` finds
 the constants by maximum likelihood with a weak pull to zero, scores every case with constants fitted without its fault
 kinds' laws (and without its outside kind), and prints both. Effects put into real recordings (`half_real.py`) count
-beside the rig's, each real source left out in turn. --write replaces the package's calibration.json.
+beside the rig's, each real source left out in turn. --write replaces the package's calibration.json. `unjudged` tells
+how much of a fitted share counts where no test can be left out (`UNJUDGED`), from cases that are seen by the record of
+their largest test alone (what their effects make of a gap is that of the whole case, and not asked there).
 """
 
 from __future__ import annotations
@@ -40,6 +44,7 @@ from bayes_iwan.gap.judging.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
     REST_FIGURES,
+    UNJUDGED,
     Calibration,
     calibration,
     effect_figures,
@@ -104,7 +109,10 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     rng = np.random.default_rng([shared["seed"], index])
     case = rig_cases.draw_case(rng, laws=shared["laws"])
     given, unseen = rig_cases.simulate(case)
-    loops = [average(r, **LOOPS) for r in given if r.role != "held-out"]
+    records = [r for r in given if r.role != "held-out"]
+    if shared["one_record"]:
+        records = [max(records, key=lambda r: (r.amplitude_mm, r.frequency_hz))]
+    loops = [average(r, **LOOPS) for r in records]
     began = time.process_time()
     found = weighed(searched(gap_data(loops), DiagnoseSettings(), 0), 0)
     took = time.process_time() - began
@@ -132,13 +140,18 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     }
 
 
-def run_study(cases: int, seed: int, laws: str, out: Path, workers: int) -> None:
+def run_study(cases: int, seed: int, laws: str, one_record: bool, out: Path, workers: int) -> None:
     out.mkdir(parents=True, exist_ok=True)
     wanted = {out / f"{seed}_{i:04d}.json": i for i in range(cases)}
     pieces = {str(path): i for path, i in wanted.items() if not path.is_file()}
     with opened(workers=workers) as executor:
         for path, result in finished(
-            pieces, study, {"seed": seed, "laws": laws}, executor=executor, what="cases", unit="case"
+            pieces,
+            study,
+            {"seed": seed, "laws": laws, "one_record": one_record},
+            executor=executor,
+            what="cases",
+            unit="case",
         ):
             if isinstance(result, Failure):
                 print(f"{path}: {result}")
@@ -227,6 +240,26 @@ def fitted(cases: Sequence[dict[str, Any]], real: Sequence[Place] = ()) -> Calib
     return Calibration(effect, bias, weights, rest_bias, within, APART, old.usual, law)
 
 
+def unjudged_lines(cases: Sequence[dict[str, Any]]) -> list[str]:
+    """Log loss of the places of cases that no test left out can judge, by the share of what is fitted that counts, and
+    stated and found frequency with the shipped one."""
+    whole = [case | {"figures": [f | {"judged": True} for f in case["figures"]]} for case in cases]
+    rows, right = place_rows(whole)
+    c, at = calibration(), EFFECT_FIGURES.index("by_test")
+
+    def log_odds(share: float) -> np.ndarray:
+        counted = rows.copy()
+        counted[:, at] *= share
+        return counted @ np.array(c.effect) + c.effect_bias
+
+    out = [f"{len(cases)} cases, {len(rows)} places, something is there in {int(right.sum())}"]
+    for share in np.linspace(0.0, 1.0, 11):
+        t = log_odds(share)
+        out.append(f"{share:.1f} of it counts: log loss {np.mean(np.logaddexp(0.0, t) - right * t):.3f}")
+    stated = 1.0 / (1.0 + np.exp(-log_odds(UNJUDGED)))
+    return [*out, f"with the shipped {UNJUDGED}:", *reliability_lines(stated, right)[1]]
+
+
 def left_out_in_turn(cases: Sequence[dict[str, Any]], real: Sequence[Place], folds: int) -> list[Calibration]:
     """For every case constants fitted without its laws: laws are dealt into folds, and a fold's constants know no case
     that has any of the fold's laws."""
@@ -253,6 +286,7 @@ def main() -> None:
     one.add_argument("--cases", type=int, default=200)
     one.add_argument("--seed", type=int, default=71)
     one.add_argument("--laws", choices=("catalogue", "other", "all"), default="other")
+    one.add_argument("--one-record", action="store_true", help="of each case only its largest test is seen")
     one.add_argument("--out", type=Path, default=Path("runs/study"))
     one.add_argument("--workers", type=int, default=1)
     two = below.add_parser("fit")
@@ -262,11 +296,16 @@ def main() -> None:
     two.add_argument("--write", action="store_true", help="replace the package's calibration.json")
     three = below.add_parser("score", help="score the shipped constants on a study that they were not fitted to")
     three.add_argument("files", nargs="+", type=Path)
+    four = below.add_parser("unjudged", help="what a share counts for that no test left out has borne out")
+    four.add_argument("files", nargs="+", type=Path)
     args = parser.parse_args()
     if args.what == "study":
-        run_study(args.cases, args.seed, args.laws, args.out, args.workers)
+        run_study(args.cases, args.seed, args.laws, args.one_record, args.out, args.workers)
         return
     cases = [json.loads(p.read_text()) for p in args.files]
+    if args.what == "unjudged":
+        print(*unjudged_lines(cases), sep="\n")
+        return
     if args.what == "score":
         _print("shipped constants", cases, [calibration()] * len(cases))
         return

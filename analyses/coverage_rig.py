@@ -16,7 +16,6 @@ How the misfits of two tests correlate is told too: that of tests of one amplitu
 from __future__ import annotations
 
 import argparse
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -228,7 +227,6 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("coverage"))
     parser.add_argument("--workers", type=int, default=1, help="processes")
     args = parser.parse_args()
-    os.environ.setdefault("NUMBA_NUM_THREADS", "1")
     name = f"{'_'.join(args.forms)}{'_laplace' if args.laplace else ''}_{args.seed}"
     budget = None if args.laplace else args.budget
     jobs = [

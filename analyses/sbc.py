@@ -17,7 +17,6 @@ arXiv 2001.06465). What it cannot see is a mode that the search misses, or a cha
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -219,7 +218,6 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("sbc"))
     parser.add_argument("--workers", type=int, default=1, help="processes")
     args = parser.parse_args()
-    os.environ.setdefault("NUMBA_NUM_THREADS", "1")
     settings = SamplingSettings(budget_s=args.budget, ess=args.ess, r_hat=args.r_hat, taus=args.taus)
     way = "_from_truth" if args.from_truth else f"_ess{args.ess:g}"
     ranks: dict[str, dict[str, list[int]]] = {}

@@ -10,7 +10,6 @@ same cases can be made again elsewhere, and are marked as not sealed.
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 
 from bayes_iwan import executors
@@ -58,7 +57,6 @@ def main() -> None:
     parser.add_argument("--left-out", action="append", default=[], metavar="NAME", help="law or kind not calibrated on")
     parser.add_argument("--full", action="store_true", help="sample the leading explanations too (slow)")
     args = parser.parse_args()
-    os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # of the workers: they share the machine by cases
     score = run(args)
     table = score.table()
     print(table)

@@ -23,6 +23,7 @@ from bayes_iwan.threads import alongside
 #: iterations of a refit that starts at the optimum of all tests
 ITERATIONS = 8
 HELD_OUT = "held-out tests"
+_BY = {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}
 
 
 @dataclass(frozen=True)
@@ -90,18 +91,21 @@ def left_out(fits: Sequence[Fit], data: GapData, held_out: Sequence[Loop] = ()) 
         other = gap_data(held_out)
         missed = {f.names: _missed_N2(f, other) for f in fits}
         out.append(_unseen(HELD_OUT, [x.file for x in held_out], missed))
-    for name, by in (("frequency_hz", "one frequency left out"), ("amplitude_mm", "one amplitude left out")):
-        parts = groups_of([getattr(x, name) for x in data.loops])
-        if len(parts) < 2:
-            continue
-        parted = [(data.part([i for i in range(data.tests) if i not in part]), data.part(part)) for part in parts]
-        pieces = [(fit, rest, left) for rest, left in parted for fit in fits]
+    for by, parts in parted(data).items():
+        both = [(data.part([i for i in range(data.tests) if i not in part]), data.part(part)) for part in parts]
+        pieces = [(fit, rest, left) for rest, left in both for fit in fits]
         found: dict[frozenset[str], list[Array]] = {f.names: [] for f in fits}
         for (fit, _, _), missed_N2 in zip(pieces, alongside(_refit_missed_N2, pieces)):
             found[fit.names].append(missed_N2)
         files = [data.loops[i].file for part in parts for i in part]
-        out.append(_unseen(by, files, {k: np.concatenate(v, axis=1) for k, v in found.items()}))
+        out.append(_unseen(f"one {by} left out", files, {k: np.concatenate(v, axis=1) for k, v in found.items()}))
     return tuple(out)
+
+
+def parted(data: GapData) -> dict[str, list[list[int]]]:
+    """The tests by frequency and by amplitude, where there are several."""
+    out = {by: groups_of([getattr(x, name) for x in data.loops]) for by, name in _BY.items()}
+    return {by: parts for by, parts in out.items() if len(parts) > 1}
 
 
 def _unseen(by: str, files: Sequence[str], missed_N2: dict[frozenset[str], Array]) -> Unseen:
@@ -123,10 +127,8 @@ def _missed_N2(fit: Fit, data: GapData) -> Array:
 def halves(data: GapData) -> list[tuple[list[int], list[int]]]:
     """The tests in two halves, by frequency and by amplitude, where there are several."""
     out = []
-    for name in ("frequency_hz", "amplitude_mm"):
-        parts = groups_of([getattr(x, name) for x in data.loops])
-        if len(parts) > 1:
-            sizes = np.cumsum([len(p) for p in parts])
-            cut = int(np.argmin(np.abs(sizes[:-1] - 0.5 * data.tests))) + 1
-            out.append(([i for p in parts[:cut] for i in p], [i for p in parts[cut:] for i in p]))
+    for parts in parted(data).values():
+        sizes = np.cumsum([len(p) for p in parts])
+        cut = int(np.argmin(np.abs(sizes[:-1] - 0.5 * data.tests))) + 1
+        out.append(([i for p in parts[:cut] for i in p], [i for p in parts[cut:] for i in p]))
     return out

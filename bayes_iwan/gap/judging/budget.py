@@ -94,7 +94,8 @@ class OneOf:
 
 @dataclass(frozen=True)
 class Suspect:
-    """An effect that alone would remove this share of a gap that has no name, though no evidence speaks for it."""
+    """An effect that alone would remove this share of a gap, most of which has no name, though no evidence speaks for
+    it."""
 
     name: str
     share: float
@@ -133,7 +134,7 @@ class Verdict:
 
     probabilities : that each effect contributes, of "none" and of "unknown" (a rest that has a cause)
     one_of : places that are probably filled, where no effect is likely enough to be named
-    suspects : where nothing is named, what alone would remove most of the gap, the largest share first
+    suspects : where most of the gap has no name, what alone would remove most of it, the largest share first
     cornered : files of the tests whose drive has corners; corners_gap : share of the friction force that channels may
     make the model miss of such a drive
     """

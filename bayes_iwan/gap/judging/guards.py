@@ -48,6 +48,7 @@ class Figures:
     differs : by how many standard deviations its strength differs between halves of the tests (larger split)
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
+    judged : could any test be left out? Else `unseen` and `by_test` are only what was fitted
     """
 
     name: str
@@ -61,6 +62,7 @@ class Figures:
     moved: float
     gap: float
     before: float
+    judged: bool = True
 
 
 def guard_figures(
@@ -127,6 +129,7 @@ def guard_figures(
                 moved[name],
                 parts[less.names][0] / level,
                 before / level,
+                bool(unseen),
             )
         )
     return tuple(out)

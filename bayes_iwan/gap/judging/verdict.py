@@ -36,7 +36,7 @@ from bayes_iwan.threads import alongside
 LEAST_OWN_FORM = 0.2
 #: share that it must remove on tests left out, of all of them or of each one's own gap on the mean
 HOLDS = 0.1
-#: share of a nameless gap that an effect must remove alone to be suspected, and how many are said
+#: share of a gap, most of which has no name, that an effect must remove alone to be suspected, and how many are said
 SUSPECT, SUSPECTS_MOST = 0.5, 6
 
 
@@ -117,7 +117,8 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
         return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
     some = one_of(found.figures, [x.name for x in causes], c) if flagged else ()
-    alone = suspects(found, c) if kind is Kind.UNKNOWN and not some else ()
+    left = found.gap_N[frozenset(x.name for x in causes)] / max(found.gap_N[frozenset()], 1e-300)
+    alone = suspects(found, c) if flagged and not some and left > SUSPECT else ()
     return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)
 
 

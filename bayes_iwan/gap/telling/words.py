@@ -10,6 +10,7 @@ import numpy as np
 from bayes_iwan.campaign.loops.checks import rails
 from bayes_iwan.effects.catalogue import UNLISTED
 from bayes_iwan.gap.fitting.gap_size import Gap
+from bayes_iwan.gap.fitting.leave_out import parted
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Cause, Kind
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def not_excluded(d: Diagnosis) -> list[str]:
 
 def sentences(d: Diagnosis) -> list[str]:
     """The answer: how large the gap is, what makes it, what is left, what to do."""
-    return [_size(d.budget.before), *_clipped(d), *_which(d), *_rest(d), *_remedies(d), _next(d)]
+    return [_size(d.budget.before), *_clipped(d), *_which(d), *_rest(d), *_unjudged(d), *_remedies(d), _next(d)]
 
 
 def _size(gap: Gap) -> str:
@@ -113,16 +114,25 @@ def _found(d: Diagnosis) -> list[str]:
     return [
         f"The cause is unknown (probability {d.budget.rest.probability:.2f}): the gap is real, but no effect of the "
         f"catalogue explains a part of it that holds on all tests{tail}.",
-        *_suspects(d),
     ]
 
 
 def _suspects(d: Diagnosis) -> list[str]:
-    """What alone would remove most of a gap that has no name."""
+    """What alone would remove most of a gap, most of which has no name."""
     if not d.verdict.suspects:
         return []
     some = ", ".join(f"{title(x.name)} ({_percent(x.share)})" for x in d.verdict.suspects)
-    return [f"Alone in the model, these would remove most of it, but its shape does not speak for them: {some}."]
+    return [f"Alone in the model, these would remove most of the gap, but its shape does not speak for them: {some}."]
+
+
+def _unjudged(d: Diagnosis) -> list[str]:
+    """Where no test can be left out, what is said rests on the fit alone."""
+    if d.verdict.kind in (Kind.NONE, Kind.DRIVE) or parted(d.data):
+        return []
+    return [
+        "All tests are of one frequency and one amplitude, so nothing of this could be judged on tests left out of the "
+        "fit: record others."
+    ]
 
 
 def _one_of(d: Diagnosis) -> list[str]:
@@ -176,6 +186,7 @@ def _rest(d: Diagnosis) -> list[str]:
             f"The cause of the rest, {_percent(rest.share.value)} of the gap, is unknown "
             f"(probability {rest.probability:.2f} that it has one)."
         )
+    out += _suspects(d)
     physics = physics_of_rest(rest.looks_like)
     if physics:
         out.append(f"It looks most like {physics}.")
