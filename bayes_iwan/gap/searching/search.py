@@ -15,7 +15,6 @@ import numpy as np
 from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
-from bayes_iwan.gap.fitting.leave_out import parted
 from bayes_iwan.gap.searching.base import WORTH_NATS, changes, missed, sound_gap_N
 from bayes_iwan.gap.searching.candidates import Candidate
 from bayes_iwan.gap.searching.ends import ends_of
@@ -210,9 +209,7 @@ class _Explorer(Explored):
         return self.pruned(less)
 
     def rivals(self, current: Fit) -> Fit:
-        """What else could stand in the place of each effect of the chosen set, and the best of those sets; everything
-        is asked where no test can be left out to tell."""
-        judged = bool(parted(self.data))
+        """What else could stand in the place of each effect of the chosen set, and the best of those sets."""
         for _ in range(EXCHANGES_MOST):
             before = current
             for name in sorted(current.names):
@@ -229,7 +226,7 @@ class _Explorer(Explored):
                     if look_alike(self.effects, name, one.name):  # whatever a first step promises: ties are asked here
                         if known is None or known.log_evidence < current.log_evidence - TIED_NATS:
                             chosen[one.name] = one
-                    elif known is None and (not judged or (one.worth > least and len(others) < RIVALS_MOST)):
+                    elif known is None and one.worth > least and len(others) < RIVALS_MOST:
                         chosen[one.name] = one
                         others.append(one.name)
                 self.add(list(chosen.values()), less, current)
