@@ -12,6 +12,7 @@ from bayes_iwan.gap.judging.calibration import (
     EFFECT_FIGURES,
     REST_FIGURES,
     SUREST,
+    UNJUDGED,
     Calibration,
     calibration,
     effect_figures,
@@ -72,6 +73,13 @@ def test_better_figures_never_make_a_cause_less_probable(change):
     c = calibration()
     assert c.contributes(replace(PLACE, **change)) >= c.contributes(PLACE)
     assert 1.0 - SUREST <= c.contributes(PLACE) <= SUREST
+
+
+def test_what_no_test_left_out_can_judge_counts_less():
+    c, fit_alone = calibration(), replace(PLACE, by_test=PLACE.fitted, unseen=PLACE.fitted)
+    unjudged = c.contributes(replace(fit_alone, judged=False))
+    assert unjudged == pytest.approx(c.contributes(replace(fit_alone, by_test=UNJUDGED * PLACE.fitted)))
+    assert unjudged < c.contributes(fit_alone)
 
 
 def test_evidence_between_rivals_counts_as_far_as_the_gap_bears_it_out():

@@ -100,6 +100,7 @@ def test_json_is_schema_2_and_holds_only_numbers_that_are_numbers(effect, plan, 
 def test_the_answers_sentence_names_the_cause_with_its_number_and_shares(viscous):
     sentence = to_dict(viscous)["sentences"][1]
     c = viscous.verdict.causes[0]
+    assert not any("one frequency and one amplitude" in s for s in to_dict(viscous)["sentences"])
     assert "iscous damping" in sentence and "±" in sentence and "on tests left out" in sentence
     assert f"{100 * c.share.value:.0f} %" in sentence
 
@@ -116,6 +117,31 @@ def test_a_gap_without_a_name_has_suspects(viscous):
     said = to_dict(replace(viscous, verdict=verdict))
     assert said["verdict"]["suspects"][0]["name"] in shares
     assert any("viscous damping (" in s for s in said["sentences"])
+
+
+def test_beside_a_cause_that_explains_little_the_rest_has_suspects_but_not_the_named(viscous):
+    """As if the dashpot, which is named, removed only a third of the gap."""
+    found, named = viscous.found, frozenset({"viscous_damping"})
+    sizes = dict(found.sizes)
+    base = sizes[frozenset()]
+    less = replace(base.all, rms_N=0.67 * base.all.rms_N)
+    tests = tuple(replace(t, rms_N=0.67 * t.rms_N) for t in base.tests)
+    sizes |= {k: replace(base, all=less, tests=tests, plausible=0.45 * base.plausible) for k in sizes if named <= k}
+    verdict = verdict_of(replace(found, sizes=sizes), replace(calibration(), rest_bias=50.0))
+    assert verdict.kind is Kind.PARTLY and verdict.names == ("viscous_damping",)
+    shares = {x.name: x.share for x in verdict.suspects}
+    assert shares and min(shares.values()) >= 0.5 and "viscous_damping" not in shares
+    assert any(s.startswith("Alone in the model") for s in to_dict(replace(viscous, verdict=verdict))["sentences"])
+
+
+def test_one_record_is_said_to_judge_nothing(kit):
+    virtual = kit.rig_records("viscous_damping")
+    campaign = replace(kit.campaign_of(virtual), tests=kit.campaign_of(virtual).tests[-1:])
+    flagged = replace(calibration(), rest_bias=50.0)
+    loops = campaign.loops(**kit.small)
+    found = diagnose_loops(campaign, loops, seed=1, quick=True, settings=kit.settings, constants=flagged)
+    assert found.found.figures and not any(f.judged for f in found.found.figures)
+    assert any("one frequency and one amplitude" in s for s in found.sentences())
 
 
 def residual_power_N(found, *names):

@@ -118,16 +118,17 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
     some = one_of(found.figures, [x.name for x in causes], c) if flagged else ()
     left = found.gap_N[frozenset(x.name for x in causes)] / max(found.gap_N[frozenset()], 1e-300)
-    alone = suspects(found, c) if flagged and not some and left > SUSPECT else ()
+    alone = suspects(found, [x.name for x in causes], c) if flagged and not some and left > SUSPECT else ()
     return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)
 
 
-def suspects(found: Weighed, c: Calibration) -> tuple[Suspect, ...]:
-    """What alone would remove most of the gap, as far as the search has fitted it: whoever must find the cause starts
-    there, though evidence, which follows the quiet harmonics, does not speak for it."""
+def suspects(found: Weighed, named: Sequence[str], c: Calibration) -> tuple[Suspect, ...]:
+    """What alone would remove most of the gap and is not named, as far as the search has fitted it: whoever must find
+    the cause starts there, though evidence, which follows the quiet harmonics, does not speak for it."""
     search, before = found.search, found.gap_N[frozenset()]
     least = search.base.log_evidence - c.apart
-    alone = [f for k, f in search.fits.items() if len(k) == 1 and not k & NO_CAUSE and f.log_evidence > least]
+    out = NO_CAUSE | frozenset(named)
+    alone = [f for k, f in search.fits.items() if len(k) == 1 and not k & out and f.log_evidence > least]
     removed = {
         f.name: 1.0 - gap_N / before for f, gap_N in zip(alone, alongside(partial(gap_rms_N, search.data), alone))
     }

@@ -130,8 +130,8 @@ def _unjudged(d: Diagnosis) -> list[str]:
     if d.verdict.kind in (Kind.NONE, Kind.DRIVE) or parted(d.data):
         return []
     return [
-        "All tests are of one frequency and one amplitude, so nothing of this could be judged on tests left out of the "
-        "fit: record others."
+        "Nothing of this could be judged on tests left out of the fit, for all are of one frequency and one amplitude: "
+        "record others."
     ]
 
 
