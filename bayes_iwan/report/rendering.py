@@ -1,4 +1,5 @@
-"""A page's figures as SVG, PNG and PDF: drawn here, or shared with a second process while the next ones are made.
+"""A page's figures as SVG, PNG and PDF: shared with a second process, which draws while the next ones are made; the
+rest is drawn here once all are.
 
 Drawing is pure Python and takes longer than all else that a page is made of; a second core halves it. Which process
 draws which figure depends on the figures alone, never on who is faster, so the files are the same in every run. Where
@@ -98,15 +99,15 @@ class Batch:
 
 
 class Renderer:
-    """The figures of one page, drawn as they are ordered.
+    """The figures of one page.
 
-    aside : share them with a second process. busy : what this process has to do besides, in panels drawn: so many more
-    than its own the other one takes.
+    aside : share them with a second process. busy : what this process has to do while it orders, as :func:`_work` of
+    drawing: so much of it the other one begins with at once; the rest is shared out when all is ordered.
     """
 
     def __init__(self, aside: bool = False, busy: int = 0) -> None:
         self._aside = _Aside() if aside else None
-        self._load = {True: 0, False: busy}
+        self._busy = busy
         self._here = Batch()
         self._ordered: dict[Order, Figure] = {}
         self._drawn: dict[Order, Rendered | Future[Any]] = {}
@@ -116,15 +117,13 @@ class Renderer:
 
     def order(self, order: Order, figure: Figure) -> None:
         self._ordered[order] = figure
-        there = self._aside is not None and self._load[True] <= self._load[False]
-        self._load[there] += len(figure.axes)
-        if self._aside is not None and there:
+        if self._aside is not None and self._busy > 0:
+            self._busy -= _work(figure)
             self._drawn[order] = self._aside.ask(order, figure)
-        else:
-            self._drawn[order] = self._here.draw(order, figure)
 
     def rendered(self, order: Order) -> Rendered:
         """What has become of a figure; waits for it."""
+        self._draw()
         found = self._drawn[order]
         if isinstance(found, Rendered):
             return found
@@ -138,6 +137,7 @@ class Renderer:
     def pdfs(self) -> dict[str, bytes]:
         """The PDF files by the orders' names; no figure can be ordered afterwards."""
         if self._pdfs is None:
+            self._draw()
             there = None if self._aside is None else self._aside.ask()
             mine = self._here.pdfs()
             try:
@@ -149,10 +149,30 @@ class Renderer:
                 self._aside.end()
         return self._pdfs
 
+    def _draw(self) -> None:
+        """Everything that was not begun yet, the largest first, each by the process that has less to do."""
+        left = [order for order in self._ordered if order not in self._drawn]
+        own, load = [], {True: 0, False: 0}
+        for order in sorted(left, key=lambda order: -_work(self._ordered[order])):
+            figure = self._ordered[order]
+            there = self._aside is not None and load[True] < load[False]
+            load[there] += _work(figure)
+            if self._aside is not None and there:
+                self._drawn[order] = self._aside.ask(order, figure)
+            else:
+                own.append(order)
+        for order in own:
+            self._drawn[order] = self._here.draw(order, self._ordered[order])
+
     def _alone(self) -> None:
         """Everything anew in this process."""
-        self._aside, self._here = None, Batch()
-        self._drawn = {order: self._here.draw(order, figure) for order, figure in self._ordered.items()}
+        self._aside, self._here, self._drawn = None, Batch(), {}
+        self._draw()
+
+
+def _work(figure: Figure) -> int:
+    """What a figure costs to draw, in some sixths of a second: a panel is worth one, and every figure two besides."""
+    return 2 + len(figure.axes)
 
 
 def shared(busy: int = 0) -> Renderer:

@@ -166,7 +166,8 @@ def settle(figure: Figure) -> Figure:
     with mpl.rc_context(RC):
         figure.set_dpi(DPI)
         engine.execute(figure)
-        figure.set_layout_engine("none")
+        with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)  # "none" would leave one in its place, for which every file is drawn twice
         for axes in figure.axes:
             axes.get_tightbbox(bbox_extra_artists=[])  # puts labels and titles where they belong
         for axes in figure.axes:

@@ -28,9 +28,6 @@ from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import Renderer, shared
 from bayes_iwan.report.style import relabel
 
-#: what this process does for a page besides drawing (figures made, answers written), in panels drawn
-BUSY = 10
-
 
 def diagnosis_figures(found: Diagnosis) -> dict[str, Figure]:
     """Every figure of a diagnosis by name, in the campaign's own units."""
@@ -151,7 +148,7 @@ def write_diagnosis(
             simulator_file=simulator_file,
             progress=progress,
             executor=executor,
-            when_searched=lambda: renderers.append(shared(BUSY)),
+            when_searched=lambda: renderers.append(shared()),
         )
         _write(found, folder, effects_file, simulator_file, renderers[0])
     return found
@@ -161,7 +158,7 @@ def write_found(found: Diagnosis, out: Path) -> Path:
     """Write a diagnosis that was made before; returns the page. What `fits.json` then names of a user's own files is
     unknown, so fits with own effects cannot be read back."""
     with owned(out) as folder:
-        return _write(found, folder, None, None, shared(BUSY))
+        return _write(found, folder, None, None, shared())
 
 
 def _write(
