@@ -107,7 +107,7 @@ class Renderer:
 
     def __init__(self, aside: bool = False, busy: int = 0) -> None:
         self._aside = _Aside() if aside else None
-        self._busy = busy
+        self._ahead = -busy  # work that the second process has beyond what this one does meanwhile
         self._here = Batch()
         self._ordered: dict[Order, Figure] = {}
         self._drawn: dict[Order, Rendered | Future[Any]] = {}
@@ -117,8 +117,8 @@ class Renderer:
 
     def order(self, order: Order, figure: Figure) -> None:
         self._ordered[order] = figure
-        if self._aside is not None and self._busy > 0:
-            self._busy -= _work(figure)
+        if self._aside is not None and self._ahead < 0:
+            self._ahead += _work(figure)
             self._drawn[order] = self._aside.ask(order, figure)
 
     def rendered(self, order: Order) -> Rendered:
@@ -152,7 +152,7 @@ class Renderer:
     def _draw(self) -> None:
         """Everything that was not begun yet, the largest first, each by the process that has less to do."""
         left = [order for order in self._ordered if order not in self._drawn]
-        own, load = [], {True: 0, False: 0}
+        own, load = [], {True: max(self._ahead, 0), False: 0}
         for order in sorted(left, key=lambda order: -_work(self._ordered[order])):
             figure = self._ordered[order]
             there = self._aside is not None and load[True] < load[False]
@@ -171,7 +171,7 @@ class Renderer:
 
 
 def _work(figure: Figure) -> int:
-    """What a figure costs to draw, in some sixths of a second: a panel is worth one, and every figure two besides."""
+    """What a figure costs to draw, in tenths of a second or so: a panel is worth one, and every figure two besides."""
     return 2 + len(figure.axes)
 
 

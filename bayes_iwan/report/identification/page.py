@@ -58,7 +58,7 @@ def identification_report(
         _footer(posterior),
         posterior.problem.units,
         provenance(posterior.campaign, posterior.seed),
-        shared(busy=60),
+        shared(busy=55),
     )
     identification_answer(page.section("Answer"), posterior, tests)
     determined(page.section("What the loops determine"), posterior)
