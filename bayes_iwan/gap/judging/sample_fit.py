@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -16,8 +17,11 @@ from bayes_iwan.gap.fitting.rest import LENGTHS
 from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.inference.setup.parameters import Z_LIMIT
+from bayes_iwan.sampling.common.chains import Chains
 from bayes_iwan.sampling.common.held import log_mean_exp
 from bayes_iwan.sampling.common.plan import Plan
+from bayes_iwan.sampling.independent.branches import Optimum
+from bayes_iwan.sampling.independent.importance import sample_independently
 from bayes_iwan.sampling.manifold.on_manifold import sample_on_manifold
 
 #: seconds that one model may be sampled for
@@ -32,6 +36,7 @@ class Target:
         self.residuals = Rows(data, fit.problem)
         self.ndim, self.size = len(fit.z) + 2, fit.size
         self.held: NDArray[np.int64] = np.array([self.ndim - 2, self.ndim - 1])
+        self.names = (*fit.problem.names, "discrepancy_share", "discrepancy_length")
         self.share_prior = stats.lognorm(s=1.2, scale=4.0 * calibration().usual[0])
 
     def _variance(self, held: Array) -> Array:
@@ -40,9 +45,17 @@ class Target:
         length = np.clip(np.sqrt(LENGTHS[0] * LENGTHS[-1]) * np.exp(0.5 * held[:, 1]), 0.01, 0.5)
         return self.residuals.rest.variances(share, length, self.size)
 
+    def residual(self, z: Array) -> Array:
+        """Residuals (n, m) in units of the noise at z (n, ndim)."""
+        return self.residuals.residual(z[:, :-2])
+
+    def sd(self, z: Array) -> Array:
+        """(m,) what they are divided by, so that they are white, at z (ndim,)."""
+        return np.sqrt(self._variance(z[None, -2:])[0])
+
     def rows(self, z: Array) -> Array:
         """Whitened residuals (n, m) at z (n, ndim)."""
-        return self.residuals.residual(z[:, :-2]) / np.sqrt(self._variance(z[:, -2:]))
+        return self.residual(z) / np.sqrt(self._variance(z[:, -2:]))
 
     def log_prob_of_held(self, z: Array, held: Array) -> Array:
         """(n, count) with held numbers (n, count, 2) in the place of z's own, −∞ outside ±Z_LIMIT."""
@@ -76,16 +89,7 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
     starts = np.concatenate([z, np.tile(mean, (len(z), 1))], axis=1)
     log_prob = target.log_prob_of_held(starts, starts[:, None, -2:])[:, 0]
     order = np.argsort(-log_prob)
-    chains = sample_on_manifold(
-        target.rows,
-        target.log_prob_of_held,
-        starts[order],
-        log_prob[order],
-        target.held,
-        root,
-        Plan((*fit.problem.names, "discrepancy_share", "discrepancy_length"), seed, budget_s=BUDGET_S),
-        limit=Z_LIMIT,
-    )
+    chains = _drawn(target, starts[order], log_prob[order], root, Plan(target.names, seed, budget_s=BUDGET_S))
     if chains is None:
         return replace(fit, converged=False)
     draws = chains.flat(4000)[:, : len(fit.z)]
@@ -94,4 +98,18 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
         covariance=np.cov(draws.T) + 1e-12 * np.eye(len(fit.z)),
         z=draws.mean(axis=0) if chains.converged else fit.z,
         converged=fit.converged and chains.converged,
+    )
+
+
+def _drawn(target: Target, starts: Array, log_prob: Array, root: Array, plan: Plan) -> Chains | None:
+    """Independent proposals where they fit, else chains along the manifold in the time that is left."""
+    began = time.monotonic()
+    whiten = np.diag(1.0 / target.sd(starts[0]))
+    optima = [Optimum(z, float(p), whiten, root) for z, p in zip(starts, log_prob)]
+    chains = sample_independently(target.residual, target.log_prob_of_held, optima, target.held, plan, limit=Z_LIMIT)
+    if chains is not None:
+        return chains
+    left = replace(plan, budget_s=max(BUDGET_S - (time.monotonic() - began), 0.0))
+    return sample_on_manifold(
+        target.rows, target.log_prob_of_held, starts, log_prob, target.held, root, left, limit=Z_LIMIT
     )
