@@ -10,6 +10,7 @@ from bayes_iwan.gap import diagnosis
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.judging.budget import Kind
 from bayes_iwan.gap.searching.base import fit_base
+from bayes_iwan.gap.telling import next_test as next_test_module
 from bayes_iwan.gap.telling.next_test import TESTABLE_NATS, next_test, plans_of, visible_nats
 from bayes_iwan.physics import sine_motion
 
@@ -70,6 +71,25 @@ def test_a_plan_keeps_to_what_the_rig_can_do(kit):
     assert np.abs(base.force(base.parameter_values(found.base.z[None]), motion)).max() < 0.52 * force
     (only,) = plans_of(found.data, found.base, RigLimits(1e-6, None, None))
     assert only[1] == min(a)
+
+
+def test_where_all_tests_are_alike_smaller_and_slower_ones_are_planned(kit):
+    found = kit.diagnosed("channel_delay").search
+    loop = found.data.loops[-1]
+    one = gap_data([loop])
+    plans = np.array(plans_of(one, found.base, RigLimits()))
+    assert plans[:, 0].min() == pytest.approx(0.5 * loop.frequency_hz) and plans[:, 0].max() <= loop.frequency_hz + 1e-9
+    assert plans[:, 1].min() == pytest.approx(0.5 * loop.amplitude_mm) and plans[:, 1].max() <= loop.amplitude_mm + 1e-9
+    stated = plans_of(one, found.base, RigLimits(frequency_hz=(1.0, 2.0)))
+    assert {a for _, a in stated} == {loop.amplitude_mm}  # what is stated of the rig is all that is run
+
+
+def test_two_models_that_both_miss_much_promise_less(kit, monkeypatch):
+    found = kit.diagnosed("channel_delay").search
+    asked = found.data, found.fit({"channel_delay"}), found.base, ("channel_delay", "none"), [], RigLimits()
+    odds = next_test(*asked).expected_log_odds
+    monkeypatch.setattr(next_test_module, "quick_gap_N", lambda data, fit: 0.5 * float(np.median(data.level_N)))
+    assert 0.0 < next_test(*asked).expected_log_odds < 0.1 * odds
 
 
 def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):

@@ -14,9 +14,11 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, extended
+from bayes_iwan.gap.fitting.leave_out import parted
 from bayes_iwan.gap.fitting.rest import RestSize
 from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging.calibration import calibration
+from bayes_iwan.gap.searching.base import quick_gap_N
 from bayes_iwan.gap.searching.candidates import extra_points
 from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.setup.loop_error import harmonics_of
@@ -26,7 +28,8 @@ from bayes_iwan.physics import sine_motion
 TESTABLE_NATS = 9.0
 #: a further test is worth recommending if it promises so much, else the bench is
 WORTH_NATS = 4.0
-#: a rig whose amplitude is stated also runs amplitudes down to this share of the smallest one measured
+#: a rig whose amplitude is stated also runs amplitudes down to this share of the smallest one measured; where nothing
+#: is and all tests are alike, frequencies down to this share of theirs, too
 SMALLER = 0.5
 #: the fitted force of a planned test may exceed the limit by the misfit
 FORCE_MARGIN = 1.02
@@ -98,13 +101,17 @@ class NextTest:
 
 def plans_of(data: GapData, fit: Fit, limits: RigLimits) -> list[tuple[float, float]]:
     """Frequencies (Hz) and amplitudes (mm) that the rig can run: within what it states, else within what was measured;
-    smaller amplitudes than those measured only on a rig that states its own. A test whose force, as fitted, exceeds the
-    limit is left out; where all do, the gentlest test that was run is what remains."""
+    smaller amplitudes than those measured only on a rig that states its own, or where all tests are alike: then smaller
+    and slower ones, which any rig runs. A test whose force, as fitted, exceeds the limit is left out; where all do, the
+    gentlest test that was run is what remains."""
     f, u = [x.frequency_hz for x in data.loops], [x.amplitude_mm for x in data.loops]
     most = limits.of_tests(f, u, max(float(np.abs(x.force_N).max()) for x in data.loops))
     assert most.force_N is not None and most.amplitude_mm is not None and most.frequency_hz is not None
-    least = min(u) if limits.amplitude_mm is None else min(SMALLER * min(u), most.amplitude_mm)
-    grid = list(product(np.geomspace(*most.frequency_hz, 8), np.geomspace(least, most.amplitude_mm, 5)))
+    alike = limits == RigLimits() and not parted(data)
+    least = min(u) if limits.amplitude_mm is None and not alike else min(SMALLER * min(u), most.amplitude_mm)
+    slowest, fastest = most.frequency_hz
+    slowest *= SMALLER if alike else 1.0
+    grid = list(product(np.geomspace(slowest, fastest, 8), np.geomspace(least, most.amplitude_mm, 5)))
     frequency, amplitude = np.array(grid).T
     motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=96)
     force = fit.problem.force(fit.problem.parameter_values(fit.z[None]), motion)[0]
@@ -116,7 +123,7 @@ def next_test(
     data: GapData, a: Fit, b: Fit, names: tuple[str, str], bench: Sequence[str], limits: RigLimits
 ) -> NextTest:
     """Search frequencies and amplitudes that the rig can run for the test where two fitted models differ most, as
-    either knows its own parameters by now."""
+    either knows its own parameters by now. Both may be wrong there by what the better one misses here."""
     plan = plans_of(data, a, limits)
     frequency, amplitude = np.array(plan).T
     motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=96)
@@ -131,7 +138,7 @@ def next_test(
 
     (ya, ja), (yb, jb) = harmonics(a), harmonics(b)
     level = float(np.median(data.level_N))
-    typical = calibration().usual[0] * level
+    typical = max(calibration().usual[0] * level, min(quick_gap_N(data, a), quick_gap_N(data, b)))
     noise = np.array(
         [
             np.median([x.noise_N[h] for x in data.loops if np.isfinite(x.noise_N[h])] or [0.01 * level])
