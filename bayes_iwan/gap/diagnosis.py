@@ -41,6 +41,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import Simulator
 from bayes_iwan.terminal import plain
+from bayes_iwan.threads import linear_algebra
 
 #: models to start from, by name
 BASES: dict[str, ModelSettings] = {
@@ -179,7 +180,8 @@ def diagnose_loops(
 
     extra : a user's own effects; simulator : the base model (default: the Iwan model of the settings); constants :
     another calibration than the shipped one; executor : from :func:`bayes_iwan.executors.opened`, to refit effects
-    side by side; when_searched : called once no other process has anything left to do.
+    side by side; when_searched : called once no other process has anything left to do. The answer does not hang on how
+    many processes or threads there are.
     Raises ValueError where no test is left to fit.
     """
     settings = settings or DiagnoseSettings()
@@ -187,13 +189,14 @@ def diagnose_loops(
     held_out = [x for x in loops if x.role == "held-out"]
     if not fitted:
         raise ValueError('no test is left to fit: every test has role = "held-out"')
-    data = gap_data(fitted)
-    search = searched(data, settings, seed, extra, simulator, report, executor)
-    when_searched()
-    found = weighed(search, seed)
-    report("weighing causes")
-    verdict = verdict_of(found, constants or calibration(), held_out)
-    return _reported(campaign, seed, quick, settings, data, found, verdict, constants or calibration(), report)
+    with linear_algebra().limit(limits=1):  # with more threads sums are rounded otherwise, and a search ends elsewhere
+        data = gap_data(fitted)
+        search = searched(data, settings, seed, extra, simulator, report, executor)
+        when_searched()
+        found = weighed(search, seed)
+        report("weighing causes")
+        verdict = verdict_of(found, constants or calibration(), held_out)
+        return _reported(campaign, seed, quick, settings, data, found, verdict, constants or calibration(), report)
 
 
 def searched(

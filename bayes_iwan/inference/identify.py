@@ -232,14 +232,14 @@ def identify_problem(
     settings = settings_of(config)
     began = time.monotonic()
     search = QUICK_SEARCH if quick and settings.search == SearchSettings() else settings.search
-    point = find_point(problem, seed, search, progress)
-    if quick:
-        found = _laplace(problem, point, settings, seed, campaign, loops, time.monotonic() - began)
-        return replace(found, simulator_file=simulator_file)
-    checkpoint = None if out is None else Path(out) / CHECKPOINT
-    located = time.monotonic()
-    # threads do nothing for the small matrices of a sampler's step but wait for each other
+    # threads do nothing for such small matrices but wait for each other, and would round sums in another order
     with threadpool_limits(limits=1, user_api="blas"):
+        point = find_point(problem, seed, search, progress)
+        if quick:
+            found = _laplace(problem, point, settings, seed, campaign, loops, time.monotonic() - began)
+            return replace(found, simulator_file=simulator_file)
+        checkpoint = None if out is None else Path(out) / CHECKPOINT
+        located = time.monotonic()
         origin = _origin(settings.search, simulator_file)
         chains = sampled(problem, point, settings.sampling, Run(seed, checkpoint, origin, resume, progress, executor))
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from bayes_iwan.campaign import read_campaign, write_campaign
 from bayes_iwan.effects.base import EffectError
@@ -142,6 +143,21 @@ def test_one_record_is_said_to_judge_nothing(kit):
     found = diagnose_loops(campaign, loops, seed=1, quick=True, settings=kit.settings, constants=flagged)
     assert found.found.figures and not any(f.judged for f in found.found.figures)
     assert any("one frequency and one amplitude" in s for s in found.sentences())
+
+
+def test_the_answer_does_not_hang_on_the_number_of_threads(kit):
+    virtual = kit.rig_records("viscous_damping")
+    campaign = replace(kit.campaign_of(virtual), tests=kit.campaign_of(virtual).tests[-1:])
+
+    def answer(threads):
+        with threadpool_limits(limits=threads, user_api="blas"):
+            loops = campaign.loops(**kit.small)
+            found = diagnose_loops(campaign, loops, seed=1, quick=True, settings=kit.settings)
+        return loops[0].harmonics_N, found.verdict.probabilities
+
+    (one, said), (other, said_too) = answer(1), answer(4)
+    np.testing.assert_array_equal(one, other)
+    assert said == said_too
 
 
 def residual_power_N(found, *names):

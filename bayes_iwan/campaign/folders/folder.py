@@ -27,6 +27,7 @@ from bayes_iwan.campaign.recording.stated import LARGEST_NUMBER, number_of, only
 from bayes_iwan.campaign.recording.table import header_has, read_table
 from bayes_iwan.campaign.recording.units import ACCELERATIONS, DISPLACEMENTS, FORCES, TIMES, Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
+from bayes_iwan.threads import alongside
 
 FORMAT = 1
 CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz"}
@@ -103,7 +104,7 @@ class Campaign:
         CampaignError
             a record without enough whole cycles at its frequency; the message names file and mend.
         """
-        return tuple(in_band(average(test, n_phase, n_harmonics, n_blocks)) for test in self.tests)
+        return tuple(alongside(lambda test: in_band(average(test, n_phase, n_harmonics, n_blocks)), self.tests))
 
 
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:
