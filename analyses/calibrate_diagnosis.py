@@ -61,6 +61,7 @@ from half_real import places
 from study_cases import (
     figures_of,
     has_outside,
+    named_in,
     reliability,
     reliability_lines,
     rest_is_real,
@@ -241,8 +242,8 @@ def fitted(cases: Sequence[dict[str, Any]], real: Sequence[Place] = ()) -> Calib
 
 
 def unjudged_lines(cases: Sequence[dict[str, Any]]) -> list[str]:
-    """Log loss of the places of cases that no test left out can judge, by the share of what is fitted that counts, and
-    stated and found frequency with the shipped one."""
+    """Log loss of the places of cases that no test left out can judge, by the share of what is fitted that counts;
+    what is named with the shipped one and if all counted; stated and found frequency with the shipped one."""
     whole = [case | {"figures": [f | {"judged": True} for f in case["figures"]]} for case in cases]
     rows, right = place_rows(whole)
     c, at = calibration(), EFFECT_FIGURES.index("by_test")
@@ -256,6 +257,13 @@ def unjudged_lines(cases: Sequence[dict[str, Any]]) -> list[str]:
     for share in np.linspace(0.0, 1.0, 11):
         t = log_odds(share)
         out.append(f"{share:.1f} of it counts: log loss {np.mean(np.logaddexp(0.0, t) - right * t):.3f}")
+    for share, some in ((UNJUDGED, cases), (1.0, whole)):
+        named = [named_in(case, c) - OWN_FORM for case in some]
+        true = sum(len(n & truths(case)) for n, case in zip(named, some))
+        wrong = sum(bool(n - truths(case)) for n, case in zip(named, some))
+        out.append(
+            f"{share:.1f} of it counts: {true} of {sum(map(len, named))} names right, {wrong} cases with a false one"
+        )
     stated = 1.0 / (1.0 + np.exp(-log_odds(UNJUDGED)))
     return [*out, f"with the shipped {UNJUDGED}:", *reliability_lines(stated, right)[1]]
 

@@ -224,6 +224,10 @@ def main() -> None:
     for source in SOURCES:
         print(f"{source}: " + " ".join(done[f"natural, {source}"]["sentences"][:4]))
     found = [judged(a, done[f"natural, {a['source']}"]) for k, a in done.items() if not k.startswith("natural")]
+    for source in SOURCES:
+        its = [a for k, a in done.items() if a["source"] == source and not k.startswith("natural")]
+        named = [judged(a, natural)["named"] for a in its if visible(a, natural := done[f"natural, {source}"])]
+        print(f"{source}: named {sum(named)} of {len(named)} visible ones")
     for what in dict.fromkeys(w for f in found for w in f):
         print(f"{what}: {share([f[what] for f in found if what in f]).text()}")
 
