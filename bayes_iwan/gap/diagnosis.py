@@ -26,7 +26,7 @@ from bayes_iwan.gap.fitting.gap_size import GapSize
 from bayes_iwan.gap.fitting.residuals import Residual, residual_of
 from bayes_iwan.gap.judging.budget import NO_CAUSE, GapBudget, Kind, RestOfGap, Share, Verdict, rest_share
 from bayes_iwan.gap.judging.calibration import Calibration, calibration
-from bayes_iwan.gap.judging.sample_fit import sampled_fit
+from bayes_iwan.gap.judging.sample_fit import Sampling, sampled_fit
 from bayes_iwan.gap.judging.verdict import verdict_of
 from bayes_iwan.gap.judging.weighing import Weighed, weighed
 from bayes_iwan.gap.searching.explored import Report, silent
@@ -104,6 +104,9 @@ class Diagnosis:
         ln evidence that each effect of usual size would have, by name.
     next_test
         the test that would settle what is open, None where nothing is.
+    sampling
+        what the draws behind the named effects' numbers are worth; None where they are Laplace's approximation, by
+        `quick` or since nothing is named.
     found
         what stands behind all this.
     """
@@ -125,6 +128,7 @@ class Diagnosis:
     not_testable: tuple[str, ...]
     expected_nats: dict[str, float]
     next_test: NextTest | None
+    sampling: Sampling | None
 
     def __repr__(self) -> str:
         return "\n".join((f"diagnosis of {self.campaign.name}:", *(f"  {s}" for s in self.sentences())))
@@ -239,8 +243,9 @@ def _reported(
         found.sizes[named],
     )
     found_where = where(residual, seed)
-    if not quick:
-        fit = sampled_fit(data, fit, seed, report)
+    sampling = None
+    if named and not quick:  # of a model without effects no number is reported
+        fit, sampling = sampled_fit(data, fit, seed, report)
     left = residual_of(data, found.in_newtons[named])
     places = where_sentences(found_where if not named else where(left, seed)) if verdict.unknown_rest else []
     outside = [f for f in found.figures if f.name in NO_CAUSE]
@@ -275,6 +280,7 @@ def _reported(
         hidden,
         {n: v for n, v in nats.items() if n not in NO_CAUSE},
         _next(data, found, verdict, constants, campaign),
+        sampling,
     )
 
 

@@ -17,6 +17,7 @@ from bayes_iwan.gap.fitting.data import TREND_HARMONICS
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import ALONG
 from bayes_iwan.gap.judging.budget import Kind, OneOf
+from bayes_iwan.gap.judging.sample_fit import Sampling
 from bayes_iwan.gap.telling.answer import effects_described, to_dict
 from bayes_iwan.gap.telling.findings import GapPictures
 from bayes_iwan.gap.telling.where import Statistic
@@ -208,6 +209,25 @@ def test_page_without_a_named_cause(tmp_path, found, nothing, kind, mark):
     assert re.search(r'<p class="(good|note|warning)">', text)[1] == mark
     assert rows_of(text, "The gap as a sum") is None and "No effect of the catalogue is named" in text
     assert "nan" not in re.findall(r"\w+", text) and "None," not in text
+
+
+def test_what_the_numbers_rest_on_is_said(tmp_path, found):
+    """A quick run, draws that converged, and draws that did not: on the page, and the last among the sentences."""
+
+    def said(sampling):
+        d = finite(to_dict(replace(found, sampling=sampling)))
+        text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
+        return html.unescape(text), " ".join(d["sentences"])
+
+    page, sentences = said(None)
+    assert "a quick run draws no samples" in page and "draws behind" not in sentences
+    page, sentences = said(Sampling(True, "targets met", 812.4, 1.0042))
+    assert "converged. At least 812 effective draws, R-hat at most 1.004." in page and "draws behind" not in sentences
+    page, sentences = said(Sampling(False, "not converged: the time budget; bulk ESS of kp is 44 < 400", 44.0, 1.08))
+    assert "have not converged" in page and "R-hat at most 1.080" in page
+    assert "with care: the time budget; bulk ESS of kp is 44 < 400." in sentences
+    page, _ = said(Sampling(False, "no draws within 45 s", None, None))
+    assert "with care: no draws within 45 s.<" in page
 
 
 def test_a_bench_advice_comes_before_a_test_that_would_not_help(tmp_path, found):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,17 @@ from bayes_iwan.sampling.manifold.on_manifold import sample_on_manifold
 #: seconds that one model may be sampled for
 BUDGET_S = 45.0
 _TRIED = 4096  # sizes of the discrepancy from which those at the optimum are learnt
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """What the draws behind a fit's numbers are worth: did they converge, why they ended and what is short of its
+    target, the least effective number of draws and the largest R-hat of any number (None where there are no draws)."""
+
+    converged: bool
+    message: str
+    least_ess: float | None
+    worst_r_hat: float | None
 
 
 class Target:
@@ -79,9 +90,9 @@ class Target:
         return mean, np.linalg.cholesky((apart.T * weight) @ apart + 1e-4 * np.eye(2))
 
 
-def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], None]) -> Fit:
-    """The fit with mean and covariance of z from draws (numbers of effects and of the base alike); as it was, but not
-    converged, where there are none."""
+def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], None]) -> tuple[Fit, Sampling]:
+    """The fit with mean and covariance of z from draws (numbers of effects and of the base alike), its optimum kept
+    where they did not converge; as it was where there are none. And what the draws are worth."""
     progress(f"sampling {fit.name}")
     target = Target(data, fit)
     z = np.concatenate([fit.z[None], fit.optima])
@@ -91,14 +102,18 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
     order = np.argsort(-log_prob)
     chains = _drawn(target, starts[order], log_prob[order], root, Plan(target.names, seed, budget_s=BUDGET_S))
     if chains is None:
-        return replace(fit, converged=False)
+        none = f"no draws within {BUDGET_S:.0f} s: Laplace's approximation stands"
+        return replace(fit, converged=False), Sampling(False, none, None, None)
     draws = chains.flat(4000)[:, : len(fit.z)]
-    return replace(
+    drawn = replace(
         fit,
         covariance=np.cov(draws.T) + 1e-12 * np.eye(len(fit.z)),
         z=draws.mean(axis=0) if chains.converged else fit.z,
         converged=fit.converged and chains.converged,
     )
+    worth = chains.convergence
+    least, worst = (None, None) if worth is None else (worth.least_ess, worth.worst_r_hat)
+    return drawn, Sampling(chains.converged, chains.message, least, worst)
 
 
 def _drawn(target: Target, starts: Array, log_prob: Array, root: Array, plan: Plan) -> Chains | None:

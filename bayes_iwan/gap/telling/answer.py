@@ -33,6 +33,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
         "schema": SCHEMA,
         "seed": d.seed,
         "quick": d.quick,
+        "sampling": None if d.sampling is None else asdict(d.sampling),
         "campaign": d.campaign.name,
         "base": d.settings.as_dict()["model"],
         "verdict": {

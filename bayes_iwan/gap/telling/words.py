@@ -50,7 +50,18 @@ def not_excluded(d: Diagnosis) -> list[str]:
 
 def sentences(d: Diagnosis) -> list[str]:
     """The answer: how large the gap is, what makes it, what is left, what to do."""
-    return [_size(d.budget.before), *_clipped(d), *_which(d), *_rest(d), *_unjudged(d), *_remedies(d), _next(d)]
+    which, rest = [*_clipped(d), *_which(d), *_rest(d)], [*_unjudged(d), *_sampled(d), *_remedies(d)]
+    return [_size(d.budget.before), *which, *rest, _next(d)]
+
+
+def _sampled(d: Diagnosis) -> list[str]:
+    """Where the draws behind the numbers fall short."""
+    if d.sampling is None or d.sampling.converged:
+        return []
+    return [
+        "The draws behind the numbers of the named effects have not converged, so take their intervals with care: "
+        f"{d.sampling.message.removeprefix('not converged: ')}."
+    ]
 
 
 def _size(gap: Gap) -> str:

@@ -126,6 +126,8 @@ def _which(
     section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure], about: Mapping[str, Mapping[str, Any]]
 ) -> None:
     put_figures(section, figures, "probabilities")
+    if d["effects"]:
+        _sampled(section, d)
     for effect in d["effects"]:
         name = effect["name"]
         cause = next(c for c in d["verdict"]["causes"] if c["name"] == name)
@@ -185,6 +187,24 @@ def _which(
         )
     if d["failed"]:
         section.table(("effect", "why"), [(title(n), w) for n, w in d["failed"].items()], "Effects that failed")
+
+
+def _sampled(section: Section, d: Mapping[str, Any]) -> None:
+    """What the numbers of the effects rest on."""
+    sampling = d.get("sampling")
+    if sampling is None:
+        section.text("Their numbers are the optimum's with Laplace's approximation: a quick run draws no samples.")
+        return
+    worth = "" if sampling["least_ess"] is None else f" At least {sampling['least_ess']:.0f} effective draws"
+    worth += "" if sampling["worst_r_hat"] is None else f", R-hat at most {sampling['worst_r_hat']:.3f}."
+    if sampling["converged"]:
+        section.text(f"Their numbers are from draws of the posterior, converged.{worth}")
+    else:
+        section.note(
+            f"The draws behind their numbers have not converged, so take their intervals with care: "
+            f"{sampling['message'].removeprefix('not converged: ')}.{worth}",
+            "warning",
+        )
 
 
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
