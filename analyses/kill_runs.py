@@ -146,7 +146,7 @@ def lighten() -> None:
     diagnosis_room.to_dict = lambda found: as_found()
     diagnosis_room.effects_described = lambda found: {}
     diagnosis_room.write_answer = write_told
-    diagnosis_room.diagnosis_figures = lambda found: {n: small_figure() for n in ("gap", "where", "shares")}
+    diagnosis_room.diagnosis_figures = lambda found, ahead=None: {n: small_figure() for n in ("gap", "where", "shares")}
     diagnosis_room.write_diagnosis_page = lambda answer, figures, path, *about: small_page(path)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from html import escape
@@ -33,6 +33,7 @@ from bayes_iwan.gap.searching.explored import Report, silent
 from bayes_iwan.gap.searching.found import Search
 from bayes_iwan.gap.searching.search import MOST_EFFECTS, search
 from bayes_iwan.gap.telling.findings import where_sentences
+from bayes_iwan.gap.telling.located import Located, Watcher, located
 from bayes_iwan.gap.telling.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.gap.telling.where import Where, where
@@ -53,10 +54,6 @@ BASES: dict[str, ModelSettings] = {
 DRAWS = 2000
 #: a cause whose probability lies between these is still in question
 OPEN = (0.1, 0.9)
-
-
-def nothing() -> None:
-    """Nothing is done."""
 
 
 @dataclass(frozen=True)
@@ -178,17 +175,16 @@ def diagnose_loops(
     constants: Calibration | None = None,
     report: Report = silent,
     executor: Executor | None = None,
-    when_searched: Callable[[], object] = nothing,
+    watcher: Watcher | None = None,
 ) -> Diagnosis:
     """Diagnose averaged loops; tests with role "held-out" are not fitted, only predicted.
 
     extra : a user's own effects; simulator : the base model (default: the Iwan model of the settings); constants :
     another calibration than the shipped one; executor : from :func:`bayes_iwan.executors.opened`, to refit effects
-    side by side; when_searched : called once no other process has anything left to do. The answer does not hang on how
-    many processes or threads there are.
+    side by side; watcher : told of the stages. The answer does not hang on how many processes or threads there are.
     Raises ValueError where no test is left to fit.
     """
-    settings = settings or DiagnoseSettings()
+    settings, watcher = settings or DiagnoseSettings(), watcher or Watcher()
     fitted = [x for x in loops if x.role != "held-out"]
     held_out = [x for x in loops if x.role == "held-out"]
     if not fitted:
@@ -196,11 +192,13 @@ def diagnose_loops(
     with linear_algebra().limit(limits=1):  # with more threads sums are rounded otherwise, and a search ends elsewhere
         data = gap_data(fitted)
         search = searched(data, settings, seed, extra, simulator, report, executor)
-        when_searched()
+        watcher.searched()
+        gap = located(campaign, search, seed)
+        watcher.located(gap)
         found = weighed(search, seed)
         report("weighing causes")
         verdict = verdict_of(found, constants or calibration(), held_out)
-        return _reported(campaign, seed, quick, settings, data, found, verdict, constants or calibration(), report)
+        return _reported(gap, seed, quick, settings, found, verdict, constants or calibration(), report)
 
 
 def searched(
@@ -224,30 +222,23 @@ def searched(
 
 
 def _reported(
-    campaign: Campaign,
+    gap: Located,
     seed: int,
     quick: bool,
     settings: DiagnoseSettings,
-    data: GapData,
     found: Weighed,
     verdict: Verdict,
     constants: Calibration,
     report: Report,
 ) -> Diagnosis:
     """Everything that is said beside the verdict."""
-    base, named = found.fits[frozenset()], frozenset(verdict.names)
-    fit = found.fits[named]
-    residual, before, after = (
-        residual_of(data, found.in_newtons[frozenset()]),
-        found.sizes[frozenset()],
-        found.sizes[named],
-    )
-    found_where = where(residual, seed)
+    base, named, data = found.fits[frozenset()], frozenset(verdict.names), found.search.data
+    fit, after = found.fits[named], found.sizes[named]
     sampling = None
     if named and not quick:  # of a model without effects no number is reported
         fit, sampling = sampled_fit(data, fit, seed, report)
     left = residual_of(data, found.in_newtons[named])
-    places = where_sentences(found_where if not named else where(left, seed)) if verdict.unknown_rest else []
+    places = where_sentences(gap.where if not named else where(left, seed)) if verdict.unknown_rest else []
     outside = [f for f in found.figures if f.name in NO_CAUSE]
     looks_like = max(outside, key=lambda f: f.gain).name if outside and verdict.unknown_rest else None
     rest = RestOfGap(
@@ -263,23 +254,23 @@ def _reported(
     hidden = tuple(n for n, v in nats.items() if v < TESTABLE_NATS and n not in named and n not in NO_CAUSE)
     report("next test")
     return Diagnosis(
-        campaign,
+        gap.campaign,
         seed,
         quick,
         settings,
         data,
         found,
         verdict,
-        GapBudget(before.all, after.all, verdict.causes, rest),
-        before,
-        residual,
-        found_where,
+        GapBudget(gap.size.all, after.all, verdict.causes, rest),
+        gap.size,
+        gap.residual,
+        gap.where,
         left,
         _parameters(fit, rng),
         _moved(base, fit, rng) if named else {},
         hidden,
         {n: v for n, v in nats.items() if n not in NO_CAUSE},
-        _next(data, found, verdict, constants, campaign),
+        _next(data, found, verdict, constants, gap.campaign),
         sampling,
     )
 
@@ -373,9 +364,9 @@ def diagnose_folder(
     simulator_file: str | Path | None = None,
     progress: bool = True,
     executor: Executor | None = None,
-    when_searched: Callable[[], object] = nothing,
+    watcher: Watcher | None = None,
 ) -> Diagnosis:
-    """Diagnose a campaign folder; executor, when_searched : see :func:`diagnose_loops`."""
+    """Diagnose a campaign folder; executor, watcher : see :func:`diagnose_loops`."""
     read = read_campaign(campaign)
     extra = load_effects(effects_file) if effects_file else ()
     simulator = load_simulator(simulator_file) if simulator_file else None
@@ -391,7 +382,7 @@ def diagnose_folder(
             simulator=simulator,
             report=bar,
             executor=executor,
-            when_searched=when_searched,
+            watcher=watcher,
         )
     finally:
         bar.close()

@@ -116,6 +116,10 @@ class Renderer:
             weakref.finalize(self, self._aside.end)  # of a page that was never written
 
     def order(self, order: Order, figure: Figure) -> None:
+        """A figure that is to be drawn; one that was ordered before, by whoever knew that it would come, is not drawn
+        twice."""
+        if order in self._ordered:
+            return
         self._ordered[order] = figure
         if self._aside is not None and self._ahead < 0:
             self._ahead += _work(figure)

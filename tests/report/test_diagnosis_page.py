@@ -20,11 +20,13 @@ from bayes_iwan.gap.judging.budget import Kind, OneOf
 from bayes_iwan.gap.judging.sample_fit import Sampling
 from bayes_iwan.gap.telling.answer import effects_described, to_dict
 from bayes_iwan.gap.telling.findings import GapPictures
+from bayes_iwan.gap.telling.located import Located
 from bayes_iwan.gap.telling.where import Statistic
 from bayes_iwan.report.diagnosis import budget_figures, files, gap_figures
 from bayes_iwan.report.diagnosis.files import diagnosis_figures
 from bayes_iwan.report.diagnosis.page import write_diagnosis_page
 from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.rendering import Batch, Renderer
 
 T, N = 4, 64
 PHASE = np.arange(N) / N
@@ -365,7 +367,7 @@ def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found, 
 
 
 def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_page(tmp_path, found, monkeypatch):
-    monkeypatch.setattr(files, "diagnosis_figures", lambda found: {})
+    monkeypatch.setattr(files, "diagnosis_figures", lambda found, ahead: {})
     out = tmp_path / "out"
     found.write(out)
     assert {"diagnosis.json", "diagnosis.html", "fits.json"} <= {x.name for x in out.iterdir()}
@@ -377,6 +379,28 @@ def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_
     with pytest.raises(KeyboardInterrupt):
         found.write(out)
     assert not [x.name for x in out.iterdir() if x.suffix in (".json", ".html")]
+
+
+def test_what_is_drawn_ahead_of_the_verdict_changes_no_file(tmp_path, found, monkeypatch, figure_files):
+    """The gap's own figures are ordered while causes are weighed, and drawn once: as the page would have had them."""
+    found.write(tmp_path / "after")
+    drawn, draw = [], Batch.draw
+    monkeypatch.setattr(
+        Batch, "draw", lambda batch, order, figure: drawn.append(order.name) or draw(batch, order, figure)
+    )
+    monkeypatch.setattr(files, "shared", lambda busy: Renderer())
+    ahead = files.Ahead()
+    ahead.searched()
+    ahead.located(Located(found.campaign, found.residual, found.before, found.where))
+    early = {order.name for order in ahead.renderer._ordered}
+    (tmp_path / "ahead").mkdir()
+    files._write(found, tmp_path / "ahead", None, None, ahead)
+    assert len(early) >= 5 and early < set(drawn) and len(drawn) == len(set(drawn))
+    written = {f.relative_to(tmp_path / "ahead") for f in (tmp_path / "ahead").rglob("*") if f.is_file()}
+    assert written == {f.relative_to(tmp_path / "after") for f in (tmp_path / "after").rglob("*") if f.is_file()}
+    for name in written:
+        if name.suffix in (".html", ".png", ".json"):  # a PDF's letters hang on which process drew it
+            assert (tmp_path / "ahead" / name).read_bytes() == (tmp_path / "after" / name).read_bytes(), name
 
 
 def test_many_tests_and_single_blocks_draw():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -17,22 +17,44 @@ from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import ALONG
 from bayes_iwan.gap.telling.answer import effects_described, to_dict, write_answer
 from bayes_iwan.gap.telling.findings import GapPictures, pictures
+from bayes_iwan.gap.telling.located import Located, Watcher
 from bayes_iwan.gap.telling.where import along_cycle, of_blocks, right_model_of_blocks
 from bayes_iwan.gap.telling.words import listed
 from bayes_iwan.inference.setup.config import Config, diagnose_settings_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis.budget_figures import Missed
-from bayes_iwan.report.diagnosis.page import write_diagnosis_page
+from bayes_iwan.report.diagnosis.page import order_ahead, write_diagnosis_page
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import Renderer, shared
 from bayes_iwan.report.style import relabel
 
+#: work of drawing (:func:`bayes_iwan.report.rendering.shared`) that takes about as long as weighing causes
+WEIGHING = 11
 
-def diagnosis_figures(found: Diagnosis) -> dict[str, Figure]:
-    """Every figure of a diagnosis by name, in the campaign's own units."""
+
+class Ahead(Watcher):
+    """Draws the gap's own figures in a second process while causes are weighed here."""
+
+    def __init__(self) -> None:
+        self.renderer = Renderer()
+        self.figures: dict[str, Figure] = {}
+
+    def searched(self) -> None:
+        self.renderer = shared(busy=WEIGHING)
+
+    def located(self, found: Located) -> None:
+        units = found.campaign.units
+        self.figures = gap_figures.figures_of_gap(pictures(found.residual, found.where, found.size))
+        for figure in self.figures.values():
+            relabel(figure, units)
+        order_ahead(self.figures, units, self.renderer)
+
+
+def diagnosis_figures(found: Diagnosis, ahead: Mapping[str, Figure] | None = None) -> dict[str, Figure]:
+    """Every figure of a diagnosis by name, in the campaign's own units; ahead : those that were made already."""
     drawn = pictures(found.residual, found.where, found.before)
-    out = gap_figures.figures_of_gap(drawn)
+    out = dict(ahead or gap_figures.figures_of_gap(drawn))
     verdict, budget = found.verdict, found.budget
     out["budget"] = budget_figures.budget_figure(budget, verdict.one_of)
     out["probabilities"] = budget_figures.probabilities_figure(verdict.probabilities, verdict.names)
@@ -137,7 +159,7 @@ def write_diagnosis(
     executor: Executor | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign folder and write everything into `out`."""
-    renderers: list[Renderer] = []  # it starts while what is left of the diagnosis keeps this process alone busy
+    ahead = Ahead()
     with owned(out) as folder:
         found = diagnose_folder(
             campaign,
@@ -148,9 +170,9 @@ def write_diagnosis(
             simulator_file=simulator_file,
             progress=progress,
             executor=executor,
-            when_searched=lambda: renderers.append(shared()),
+            watcher=ahead,
         )
-        _write(found, folder, effects_file, simulator_file, renderers[0])
+        _write(found, folder, effects_file, simulator_file, ahead)
     return found
 
 
@@ -158,7 +180,9 @@ def write_found(found: Diagnosis, out: Path) -> Path:
     """Write a diagnosis that was made before; returns the page. What `fits.json` then names of a user's own files is
     unknown, so fits with own effects cannot be read back."""
     with owned(out) as folder:
-        return _write(found, folder, None, None, shared())
+        ahead = Ahead()
+        ahead.searched()
+        return _write(found, folder, None, None, ahead)
 
 
 def _write(
@@ -166,9 +190,9 @@ def _write(
     folder: Path,
     effects_file: str | Path | None,
     simulator_file: str | Path | None,
-    renderer: Renderer,
+    ahead: Ahead,
 ) -> Path:
-    answer, figures = finite(to_dict(found)), diagnosis_figures(found)
+    answer, figures = finite(to_dict(found)), diagnosis_figures(found, ahead.figures)
     clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")
     page = write_diagnosis_page(
         answer,
@@ -178,7 +202,7 @@ def _write(
         found.campaign.units,
         provenance(found.campaign, found.seed),
         {p.name: p.description for p in found.fit.problem.prior.free},
-        renderer,
+        ahead.renderer,
     )
     write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
     return page

@@ -18,6 +18,15 @@ from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import Provenance
 from bayes_iwan.report.rendering import Renderer
 
+#: heading of the section that shows the gap whatever its causes, and its figures
+WHERE = "Where the model misses"
+WHERE_FIGURES = ("gap_loops", "gap_map", "gap_regions", "gap_harmonics", "gap_growth", "gap_cycles")
+
+
+def order_ahead(figures: Mapping[str, Figure], units: Units, renderer: Renderer) -> None:
+    """Order the gap's own figures as the page will, before there is one."""
+    put_figures(Page("", units=units, renderer=renderer).section(WHERE), figures, *WHERE_FIGURES)
+
 
 def write_diagnosis_page(
     diagnosis: Mapping[str, Any],
@@ -45,7 +54,7 @@ def write_diagnosis_page(
         renderer,
     )
     diagnosis_answer(page.section("Answer"), d, figures)
-    _where(page.section("Where the model misses"), d, figures)
+    _where(page.section(WHERE), d, figures)
     _which(page.section("Which cause"), d, figures, about)
     _how_far(page.section("How far the gap shrinks"), d, figures)
     _moved(page.section("How the identified parameters moved"), d, figures, meanings or {})
@@ -60,8 +69,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
     if found:
         items = Markup("").join(Markup("<li>{}</li>").format(x) for x in found)
         section.html(Markup("<ul>{}</ul>").format(items))
-    names = [n for n in ("gap_loops", "gap_map", "gap_regions", "gap_harmonics", "gap_growth", "gap_cycles")]
-    put_figures(section, figures, *(n for n in names if "headline" in figures or n != "gap_loops"))
+    put_figures(section, figures, *(n for n in WHERE_FIGURES if "headline" in figures or n != "gap_loops"))
     rows = [
         (
             "all tests",
