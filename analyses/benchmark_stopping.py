@@ -27,7 +27,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan.sampling.common.checkpoint import read_checkpoint
-from bayes_iwan.sampling.common.convergence import Convergence, convergence_of, ess_mean
+from bayes_iwan.sampling.common.convergence import Convergence, apart, convergence_of, ess_mean
 from bayes_iwan.sampling.ensemble.run import STAGES
 from bayes_iwan.sampling.independent.importance import METHOD as INDEPENDENT
 from bayes_iwan.sampling.independent.weights import untrusted
@@ -43,7 +43,7 @@ QUANTILES = (0.05, 0.5, 0.95)
 class Production:
     """Draws (ensembles, stored, walkers, numbers), their names and thinning; log weights (ensembles, stored) of
     proposals by importance, else None; taus : what the package asks of this way; first_check : stored steps after which
-    it looks."""
+    it looks; independent : are the walkers of an ensemble?"""
 
     draws: np.ndarray
     names: tuple[str, ...]
@@ -51,6 +51,7 @@ class Production:
     log_weight: np.ndarray | None
     taus: float
     first_check: int
+    independent: bool = False
 
     @property
     def stored(self) -> int:
@@ -86,7 +87,7 @@ def production(run: Path, ensembles: int) -> Production:
         draws, thin, taus = draws[int(restarts[-1]) if len(restarts) else 0 :], int(snapshot.state["thin"]), 50.0
         first = LEAST
     blocks = draws.reshape(len(draws), ensembles, -1, draws.shape[2])
-    return Production(np.moveaxis(blocks, 0, 1), tuple(names), thin, None, taus, first)
+    return Production(np.moveaxis(blocks, 0, 1), tuple(names), thin, None, taus, first, on_manifold)
 
 
 def simulated(count: int, tau: float, rng: np.random.Generator) -> tuple[Production, np.ndarray]:
@@ -108,7 +109,7 @@ def simulated(count: int, tau: float, rng: np.random.Generator) -> tuple[Product
         if i >= 0:
             out[i] = np.stack([slow, apart * mode + rng.standard_normal(n), fast], axis=1)
     draws = np.moveaxis(out.reshape(count, 4, WALKERS, 3), 0, 1)
-    return Production(draws, ("drifts", "two modes", "fast"), 1, None, LEAST_TAUS, FIRST_CHECK), truth
+    return Production(draws, ("drifts", "two modes", "fast"), 1, None, LEAST_TAUS, FIRST_CHECK, True), truth
 
 
 def stops(run: Production, first: int) -> dict[float, int]:
@@ -117,7 +118,7 @@ def stops(run: Production, first: int) -> dict[float, int]:
     found: dict[float, int] = {}
     length = run.first_check
     while first + length <= run.stored and len(found) < len(RULES):
-        result: Convergence = convergence_of(run.piece(first, length), run.names, run.thin)
+        result: Convergence = convergence_of(run.piece(first, length), run.names, run.thin, run.independent)
         for taus in RULES:
             if taus not in found and not result.shortfall(R_HAT, ESS, taus) and run.trusted(first, length):
                 found[taus] = length
@@ -125,16 +126,17 @@ def stops(run: Production, first: int) -> dict[float, int]:
     return found
 
 
-def errors(piece: np.ndarray, whole: np.ndarray, share: float) -> np.ndarray:
+def errors(piece: np.ndarray, whole: np.ndarray, share: float, independent: bool) -> np.ndarray:
     """(1 + quantiles, 2): of one number's mean and quantiles, how far the piece is off the whole, in posterior standard
     deviations and in standard errors that the piece states. piece, whole : (ensembles, steps, walkers)."""
     sd, values = whole.std(), np.sort(piece.ravel())
     known = np.sqrt(1.0 - share)
     off = [(piece.mean() - whole.mean()) / sd]
-    stated = [piece.std() / np.sqrt(ess_mean(piece)) / sd]
+    chains = apart(piece) if independent else piece
+    stated = [piece.std() / np.sqrt(ess_mean(chains)) / sd]
     for q in QUANTILES:
         at = np.quantile(values, q)
-        size = ess_mean((piece <= at).astype(float))
+        size = ess_mean((chains <= at).astype(float))
         low, high = stats.beta.ppf(stats.norm.cdf([-1.0, 1.0]), size * q + 1.0, size * (1.0 - q) + 1.0)
         off.append((at - np.quantile(whole, q)) / sd)
         stated.append(0.5 * (np.quantile(values, high) - np.quantile(values, low)) / sd)
@@ -149,7 +151,7 @@ def told(tried: list[tuple[Production, int, np.ndarray]]) -> None:
         for taus, length in stops(run, first).items():
             piece, share = run.piece(first, length), 0.0 if len(whole) > len(run.draws) else length / run.stored
             numbers = range(len(run.names))
-            rows[taus].append(np.stack([errors(piece[..., j], whole[..., j], share) for j in numbers]))
+            rows[taus].append(np.stack([errors(piece[..., j], whole[..., j], share, run.independent) for j in numbers]))
             lengths[taus].append(length)
     print(
         "   taus  stopped  steps  RMS error in posterior sd: mean, q05, q50, q95      largest   "
@@ -187,7 +189,7 @@ def main() -> None:
     for folder in args.run:
         run = production(folder, args.ensembles)
         whole = run.piece(0, run.stored)
-        result = convergence_of(whole, run.names, run.thin)
+        result = convergence_of(whole, run.names, run.thin, run.independent)
         print(
             f"{folder}: {result.n_steps} steps, {result.n_steps / result.worst_tau:.0f} autocorrelation times of the "
             f"slowest number, least ESS {result.least_ess:.0f}, R-hat {result.worst_r_hat:.4f}"

@@ -319,6 +319,7 @@ def _posterior(
         z=z,
         log_prob=log_prob,
         walkers=walkers,
+        independent=chains.independent,
         thin=chains.thin * every,
         point=point,
         seed=seed,

@@ -19,6 +19,7 @@ from bayes_iwan.inference.identify import (
     identify_problem,
 )
 from bayes_iwan.inference.results import run_files
+from bayes_iwan.inference.results.netcdf import read_netcdf, write_netcdf
 from bayes_iwan.inference.results.run_files import ResultsError
 from bayes_iwan.inference.setup.config import ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
@@ -135,11 +136,29 @@ def test_a_result_is_loaded_again(run):
     again = run_files.load(out)
     np.testing.assert_array_equal(again.z, posterior.z)
     np.testing.assert_array_equal(again.log_prob, posterior.log_prob)
-    for name in ("walkers", "thin", "seed", "converged", "message", "stop", "settings", "versions", "timings"):
+    for name in (
+        "walkers",
+        "independent",
+        "thin",
+        "seed",
+        "converged",
+        "message",
+        "stop",
+        "settings",
+        "versions",
+        "timings",
+    ):
         assert getattr(again, name) == getattr(posterior, name), name
     assert again.convergence == posterior.convergence and again.simulator_file == posterior.simulator_file
     assert again.point.goal == posterior.point.goal and again.names == posterior.names
     assert [r.mean for r in again.summary()] == [r.mean for r in posterior.summary()]
+
+
+def test_independent_walkers_stay_so_in_the_file(run, tmp_path):
+    """Chains on a manifold are judged walker by walker, when they are read back, too."""
+    posterior = replace(run[0], independent=True)
+    write_netcdf(posterior, tmp_path / "posterior.nc")
+    assert read_netcdf(tmp_path / "posterior.nc").independent and not read_netcdf(run[1] / "posterior.nc").independent
 
 
 def test_arviz_reads_the_result(run):

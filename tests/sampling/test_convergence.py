@@ -38,6 +38,37 @@ def test_one_walker_an_ensemble_is_arvizs_number(phi):
     assert ess_tail(x) == pytest.approx(tail, rel=0.02)
 
 
+def test_independent_walkers_are_arvizs_chains_and_r_hat_still_compares_ensembles():
+    x = autoregressive(0.9, (4, 400, 16), np.random.default_rng(7))
+    chains = np.moveaxis(x, 2, 1).reshape(64, 400)
+    found = convergence_of(x[..., None], ("x",), thin=3, independent=True)
+    together = convergence_of(x[..., None], ("x",), thin=3)
+    assert found.ess_bulk[0] == pytest.approx(float(np.asarray(az.ess(chains, method="bulk"))), rel=0.01)
+    tail = float(np.asarray(az.ess(chains, method="tail", prob=(0.05, 0.95))))
+    assert found.ess_tail[0] == pytest.approx(tail, rel=0.02)
+    assert found.r_hat[0] == together.r_hat[0] < 1.01 < float(np.asarray(az.rhat(chains)))
+    assert found.tau_steps[0] == pytest.approx(3 * 19.0, rel=0.15)
+
+
+def test_independent_walkers_sizes_are_true_and_scatter_less_than_those_of_ensembles():
+    rng, means, sizes = np.random.default_rng(8), [], {True: [], False: []}
+    for _ in range(100):
+        x = autoregressive(0.9, (4, 400, 16), rng)
+        means.append(x.mean())
+        for independent, some in sizes.items():
+            some.append(convergence_of(x[..., None], ("x",), independent=independent).ess_bulk[0])
+    assert np.median(sizes[True]) == pytest.approx(1.0 / np.var(means), rel=0.3)
+    assert np.std(np.log(sizes[True])) < 0.6 * np.std(np.log(sizes[False]))
+
+
+def test_an_independent_walker_that_stands_still_is_seen():
+    x = autoregressive(0.5, (4, 400, 16), np.random.default_rng(9))
+    moving = convergence_of(x[..., None], ("x",), independent=True)
+    x[:, :, 0] = 2.5
+    stuck = convergence_of(x[..., None], ("x",), independent=True)
+    assert stuck.ess_bulk[0] < 0.1 * moving.ess_bulk[0] and stuck.tau_steps[0] > 10 * moving.tau_steps[0]
+
+
 def test_ess_is_the_variance_of_the_mean_over_repeated_runs_even_with_walkers_that_move_together():
     rng = np.random.default_rng(1)
     shared, phi = 0.5, 0.8

@@ -155,6 +155,7 @@ def _attributes(posterior: Posterior) -> dict[str, Any]:
         "format": FORMAT,
         "seed": posterior.seed,
         "walkers": posterior.walkers,
+        "independent": int(posterior.independent),
         "thin": posterior.thin,
         "converged": int(posterior.converged),
         "message": posterior.message,
@@ -216,6 +217,7 @@ class Stored:
     fingerprint: dict[str, str]
     settings: IdentifySettings
     walkers: int
+    independent: bool
     thin: int
     point: Point
     seed: int
@@ -247,6 +249,7 @@ def read_netcdf(path: Path) -> Stored:
         fingerprint=fingerprint,
         settings=settings_of(json.loads(stored["config"])),
         walkers=int(stored["walkers"]),
+        independent=bool(stored.get("independent", 0)),
         thin=int(stored["thin"]),
         point=_point_of(json.loads(stored["point"])),
         seed=int(stored["seed"]),

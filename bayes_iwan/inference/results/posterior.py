@@ -56,6 +56,8 @@ class Posterior:
         None for loops that came from no folder.
     simulator_file
         where a user's own simulator came from.
+    independent
+        are the walkers of an ensemble independent of each other, too?
 
     Examples
     --------
@@ -92,6 +94,7 @@ class Posterior:
     convergence: tuple[ConvergenceRow, ...]
     simulator_file: str = ""
     stop: Stop = Stop.CONVERGED
+    independent: bool = False
 
     def __repr__(self) -> str:
         return "\n".join((self._title(), *(f"  {row}" for row in self._shown()), *self.warnings()))
@@ -228,7 +231,7 @@ class Posterior:
         """R-hat and effective sizes of every reported quantity, from the draws kept."""
         named = self.quantities()
         draws = np.stack([self.by_steps(q.values) for q in named.values()], axis=3)
-        return convergence_of(draws, tuple(named), thin=self.thin)
+        return convergence_of(draws, tuple(named), thin=self.thin, independent=self.independent)
 
     def summary(self) -> tuple[SummaryRow, ...]:
         """Mean, spread, quantiles and diagnostics of every reported quantity.

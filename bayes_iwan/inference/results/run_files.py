@@ -179,6 +179,7 @@ def load(
         z=z,
         log_prob=stored.log_prob,
         walkers=stored.walkers,
+        independent=stored.independent,
         thin=stored.thin,
         point=stored.point,
         seed=stored.seed,

@@ -16,7 +16,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.style import decimal_ticks, series, styled, subplots
 from bayes_iwan.sampling.common.checkpoint import NAME, CheckpointError, read_checkpoint
-from bayes_iwan.sampling.common.convergence import longest_autocorrelation_time
+from bayes_iwan.sampling.common.convergence import autocorrelation_time, longest_autocorrelation_time
 
 
 @dataclass(frozen=True)
@@ -97,9 +97,8 @@ def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
     run = history(posterior) if run is None else run
     stored = run.z.shape[1]
     lengths = np.unique(np.geomspace(max(4, stored // 30), stored, 10).astype(int))
-    tau = run.thin * np.array(
-        [[longest_autocorrelation_time(run.z[:, :n, :, i]) for i in range(posterior.ndim)] for n in lengths]
-    )
+    time_of = autocorrelation_time if posterior.independent else longest_autocorrelation_time
+    tau = run.thin * np.array([[time_of(run.z[:, :n, :, i]) for i in range(posterior.ndim)] for n in lengths])
     steps = run.thin * lengths
     figure, axes = subplots(1, 1, 5.4, 3.0)
     ax = axes[0, 0]

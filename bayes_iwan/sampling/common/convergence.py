@@ -12,6 +12,11 @@ one ensemble propose from each other and are not independent; the ensembles are.
 - tau, in steps, is emcee's integrated autocorrelation time: the walkers' autocorrelation functions averaged
   over all walkers and ensembles, with Sokal's window; or that of the ensembles' means (Goodman & Weare 2010), if it is
   longer. Walkers that change places with others forget where they were long before the ensemble does.
+
+Walkers that are independent of each other as well (chains on a manifold) are so many chains. Only R-hat is then of
+ensembles, as it is of "superchains" where chains are many and short (Margossian et al. 2024, arXiv 2110.13017).
+Effective sizes are ArviZ's of every walker's halves, tau is the walkers' alone: far less noisy than what a few
+ensembles' means tell, and it is the least of many numbers' sizes that decides when a run may stop.
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ from scipy.special import ndtri
 from scipy.stats import rankdata
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.threads import alongside
 
 
 @dataclass(frozen=True)
@@ -64,21 +70,33 @@ class Convergence:
         return "; ".join(parts)
 
 
-def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1) -> Convergence:
-    """All diagnostics of draws (ensembles, stored steps, walkers, quantities), stored every `thin` steps."""
+def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1, independent: bool = False) -> Convergence:
+    """All diagnostics of draws (ensembles, stored steps, walkers, quantities), stored every `thin` steps.
+
+    independent : no walker ever knew of another one.
+    """
     x = np.asarray(draws, dtype=float)
     if x.ndim != 4 or x.shape[3] != len(names):
         raise ValueError(f"draws of shape {x.shape} are not (ensembles, steps, walkers, {len(names)})")
-    columns = [x[..., j] for j in range(x.shape[3])]
-    ranked = np.array([_ranked(c) for c in columns]).reshape(len(names), 2)
+    tau = autocorrelation_time if independent else longest_autocorrelation_time
+
+    def judged(column: Array) -> tuple[float, float, float, float]:
+        return *_ranked(column, independent), ess_tail(apart(column) if independent else column), tau(column)
+
+    rows = np.array([*alongside(judged, [x[..., j] for j in range(x.shape[3])])]).reshape(len(names), 4)
     return Convergence(
         names=tuple(names),
-        r_hat=ranked[:, 0],
-        ess_bulk=ranked[:, 1],
-        ess_tail=np.array([ess_tail(c) for c in columns]),
-        tau_steps=thin * np.array([longest_autocorrelation_time(c) for c in columns]),
+        r_hat=rows[:, 0],
+        ess_bulk=rows[:, 1],
+        ess_tail=rows[:, 2],
+        tau_steps=thin * rows[:, 3],
         n_steps=thin * x.shape[1],
     )
+
+
+def apart(x: Array) -> Array:
+    """(ensembles·walkers, steps, 1) of x (ensembles, steps, walkers): every walker a chain of its own."""
+    return np.moveaxis(x, 2, 1).reshape(-1, x.shape[1], 1)
 
 
 def r_hat(x: Array) -> float:
@@ -94,13 +112,13 @@ def ess_bulk(x: Array) -> float:
     return _ranked(x)[1]
 
 
-def _ranked(x: Array) -> tuple[float, float]:
+def _ranked(x: Array, independent: bool = False) -> tuple[float, float]:
     """R-hat and bulk effective sample size: ranking is most of the work of both."""
     halves = _halves(x)
     if not _usable(halves):
         return np.nan, np.nan
     bulk, folded = rank_normalise(halves), rank_normalise(np.abs(halves - np.median(halves)))
-    return max(_r_hat(bulk), _r_hat(folded)), _ess(bulk)
+    return max(_r_hat(bulk), _r_hat(folded)), _ess(apart(bulk) if independent else bulk)
 
 
 def ess_tail(x: Array) -> float:

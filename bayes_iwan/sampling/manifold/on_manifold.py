@@ -132,7 +132,9 @@ def sample_on_manifold(
                 steps = len(z)
                 planned, over = steps >= next_check, late()
                 if steps >= 8 and (planned or over or steps >= plan.max_steps):
-                    result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), plan.every_name)
+                    result = convergence_of(
+                        by_ensemble(np.concatenate([z, other], axis=2)), plan.every_name, independent=True
+                    )
                     short = plan.shortfall(result, taus)
                     while next_check <= steps:
                         next_check = int(1.15 * next_check)
@@ -156,7 +158,7 @@ def sample_on_manifold(
             if file is not None:
                 file.close()
     if stop is Stop.INTERRUPTED and len(z) >= 8:
-        result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), plan.every_name)
+        result = convergence_of(by_ensemble(np.concatenate([z, other], axis=2)), plan.every_name, independent=True)
         short = plan.shortfall(result, taus)
     if run.hurried:
         said += "; the time budget cut warm-up short, so that more time gives other draws"
@@ -176,6 +178,7 @@ def sample_on_manifold(
         stop=stop,
         seed=plan.seed,
         seconds=time.monotonic() - began,
+        independent=True,
     )
 
 
