@@ -152,10 +152,7 @@ def gap_data(loops: Sequence[Loop]) -> GapData:
         noise[t, : b - 1, :n] = np.hypot(sd, TREND_FLOOR * level[t])
     found = [_mains_frequencies(loops, hz) for hz in MAINS_HZ]
     mains_hz, possible = np.stack([hz for hz, _ in found], axis=1), tuple(there for _, there in found)
-    mains, mains_noise = np.zeros((len(loops), 2), dtype=complex), np.full((len(loops), 2), np.inf)
-    for t, loop in enumerate(loops):
-        for m, hz in enumerate(mains_hz[t]):
-            mains[t, m], mains_noise[t, m] = _line(loop, hz)
+    lines = [[_line(loop, hz) for hz in own] for loop, own in zip(loops, mains_hz)]
     return GapData(
         loops,
         Correlated(loops),
@@ -164,8 +161,8 @@ def gap_data(loops: Sequence[Loop]) -> GapData:
         trend,
         noise,
         contrast,
-        mains,
-        mains_noise,
+        np.array([[value for value, _ in some] for some in lines]),
+        np.array([[noise for _, noise in some] for some in lines]),
         mains_hz,
         possible,
         np.array([_subharmonic(x) for x in loops]),
