@@ -2,7 +2,7 @@
 
     python analyses/calibrate_diagnosis.py study --cases 200 --seed 71 --out runs/study [--workers 2]
     python analyses/calibrate_diagnosis.py fit runs/study/*.json [--half-real runs/half_real/answers.json] [--write]
-    python analyses/calibrate_diagnosis.py study --one-record --cases 80 --seed 72 --out runs/one
+    python analyses/calibrate_diagnosis.py study --records 1 --cases 80 --seed 72 --out runs/one
     python analyses/calibrate_diagnosis.py unjudged runs/one/*.json
 
 `study` draws cases on the virtual rig (laws that the catalogue does not have, one to three faults, some from outside
@@ -111,8 +111,8 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     case = rig_cases.draw_case(rng, laws=shared["laws"])
     given, unseen = rig_cases.simulate(case)
     records = [r for r in given if r.role != "held-out"]
-    if shared["one_record"]:
-        records = [max(records, key=lambda r: (r.amplitude_mm, r.frequency_hz))]
+    if shared["records"] is not None:
+        records = sorted(records, key=lambda r: (r.amplitude_mm, r.frequency_hz))[-shared["records"] :]
     loops = [average(r, **LOOPS) for r in records]
     began = time.process_time()
     found = weighed(searched(gap_data(loops), DiagnoseSettings(), 0), 0)
@@ -141,7 +141,7 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     }
 
 
-def run_study(cases: int, seed: int, laws: str, one_record: bool, out: Path, workers: int) -> None:
+def run_study(cases: int, seed: int, laws: str, records: int | None, out: Path, workers: int) -> None:
     out.mkdir(parents=True, exist_ok=True)
     wanted = {out / f"{seed}_{i:04d}.json": i for i in range(cases)}
     pieces = {str(path): i for path, i in wanted.items() if not path.is_file()}
@@ -149,7 +149,7 @@ def run_study(cases: int, seed: int, laws: str, one_record: bool, out: Path, wor
         for path, result in finished(
             pieces,
             study,
-            {"seed": seed, "laws": laws, "one_record": one_record},
+            {"seed": seed, "laws": laws, "records": records},
             executor=executor,
             what="cases",
             unit="case",
@@ -294,7 +294,7 @@ def main() -> None:
     one.add_argument("--cases", type=int, default=200)
     one.add_argument("--seed", type=int, default=71)
     one.add_argument("--laws", choices=("catalogue", "other", "all"), default="other")
-    one.add_argument("--one-record", action="store_true", help="of each case only its largest test is seen")
+    one.add_argument("--records", type=int, help="of each case only so many tests are seen, its largest (all)")
     one.add_argument("--out", type=Path, default=Path("runs/study"))
     one.add_argument("--workers", type=int, default=1)
     two = below.add_parser("fit")
@@ -308,7 +308,7 @@ def main() -> None:
     four.add_argument("files", nargs="+", type=Path)
     args = parser.parse_args()
     if args.what == "study":
-        run_study(args.cases, args.seed, args.laws, args.one_record, args.out, args.workers)
+        run_study(args.cases, args.seed, args.laws, args.records, args.out, args.workers)
         return
     cases = [json.loads(p.read_text()) for p in args.files]
     if args.what == "unjudged":

@@ -146,6 +146,24 @@ def test_one_record_is_said_to_judge_nothing(kit):
     assert any("one frequency and one amplitude" in s for s in found.sentences())
 
 
+def test_of_two_slow_changes_of_one_record_each_is_credited_with_what_the_other_leaves(kit):
+    """Friction falls by a quarter while the zero drifts by a seventh of it: neither hides the other."""
+    n, loop = 40, kit.specimen_force(10.0, 0.9, 128)
+
+    def extra(time, test):
+        return (0.6 - 0.25 * np.tile(loop, n)) * time / time[-1]
+
+    campaign = kit.made_up(kit.specimen_force, [(10.0, 0.9)], cycles=n, noise_N=0.02, extra=extra)
+    (told,) = campaign.loops(**kit.small)
+    assert told.noise_N[0] < 1e-3  # the drift itself is none
+    found = diagnose_loops(campaign, (told,), seed=1, quick=True, settings=kit.settings)
+    figures = {f.name: f for f in found.found.figures if f.name in found.verdict.names}
+    drift = figures.pop("force_drift")
+    (friction,) = figures.values()
+    assert friction.name in ("friction_fade", "normal_force_lag")  # a slow state's start is a fade as well
+    assert drift.by_test > 0.85 and friction.by_test > 0.85 and drift.fitted < 0.5
+
+
 WHERE_ROUNDING_DECIDES = {
     "loops": ("bayes_iwan.campaign.folders.folder.average", lambda campaign, loops, kit: campaign.loops(**kit.small)),
     "search": (

@@ -350,7 +350,8 @@ def _residual(averager: Averager, signal: Array, harmonics: np.ndarray) -> Array
 def _without_trends(averager: Averager, residual: Array, n_cycles: int) -> Array:
     """Residual less each harmonic's slow change over the record (a cubic in time), for many cycles.
 
-    Fade or creep would otherwise pass for noise: its sidebands fall off slowly. The mean is left alone.
+    Fade or creep would otherwise pass for noise: its sidebands fall off slowly. Of the mean only a steady drift is
+    taken off, which would make its error as large as itself; whatever else wanders is noise of the mean.
     """
     if n_cycles < MANY_CYCLES:
         return residual
@@ -360,7 +361,7 @@ def _without_trends(averager: Averager, residual: Array, n_cycles: int) -> Array
         trend /= np.sqrt(np.mean(trend**2))
         sums = project(averager.phase, [trend * residual], np.zeros(1, dtype=int), averager.n_resolved)[0]
         change = to_complex(sums.T * (2 / residual.size))[0]
-        change[0] = 0
+        change[0] *= 0.5 if order == 1 else 0.0
         total += trend * evaluate(change, averager.phase)
     return residual - total
 

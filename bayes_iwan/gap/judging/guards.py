@@ -44,7 +44,8 @@ class Figures:
         share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
         fitted one where no test can judge it)
     by_test : the mean over tests left out of the share of each one's gap that it removes, or of the part that changes
-        along the record where that is what it acts on (the fitted share of that part where no test can judge it)
+        along the record where that is what it acts on (where no test can judge it: the share that it removes of what
+        all others leave of that part)
     differs : by how many standard deviations its strength differs between halves of the tests (larger split)
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
@@ -70,14 +71,12 @@ def guard_figures(
     nearest: Mapping[frozenset[str], Fit],
     unseen: Sequence[Unseen],
     share: Mapping[str, float],
-    along: Mapping[str, float],
     judged: Iterable[str],
 ) -> tuple[Figures, ...]:
     """The figures of every effect of the chosen set that is judged.
 
     nearest : by subset of those, the fit that misses least in newtons; unseen : what they miss on tests left out;
-    share : of the gap, by effect (:func:`.budget.shares`); along : of what changes along the record, by
-    effect that acts on that
+    share : of the gap, by effect (:func:`.budget.shares`)
     """
     judged = tuple(judged)
     if not judged:
@@ -112,7 +111,8 @@ def guard_figures(
         }
         others_nats = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
         fitted = float(np.clip(share[name], -1.0, 1.0))
-        acted = float(np.clip(along.get(name, fitted), fitted, 1.0))
+        left_along, kept_along = parts[less.names][1], parts[whole.names][1]
+        acted = max(fitted, 1.0 - kept_along / left_along) if acts_along and left_along > 0.0 else fitted
         gain = whole.log_evidence - less.log_evidence
         predicts = bool(unseen) and effect.strength_name in whole.problem.names
         last = less.names, whole.names

@@ -92,8 +92,7 @@ def weighed(search: Search, seed: int) -> Weighed:
     for chosen, names in kept.items():
         if names not in figures:
             beside = replace(search, fits=all_fits, chosen=chosen)
-            share, along = models.shares(names)
-            figures[names] = guard_figures(beside, models.nearest, unseen, share, along, names)
+            figures[names] = guard_figures(beside, models.nearest, unseen, models.shares(names), names)
     here = next(iter(kept.values()))
     alone = tuple(f for f in figures[here] if f.name not in OWN_FORM or f.gap >= LEAST_GAP)
     others = [(weight[k], f) for k, f in figures.items() if k != here]
@@ -139,12 +138,9 @@ class _Models:
         evolving = [e.name for e in self.fits[frozenset(chosen)].effects if e.evolving]
         return _removing(chosen, evolving, self.sizes)
 
-    def shares(self, kept: tuple[str, ...]) -> tuple[dict[str, float], dict[str, float]]:
-        """Of the gap and of what changes along the record, by effect that removes any of it."""
-        if not kept:
-            return {}, {}
-        by_effect = {n: s.value for n, s in shares(kept, self.sizes).items()}
-        return by_effect, removed_along(frozenset(kept), self.fits, self.sizes)
+    def shares(self, kept: tuple[str, ...]) -> dict[str, float]:
+        """Of the gap, by effect that removes any of it."""
+        return {n: s.value for n, s in shares(kept, self.sizes).items()} if kept else {}
 
     def unseen(self, judged: Iterable[Names]) -> tuple[Unseen, ...]:
         """What these sets and the base miss on tests left out of their fit."""
