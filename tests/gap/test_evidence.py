@@ -11,7 +11,7 @@ from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import _distinct, _grid, extended, fit_model, in_newtons, predicting
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.fitting.rest import LENGTHS, SHARES, Linear, Rest
+from bayes_iwan.gap.fitting.rest import LENGTHS, SHARES, Linear, Rest, RestSize
 from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging import sample_fit
 from bayes_iwan.gap.searching.base import fit_base, gap_rms_N
@@ -42,8 +42,8 @@ def really(linear, bend=0.0):
 def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record(toy):
     grid = _grid(really(toy), toy)
     assert grid.log_z.shape == (len(SHARES), len(LENGTHS))
-    along = np.array([grid.size.along])
-    one = np.array([[toy.evidence(((a, b),), along).log_z[0] for b in LENGTHS] for a in SHARES])
+    along = grid.size.along
+    one = np.array([[toy.evidence(((a, b, along),)).log_z[0] for b in LENGTHS] for a in SHARES])
     np.testing.assert_allclose(np.ptp(grid.log_z - one), 0.0, atol=1e-9)  # the average is one constant
     i, k = np.unravel_index(np.argmax(one), one.shape)
     assert (grid.size.share, grid.size.length) == (SHARES[i], LENGTHS[k])
@@ -57,8 +57,8 @@ def test_evidence_is_of_what_a_model_misses_and_not_of_what_its_linear_one_promi
     straight, bent = _grid(really(toy), toy), _grid(really(toy, bend), toy)
     assert bent.log_evidence < straight.log_evidence - 1.0
     np.testing.assert_array_equal(bent.z, toy.z)
-    size = ((bent.size.share, bent.size.length),)
-    stays = toy.at(toy.residual[None], toy.z[None], size, np.array([bent.size.along]), bent.precision[None])
+    size = ((bent.size.share, bent.size.length, bent.size.along),)
+    stays = toy.at(toy.residual[None], toy.z[None], size, bent.precision[None])
     assert bent.size == stays.sizes[0]
     slight = _grid(really(toy, 1e-4), toy)
     assert straight.log_evidence - 1.0 < slight.log_evidence < straight.log_evidence
@@ -132,7 +132,9 @@ def test_idle_evolving_effect_costs_what_the_steady_model_pays(name, kit):
     idle, base = rows.residual(z)[0], steady.residual(found.base.z[None])[0]
     np.testing.assert_allclose(idle[: len(base)], base, atol=0.5)
     assert rows.layout.constant == 0.0
-    assert 0.5 * np.sum(idle[len(base) :] ** 2) == pytest.approx(steady.layout.missed(0.0), rel=0.03)
+    assert 0.5 * np.sum(idle[len(base) :] ** 2) == pytest.approx(
+        steady.layout.missed(RestSize(0.0, 0.1, 0.0)), rel=0.03
+    )
 
 
 @pytest.mark.parametrize("name, most", [("friction_fade", 12.0), ("force_drift", 12.0)])

@@ -38,8 +38,8 @@ ROUNDS, GAINED = 4, 0.5
 NEWTON_STARTS, NEWTON_STEPS = 2, 15
 #: sizes of the rest over which the evidence is tabulated, and those among which the loops' is found first where a rest
 #: changes along the record
-_FINE: Sizes = tuple((float(a), float(n)) for a in SHARES for n in LENGTHS)
-_COARSE: Sizes = tuple((float(a), float(LENGTHS[-1])) for a in SHARES[::2])
+_FINE = tuple((float(a), float(n)) for a in SHARES for n in LENGTHS)
+_COARSE: Sizes = tuple((float(a), float(LENGTHS[-1]), FIRST.along) for a in SHARES[::2])
 _FIXED_NOISE = {
     "noise_scale": ParameterChange(fixed=1.0),
     "discrepancy_share": ParameterChange(fixed=FIRST.share),
@@ -170,7 +170,7 @@ def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS, smaller:
 def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
     """The model of a fit for tests that it has not seen: as `nearest`, its least gap in newtons, but held by its priors
     as far as the rest that was inferred beside it says."""
-    size = RestSize(fit.rest_share[0], 0.0, fit.size.along)
+    size = RestSize(fit.rest_share[0], 0.0, fit.size.along, (), fit.size.along_spectrum)
     alike = size.share == nearest.size.share and not any(e.evolving for e in fit.effects)
     return nearest if alike else _beside(data, fit, size, [fit.z, nearest.z], NEWTON_STEPS)
 
@@ -208,26 +208,25 @@ class _Grid:
 def _grid(rows: Rows, linear: Linear) -> _Grid:
     along, change = float(ALONG_SHARES[0]), 0.0
     if linear.rest.changing.any():  # the change along the record has its own size, found where the loops' is best
-        coarse = _borne_out(rows, linear, _COARSE, np.full(len(_COARSE), FIRST.along))
-        loops = _COARSE[int(np.argmax(coarse.log_z))]
-        by_change = _borne_out(rows, linear, (loops,) * len(ALONG_SHARES), ALONG_SHARES).log_z
+        share, length, _ = _COARSE[int(np.argmax(_borne_out(rows, linear, _COARSE).log_z))]
+        by_change = _borne_out(rows, linear, tuple((share, length, float(b)) for b in ALONG_SHARES)).log_z
         along = float(ALONG_SHARES[int(np.argmax(by_change))])
         change = float(np.logaddexp.reduce(by_change) - np.log(len(by_change)) - by_change.max())
-    found = _borne_out(rows, linear, _FINE, np.full(len(_FINE), along))
+    found = _borne_out(rows, linear, tuple((a, n, along) for a, n in _FINE))
     best = int(np.argmax(found.log_z))
     log_z = found.log_z.reshape(len(SHARES), len(LENGTHS)) + change
-    share = _whole_share(linear.rest.orders, found)
-    return _Grid(linear, log_z, found.z[best], found.precision[best], found.sizes[best], share)
+    whole = _whole_share(linear.rest.orders, found)
+    return _Grid(linear, log_z, found.z[best], found.precision[best], found.sizes[best], whole)
 
 
-def _borne_out(rows: Rows, linear: Linear, sizes: Sizes, along: Array) -> Stepped:
+def _borne_out(rows: Rows, linear: Linear, sizes: Sizes) -> Stepped:
     """ln evidence at sizes of the rest by what the model really misses where the linear one leads, or where it was made
     if that is better: in a bent valley a step may promise hundreds of nats that are not there."""
-    stepped = linear.evidence(sizes, along)
+    stepped = linear.evidence(sizes)
     z = np.clip(stepped.z, -Z_BOX, Z_BOX)
     with np.errstate(all="ignore"):
-        there = linear.at(rows.residual(z), z, sizes, along, stepped.precision)
-    here = linear.at(linear.residual[None], linear.z[None], sizes, along, stepped.precision)
+        there = linear.at(rows.residual(z), z, sizes, stepped.precision)
+    here = linear.at(linear.residual[None], linear.z[None], sizes, stepped.precision)
     stays = ~(there.log_z >= here.log_z)
     log_z = np.where(stays, here.log_z, there.log_z)
     which = tuple(h if s else t for s, h, t in zip(stays, here.sizes, there.sizes))

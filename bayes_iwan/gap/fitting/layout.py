@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_iwan.gap.fitting.rest import ALONG_SHARES, LENGTHS, Rest, RestSize
+from bayes_iwan.arrays import Array
+from bayes_iwan.gap.fitting.rest import ALONG_SHARES, LENGTHS, Rest, RestSize, Sizes
 
 if TYPE_CHECKING:
     from bayes_iwan.gap.fitting.data import GapData
@@ -17,8 +18,9 @@ class Layout:
     """The rows of a model that is steady, or of one that changes along the record (`evolving`), which has those of the
     changes and of the mains' lines besides.
 
-    turn : what makes noise and rest of averaged loops diagonal, harmonic by harmonic; real, imaginary (used, T): whose
-    parts are rows; trend, line : which contrasts and lines are; rest : of all rows, in units of the noise.
+    turn : what makes noise and rest of averaged loops diagonal, harmonic by harmonic; real, imaginary (used, T) : whose
+    parts are rows; trend, turning (T, K, TREND_HARMONICS + 1) : the same of contrasts; line (T, 2) : which lines are;
+    rest : of all rows, in units of the noise.
     """
 
     def __init__(self, data: GapData, evolving: bool) -> None:
@@ -29,13 +31,15 @@ class Layout:
         self.real = there.astype(bool)
         self.imaginary = self.real & (order > 0)
         self.trend, self.line = np.isfinite(data.trend_noise_N), np.isfinite(data.mains_noise_N)
-        self._change = (data.trend_N / data.trend_noise_N)[self.trend]
+        changed = np.broadcast_to(np.arange(self.trend.shape[2]), self.trend.shape)
+        self.turning = self.trend & (changed > 0)
+        change = data.trend_N / data.trend_noise_N
+        self._changes = np.r_[change.real[self.trend], change.imag[self.turning]]
         self._lines = float(np.sum(np.abs(data.mains_N[self.line] / data.mains_noise_N[self.line]) ** 2))
-        level = np.broadcast_to(data.level_N[:, None, None], data.trend_noise_N.shape)[self.trend]
-        changing = (level / data.trend_noise_N[self.trend]) ** 2
-        changed = np.broadcast_to(np.arange(self.trend.shape[2]), self.trend.shape)[self.trend].astype(np.int64)
+        level = (data.level_N[:, None, None] / data.trend_noise_N) ** 2
+        late = np.r_[changed[self.trend], changed[self.turning]].astype(np.int64)
         #: of the contrasts along the record: each as large as its test's friction level times b
-        self._changing = Rest(np.tile(changing, 2), np.tile(changed, 2), np.ones(2 * len(changed), dtype=bool))
+        self._changing = Rest(np.r_[level[self.trend], level[self.turning]], late, np.ones(len(late), dtype=bool))
         eigen = np.r_[values[self.real], values[self.imaginary]]
         orders = np.r_[order[self.real], order[self.imaginary]].astype(np.int64)
         steady = np.zeros(len(orders), dtype=bool)
@@ -51,13 +55,10 @@ class Layout:
         """ln evidence that a steady model has whatever its numbers: it misses all changes and lines."""
         if self.evolving:
             return 0.0
-        sizes = [RestSize(0.0, LENGTHS[-1], b) for b in ALONG_SHARES]
-        logdet = [0.5 * float(np.sum(np.log(self._changing.variance(size)))) for size in sizes]
-        cost = [-self.missed(size.along) - d for size, d in zip(sizes, logdet)]
-        return float(np.logaddexp.reduce(cost) - np.log(len(cost)))
+        sizes: Sizes = tuple((0.0, float(LENGTHS[-1]), float(b)) for b in ALONG_SHARES)
+        _, log_p = self._changing.spectrum(np.tile(self._changes, (len(sizes), 1)), sizes)
+        return float(np.logaddexp.reduce(log_p) - np.log(len(sizes))) - 0.5 * self._lines
 
-    def missed(self, along: float) -> float:
+    def missed(self, size: RestSize) -> float:
         """Half the squares of all changes along the record and lines, in units of noise and rest: a steady model's."""
-        variance = self._changing.variance(RestSize(0.0, LENGTHS[-1], along))
-        square = np.r_[self._change.real, self._change.imag] ** 2 / variance
-        return 0.5 * float(square.sum() + self._lines)
+        return 0.5 * float(np.sum(self._changes**2 / self._changing.variance(size)) + self._lines)

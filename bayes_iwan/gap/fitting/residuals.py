@@ -120,12 +120,13 @@ class Residual:
         rows = self._rows
         parts = rows.turned(change[..., : rows.layout.used])
         if rows.evolving:
-            for kind, mask, noise in (
-                (ALONG, rows.layout.trend, self.data.trend_noise_N),
-                (MAINS, rows.layout.line, self.data.mains_noise_N),
+            layout = rows.layout
+            for kind, noise, real, imaginary in (
+                (ALONG, self.data.trend_noise_N, layout.trend, layout.turning),
+                (MAINS, self.data.mains_noise_N, layout.line, layout.line),
             ):
-                scaled = change[..., self.kind == kind].reshape(len(change), *mask.shape)[:, mask] / noise[mask]
-                parts += [scaled.real, scaled.imag]
+                scaled = change[..., self.kind == kind].reshape(len(change), *noise.shape) / noise
+                parts += [scaled.real[:, real], scaled.imag[:, imaginary]]
         return np.concatenate(parts, axis=1)
 
 

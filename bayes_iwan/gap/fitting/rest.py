@@ -4,7 +4,9 @@ The rest is Gaussian and smooth: in harmonic h its variance is a² S_h(ℓ) λ_h
 its share, S falls with the order as :func:`bayes_iwan.inference.setup.discrepancy.discrepancy_spectrum` says for a
 correlation length ℓ, and λ_h says how nature departs from that: a stop that one side meets fills the even harmonics, a
 chatter the high ones. Each ln λ_h is normal about 0 and integrated out, so that an effect is judged in the harmonics
-that are quiet, whatever fills the others (a scale mixture; West, Biometrika 74 (1987) 646).
+that are quiet, whatever fills the others (a scale mixture; West, Biometrika 74 (1987) 646). What changes along the
+record is a rest of its own share b, with a λ of its own for every harmonic of its contrasts: a mean force that drifts
+is judged beside means that wander, however much the loops swell for which no cause is known.
 """
 
 from __future__ import annotations
@@ -33,22 +35,32 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class RestSize:
-    """Sizes of the rest: shares a and b (along the record), length ℓ in cycles, λ by harmonic (1 beyond the last)."""
+    """Sizes of the rest: shares a and b (along the record), length ℓ in cycles, λ by harmonic (1 beyond the last), of
+    the loops and of their changes along the record."""
 
     share: float
     length: float
     along: float
     spectrum: tuple[float, ...] = ()
+    along_spectrum: tuple[float, ...] = ()
 
     def factors(self, count: int) -> Array:
-        """λ of the first `count` harmonics, the mean's included."""
-        out = np.ones(count)
-        out[: len(self.spectrum)] = self.spectrum[:count]
-        return out
+        """λ of the loops' first `count` harmonics, the mean's included."""
+        return _padded(self.spectrum, count)
+
+    def along_factors(self, count: int) -> Array:
+        """The same of their changes along the record."""
+        return _padded(self.along_spectrum, count)
 
 
-#: shares a and lengths ℓ, in pairs
-Sizes = tuple[tuple[float, float], ...]
+def _padded(factors: tuple[float, ...], count: int) -> Array:
+    out = np.ones(count)
+    out[: len(factors)] = factors[:count]
+    return out
+
+
+#: shares a, lengths ℓ and shares b, in threes
+Sizes = tuple[tuple[float, float, float], ...]
 #: the sizes at which models are fitted first
 FIRST = RestSize(0.01, 0.05, 0.004)
 
@@ -56,7 +68,7 @@ FIRST = RestSize(0.01, 0.05, 0.004)
 @dataclass(frozen=True)
 class _Table:
     """Of several sizes: variances of the rest at λ = 1 (sizes, m); of every value of λ, precisions of the rows
-    (sizes, m, values) and what each order costs before its residuals are seen (sizes, orders, values), in ln."""
+    (sizes, m, values) and what each λ costs before its residuals are seen (sizes, lambdas, values), in ln."""
 
     shape: Array
     precision: Array
@@ -68,7 +80,7 @@ class Rest:
     """How noise and rest add up in rows that are scaled by the noise: variance = 1 + a² S_order(ℓ) λ_order eigen.
 
     eigen (m,), order (m,) the harmonic, changing (m,) rows of the change along the record, whose share is b instead
-    of a and whose λ is 1; rows with eigen = 0 (lines of the mains) carry none.
+    of a and which have λ of their own; rows with eigen = 0 (lines of the mains) carry none.
     """
 
     eigen: Array
@@ -80,22 +92,33 @@ class Rest:
         """Number of harmonics, the mean's included."""
         return int(self.order.max(initial=0)) + 1
 
+    @cached_property
+    def which(self) -> NDArray[np.int64]:
+        """(m,) the λ of each row: those of the loops' harmonics first, then those of their changes along the record."""
+        return self.order + np.where(self.changing, self.orders, 0)
+
+    @cached_property
+    def lambdas(self) -> int:
+        """Number of λ."""
+        return int(self.which.max(initial=0)) + 1
+
+    def factors(self, size: RestSize) -> Array:
+        """(lambdas,) a size's λ."""
+        return np.r_[size.factors(self.orders), size.along_factors(self.lambdas - self.orders)][: self.lambdas]
+
     def variance(self, size: RestSize) -> Array:
         """(m,) variance of each row."""
-        loop = self._shape(size.share, size.length) * size.factors(self.orders)[self.order]
-        return 1.0 + np.where(self.changing, self.changing_variance(size.along), loop)
+        return 1.0 + self._shape(size.share, size.length, size.along) * self.factors(size)[self.which]
 
     def variances(self, share: Array, length: Array, size: RestSize) -> Array:
         """(draws, m) the same for several a and ℓ, (draws,) each; b and λ are those of `size`."""
-        loop = discrepancy_spectrum(share, length, self.orders)[:, self.order] * size.factors(self.orders)[self.order]
-        return 1.0 + np.where(self.changing, self.changing_variance(size.along), loop * self.eigen)
+        unit = discrepancy_spectrum(share, length, self.orders)[:, self.order] * self.eigen
+        shape = np.where(self.changing, self._shape(0.0, LENGTHS[0], size.along), unit)
+        return 1.0 + shape * self.factors(size)[self.which]
 
-    def changing_variance(self, along: float) -> Array:
-        """(m,) that of the rest in rows that change along the record, at its share there; of no meaning in others."""
-        return self._shape(along, LENGTHS[-1])
-
-    def _shape(self, share: float, length: float) -> Array:
-        return share**2 * self._unit(length)
+    def _shape(self, share: float, length: float, along: float) -> Array:
+        """(m,) variance of the rest at λ = 1."""
+        return np.where(self.changing, along**2 * self._unit(LENGTHS[-1]), share**2 * self._unit(length))
 
     def _unit(self, length: float) -> Array:
         """(m,) the variance of each row at a share of 1."""
@@ -112,30 +135,28 @@ class Rest:
         return Rest, (self.eigen, self.order, self.changing)  # without its tables, which are soon made again
 
     def spectrum(self, residual: Array, sizes: Sizes) -> tuple[Array, Array]:
-        """Geometric posterior mean of every λ, (sizes, orders), given the residuals at several sizes (sizes, m), and
-        ln ∫ Π p(residual | λ) p(λ) of the rows that carry one, (sizes,), without the constants of 2π."""
+        """Geometric posterior mean of every λ, (sizes, lambdas), given the residuals at several sizes (sizes, m), and
+        ln ∫ Π p(residual | λ) p(λ), (sizes,), without the constants of 2π."""
         table = self._table(sizes)
         cost = np.zeros_like(table.cost)
-        _by_order(residual**2, table.precision, self.order, cost)
+        _by_order(residual**2, table.precision, self.which, cost)
         by_order = table.cost - 0.5 * cost
         whole = np.logaddexp.reduce(by_order, axis=2)
         mean = np.exp(by_order - whole[:, :, None]) @ LN_SPECTRUM
         return np.exp(mean), whole.sum(axis=1)
 
     def shape(self, sizes: Sizes) -> Array:
-        """(sizes, m) variance of each row's rest at λ = 1; 0 where it changes along the record."""
+        """(sizes, m) variance of each row's rest at λ = 1."""
         return self._table(sizes).shape
 
     def _table(self, sizes: Sizes) -> _Table:
         if sizes not in self._tables:
-            shape = np.stack([np.where(self.changing, 0.0, self._shape(a, n)) for a, n in sizes])
+            shape = np.stack([self._shape(*size) for size in sizes])
             variance = 1.0 + shape[:, :, None] * np.exp(LN_SPECTRUM)
             prior = -0.5 * (LN_SPECTRUM / SPECTRUM_SD) ** 2
             prior -= np.logaddexp.reduce(prior)
-            logs = np.where(self.changing[:, None], 0.0, np.log(variance))
-            by_order = prior - 0.5 * (np.arange(self.orders)[:, None] == self.order).astype(float) @ logs
-            precision = np.where(self.changing[:, None], 0.0, 1.0 / variance)
-            self._tables[sizes] = _Table(shape, precision, by_order)
+            by_order = prior - 0.5 * (np.arange(self.lambdas)[:, None] == self.which).astype(float) @ np.log(variance)
+            self._tables[sizes] = _Table(shape, 1.0 / variance, by_order)
         return self._tables[sizes]
 
     @cached_property
@@ -188,38 +209,35 @@ class Linear:
         z = np.asarray(np.linalg.solve(precision, j.T @ (r + j @ self.z)))  # minimise |r − J(z' − z)|² + |z'|²
         return z, precision, self.residual - self.jacobian @ (z - self.z)
 
-    def evidence(self, sizes: Sizes, along: Array) -> Stepped:
-        """ln evidence at sizes of the rest, pairs of share and length with `along` at each, by Gauss–Newton steps from
-        z, the harmonics' λ integrated out."""
+    def evidence(self, sizes: Sizes) -> Stepped:
+        """ln evidence at sizes of the rest by Gauss–Newton steps from z, the harmonics' λ integrated out."""
         rest, n = self.rest, len(self.z)
         shape, turned = rest.shape(sizes), self.jacobian.T
         target = self.residual + self.jacobian @ self.z  # minimise |r − J(z' − z)|² + |z'|²
-        changing = 1.0 + np.array([rest.changing_variance(b) for b in along])
-        factors = np.ones((len(sizes), rest.orders))
+        factors = np.ones((len(sizes), rest.lambdas))
         left = self.residual
         for turn in range(ROUNDS):
             if turn:
                 factors, _ = rest.spectrum(left, sizes)
-            variance = np.where(rest.changing, changing, 1.0 + shape * factors[:, rest.order])
+            variance = 1.0 + shape * factors[:, rest.which]
             weighted = turned / variance[:, None, :]
             precision = weighted @ self.jacobian + np.eye(n)
             z = np.asarray(np.linalg.solve(precision, (weighted @ target)[:, :, None])[:, :, 0])
             left = self.residual - (z - self.z) @ turned
-        return self.at(left, z, sizes, along, precision)
+        return self.at(left, z, sizes, precision)
 
-    def at(self, residual: Array, z: Array, sizes: Sizes, along: Array, precision: Array) -> Stepped:
+    def at(self, residual: Array, z: Array, sizes: Sizes, precision: Array) -> Stepped:
         """ln evidence at each size of what is left (sizes, m) or (1, m) at z (sizes, ndim) or (1, ndim), with the
         precision (sizes, ndim, ndim) of z; -inf where what is left is not finite."""
         rest = self.rest
         finite = np.asarray(np.all(np.isfinite(residual), axis=1))
         left = np.broadcast_to(np.where(finite[:, None], residual, 0.0), (len(sizes), residual.shape[1]))
         factors, log_p = rest.spectrum(left, sizes)
-        at = rest.changing
-        if at.any():
-            changing = 1.0 + np.array([rest.changing_variance(b)[at] for b in along])
-            log_p = log_p - 0.5 * np.sum(left[:, at] ** 2 / changing + np.log(changing), axis=1)
         log_z = log_p - 0.5 * np.sum(z * z, axis=1) - 0.5 * np.linalg.slogdet(precision)[1]
-        found = (RestSize(a, n, float(b), tuple(f.tolist())) for (a, n), b, f in zip(sizes, along, factors))
+        split = rest.orders
+        found = (
+            RestSize(*size, tuple(f[:split].tolist()), tuple(f[split:].tolist())) for size, f in zip(sizes, factors)
+        )
         return Stepped(
             np.where(finite, log_z, -np.inf), np.broadcast_to(z, (len(sizes), z.shape[1])), precision, tuple(found)
         )

@@ -31,10 +31,10 @@ class Rows:
         used = self.layout.used
         parts = self.turned(data.harmonics_N[:, :used] - mean[..., :used])
         if self.evolving:
-            r = ((data.trend_N - trend) / data.trend_noise_N)[:, self.layout.trend]
+            r = (data.trend_N - trend) / data.trend_noise_N
             line = np.zeros((len(z), *data.mains_N.shape)) if lines is None else lines
             q = ((data.mains_N - line) / data.mains_noise_N)[:, self.layout.line]
-            parts += [r.real, r.imag, q.real, q.imag]
+            parts += [r.real[:, self.layout.trend], r.imag[:, self.layout.turning], q.real, q.imag]
         return np.concatenate(parts, axis=1)
 
     def turned(self, harmonics_N: np.ndarray) -> list[Array]:

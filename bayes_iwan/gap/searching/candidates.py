@@ -203,5 +203,5 @@ def _cost(rows: Rows, smaller: Fit, size: RestSize) -> float:
     b = j.T @ mine - smaller.z
     own = b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b)
     theirs = Rows(rows.data, smaller.problem)
-    missed = 0.0 if theirs.evolving or not rows.evolving else theirs.layout.missed(size.along)
+    missed = 0.0 if theirs.evolving or not rows.evolving else theirs.layout.missed(size)
     return 0.5 * float(mine @ mine + smaller.z @ smaller.z - own) + missed

@@ -90,6 +90,7 @@ def _plain(fit: Fit) -> dict[str, Any]:
         "length": fit.size.length,
         "along": fit.size.along,
         "spectrum": list(fit.size.spectrum),
+        "along_spectrum": list(fit.size.along_spectrum),
     }
 
 
@@ -142,7 +143,8 @@ def _fit(stored: dict[str, Any]) -> SavedFit:
     if len(z) != len(stored["names"]) or covariance.shape != (len(z), len(z)):
         raise ValueError("names, z and covariance do not agree")
     share, length, along = (float(stored[k]) for k in ("share", "length", "along"))
-    size = RestSize(share, length, along, tuple(map(float, stored["spectrum"])))
+    loops, changes = (tuple(map(float, stored[k])) for k in ("spectrum", "along_spectrum"))
+    size = RestSize(share, length, along, loops, changes)
     return SavedFit(effects, tuple(map(str, stored["names"])), z, covariance, size)
 
 
