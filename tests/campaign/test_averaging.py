@@ -85,7 +85,7 @@ def coloured(rng, n, memory):
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
-@pytest.mark.parametrize(("n_cycles", "frequency"), [(39.3, 20.0), (13.3, 15.0), (4.3, 15.0), (3.1, 15.0)])
+@pytest.mark.parametrize(("n_cycles", "frequency"), [(39.3, 20.0), (13.3, 15.0), (9.3, 15.0), (4.3, 15.0), (3.1, 15.0)])
 def test_standard_errors_match_repetition(record, memory, n_cycles, frequency):
     rng = np.random.default_rng(int(10 * n_cycles) + int(10 * memory))
     clean = record(frequency_hz=frequency, n_cycles=n_cycles, start=0.2)
@@ -119,21 +119,23 @@ def test_standard_errors_match_repetition(record, memory, n_cycles, frequency):
         assert within == pytest.approx(0.683, abs=0.06)
 
 
-def test_slow_change_of_the_loop_is_not_taken_for_noise(record):
-    r = record(n_cycles=39.3, noise_N=0.02)
+@pytest.mark.parametrize("n_cycles", [39.3, 9.3])
+def test_slow_change_of_the_loop_is_not_taken_for_noise(record, n_cycles):
+    r = record(n_cycles=n_cycles, noise_N=0.02)
     steady = average(r).noise_N[1:6]
     fading = average(replace(r, force_N=r.force_N * (1 - 0.08 * r.time_s / r.time_s[-1]))).noise_N[1:6]
-    np.testing.assert_allclose(fading, steady, rtol=0.5)  # its sidebands alone would be 20 times the noise
+    np.testing.assert_allclose(fading, steady, rtol=0.5)  # its sidebands alone would be 20 times the noise (9: 10)
 
 
-def test_a_drift_of_the_mean_is_not_taken_for_noise_and_what_wanders_is(record):
-    r = record(n_cycles=39.3, noise_N=0.02)
+@pytest.mark.parametrize("n_cycles", [39.3, 9.3])
+def test_a_drift_of_the_mean_is_not_taken_for_noise_and_what_wanders_is(record, n_cycles):
+    r = record(n_cycles=n_cycles, noise_N=0.02)
     along = r.time_s / r.time_s[-1]
     steady, drifting, wandering = (
         average(replace(r, force_N=r.force_N + x)).noise_N[0]
         for x in (0.0, 0.5 * along, 0.5 * np.sin(4.0 * np.pi * along))
     )
-    assert drifting == pytest.approx(steady, rel=0.3) and wandering > 20.0 * steady
+    assert 0.7 * steady < drifting < 2.5 * steady and wandering > 20.0 * steady
 
 
 def test_a_stray_line_is_not_taken_for_noise(record):

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.fft import next_fast_len
+from scipy.special import spherical_jn
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.records import CampaignError, Record
@@ -22,7 +23,8 @@ from bayes_iwan.campaign.timing.harmonics import evaluate, grams, inverse, on_gr
 
 SAMPLES_PER_HARMONIC = 0.45  # harmonics resolved per sample of a cycle; 0.5 is Nyquist
 LONG_RECORD = 500_000  # samples
-MANY_CYCLES = 12  # from here on slow changes of the loop can be told from noise
+#: from here on a loop's steady change along the record can be told from noise, and any slow one
+SOME_CYCLES, MANY_CYCLES = 6, 12
 LOG_VARIANCE = np.pi**2 / 6  # of the logarithm of an exponential variable
 STEEPEST = 2.0  # typical slope of a noise power spectrum
 FEWEST_TO_TAPER = 8  # harmonics; a distorted sine has fewer that matter
@@ -91,7 +93,7 @@ def _averager(cut: Cut, n_samples: int, n_harmonics: int, n_blocks: int) -> Aver
     return Averager(n_samples, index, phase, np.append(starts, index.size), inverse(matrices), n_harmonics)
 
 
-def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int) -> Array:
+def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int, trends: int = 0) -> Array:
     """(n_harmonics + 1,) standard error of the real (= imaginary) part of each harmonic.
 
     Noise between the harmonics stands for noise at them: `residual`, (n_kept,) in sample order over `n_cycles`
@@ -99,7 +101,8 @@ def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int) -> Array:
     powers around each harmonic: half a harmonic to either side, or as far as 12 bins reach. Logarithms are
     fitted, so a stray line does little harm. No colour of noise is assumed, only that its spectrum is smooth.
     Slow changes of the loop live in the bins nearest a harmonic: these are left out too when there are enough
-    others. The mean's error comes from the five slowest bins, whatever is in them.
+    others. The mean's error comes from the five slowest bins, whatever is in them. What :func:`_without_trends` took of
+    the noise in taking off `trends` of the loop's slow changes is given back.
     """
     used = _transformed(residual.size)
     power = np.abs(np.fft.rfft(residual[:used]) * (2.0 / used)) ** 2 / 2  # estimates var(Re c) = var(Im c)
@@ -107,7 +110,9 @@ def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int) -> Array:
     log_power = np.log(np.maximum(power, 1e-300)) + np.euler_gamma  # E of the log of a unit exponential is -gamma
     at = np.arange(power.size) / (n_cycles * used / residual.size)  # in harmonics
     many = n_cycles >= MANY_CYCLES
-    usable = np.flatnonzero(np.abs(at - np.rint(at)) * n_cycles > (2.5 if many else 0.5))
+    bins = np.abs(at - np.rint(at)) * n_cycles
+    usable = np.flatnonzero(bins > (2.5 if many else 0.5))
+    log_power -= np.log(_left(bins, trends))
     at_used, log_used = at[usable], log_power[usable]
     half_width = max(0.5, 6.0 / max(n_cycles - (5 if many else 1), 1))
     h = np.arange(1, n_harmonics + 1)
@@ -117,8 +122,15 @@ def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int) -> Array:
     n, sx, sy, sxx, sxy = (_over_windows(terms, first, last) for terms in (np.ones_like(x), x, y, x * x, x * y))
     slope = (sxy - sx * sy / n) / (sxx - sx * sx / n + LOG_VARIANCE / STEEPEST**2)
     level = sy / n + slope * (np.log(h) - sx / n)
+    log_power += np.log(_left(bins, trends) / _left(bins, min(trends, 1)))  # no more than a line is taken off the mean
     slowest = log_power[1:6][: max(n_cycles - 1, 1)]  # below the first harmonic
     return np.exp(np.concatenate([[np.mean(slowest) - np.log(2)], level]) / 2)
+
+
+def _left(bins: Array, trends: int) -> Array:
+    """Share of white noise so many bins from a harmonic that is left when Legendre polynomials of orders 1 to `trends`
+    times that harmonic are taken off a record; their spectra are spherical Bessel functions."""
+    return 1.0 - sum((2 * n + 1) * spherical_jn(n, np.pi * bins) ** 2 for n in range(1, trends + 1))
 
 
 def _transformed(n: int) -> int:
@@ -245,7 +257,8 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
     inflation = np.sqrt(averager.inflation())
     u_noise = harmonic_noise(_residual(averager, u, u_blocks[-1]), n_cycles, resolved) * inflation[-1]
     residual = _residual(averager, force, f_blocks[-1])
-    noise = harmonic_noise(_without_trends(averager, residual, n_cycles), n_cycles, resolved) * inflation[-1]
+    trends = 3 if n_cycles >= MANY_CYCLES else 1 if n_cycles >= SOME_CYCLES else 0
+    noise = harmonic_noise(_without_trends(averager, residual, trends), n_cycles, resolved, trends) * inflation[-1]
     shares = np.diff(averager.starts) / index.size
     block_noise = noise * inflation[:-1] / inflation[-1] / np.sqrt(shares[:, None])
 
@@ -347,16 +360,14 @@ def _residual(averager: Averager, signal: Array, harmonics: np.ndarray) -> Array
     return signal[averager.index] - evaluate(harmonics[: averager.n_resolved + 1], averager.phase)
 
 
-def _without_trends(averager: Averager, residual: Array, n_cycles: int) -> Array:
-    """Residual less each harmonic's slow change over the record (a cubic in time), for many cycles.
+def _without_trends(averager: Averager, residual: Array, trends: int) -> Array:
+    """Residual less each harmonic's slow change over the record, a polynomial in time of order `trends`.
 
     Fade or creep would otherwise pass for noise: its sidebands fall off slowly. Of the mean only a steady drift is
     taken off, which would make its error as large as itself; whatever else wanders is noise of the mean.
     """
-    if n_cycles < MANY_CYCLES:
-        return residual
     tau, total = np.linspace(-1, 1, residual.size), np.zeros(residual.size)
-    for order in (1, 2, 3):
+    for order in range(1, trends + 1):
         trend = np.polynomial.legendre.Legendre.basis(order)(tau)
         trend /= np.sqrt(np.mean(trend**2))
         sums = project(averager.phase, [trend * residual], np.zeros(1, dtype=int), averager.n_resolved)[0]

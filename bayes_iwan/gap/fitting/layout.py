@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
 from bayes_iwan.gap.fitting.rest import ALONG_SHARES, LENGTHS, Rest, RestSize, Sizes
 
 if TYPE_CHECKING:
