@@ -30,7 +30,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import ModelError
 
-SCHEMA = 3
+SCHEMA = 4
 #: phases, harmonics and blocks of cycles that diagnoses work on
 LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
 
