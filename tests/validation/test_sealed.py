@@ -264,7 +264,7 @@ def test_shares_on_unseen_tests_are_found_and_foreign_code_is_not_run_unasked(ma
     with pytest.raises(ValueError, match="not fits of this version"):  # it is asked to run them, and gets so far
         scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
     fit = {"effects": [], "names": ["kp_N_mm"], "z": [0.1], "covariance": [[1.0]]}
-    fit |= {"share": 0.0, "length": 0.1, "along": 0.1, "spectrum": [1.0]}
+    fit |= {"share": 0.0, "length": 0.1, "along": 0.1, "spectrum": [1.0], "along_spectrum": [1.0]}
     scales = dict.fromkeys((f.name for f in fields(Scales)), 1.0)
     stored = {"schema": SCHEMA, "effects_file": "mine.py", "simulator_file": None, "config": {}, "scales": scales}
     fits.write_text(json.dumps(stored | {"fits": {"base": fit}}))
