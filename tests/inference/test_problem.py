@@ -20,9 +20,10 @@ def test_known_numbers_explain_their_loops(problem, known):
 def test_rows_of_a_batch_do_not_depend_on_each_other(problem):
     z = problem.prior.draw(np.random.default_rng(0), 300)
     together = problem.log_prob(z)
-    np.testing.assert_array_equal(problem.log_prob(z[17:20]), together[17:20])
+    # on some processors the linear algebra multiplies few rows by another kernel, which rounds otherwise
+    np.testing.assert_allclose(problem.log_prob(z[17:20]), together[17:20], rtol=1e-14)
     assert np.all(np.isfinite(together))
-    np.testing.assert_array_equal(problem.goal(z)[5:9], problem.goal(z[5:9]))
+    np.testing.assert_allclose(problem.goal(z)[5:9], problem.goal(z[5:9]), rtol=1e-14)
 
 
 def test_outside_the_prior_and_without_a_prediction(problem, monkeypatch):
