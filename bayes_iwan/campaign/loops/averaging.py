@@ -112,8 +112,7 @@ def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int, trends: int
     many = n_cycles >= MANY_CYCLES
     bins = np.abs(at - np.rint(at)) * n_cycles
     usable = np.flatnonzero(bins > (2.5 if many else 0.5))
-    log_power -= np.log(_left(bins, trends))
-    at_used, log_used = at[usable], log_power[usable]
+    at_used, log_used = at[usable], log_power[usable] - np.log(_left(bins[usable], trends))
     half_width = max(0.5, 6.0 / max(n_cycles - (5 if many else 1), 1))
     h = np.arange(1, n_harmonics + 1)
     first, last = np.searchsorted(at_used, [h - half_width, h + half_width])
@@ -122,8 +121,8 @@ def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int, trends: int
     n, sx, sy, sxx, sxy = (_over_windows(terms, first, last) for terms in (np.ones_like(x), x, y, x * x, x * y))
     slope = (sxy - sx * sy / n) / (sxx - sx * sx / n + LOG_VARIANCE / STEEPEST**2)
     level = sy / n + slope * (np.log(h) - sx / n)
-    log_power += np.log(_left(bins, trends) / _left(bins, min(trends, 1)))  # no more than a line is taken off the mean
-    slowest = log_power[1:6][: max(n_cycles - 1, 1)]  # below the first harmonic
+    below = slice(1, 1 + min(5, max(n_cycles - 1, 1)))  # the first harmonic
+    slowest = log_power[below] - np.log(_left(bins[below], min(trends, 1)))  # no more than a line is off the mean
     return np.exp(np.concatenate([[np.mean(slowest) - np.log(2)], level]) / 2)
 
 

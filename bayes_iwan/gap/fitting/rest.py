@@ -104,7 +104,7 @@ class Rest:
 
     def factors(self, size: RestSize) -> Array:
         """(lambdas,) a size's λ."""
-        return np.r_[size.factors(self.orders), size.along_factors(self.lambdas - self.orders)][: self.lambdas]
+        return np.r_[size.factors(self.orders), size.along_factors(self.lambdas - self.orders)]
 
     def variance(self, size: RestSize) -> Array:
         """(m,) variance of each row."""

@@ -17,6 +17,7 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.style import decimal_ticks, series, styled, subplots
 from bayes_iwan.sampling.common.checkpoint import NAME, CheckpointError, read_checkpoint
 from bayes_iwan.sampling.common.convergence import autocorrelation_time, longest_autocorrelation_time
+from bayes_iwan.sampling.manifold.on_manifold import taus_of_each
 
 
 @dataclass(frozen=True)
@@ -93,11 +94,14 @@ def traces_figure(posterior: Posterior, names: Sequence[str] | None = None, run:
 
 @styled
 def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
-    """Autocorrelation time of every sampled parameter, estimated from ever longer parts of the run."""
+    """Autocorrelation time of every sampled parameter, estimated from ever longer parts of the run, and as long as it
+    may be for a run to stop."""
     run = history(posterior) if run is None else run
     stored = run.z.shape[1]
     lengths = np.unique(np.geomspace(max(4, stored // 30), stored, 10).astype(int))
-    time_of = autocorrelation_time if posterior.independent else longest_autocorrelation_time
+    time_of, taus = longest_autocorrelation_time, posterior.settings.sampling.taus
+    if posterior.independent:
+        time_of, taus = autocorrelation_time, taus_of_each(taus)
     tau = run.thin * np.array([[time_of(run.z[:, :n, :, i]) for i in range(posterior.ndim)] for n in lengths])
     steps = run.thin * lengths
     figure, axes = subplots(1, 1, 5.4, 3.0)
@@ -108,7 +112,7 @@ def tau_figure(posterior: Posterior, run: History | None = None) -> Figure:
             ax.plot(steps, tau[:, i], marker="o", markersize=3, label=symbol, **series(rank))
         else:
             ax.plot(steps, tau[:, i], color="#AAAAAA", linewidth=0.6)
-    ax.plot(steps, steps / 50.0, color="#444444", linestyle=(0, (2, 2)), linewidth=0.9, label="steps / 50")
+    ax.plot(steps, steps / taus, color="#444444", linestyle=(0, (2, 2)), linewidth=0.9, label=f"steps / {taus:g}")
     ax.set_xscale("log")
     ax.set_yscale("log")
     for axis, low, high in ((ax.xaxis, steps[0], steps[-1]), (ax.yaxis, *ax.get_ylim())):

@@ -58,6 +58,11 @@ _DEPTH = 12.0  # maxima so many nats below the best are no starts
 FIRST_CHECK = 100
 
 
+def taus_of_each(taus: float) -> float:
+    """Autocorrelation times that a run of walkers that are independent takes, where `taus` are asked of an ensemble."""
+    return min(taus, max(LEAST_TAUS, taus / WALKERS))
+
+
 def sample_on_manifold(
     rows: Rows,
     held_log_prob: HeldFunction,
@@ -93,7 +98,7 @@ def sample_on_manifold(
     """
     began = time.monotonic()
     names, n = plan.names, n_ensembles * WALKERS
-    taus = min(plan.chain_taus, max(LEAST_TAUS, plan.chain_taus / WALKERS))
+    taus = taus_of_each(plan.chain_taus)
     run = ManifoldRun.at(rows, held_log_prob, optima[0], held, held_root, limit, plan.seed, executor)
     stamp = {**METHOD, **plan.fingerprint, "seed": str(plan.seed), "ensembles": str(n_ensembles)}
     file: Checkpoint | None = None
