@@ -75,6 +75,8 @@ from study_cases import (
 APART = 30.0
 #: nats that one place may cost: beyond, the search missed the truth, which no power mends
 SEARCH_MISSED = 3.0
+#: below this a share is small: what nature's law puts it off by is told as a part of the share
+SMALL_SHARE = 1.0 / 3.0
 #: pull of every weight to zero, per squared unit: a figure that tells nothing gets no weight
 PULL = 0.1
 
@@ -216,17 +218,21 @@ def within_fit(cases: Sequence[dict[str, Any]]) -> float:
     return float(grid[np.argmin([cost(p) for p in grid])])
 
 
-def law_fit(cases: Sequence[dict[str, Any]]) -> float:
-    """Sd of a share beyond its interval, such that nine of ten shares found on tests left out and on unseen tests lie
-    within."""
-    needed = []
+def law_fit(cases: Sequence[dict[str, Any]]) -> tuple[float, float]:
+    """Sd of a share beyond its interval, at most and as a part of the share, such that nine of ten shares found on
+    tests left out lie within: of all shares, and of the small ones."""
+    needed, stated = [], []
     for case in cases:
         for n, s in case.get("named", {}).items():
-            for at in (s["found"], s["left_out"]):
-                if n in truths(case) and np.isfinite(at):
-                    width = s["high"] - s["value"] if at > s["value"] else s["value"] - s["low"]
-                    needed.append(np.sqrt(max((at - s["value"]) ** 2 - width**2, 0.0)) / NINETY)
-    return float(np.quantile(needed, 0.9)) if needed else calibration().law
+            if n in truths(case) and np.isfinite(at := s["left_out"]):
+                width = s["high"] - s["value"] if at > s["value"] else s["value"] - s["low"]
+                needed.append(np.sqrt(max((at - s["value"]) ** 2 - width**2, 0.0)) / NINETY)
+                stated.append(s["value"])
+    off, share = np.array(needed), np.array(stated)
+    small = share < SMALL_SHARE
+    if not small.any():
+        return calibration().law, calibration().law_of_share
+    return float(np.quantile(off, 0.9)), float(np.quantile(off[small] / share[small], 0.9))
 
 
 def fitted(cases: Sequence[dict[str, Any]], real: Sequence[Place] = ()) -> Calibration:
@@ -235,10 +241,10 @@ def fitted(cases: Sequence[dict[str, Any]], real: Sequence[Place] = ()) -> Calib
     effect, bias = logistic_fit(*place_rows(cases, real))
     within = within_fit(cases)
     law = law_fit(cases)
-    half = Calibration(effect, bias, old.rest, old.rest_bias, within, APART, old.usual, law)
+    half = Calibration(effect, bias, old.rest, old.rest_bias, within, APART, old.usual, *law)
     rest = np.array([rest_row(case, half) for case in cases])
     weights, rest_bias = logistic_fit(rest, np.array([float(rest_is_real(case, half)) for case in cases]))
-    return Calibration(effect, bias, weights, rest_bias, within, APART, old.usual, law)
+    return Calibration(effect, bias, weights, rest_bias, within, APART, old.usual, *law)
 
 
 def unjudged_lines(cases: Sequence[dict[str, Any]]) -> list[str]:
@@ -319,9 +325,10 @@ def main() -> None:
         return
     real = places(json.loads(args.half_real.read_text())) if args.half_real else []
     c = fitted(cases, real)
-    print(f"{len(cases)} cases; constants: {len(asdict(c)['effect']) + len(asdict(c)['rest']) + 4}")
+    print(f"{len(cases)} cases; constants: {len(asdict(c)['effect']) + len(asdict(c)['rest']) + 5}")
     print("effect:", dict(zip(EFFECT_FIGURES, np.round(c.effect, 3))), "bias", round(c.effect_bias, 3))
     print("rest:", dict(zip(REST_FIGURES, np.round(c.rest, 3))), "bias", round(c.rest_bias, 3), "within", c.within)
+    print("law", round(c.law, 3), "and of a share", round(c.law_of_share, 3))
     _print("in sample", cases, [c] * len(cases))
     _print(
         f"laws and outside kinds left out in turn, {args.folds} folds", cases, left_out_in_turn(cases, real, args.folds)

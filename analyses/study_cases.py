@@ -131,7 +131,7 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         for e in case["truth"]["effects"]:
             if e["name"] in named:
                 if (own := case.get("named", {}).get(e["name"])) is not None:
-                    wide = Share(own["value"], own["low"], own["high"]).widened(c.law)
+                    wide = Share(own["value"], own["low"], own["high"]).widened(c.law_sd(own["value"]))
                     for what, at in (
                         ("true share", gone[e["name"]]),
                         ("share on tests left out", own["left_out"]),

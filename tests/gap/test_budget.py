@@ -118,6 +118,12 @@ def test_a_share_s_interval_widens_by_an_independent_error():
     assert Share(0.95, 0.9, 1.0).widened(0.1).high == 1.0
 
 
+def test_nature_s_law_puts_a_small_share_off_by_a_part_of_it_only():
+    c = calibration()
+    assert c.law_sd(0.9) == c.law_sd(0.6) == c.law
+    assert c.law_sd(0.1) == pytest.approx(0.1 * c.law_of_share) and c.law_sd(-0.1) == 0.0
+
+
 def test_no_evidence_names_nothing():
     weak = Figures("a", 3.0, 0.5, {"a": 0.0, "b": -0.5}, 0.05, -0.2, -0.2, 4.0, 0.002, 0.002, 0.002)
     assert calibration().contributes(weak) < 0.5
@@ -231,7 +237,7 @@ def test_shipped_constants_have_one_sign_and_one_weight_for_each_figure():
 def test_saved_constants_are_read_back(tmp_path):
     import json
 
-    c = Calibration((1.0, 1.0, 2.0, 0.5), -1.5, (1.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5), 0.05)
+    c = Calibration((1.0, 1.0, 2.0, 0.5), -1.5, (1.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5), 0.05, 0.5)
     c.save(tmp_path / "constants.json")
     assert from_json(json.loads((tmp_path / "constants.json").read_text())) == c
 

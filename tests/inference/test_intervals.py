@@ -8,6 +8,7 @@ from bayes_iwan.inference.setup.discrepancy import on_phases
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.bent import bent_form
 from bayes_iwan.inference.solving.intervals import (
+    ROUGHNESS,
     SHARED,
     Widening,
     _form,
@@ -92,7 +93,7 @@ def test_reach_is_what_amplitudes_and_band_allow(simple):
     parameter_values = problem.parameter_values(z[None])
     phi = np.linspace(0.0, reach.highest_N, 20_001)
     quartile = np.interp(0.25, 1.0 - problem.model.slip_family.survival(phi, parameter_values)[0], phi)
-    assert reach.share == pytest.approx(0.25 * min(1.0, reach.lowest_N / quartile), rel=1e-2)
+    assert reach.share == pytest.approx(0.125 * min(1.0, reach.lowest_N / quartile), rel=1e-2)
 
 
 def test_every_quantity_is_widened_and_the_low_tail_is_extrapolated(simple):
@@ -103,6 +104,16 @@ def test_every_quantity_is_widened_and_the_low_tail_is_extrapolated(simple):
     assert found["k1_N_mm"].unreached_sd == pytest.approx(reach_of(problem, z).share)
     assert found["slip_force_q05_N"].unreached_sd > found["slip_force_q50_N"].unreached_sd
     assert found["kp_N_mm"].unreached_sd == 0.0 and found["kp_N_mm"].reach == ""
+
+
+def test_a_quantile_of_the_slip_forces_moves_by_what_no_family_has_and_no_loop_resolves(simple):
+    problem, z = simple
+    found, reach = widenings(problem, z)["slip_force_q75_N"], reach_of(problem, z)
+    parameter_values = problem.parameter_values(z[None])
+    phi = np.linspace(0.0, reach.highest_N, 20_001)
+    below = 1.0 - problem.model.slip_family.survival(phi, parameter_values)[0]
+    middle, other = np.interp([0.75, 0.75 - np.hypot(0.25 * reach.share, ROUGHNESS)], below, phi)
+    assert found.unreached_sd == pytest.approx(np.log(middle / other), rel=1e-2)
 
 
 @pytest.mark.parametrize("other", [2.0, 0.4])

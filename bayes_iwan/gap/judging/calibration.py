@@ -40,7 +40,8 @@ class Calibration:
     effect : of EFFECT_FIGURES, effect_bias their intercept; rest, rest_bias : the same of REST_FIGURES
     within : power of the evidence among rivals for one place; apart : nats within which rivals cannot be told apart
     usual : median and sd of ln share of a sound specimen's difference from the model
-    law : sd of a share of the gap beyond noise and what differs between tests: nature's law is not quite ours
+    law, law_of_share : sd of a share of the gap beyond noise and what differs between tests, for nature's law is not
+        quite ours: at most, and as a part of the share itself, where that is less
     """
 
     effect: tuple[float, ...]
@@ -51,6 +52,11 @@ class Calibration:
     apart: float
     usual: tuple[float, float]
     law: float
+    law_of_share: float
+
+    def law_sd(self, share: float) -> float:
+        """Standard deviation by which nature's law, which is not ours, may put a share of the gap off."""
+        return min(self.law, self.law_of_share * max(share, 0.0))
 
     def contributes(self, f: Figures) -> float:
         """Probability that something of this effect's kind contributes to the gap."""

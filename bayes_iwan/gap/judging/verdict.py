@@ -159,8 +159,9 @@ def _causes(
             if n != f.name and n not in NO_CAUSE and v > -c.apart
         )
         by = " and ".join(dict.fromkeys(u.by for u in judges)) if predicts else ""
-        held = predicted[f.name].widened(c.law) if predicts and f.name in predicted else None
+        off = c.law_sd(share[f.name].value)
+        held = predicted[f.name].widened(off) if predicts and f.name in predicted else None
         law = str(getattr(effect, "law", ""))
-        said = share[f.name].widened(c.law)
+        said = share[f.name].widened(off)
         out.append(Cause(f.name, law, probabilities[f.name], said, held, by, apart, f, along.get(f.name)))
     return tuple(sorted(out, key=lambda x: -x.share.value))

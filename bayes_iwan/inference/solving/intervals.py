@@ -6,10 +6,12 @@ moves towards the bent form's, the widths are theirs, and how far the two are ap
 disagree, the between-test variance (:mod:`.jackknife`), is seen without that. And some numbers are not reached by any
 loop: elements that slip within the finest step that the trusted harmonics resolve after a reversal, and elements that
 never slip at the largest amplitude, are extrapolated by the family of slip forces alone. Of the elements that slip
-before anything is resolved there is taken to be a share that is known no better than to itself, as large as if the
+before anything is resolved there is taken to be a share that is known no better than to itself, half as large as if the
 first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it goes
-into k(1) and into the slip forces' quantiles. Chosen on 24 specimens of the virtual rig, counted on others
-(analyses/coverage_rig.py).
+into k(1) and into the slip forces' quantiles. And no smooth family is nature's: wherever loops reach, the share of the
+elements below a slip force is off by about as much (:data:`ROUGHNESS`; on the rig it hangs neither on the quantile, nor
+on amplitudes, nor on how finely loops resolve it), which goes into the quantiles, too. Chosen on 120 specimens of the
+virtual rig, counted on others (analyses/coverage_rig.py).
 
 Tests of one amplitude share much of their misfit (its correlation over frequency is 0.68 on the rig, over amplitude
 0.08), so leaving one of them out understates how far all of them may be off. The jackknife's standard deviation is
@@ -37,9 +39,13 @@ from bayes_iwan.inference.solving.jackknife import jackknife_variance, left_out_
 from bayes_iwan.inference.solving.point import laplace_scale
 from bayes_iwan.physics import Model
 
-#: factor of the jackknife's standard deviation; like the share above chosen on those 24 specimens. n tests correlated
+#: factor of the jackknife's standard deviation, chosen on 24 other specimens. n tests correlated
 #: by ρ would need √((1 + (n − 1)ρ)/(1 − ρ)): 2.3 for two, 2.7 for three of one amplitude, 1 for independent ones
 SHARED = 2.0
+#: standard deviation of the share of the elements below a slip force, for nature's slip forces are of no smooth family
+ROUGHNESS = 0.007
+#: of what an even spread of the first quarter of the elements would put below the finest step, the share that is taken
+_EVEN = 0.5
 #: step of the central differences, in prior standard deviations
 _STEP = 1e-4
 #: a larger share of unresolved elements is said beside the numbers that depend on it
@@ -63,9 +69,9 @@ class Widening:
     """What adds to the posterior's interval of one number, beside the draws' own spread.
 
     between_sd : standard deviation between tests, in the number's unit, NaN for a single test; unreached_sd : that of
-    what no loop reaches; freedom : degrees of freedom of between_sd, its tests less one; form : what the bent form
-    says. All are relative to the number where `relative`. reach : empty, or why the number is extrapolated and what
-    determines it.
+    what no loop reaches, nor any smooth family of slip forces; freedom : degrees of freedom of between_sd, its tests
+    less one; form : what the bent form says. All are relative to the number where `relative`. reach : empty, or why the
+    number is extrapolated and what determines it.
     """
 
     between_sd: float
@@ -110,8 +116,8 @@ class Widening:
 class Reach:
     """What the loops of a campaign reach: slip forces from lowest_N to highest_N, steps from step_mm on.
 
-    share : of the elements below lowest_N, if the first quarter of all were evenly spread; amplitudes_mm : of the
-    tests.
+    share : of the elements that may lie below lowest_N, half of what it were if the first quarter of all were evenly
+    spread; amplitudes_mm : of the tests.
     """
 
     step_mm: float
@@ -138,7 +144,7 @@ def reach_of(problem: Problem, z: Array) -> Reach | None:
     quartile = float(
         _quantiles(model, parameter_values, np.array([0.25]), 4.0 * max(highest, problem.scales.slip_N))[0]
     )
-    share = 0.25 * min(1.0, lowest / quartile)
+    share = _EVEN * 0.25 * min(1.0, lowest / quartile)
     return Reach(min(steps), lowest, highest, share, (min(amplitudes), max(amplitudes)))
 
 
@@ -235,7 +241,8 @@ def _unreached(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[floa
     out = {"k1_N_mm": (reach.share, said if reach.share > _WORTH_SAYING else "")}
     # one more or one less of the unresolved elements moves every quantile: F(φ) = p + share·(1 − p)
     shares = np.array(SLIP_SHARES)
-    moved = np.concatenate([shares, np.clip(shares - reach.share * (1.0 - shares), 1e-3, None)])
+    off = np.hypot(reach.share * (1.0 - shares), ROUGHNESS)
+    moved = np.concatenate([shares, np.clip(shares - off, 1e-3, None)])
     at = _quantiles(model, parameter_values, moved, 4.0 * max(reach.highest_N, problem.scales.slip_N))
     for share, middle, other in zip(SLIP_SHARES, at[: len(shares)], at[len(shares) :]):
         why = said if middle < reach.lowest_N else ""
