@@ -110,8 +110,8 @@ def diagnosis_answer(section: Section, d: Mapping[str, Any], figures: Mapping[st
             ("part of the gap", "probability", "share", "90 % interval", "on tests left out", "90 % interval",
              "cannot be told from"),
             [*map(_cause, d["verdict"]["causes"]), _rest(d)],
-            "The gap as a sum. A cause's interval says what it may remove on other tests, where nature's law for it is not "
-            "quite the one that was fitted; the rest's says what was measured here.",
+            "The gap as a sum. A cause's interval says what it may remove on other tests, where nature's law for it is "
+            "not quite the one that was fitted; the rest's says what was measured here.",
         )  # fmt: skip
     where = d["rest"]["where"] if d["verdict"]["unknown_rest"] else []
     if where:
