@@ -121,17 +121,29 @@ def test_two_forms_are_averaged_as_a_mixture_of_two_normals(other):
     """Centre and variance of a mixture: w·δ, and the mean variance plus w(1 − w)·δ²."""
     w, sd, apart = 0.3, 1.0, 1.5
     x = 10.0 + stats.norm.ppf((np.arange(9999) + 0.5) / 9999)
-    widening = Widening(0.0, 0.0, 3, False, "", _form(w, apart, sd, other))
+    widening = Widening(0.0, 0.0, 3, False, "", _form(w, 10.0, 10.0 + apart, sd, other))
     total = np.sqrt((1.0 - w) * sd**2 + w * other**2 + w * (1.0 - w) * apart**2)
     np.testing.assert_allclose(widening.interval(x), 10.0 + w * apart + total * stats.norm.ppf([0.05, 0.95]), atol=0.01)
     assert widening.centre(x) == pytest.approx(10.0 + w * apart)
     assert widening.alone().interval(x) == pytest.approx(tuple(np.quantile(x, [0.05, 0.95])), abs=1e-3)
 
 
+@pytest.mark.parametrize("relative", [False, True])
+def test_plain_draws_beside_a_likelier_narrower_form_count_as_far_as_it_is_wide(relative):
+    """All weight on a form ten times as narrow: a plain median two of its own sd off leaves a tenth of that."""
+    x = 3.0 + 0.2 * 2.0 + 0.2 * stats.norm.ppf((np.arange(9999) + 0.5) / 9999)
+    widening = Widening(0.0, 0.0, 3, relative, "", _form(1.0, 3.0, 2.5, 0.2, 0.02))
+    back = np.exp if relative else np.asarray
+    assert widening.centre(back(x)) == pytest.approx(back(2.54), rel=1e-4)
+    np.testing.assert_allclose(widening.interval(back(x)), back(2.54 + 0.02 * stats.norm.ppf([0.05, 0.95])), rtol=1e-4)
+
+
 def test_a_form_that_says_nothing_finite_moves_nothing():
-    widening = Widening(0.0, 0.0, 3, False, "", _form(1.0, np.nan, 1.0, 1.0))
+    widening = Widening(0.0, 0.0, 3, False, "", _form(1.0, 2.0, np.nan, 1.0, 1.0))
     assert widening.centre(np.array([1.0, 2.0, 3.0])) == 2.0
-    constant = Widening(0.0, 0.0, 3, False, "", _form(1.0, 0.5, 0.0, 0.2))  # what the plain form holds, the bent moves
+    constant = Widening(
+        0.0, 0.0, 3, False, "", _form(1.0, 1.0, 1.5, 0.0, 0.2)
+    )  # what the plain form holds, the bent moves
     low, high = constant.interval(np.full(9, 1.0))
     assert (low, high) == pytest.approx((1.5 - 0.329, 1.5 + 0.329), abs=1e-3)
 

@@ -54,14 +54,21 @@ _WORTH_SAYING = 0.01
 
 @dataclass(frozen=True)
 class Form:
-    """What the bent form says of one number. weight : its probability by evidence; shift : of the centre; ratio : of
-    the posterior's standard deviation, at most 1; spread : standard deviation that adds, between the two forms and
-    where the bent one is wider. As in :class:`Widening` relative or not."""
+    """What the bent form says of one number. weight : its probability by evidence; about : the number at the plain
+    form's most probable point, the logarithm of it where relative; shift : of the centre; ratio : of the posterior's
+    standard deviation, at most 1, and of how far draws lie from `about`: where the bent form is the likelier and
+    narrower one, the plain draws' own skewness counts only as far; spread : standard deviation that adds, between the
+    two forms and where the bent one is wider. As in :class:`Widening` relative or not."""
 
     weight: float = 0.0
+    about: float = 0.0
     shift: float = 0.0
     ratio: float = 1.0
     spread: float = 0.0
+
+    def moved(self, middle: float) -> float:
+        """Where the plain form's median comes to lie."""
+        return self.about + self.ratio * (middle - self.about) + self.shift
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ class Widening:
     def centre(self, draws: Array) -> float:
         """The median that is reported of draws (n,)."""
         middle = float(np.median(draws))
-        return middle * math.exp(self.form.shift) if self.relative else middle + self.form.shift
+        return math.exp(self.form.moved(math.log(middle))) if self.relative else self.form.moved(middle)
 
     def interval(self, draws: Array, level: float = 0.9) -> tuple[float, float]:
         """Central interval (low, high) of the draws (n,) with all variances."""
@@ -96,7 +103,7 @@ class Widening:
         x = np.log(draws) if self.relative else draws
         low, middle, high = np.quantile(x, [tail, 0.5, 1.0 - tail])
         below, above = (self.form.ratio * (middle - low), self.form.ratio * (high - middle))
-        middle = middle + self.form.shift
+        middle = self.form.moved(float(middle))
         between = 0.0 if math.isnan(self.between_sd) else self.between_sd
         normal = float(stats.norm.isf(tail))
         others = between**2 + self.unreached_sd**2 + self.form.spread**2
@@ -167,19 +174,20 @@ def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -
         relative = own.relative and other.relative
         a, b = (x if relative else x.plain() for x in (own, other))
         between = math.sqrt((1.0 - weight) * a.between_sd**2 + weight * b.between_sd**2)
-        form = _form(weight, b.value - a.value, a.sd, b.sd)
+        form = _form(weight, a.value, b.value, a.sd, b.sd)
         sd, why = unreached.get(name, (0.0, ""))
         sd = sd if relative else sd * own.plain().value
         out[name] = Widening(between, sd, max(tests - 1, 1), relative, why, form)
     return out
 
 
-def _form(weight: float, apart: float, sd: float, other_sd: float) -> Form:
-    """Mean and variance of a mixture of the two forms, `apart` from each other. Where the bent form is the wider one
-    its variance adds, so that a posterior wider than its normal approximation is not stretched."""
-    more = weight * (other_sd**2 - sd**2)
+def _form(weight: float, at: float, other: float, sd: float, other_sd: float) -> Form:
+    """Mean and variance of a mixture of the two forms, one's number `at`, the other's `other`. Where the bent form is
+    the wider one its variance adds, so that a posterior wider than its normal approximation is not stretched."""
+    more, apart = weight * (other_sd**2 - sd**2), other - at
     form = Form(
         weight,
+        at,
         weight * apart,
         math.sqrt(1.0 + more / sd**2) if more < 0.0 else 1.0,
         math.sqrt(weight * (1.0 - weight) * apart**2 + max(more, 0.0)),
