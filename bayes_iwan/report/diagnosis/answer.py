@@ -17,7 +17,8 @@ _BOX = {"none": "good", "explained": "good", "unknown": "warning", "drive": "war
 _WORDS = (
     ("gap", "the misfit: RMS of measured − predicted force beyond the records' noise (a stop has a clearance)", "N"),
     ("share", "part of the gap that a cause removes; all causes and the rest make the whole", ""),
-    ("rest", "what no named cause removes", ""),
+    ("interval of a cause", "what it may remove on other tests, for nature's law is not quite the fitted one", ""),
+    ("rest", "what no named cause removes, measured here", ""),
     ("noise", "RMS of what the records do not repeat", "N"),
     ("a right model leaves", "what noise and a real specimen's usual small misfit would leave", "N"),
     ("tests left out", "tests that the fit has not seen: whole frequencies and amplitudes in turn", ""),
@@ -110,8 +111,7 @@ def diagnosis_answer(section: Section, d: Mapping[str, Any], figures: Mapping[st
             ("part of the gap", "probability", "share", "90 % interval", "on tests left out", "90 % interval",
              "cannot be told from"),
             [*map(_cause, d["verdict"]["causes"]), _rest(d)],
-            "The gap as a sum. A cause's interval says what it may remove on other tests, where nature's law for it is "
-            "not quite the one that was fitted; the rest's says what was measured here.",
+            "The gap as a sum",
         )  # fmt: skip
     where = d["rest"]["where"] if d["verdict"]["unknown_rest"] else []
     if where:
