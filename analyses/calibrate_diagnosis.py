@@ -229,10 +229,9 @@ def law_fit(cases: Sequence[dict[str, Any]]) -> tuple[float, float]:
                 needed.append(np.sqrt(max((at - s["value"]) ** 2 - width**2, 0.0)) / NINETY)
                 stated.append(s["value"])
     off, share = np.array(needed), np.array(stated)
-    small = share < SMALL_SHARE
-    if not small.any():
-        return calibration().law, calibration().law_of_share
-    return float(np.quantile(off, 0.9)), float(np.quantile(off[small] / share[small], 0.9))
+    small, shipped = share < SMALL_SHARE, calibration()
+    most = float(np.quantile(off, 0.9)) if off.size else shipped.law
+    return most, float(np.quantile(off[small] / share[small], 0.9)) if small.any() else shipped.law_of_share
 
 
 def fitted(cases: Sequence[dict[str, Any]], real: Sequence[Place] = ()) -> Calibration:

@@ -58,7 +58,7 @@ FORMS: dict[str, dict[str, Any]] = {
 
 
 def simulated(seed: int, index: int) -> dict[str, Any]:
-    """A sound case: its averaged loops as recorded, and the truths."""
+    """A sound case: its averaged loops as recorded, the truths, and the share of its elements below each slip force."""
     case = rig_cases.draw_case(np.random.default_rng([seed, index]), "none")
     tests = tuple(t for t in case.tests if t.role == "fit")
     at: dict[str, Any] = dict(setup=case.setup, seed=case.seed)
@@ -73,7 +73,7 @@ def simulated(seed: int, index: int) -> dict[str, Any]:
     truth |= {f"slip_force_q{q}_N": float(np.interp(q / 100, share, slip[order])) for q in QUARTILES}
     energy = [float(loop_energy_mJ(x.displacement_mm, x.force_N)) for x in clean]
     truth |= {f"dissipated_energy_mJ[{x.file}]": e for x, e in zip(loops, energy)}
-    return {"loops": loops, "truth": truth}
+    return {"loops": loops, "truth": truth, "elements": (slip[order], share)}
 
 
 def laplace(problem: Problem, seed: int) -> tuple[Array, dict[str, Array]]:
@@ -121,7 +121,9 @@ def one_case(seed: int, index: int, forms: list[str], budget_s: float | None) ->
             z = draws[np.linspace(0, len(draws) - 1, 1000).round().astype(int)]
             found = {n: q.values for n, q in quantities(problem, z).items()}
             at = most_probable(problem, z[[int(np.argmax(problem.log_prob(z)))]])[0][0]  # as the package judges them
-        out[form] = told | {"numbers": judged(problem, at, found, made["truth"]), "pairs": pairs(problem, at)}
+        numbers = judged(problem, at, found, made["truth"])
+        off = [share_off(numbers[f"slip_force_q{q}_N"], made, q) for q in QUARTILES]
+        out[form] = told | {"numbers": numbers, "pairs": pairs(problem, at), "share_off": off}
     return out
 
 
@@ -140,6 +142,13 @@ def judged(problem: Problem, at: Array, found: dict[str, Array], truth: dict[str
             row[f"width_{which}"] = (high - low) / true
         out[name] = row
     return out
+
+
+def share_off(row: dict[str, float], made: dict[str, Any], q: int) -> float:
+    """By how much the share of the elements below the reported quantile differs from q per cent."""
+    slip, share = made["elements"]
+    reported = made["truth"][f"slip_force_q{q}_N"] * (1.0 + row["error"])
+    return float(np.interp(reported, slip, share) - q / 100)
 
 
 def pairs(problem: Problem, z: Array) -> list[tuple[float, float, float]]:
@@ -212,6 +221,10 @@ def table_of(cases: list[dict[str, Any]], form: str) -> dict[str, Any]:
                 + f"   median 90 % width {100 * width:.2f} %"
             )
             table[name][which] = {"coverage": {str(k): vars(e) for k, e in found.items()}, "median_width": width}
+    off = np.median(np.abs([c["share_off"] for c in cases]), axis=0)
+    table["share_off"] = dict(zip(QUARTILES, off.tolist()))
+    print("share of the elements below a reported quartile, off by (median): "
+          + ", ".join(f"{q} %: {100 * x:.1f} %" for q, x in table["share_off"].items()))  # fmt: skip
     table["correlation"] = correlations(cases)
     print("misfits' correlation between tests: " + ", ".join(f"{k} {v:.2f}" for k, v in table["correlation"].items()))
     return table

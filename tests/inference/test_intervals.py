@@ -141,9 +141,8 @@ def test_plain_draws_beside_a_likelier_narrower_form_count_as_far_as_it_is_wide(
 def test_a_form_that_says_nothing_finite_moves_nothing():
     widening = Widening(0.0, 0.0, 3, False, "", _form(1.0, 2.0, np.nan, 1.0, 1.0))
     assert widening.centre(np.array([1.0, 2.0, 3.0])) == 2.0
-    constant = Widening(
-        0.0, 0.0, 3, False, "", _form(1.0, 1.0, 1.5, 0.0, 0.2)
-    )  # what the plain form holds, the bent moves
+    # what the plain form holds, the bent moves
+    constant = Widening(0.0, 0.0, 3, False, "", _form(1.0, 1.0, 1.5, 0.0, 0.2))
     low, high = constant.interval(np.full(9, 1.0))
     assert (low, high) == pytest.approx((1.5 - 0.329, 1.5 + 0.329), abs=1e-3)
 

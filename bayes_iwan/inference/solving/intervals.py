@@ -9,9 +9,9 @@ never slip at the largest amplitude, are extrapolated by the family of slip forc
 before anything is resolved there is taken to be a share that is known no better than to itself, half as large as if the
 first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it goes
 into k(1) and into the slip forces' quantiles. And no smooth family is nature's: wherever loops reach, the share of the
-elements below a slip force is off by about as much (:data:`ROUGHNESS`; on the rig it hangs neither on the quantile, nor
-on amplitudes, nor on how finely loops resolve it), which goes into the quantiles, too. Chosen on 120 specimens of the
-virtual rig, counted on others (analyses/coverage_rig.py).
+elements below a slip force is off, by about the same at every quantile, and :data:`ROUGHNESS` of it goes into the
+quantiles, too. Both were chosen on 120 specimens of the virtual rig and counted on others; how far the share is off is
+told as well (analyses/coverage_rig.py).
 
 Tests of one amplitude share much of their misfit (its correlation over frequency is 0.68 on the rig, over amplitude
 0.08), so leaving one of them out understates how far all of them may be off. The jackknife's standard deviation is
@@ -44,8 +44,8 @@ from bayes_iwan.physics import Model
 SHARED = 2.0
 #: standard deviation of the share of the elements below a slip force, for nature's slip forces are of no smooth family
 ROUGHNESS = 0.007
-#: of what an even spread of the first quarter of the elements would put below the finest step, the share that is taken
-_EVEN = 0.5
+#: share of the elements that may lie below the finest step where that reaches their lower quartile: half a quarter
+_UNRESOLVED = 0.125
 #: step of the central differences, in prior standard deviations
 _STEP = 1e-4
 #: a larger share of unresolved elements is said beside the numbers that depend on it
@@ -151,7 +151,7 @@ def reach_of(problem: Problem, z: Array) -> Reach | None:
     quartile = float(
         _quantiles(model, parameter_values, np.array([0.25]), 4.0 * max(highest, problem.scales.slip_N))[0]
     )
-    share = _EVEN * 0.25 * min(1.0, lowest / quartile)
+    share = _UNRESOLVED * min(1.0, lowest / quartile)
     return Reach(min(steps), lowest, highest, share, (min(amplitudes), max(amplitudes)))
 
 
