@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import average
+from bayes_iwan.effects import catalogue
+from bayes_iwan.gap.fitting import evidence
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import _distinct, _grid, extended, fit_model, in_newtons, predicting
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.fitting.rest import LENGTHS, SHARES, Linear, Rest, RestSize
+from bayes_iwan.gap.fitting.rest import BETWEEN, LENGTHS, SHARES, Linear, Rest, RestSize
 from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging import sample_fit
 from bayes_iwan.gap.searching.base import fit_base, gap_rms_N
+from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -85,7 +88,7 @@ def test_a_larger_model_misses_no_more_in_newtons_than_a_smaller_one(kit):
     def missed_N2(fit):
         return float(np.mean(gap_power_N2(residual_of(search.data, fit, refitted=False))))
 
-    astray = replace(astray, linear=Rows(search.data, astray.problem).linear(lost))
+    astray = replace(astray, linear=Rows(search.data, astray.problem, astray.size.between).linear(lost))
     alone = in_newtons(search.data, astray, iterations=1)
     beside = in_newtons(search.data, astray, iterations=1, smaller=[base])
     assert missed_N2(beside) < 0.5 * missed_N2(alone)
@@ -181,3 +184,30 @@ def test_sampling_a_fit_converges_near_its_normal_approximation(kit, monkeypatch
     assert worth == sample_fit.Sampling(False, "no draws within 45 s: Laplace's approximation stands", None, None)
     assert not alone.converged and np.array_equal(alone.z, found.base.z)
     assert 0.0 < asked[0] <= sample_fit.BUDGET_S
+
+
+def test_a_rest_that_is_the_same_at_every_frequency_does_not_hide_what_differs_between_them(kit, monkeypatch):
+    """Friction that varies along the stroke, as a groove makes it, beside a small mass: in which tests the rest is
+    alike is learnt from them, and what is left of it between frequencies is far smaller than it is."""
+    tests = [(f, a) for f in (8.0, 10.0, 16.0, 20.0) for a in (0.4, 0.9)]
+
+    def force(frequency, amplitude, samples):
+        phase = 2.0 * np.pi * np.arange(samples) / samples
+        u, speed = amplitude * np.sin(phase), np.cos(phase)
+        groove = 0.5 * np.cos(6.0 * u + 1.0) * np.tanh(8.0 * speed)
+        return kit.specimen_force(frequency, amplitude, samples) + groove - 0.2 * (frequency / 20.0) ** 2 * u
+
+    loops = kit.made_up(force, tests, noise_N=0.01, cycles=12).loops(**kit.small)
+    data, scales = gap_data(loops), scales_of(loops)
+    gain, between = {}, {}
+    for ways in (BETWEEN[:1], BETWEEN):
+        monkeypatch.setattr(evidence, "BETWEEN", ways)
+        base = fit_base(data, kit.settings, scales, np.random.default_rng(0))
+        mass = calibrated(catalogue.variants()["moving_mass"][0], scales, data, base.problem, base.z)
+        problem = extended(base.problem, [mass])
+        start = np.zeros(problem.ndim)
+        start[[problem.names.index(n) for n in base.problem.names]] = base.z
+        gain[len(ways)] = fit_model(data, problem, start[None]).log_evidence - base.log_evidence
+        between[len(ways)] = base.size.between
+    assert between[len(BETWEEN)][2] < 0.1  # next to nothing of it belongs to single tests
+    assert gain[len(BETWEEN)] > gain[1] + 5.0

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from bayes_iwan.gap.fitting.rest import LENGTHS, LN_SPECTRUM, SPECTRUM_SD, Linear, Rest, RestSize
-from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
+from bayes_iwan.gap.fitting.rest import BETWEEN, LENGTHS, LN_SPECTRUM, SPECTRUM_SD, Linear, Rest, RestSize
+from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
 
 def toy(orders: int, rows: int = 30, changing: bool = True) -> Linear:
@@ -137,6 +137,6 @@ def test_what_changes_along_the_record_is_judged_by_its_own_harmonic():
 
 
 def test_a_mean_that_changes_along_the_record_is_one_row_a_contrast(kit):
-    layouts = kit.diagnosed(None).search.data.layouts
-    assert layouts[0].turning.sum() < layouts[0].trend.sum()
-    assert not layouts[0].turning[..., 0].any()  # a mean has no imaginary part
+    layout = kit.diagnosed(None).search.data.layout(BETWEEN[0], evolving=False)
+    assert layout.turning.sum() < layout.trend.sum()
+    assert not layout.turning[..., 0].any()  # a mean has no imaginary part

@@ -18,7 +18,7 @@ from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
 from bayes_iwan.gap.searching import refits
 from bayes_iwan.gap.searching import search as searching
 from bayes_iwan.gap.searching.base import fit_base, gap_rms_N, missed, newton_nats
-from bayes_iwan.gap.searching.candidates import candidate, start_points, stepped_on
+from bayes_iwan.gap.searching.candidates import candidate, start_points, stepped_on, weighed_alike
 from bayes_iwan.gap.searching.explored import silent
 from bayes_iwan.gap.searching.found import LAST, needed
 from bayes_iwan.gap.searching.search import SINGLE_MOST, _Explorer, search
@@ -36,6 +36,11 @@ FOUND = {"viscous_damping": "c_N_s_mm", "channel_delay": "delay_s"}
 def explorer(kit, data, kinds):
     """A search that has fitted its base and no more."""
     return _Explorer(data, scales_of(data.loops), kit.settings, kinds, np.random.default_rng(0), silent, None, None)
+
+
+def promised(data, smaller, gap_N, effect):
+    """An effect on top of a fit that leaves a gap, not yet refitted."""
+    return candidate(data, smaller, weighed_alike(data, smaller), gap_N, effect)
 
 
 @pytest.mark.parametrize("name", FOUND)
@@ -103,7 +108,7 @@ def test_what_an_effect_removes_in_newtons_is_part_of_its_promise_where_there_is
     found = kit.diagnosed("viscous_damping", "held out").search
     gap_N = gap_rms_N(found.data, found.base)
     for name in ("viscous_damping", "moving_mass"):
-        without, beside = (candidate(found.data, found.base, g, found.effects[name][0]) for g in (0.0, gap_N))
+        without, beside = (promised(found.data, found.base, g, found.effects[name][0]) for g in (0.0, gap_N))
         assert without.worth == without.gain == beside.gain and len(beside.starts) == len(without.starts) + 1
         removed = newton_nats(found.data, 0.0) - newton_nats(found.data, gap_N)
         assert 0.0 <= beside.worth - beside.gain <= removed
@@ -117,13 +122,15 @@ def test_an_effect_is_not_promised_what_a_step_of_the_smaller_model_gains_by_its
     effects = {n: e for n, e in found.effects.items() if n not in LAST | NO_CAUSE and not e[0].sudden}
     right = found.base
     beside = right.z + 0.2 * np.random.default_rng(4).standard_normal(len(right.z))
-    off = replace(right, z=beside, optima=beside[None], linear=Rows(found.data, right.problem).linear(beside))
+    off = replace(
+        right, z=beside, optima=beside[None], linear=Rows(found.data, right.problem, right.size.between).linear(beside)
+    )
     sd = np.sqrt(off.linear.variance(off.size))
     j, r = off.linear.jacobian / sd[:, None], off.linear.residual / sd
     b = j.T @ r - off.z
     own = 0.5 * b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b)
     at_optimum, aside = (
-        {n: max(candidate(found.data, x, 0.0, e).gain for e in some) for n, some in effects.items()}
+        {n: max(promised(found.data, x, 0.0, e).gain for e in some) for n, some in effects.items()}
         for x in (right, off)
     )
     assert own > 300.0
@@ -143,7 +150,7 @@ def test_effects_with_a_number_for_each_test_promise_what_a_step_of_these_gains(
         data, scales = gap_data(loops), scales_of(loops)
         base = fit_base(data, kit.settings, scales, np.random.default_rng(0))
         effects = [calibrated(k, scales, data, base.problem, base.z) for k in catalogue.variants()["mains_hum"]]
-        gain[name] = [candidate(data, base, 0.0, e).gain for e in effects if e.possible(data)]
+        gain[name] = [promised(data, base, 0.0, e).gain for e in effects if e.possible(data)]
     assert max(gain["hum"]) > 100.0 and len(gain["hum"]) == 1  # 50 Hz alone: no line stands at 60
     assert gain["quiet"] == []
 
@@ -186,7 +193,7 @@ def test_a_law_that_only_its_shape_tells_from_the_base_is_found(kit):
     data, scales = gap_data(loops), scales_of(loops)
     base = fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(0))
     effect = calibrated(RigCompliance, scales, data, base.problem, base.z)
-    assert candidate(data, base, 0.0, effect).gain > 10.0
+    assert promised(data, base, 0.0, effect).gain > 10.0
 
 
 def test_what_others_stand_in_for_does_not_come_back_beside_them():

@@ -18,6 +18,7 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.effects.along_record import RAMPS
 from bayes_iwan.effects.base import effects_of
 from bayes_iwan.gap.fitting.layout import Layout
+from bayes_iwan.gap.fitting.rest import Between
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.loop_error import friction_level_N, harmonics_of
 from bayes_iwan.inference.setup.problem import Problem
@@ -104,10 +105,15 @@ class GapData:
             parts.append(np.pad(part, ((0, 0), (0, blocks - part.shape[1]), (0, 0))))
         return np.stack(parts, axis=1)
 
+    def layout(self, between: Between, evolving: bool) -> Layout:
+        """How these data lie in the rows of a steady model, or of one that changes along the record."""
+        if (between, evolving) not in self._layouts:
+            self._layouts[between, evolving] = Layout(self, between, evolving)
+        return self._layouts[between, evolving]
+
     @cached_property
-    def layouts(self) -> tuple[Layout, Layout]:
-        """How these data lie in the rows of a steady model, and of one that changes along the record."""
-        return Layout(self, evolving=False), Layout(self, evolving=True)
+    def _layouts(self) -> dict[tuple[Between, bool], Layout]:
+        return {}
 
     def part(self, which: Sequence[int]) -> GapData:
         """The data of some of the tests."""

@@ -4,7 +4,8 @@ rest that stands beside every model.
 measured = simulator(base + effects) + rest + noise. The rest is Gaussian, smooth along the loop and between tests, of
 share a of the friction force (:class:`bayes_iwan.inference.setup.discrepancy.Correlated`), and changes along the
 record by a share b. Its sizes are inferred for every set of effects and need not be small: the prior over a is flat
-in ln a, so a cause may explain a part of the gap and leave the rest without a name.
+in ln a, so a cause may explain a part of the gap and leave the rest without a name. So is how it hangs together between
+tests, in one of a few ways that are as likely as each other beforehand (:data:`bayes_iwan.gap.fitting.rest.BETWEEN`).
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect, effects_of
-from bayes_iwan.gap.fitting.data import GapData
-from bayes_iwan.gap.fitting.rest import ALONG_SHARES, FIRST, LENGTHS, SHARES, Linear, RestSize, Sizes, Stepped
+from bayes_iwan.gap.fitting.data import GapData, predicted
+from bayes_iwan.gap.fitting.rest import ALONG_SHARES, BETWEEN, FIRST, LENGTHS, SHARES, Linear, RestSize, Sizes, Stepped
 from bayes_iwan.gap.fitting.rows import Z_BOX, Rows
-from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.setup.problem import Problem, iwan_model, make_problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings, LikelihoodSettings, ParameterChange
+from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 from bayes_iwan.physics import Model, Simulator
 
 #: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
@@ -56,7 +57,7 @@ class Fit:
     """One model refitted to the data.
 
     z : (ndim,) optimum at the grid's best point; log_z : (shares, lengths) ln evidence over the grid, the change of
-        the rest along the record averaged over
+        the rest along the record and how it hangs together between tests averaged over
     size : of the rest at the best point; covariance : (ndim, ndim) of z there
     rest_share : the rest's size as a share of the friction force: median and 90 % interval of its posterior
     optima : (k, ndim) distinct optima found, best first
@@ -118,19 +119,20 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
 
     Raises FitError where no start reaches a finite cost: the model has no force there.
     """
-    rows = Rows(data, problem)
-    found = rows.fit(starts, FIRST, iterations)
+    found = Rows(data, problem).fit(starts, FIRST, iterations)
     cost, order = found.cost, np.argsort(found.cost)
     if not np.isfinite(cost[order[0]]):
         raise FitError(f"{'+'.join(e.name for e in effects_of(problem)) or 'the base model'}: no finite force")
     optima = _distinct(found.x[order], cost[order])
-    best = grid = _grid(rows, rows.linear(optima[0]))
+    best = grid = _weighed(data, problem, optima[0])
     near, weighed_by = list(optima), FIRST
     for _ in range(ROUNDS):  # the rest follows the model and the model the rest, until both stand
-        if np.sqrt(np.mean(np.log(rows.sd(grid.size) / rows.sd(weighed_by)) ** 2)) <= OTHER_WEIGHTS:
+        rows = Rows(data, problem, grid.size.between)
+        alike = grid.size.between == weighed_by.between
+        if alike and np.sqrt(np.mean(np.log(rows.sd(grid.size) / rows.sd(weighed_by)) ** 2)) <= OTHER_WEIGHTS:
             break
         again = rows.fit(np.stack([*near, grid.z]), grid.size, iterations, grid.linear)
-        weighed_by, grid = grid.size, _grid(rows, rows.linear(again.x[again.best]))
+        weighed_by, grid = grid.size, _weighed(data, problem, again.x[again.best])
         gained = grid.log_evidence - best.log_evidence
         best, near = max(best, grid, key=lambda g: g.log_evidence), [grid.linear.z]
         if gained < GAINED:
@@ -138,7 +140,7 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     return Fit(
         problem,
         best.linear.z,
-        best.log_z + rows.layout.constant,
+        best.log_z + Rows(data, problem).layout.constant,
         best.size,
         best.rest_share,
         np.asarray(np.linalg.inv(best.precision)),
@@ -179,8 +181,9 @@ def _beside(data: GapData, fit: Fit, size: RestSize, starts: Sequence[Array], it
     """A fit's model refitted beside a rest of a size."""
     if fit.size == size:
         return fit
-    rows = Rows(data, fit.problem)
-    found = rows.fit(np.array(starts), size, iterations, fit.linear)
+    rows = Rows(data, fit.problem, size.between)
+    known = fit.linear if fit.size.between == size.between else None
+    found = rows.fit(np.array(starts), size, iterations, known)
     linear = rows.linear(found.x[found.best])
     _, precision, _ = linear.step(size)
     covariance = np.asarray(np.linalg.inv(precision))
@@ -205,6 +208,13 @@ class _Grid:
         return float(np.logaddexp.reduce(self.log_z.ravel()))
 
 
+def _weighed(data: GapData, problem: Problem, z: Array) -> _Grid:
+    """A model's evidence about z (ndim,), beside a rest that hangs together between tests as is likeliest."""
+    rows, linear, ways = _together(data, problem, z)
+    grid = _grid(rows, linear)
+    return replace(grid, log_z=grid.log_z + ways)
+
+
 def _grid(rows: Rows, linear: Linear) -> _Grid:
     along, change = float(ALONG_SHARES[0]), 0.0
     if linear.rest.changing.any():  # the change along the record has its own size, found where the loops' is best
@@ -217,6 +227,28 @@ def _grid(rows: Rows, linear: Linear) -> _Grid:
     log_z = found.log_z.reshape(len(SHARES), len(LENGTHS)) + change
     whole = _whole_share(linear.rest.orders, found)
     return _Grid(linear, log_z, found.z[best], found.precision[best], found.sizes[best], whole)
+
+
+def _together(data: GapData, problem: Problem, z: Array) -> tuple[Rows, Linear, float]:
+    """The likeliest way in which the rest may hang together between tests, for a model about z (ndim,): its rows and
+    the linear model in them; and ln of how much evidence all ways have on the mean, over what the likeliest one has."""
+    several = [Rows(data, problem, b) for b in (BETWEEN if data.tests > 1 else BETWEEN[:1])]
+    around = several[0].around(z)
+    linear = [rows.linear_of(around, z) for rows in several]
+    stepped = [x.evidence(_COARSE) for x in linear]
+    best = [int(np.argmax(x.log_z)) for x in stepped]
+    led = np.clip([x.z[k] for x, k in zip(stepped, best)], -Z_BOX, Z_BOX)
+    with np.errstate(all="ignore"):
+        mean, trend, lines = predicted(data, problem, led)
+    log_z = np.empty(len(several))
+    for i, (rows, x, k) in enumerate(zip(several, linear, best)):  # see _borne_out
+        one = slice(i, i + 1)
+        there = rows.missed((mean[one], None if trend is None else trend[one], None if lines is None else lines[one]))
+        size, precision = _COARSE[k : k + 1], stepped[i].precision[k : k + 1]
+        pairs = ((there, led[one]), (x.residual[None], x.z[None]))
+        log_z[i] = max(float(x.at(left, at, size, precision).log_z[0]) for left, at in pairs)
+    top = int(np.argmax(log_z))
+    return several[top], linear[top], float(np.logaddexp.reduce(log_z) - log_z[top] - np.log(len(log_z)))
 
 
 def _borne_out(rows: Rows, linear: Linear, sizes: Sizes) -> Stepped:

@@ -18,7 +18,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.gap.fitting.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.residuals import ALONG, COUNTED, LOOP, MAINS, MEAN, Residual
-from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
+from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
 LEVEL = 0.9
 DRAWS = 400

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_iwan.gap.fitting.rest import ALONG_SHARES, LENGTHS, Rest, RestSize, Sizes
+from bayes_iwan.gap.fitting.rest import ALONG_SHARES, LENGTHS, Between, Rest, RestSize, Sizes
 
 if TYPE_CHECKING:
     from bayes_iwan.gap.fitting.data import GapData
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 class Layout:
     """The rows of a model that is steady, or of one that changes along the record (`evolving`), which has those of the
-    changes and of the mains' lines besides.
+    changes and of the mains' lines besides; beside a rest that hangs together between tests as `between` says.
 
     turn : what makes noise and rest of averaged loops diagonal, harmonic by harmonic; real, imaginary (used, T) : whose
     parts are rows; trend, turning (T, K, TREND_HARMONICS + 1) : the same of contrasts; line (T, 2) : which lines are;
     rest : of all rows, in units of the noise.
     """
 
-    def __init__(self, data: GapData, evolving: bool) -> None:
+    def __init__(self, data: GapData, between: Between, evolving: bool) -> None:
         self.evolving = evolving
-        self.turn, values, there, _ = data.likelihood.rotation
+        self.turn, values, there, _ = data.likelihood.with_between(between).rotation
         self.used = len(self.turn)
         order = np.broadcast_to(np.arange(self.used)[:, None], there.shape)
         self.real = there.astype(bool)
@@ -47,7 +47,7 @@ class Layout:
             eigen = np.r_[eigen, self._changing.eigen, np.zeros(lines)]
             orders = np.r_[orders, self._changing.order, np.zeros(lines, dtype=np.int64)]
             steady = np.r_[steady, self._changing.changing, np.zeros(lines, dtype=bool)]
-        self.rest = Rest(eigen, orders, steady)
+        self.rest = Rest(eigen, orders, steady, between)
 
     @cached_property
     def constant(self) -> float:

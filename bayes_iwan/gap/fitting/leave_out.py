@@ -68,7 +68,7 @@ def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem
 def refitted(fit: Fit, data: GapData) -> Fit:
     """A fit's model refitted to some of its tests from its own optimum, beside a rest of the same size."""
     problem = for_loops(fit.problem, data.loops, data)
-    rows = Rows(data, problem)
+    rows = Rows(data, problem, fit.size.between)
     at = [fit.problem.names.index(n) for n in problem.names]
     found = rows.fit(fit.z[None, at], fit.size, ITERATIONS)
     linear = rows.linear(found.x[0])

@@ -19,8 +19,8 @@ from bayes_iwan.effects.by_test import ByTest
 from bayes_iwan.gap.fitting.data import TREND_FLOOR, TREND_HARMONICS, GapData, predicted
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.rows import Rows
-from bayes_iwan.inference.setup.discrepancy import between_tests, discrepancy_spectrum
 from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.inference.setup.spectrum import between_tests, discrepancy_spectrum
 
 #: kinds of numbers: harmonics of the averaged loop, its mean, contrasts between blocks of cycles, lines of the mains
 LOOP, MEAN, ALONG, MAINS = 0, 1, 2, 3
@@ -83,8 +83,8 @@ class Residual:
     def draw_misfit(self, shares: Array, lengths: Array, rng: np.random.Generator) -> np.ndarray:
         """(draws, T, M) complex smooth misfits of averaged loops; shares of the friction level, lengths (draws,)."""
         at = np.flatnonzero(self.kind <= MEAN)
-        likelihood = self.data.likelihood
-        half = np.linalg.cholesky(between_tests(self.data.loops, likelihood.between)) * likelihood.level[:, None]
+        together = between_tests(self.data.loops, self.fit.size.between)
+        half = np.linalg.cholesky(together) * self.data.likelihood.level[:, None]
         spectrum = np.sqrt(discrepancy_spectrum(shares, lengths, len(at)))
         unit = rng.standard_normal((2, len(shares), len(half), len(at)))
         part = np.einsum("ij,pdjh,dh->pdih", half, unit, spectrum)
@@ -107,7 +107,7 @@ class Residual:
 
     @cached_property
     def _rows(self) -> Rows:
-        return Rows(self.data, self.fit.problem)
+        return Rows(self.data, self.fit.problem, self.fit.size.between)
 
     @cached_property
     def _gain(self) -> Array:

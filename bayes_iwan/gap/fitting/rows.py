@@ -7,32 +7,42 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import effects_of
 from bayes_iwan.gap.fitting.data import GapData, predicted
-from bayes_iwan.gap.fitting.rest import Linear, RestSize
+from bayes_iwan.gap.fitting.rest import BETWEEN, Between, Linear, RestSize
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.optimize.descent import Descent, descend
 
 #: z of every parameter stays within these prior standard deviations
 Z_BOX = 5.0
+#: step of central differences
+STEP = 1e-4
+
+
+#: harmonics, trends and lines that a model predicts for draws
+Predicted = tuple[np.ndarray, np.ndarray | None, np.ndarray | None]
 
 
 class Rows:
-    """Residual rows of a model in units of the noise, and what is needed to whiten them by any rest."""
+    """Residual rows of a model in units of the noise, and what is needed to whiten them by any rest that hangs together
+    between tests as `between` says."""
 
-    def __init__(self, data: GapData, problem: Problem) -> None:
-        self.data, self.problem = data, problem
+    def __init__(self, data: GapData, problem: Problem, between: Between = BETWEEN[0]) -> None:
+        self.data, self.problem, self.between = data, problem, between
         self.evolving = any(e.evolving for e in effects_of(problem))
-        self.layout = data.layouts[self.evolving]
+        self.layout = data.layout(between, self.evolving)
         self.rest = self.layout.rest
 
     def residual(self, z: Array) -> Array:
         """Measured − predicted in units of the noise, rotated, (draws, m)."""
-        data = self.data
-        mean, trend, lines = predicted(data, self.problem, z)
+        return self.missed(predicted(self.data, self.problem, z))
+
+    def missed(self, by_model: Predicted) -> Array:
+        """The same of what a model predicts."""
+        data, (mean, trend, lines) = self.data, by_model
         used = self.layout.used
         parts = self.turned(data.harmonics_N[:, :used] - mean[..., :used])
         if self.evolving:
             r = (data.trend_N - trend) / data.trend_noise_N
-            line = np.zeros((len(z), *data.mains_N.shape)) if lines is None else lines
+            line = np.zeros((len(mean), *data.mains_N.shape)) if lines is None else lines
             q = ((data.mains_N - line) / data.mains_noise_N)[:, self.layout.line]
             parts += [r.real[:, self.layout.trend], r.imag[:, self.layout.turning], q.real, q.imag]
         return np.concatenate(parts, axis=1)
@@ -45,12 +55,19 @@ class Rows:
             (c.imag @ turn).transpose(1, 0, 2)[:, layout.imaginary],
         ]
 
-    def linear(self, z: Array, step: float = 1e-4) -> Linear:
+    def linear(self, z: Array) -> Linear:
         """Residual and central-difference Jacobian at z (ndim,), in one batch call."""
-        n = len(z)
-        points = np.concatenate([z[None], z + step * np.eye(n), z - step * np.eye(n)])
-        r = self.residual(points)
-        jacobian = (r[n + 1 :] - r[1 : n + 1]).T / (2.0 * step)
+        return self.linear_of(self.around(z), z)
+
+    def around(self, z: Array) -> Predicted:
+        """What the model predicts at z (ndim,) and a step to either side of every number of it."""
+        steps = STEP * np.eye(len(z))
+        return predicted(self.data, self.problem, np.concatenate([z[None], z + steps, z - steps]))
+
+    def linear_of(self, around: Predicted, z: Array) -> Linear:
+        """The linear model at z (ndim,) from what is predicted around it."""
+        r, n = self.missed(around), len(z)
+        jacobian = (r[n + 1 :] - r[1 : n + 1]).T / (2.0 * STEP)
         return Linear(r[0], jacobian, self.rest, z.copy())
 
     def sd(self, size: RestSize) -> Array:

@@ -44,7 +44,7 @@ class Target:
     """ln posterior over (z, score of ln share, score of ln length), each standard normal under its prior."""
 
     def __init__(self, data: GapData, fit: Fit) -> None:
-        self.residuals = Rows(data, fit.problem)
+        self.residuals = Rows(data, fit.problem, fit.size.between)
         self.ndim, self.size = len(fit.z) + 2, fit.size
         self.held: NDArray[np.int64] = np.array([self.ndim - 2, self.ndim - 1])
         self.names = (*fit.problem.names, "discrepancy_share", "discrepancy_length")

@@ -11,7 +11,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
-from bayes_iwan.gap.fitting.data import GapData
+from bayes_iwan.gap.fitting.data import GapData, predicted
 from bayes_iwan.gap.fitting.evidence import Fit, extended, newton_size
 from bayes_iwan.gap.fitting.rest import FIRST, RestSize
 from bayes_iwan.gap.fitting.rows import Rows
@@ -62,24 +62,32 @@ def on_top(smaller: Fit, effect: Effect) -> Problem:
     return extended(smaller.problem, ordered((*smaller.effects, effect)))
 
 
-def candidate(data: GapData, smaller: Fit, gap_N: float, effect: Effect) -> Candidate:
-    """One effect on top of a smaller fit; gap_N : RMS gap of that, which counts where it is more than a sound
-    specimen's."""
+def weighed_alike(data: GapData, fit: Fit) -> Fit:
+    """A fit, at its optimum, in rows that weigh all that is missed alike, as newtons do."""
+    size = newton_size(max(fit.rest_share[0], LEAST_SHARE))
+    return replace(fit, size=size, linear=Rows(data, fit.problem, size.between).linear(fit.z))
+
+
+def candidate(data: GapData, smaller: Fit, alike: Fit, gap_N: float, effect: Effect) -> Candidate:
+    """One effect on top of a smaller fit; alike : see :func:`weighed_alike`; gap_N : the RMS gap, which counts where it
+    is more than a sound specimen's."""
     optima = np.concatenate([smaller.z[None], smaller.optima[1:2]])
     at = replace(smaller.size, share=max(smaller.size.share, LEAST_SHARE), along=max(smaller.size.along, FIRST.along))
     problem = on_top(smaller, effect)
-    rows = Rows(data, problem)
+    rows = Rows(data, problem, smaller.size.between)
     points = start_points(effect, problem, optima, smaller.problem.names)
     with np.errstate(all="ignore"):
-        residual = rows.residual(points)
+        by_model = predicted(data, problem, points)
+        residual = rows.missed(by_model)
     starts, gain = promising(rows, points, residual, smaller, at, EFFECT_STARTS)
     if effect.strength_name not in problem.names:  # a number for each test: nothing of it is in any start
         gain = stepped(rows, points[0], smaller, at)
     if gap_N <= sound_gap_N(data):
         return Candidate(effect, problem, starts, gain, gain)
-    alike = newton_size(max(smaller.rest_share[0], LEAST_SHARE))
-    nearest, less = promising(rows, points, residual, smaller, alike, 1)
-    removes = less / max(_cost(rows, smaller, alike), 1e-300)
+    plain = Rows(data, problem, alike.size.between)
+    with np.errstate(all="ignore"):
+        nearest, less = promising(plain, points, plain.missed(by_model), alike, alike.size, 1)
+    removes = less / max(_cost(plain, alike, alike.size), 1e-300)
     left_N = gap_N * float(np.sqrt(np.clip(1.0 - removes, 0.0, 1.0)))
     worth = gain + newton_nats(data, left_N) - newton_nats(data, gap_N)
     return Candidate(effect, problem, np.concatenate([starts, nearest]), gain, worth)
@@ -202,6 +210,6 @@ def _cost(rows: Rows, smaller: Fit, size: RestSize) -> float:
     mine, j = smaller.linear.residual / sd, smaller.linear.jacobian / sd[:, None]
     b = j.T @ mine - smaller.z
     own = b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b)
-    theirs = Rows(rows.data, smaller.problem)
+    theirs = Rows(rows.data, smaller.problem, rows.between)
     missed = 0.0 if theirs.evolving or not rows.evolving else theirs.layout.missed(size)
     return 0.5 * float(mine @ mine + smaller.z @ smaller.z - own) + missed

@@ -16,7 +16,7 @@ from bayes_iwan.executors import Rounds
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, FitError, extended, fit_model
 from bayes_iwan.gap.searching.base import cheapest
-from bayes_iwan.gap.searching.candidates import Candidate, candidate, on_top
+from bayes_iwan.gap.searching.candidates import Candidate, candidate, on_top, weighed_alike
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.user_file import UserFiles
 
@@ -144,5 +144,6 @@ def _asked(common: _Common, piece: _Fitted) -> Any:
 def _promised(common: _Common, piece: _Fitted) -> list[tuple[Array, float, float]]:
     """Starts, gain and worth of each effect tried."""
     smaller = piece.fit(common)
-    found = [candidate(common.data, smaller, piece.gap_N, common.effects[i]) for i in piece.tried]
+    alike = weighed_alike(common.data, smaller)
+    found = [candidate(common.data, smaller, alike, piece.gap_N, common.effects[i]) for i in piece.tried]
     return [(x.starts, x.gain, x.worth) for x in found]

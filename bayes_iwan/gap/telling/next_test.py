@@ -20,8 +20,8 @@ from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.gap.searching.base import quick_gap_N
 from bayes_iwan.gap.searching.candidates import extra_points
-from bayes_iwan.inference.setup.discrepancy import discrepancy_spectrum
 from bayes_iwan.inference.setup.loop_error import harmonics_of
+from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 from bayes_iwan.physics import sine_motion
 
 #: an effect of typical size must promise so many nats, or these tests could not have shown it
@@ -50,7 +50,7 @@ def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, .
         best = 0.0
         for effect in some:
             problem = extended(base.problem, ordered((*base.effects, effect)))
-            rows = Rows(data, problem)
+            rows = Rows(data, problem, base.size.between)
             own = [problem.names.index(p.name) for p in effect.parameters if p.name in problem.names]
             at = [problem.names.index(n) for n in base.problem.names]
             single = effect.strength_name in problem.names

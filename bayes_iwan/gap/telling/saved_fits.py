@@ -30,7 +30,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import ModelError
 
-SCHEMA = 4
+SCHEMA = 5
 #: phases, harmonics and blocks of cycles that diagnoses work on
 LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
 
@@ -91,6 +91,7 @@ def _plain(fit: Fit) -> dict[str, Any]:
         "along": fit.size.along,
         "spectrum": list(fit.size.spectrum),
         "along_spectrum": list(fit.size.along_spectrum),
+        "between": list(fit.size.between),
     }
 
 
@@ -144,7 +145,8 @@ def _fit(stored: dict[str, Any]) -> SavedFit:
         raise ValueError("names, z and covariance do not agree")
     share, length, along = (float(stored[k]) for k in ("share", "length", "along"))
     loops, changes = (tuple(map(float, stored[k])) for k in ("spectrum", "along_spectrum"))
-    size = RestSize(share, length, along, loops, changes)
+    frequency, amplitude, alone = map(float, stored["between"])
+    size = RestSize(share, length, along, loops, changes, (frequency, amplitude, alone))
     return SavedFit(effects, tuple(map(str, stored["names"])), z, covariance, size)
 
 

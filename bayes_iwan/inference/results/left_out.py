@@ -2,8 +2,8 @@
 
 The model of the other frequencies, fitted anew from the whole's optima with its noise, predicts the tests of the one
 left out: to first order in its normal approximation (normal draws of the parameters would leave the thin bent sheet
-that the posterior is, and with it the loops), with the variance between the tests and the noise and misfit that the
-likelihood has learnt from the others. A second or two for a campaign; what a sampler says of the same is in
+that the posterior is, and with it the loops), with the variance between the tests, with noise, and with the misfit as
+the likelihood carries it over from the others. A second or two for a campaign; what a sampler says of the same is in
 analyses/predict_untested.py. It is the one check of the bands that does not use the tests which it checks.
 """
 
@@ -18,7 +18,6 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.results.predictions import resolved
 from bayes_iwan.inference.setup.frequencies import by_frequency
-from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.solving.intervals import between_draws
@@ -87,19 +86,20 @@ def _held(value: Array, draws: Array, level: float) -> float:
 def predicted(problem: Problem, z: Array, loops: Sequence[Loop], seed: int) -> tuple[Array, Array]:
     """Loops as measured again (draws, tests, samples), N, about a problem's optimum z (ndim,), and the measured ones
     (tests, samples), both less their means, which drift."""
-    rng, n, motion = np.random.default_rng([seed, 33]), problem.ndim, motion_of(loops)
+    rng, n, fitted = np.random.default_rng([seed, 33]), problem.ndim, len(problem.loops)
+    motion = motion_of((*problem.loops, *loops))
     root = laplace_scale(problem, z)
     moved = rng.standard_normal((_DRAWS, n)) @ root.T
     eye = _STEP * np.eye(n)
     near = problem.predict(np.concatenate([z[None], z + eye, z - eye]), motion)
     slope = (near[1 : n + 1] - near[n + 1 :]) / (2.0 * _STEP)
     force = near[0] + np.tensordot(moved, slope, axes=1)
-    if len(problem.loops) > 1:
+    if fitted > 1:
         force += between_draws(problem.predict(left_out_optima(problem, z), motion), _DRAWS, rng)
     noisy = np.tile(z, (_DRAWS, 1))
     noisy[:, problem.noise_columns] += moved[:, problem.noise_columns]
-    likelihood = make_likelihood(problem.likelihood.name, loops, problem.scales)
-    noise = likelihood.replicate(force, problem.parameter_values(noisy), rng) - force
+    missed, force = problem.measured_N - force[:, :fitted], force[:, fitted:]
+    noise = problem.likelihood.carried_over(missed, problem.parameter_values(noisy), loops, rng)
     force = force - force.mean(axis=-1, keepdims=True) + resolved(noise, loops)
     measured = np.stack([x.force_N for x in loops])
     return force, measured - measured.mean(axis=-1, keepdims=True)

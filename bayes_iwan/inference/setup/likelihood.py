@@ -17,10 +17,11 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference.setup.discrepancy import MEASURED_BETWEEN, ODD_EVEN, Correlated
+from bayes_iwan.inference.setup.discrepancy import FIRST_ALONE, MEASURED_BETWEEN, Correlated
 from bayes_iwan.inference.setup.loop_error import paper_weights
 from bayes_iwan.inference.setup.parameters import Parameter
 from bayes_iwan.inference.setup.scales import Scales
+from bayes_iwan.inference.setup.spectrum import ODD_EVEN
 
 
 class Likelihood(Protocol):
@@ -46,6 +47,12 @@ class Likelihood(Protocol):
 
     def replicate(self, force_N: Array, parameter_values: ParameterValues, rng: np.random.Generator) -> Array:
         """Predicted loops (draws, tests, samples) with noise drawn from this model added, where there are data."""
+
+    def carried_over(
+        self, residual_N: Array, parameter_values: ParameterValues, loops: Sequence[Loop], rng: np.random.Generator
+    ) -> Array:
+        """What a measurement of other tests would differ by from their predictions, (draws, loops, samples), drawn
+        given what the predictions of these miss, (draws, tests, samples)."""
 
     def of_loops(self, loops: tuple[Loop, ...]) -> Likelihood:
         """The same noise model for other forces of the same tests."""
@@ -128,6 +135,12 @@ class Independent:
             return force_N + rng.laplace(size=force_N.shape) * scale / self.weights
         return force_N + rng.standard_normal(force_N.shape) * scale / np.sqrt(self.weights)
 
+    def carried_over(
+        self, residual_N: Array, parameter_values: ParameterValues, loops: Sequence[Loop], rng: np.random.Generator
+    ) -> Array:
+        none = np.zeros((len(residual_N), len(loops), residual_N.shape[-1]))
+        return replace(self, loops=tuple(loops)).replicate(none, parameter_values, rng)
+
     def of_loops(self, loops: tuple[Loop, ...]) -> Independent:
         return replace(self, loops=loops)
 
@@ -145,10 +158,9 @@ KINDS = ("correlated", "unweighted", "matern", "gaussian", "laplace")
 def make_likelihood(kind: str, loops: Sequence[Loop], scales: Scales) -> Likelihood:
     """The likelihood by name: correlated (default), the same unweighted, matern (unweighted, odd and even harmonics
     alike), gaussian or laplace."""
-    if kind == "correlated":
-        return Correlated(tuple(loops), scales, between=MEASURED_BETWEEN, spectrum=ODD_EVEN)
-    if kind == "unweighted":
-        return Correlated(tuple(loops), between=MEASURED_BETWEEN, spectrum=ODD_EVEN)
+    if kind in ("correlated", "unweighted"):
+        weighted = scales if kind == "correlated" else None
+        return Correlated(tuple(loops), weighted, between=MEASURED_BETWEEN, first_alone=FIRST_ALONE, spectrum=ODD_EVEN)
     if kind == "matern":
         return Correlated(tuple(loops))
     if kind in KINDS:

@@ -27,7 +27,8 @@ class Predictive:
     median_N : (tests, samples) the posterior's median, which residuals are taken from.
     force_N : what the model says, (draws, tests, samples), with the variance between tests (each fitted test left
         out in turn) beside the posterior's; every draw's mean over a loop moved to their median's.
-    loop_N : the same with the likelihood's noise, as an averaged loop would be measured again.
+    loop_N : the same with the likelihood's noise and misfit, as an averaged loop would be measured again; on tests that
+        were not fitted the misfit is carried over from those that were.
     cycle_N : with the cycle-to-cycle scatter on top, as one more cycle would be measured.
     spring_N : (tests, samples) median parallel spring and force zero. Force less this is the friction force; taking
         the same line off measured and predicted leaves the residual what it is.
@@ -54,15 +55,19 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
     chosen = tuple(posterior.loops if loops is None else loops)
     z = posterior.flat_z(n)
     parameter_values = problem.parameter_values(z)
-    force = problem.force(parameter_values, motion_of(chosen))
-    median = np.median(force, axis=0)  # of the posterior's own draws: what is added below only widens
-    rng = np.random.default_rng([seed, 31])
-    if len(problem.loops) > 1:
-        without = problem.predict(left_out_optima(problem, posterior.point.z), motion_of(chosen))
+    rng, motion, fitted = np.random.default_rng([seed, 31]), motion_of((*chosen, *problem.loops)), len(problem.loops)
+    force = problem.force(parameter_values, motion)
+    median = np.median(force[:, : len(chosen)], axis=0)  # of the posterior's own draws: what is added below only widens
+    if fitted > 1:
+        without = problem.predict(left_out_optima(problem, posterior.point.z), motion)
         force += between_draws(without, len(force), rng)
+    missed, force = problem.measured_N - force[:, len(chosen) :], force[:, : len(chosen)]
     force += median.mean(axis=-1, keepdims=True) - force.mean(axis=-1, keepdims=True)
-    likelihood = make_likelihood(problem.likelihood.name, chosen, problem.scales)
-    loop = force + resolved(likelihood.replicate(force, parameter_values, rng) - force, chosen)
+    again = make_likelihood(problem.likelihood.name, chosen, problem.scales).replicate(force, parameter_values, rng)
+    if other := [i for i, x in enumerate(chosen) if x.file not in {y.file for y in problem.loops}]:
+        unseen = [chosen[i] for i in other]
+        again[:, other] = force[:, other] + problem.likelihood.carried_over(missed, parameter_values, unseen, rng)
+    loop = force + resolved(again - force, chosen)
     scatter = np.stack([x.force_scatter_N for x in chosen])
     u = np.stack([x.displacement_mm for x in chosen])
     slope = problem.model.spring_N_mm(parameter_values)
