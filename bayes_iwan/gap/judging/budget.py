@@ -29,7 +29,7 @@ from bayes_iwan.gap.searching.found import OWN_FORM, Search
 #: half width of a 90 % interval in standard deviations
 NINETY = 1.645
 #: a cause as probable as this is named: a false name costs more than a missed one. A rest is flagged from 0.5 on
-NAMED = 0.7
+NAMED = 0.6
 #: and it must have this probability of its own, however many share its place: else they are said together
 OWN_PROBABILITY = 0.3
 #: names of patterns that stand for no cause: what they remove belongs to the rest

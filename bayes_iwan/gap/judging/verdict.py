@@ -34,6 +34,9 @@ from bayes_iwan.threads import alongside
 
 #: share of the gap that a cause in the base's own form must remove to be named: it always removes some
 LEAST_OWN_FORM = 0.2
+#: an effect that acts on what changes along the record may leave the whole gap larger by this share of it: how near the
+#: least gap two fits come differs by as much
+SPREAD_OF_GAP = 0.1
 #: share that it must remove on tests left out, of all of them or of each one's own gap on the mean
 HOLDS = 0.1
 #: share of a gap, most of which has no name, that an effect must remove alone to be suspected, and how many are said
@@ -75,7 +78,7 @@ def least_share(name: str, gap: float) -> float:
 def falls_short(name: str, share: float, along: float, gap: float) -> bool:
     """Does an effect make too little of the gap to be named? along : share that it removes of what changes along the
     record, 0 for a steady effect; gap : over the friction force."""
-    return share < least_share(name, gap) and (along < LEAST_ALONG or share < -LEAST_SHARE)
+    return share < least_share(name, gap) and (along < LEAST_ALONG or share < -SPREAD_OF_GAP)
 
 
 def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
