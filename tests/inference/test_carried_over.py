@@ -62,7 +62,7 @@ def test_what_is_missed_near_by_moves_and_narrows_and_far_away_does_nothing(prob
     assert near.std() < 0.9 * far.std()
 
 
-def test_higher_harmonics_are_as_large_as_those_of_fitted_tests_and_half_as_large_again(drawn):
+def test_higher_harmonics_are_drawn_anew_and_larger_than_those_of_fitted_tests(drawn):
     _, values, loops, got = drawn("unweighted")
     there = make_likelihood("unweighted", loops[3:], None)
     again = there.replicate(np.zeros((DRAWS, 1, 128)), values, np.random.default_rng(5))

@@ -63,7 +63,7 @@ def test_short_correlation_tends_to_the_squared_form_of_eq_8(problem):
     residuals by Eq. (8) with squares, times one constant for all tests."""
     like = make_problem(problem.loops).likelihood
     assert isinstance(like, Correlated)
-    alone = replace(like, between=(0.8, 0.5, 1.0), first_alone=1.0)
+    alone = replace(like, between=(0.8, 0.5, 1.0))
     angle = 2.0 * np.pi * np.arange(128)[:, None] / 128 * np.arange(1, 9)
     rng = np.random.default_rng(5)
     r = np.stack([np.cos(angle + rng.uniform(0, 7, 8)) @ rng.standard_normal(8) for _ in range(24)])  # harmonics 1 to 8
@@ -141,11 +141,11 @@ def test_correlated_is_a_multivariate_normal(problem, kind):
         size = problem.scales.slip_N * np.sqrt(amplitude / max(amplitude))
     else:
         c, size = harmonics_of(r, 51), friction_level_N(problem.loops)
-    near, first = (np.outer(size, size) * between_tests(problem.loops, x) for x in (like.between, like.between_first))
+    near = np.outer(size, size) * between_tests(problem.loops, like.between)
     noise = np.exp(like.rotation[3])  # (H, tests): of the records, floors included
     total = 0.0
     for h in range(51):
-        cov = 1.3**2 * np.diag(noise[h] ** 2) + spectrum[h] * (first if h == 1 else near)
+        cov = 1.3**2 * np.diag(noise[h] ** 2) + spectrum[h] * near
         total += stats.multivariate_normal.logpdf(c[:, h].real, cov=cov)
         total += stats.multivariate_normal.logpdf(c[:, h].imag, cov=cov) if h else 0.0
     assert like.log_likelihood(r[None], parameter_values)[0] == pytest.approx(total, rel=1e-9)

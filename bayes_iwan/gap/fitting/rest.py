@@ -28,8 +28,8 @@ Between = tuple[float, float, float]
 #: grid of the rest: RMS share of the friction level, and correlation length in cycles
 SHARES = np.geomspace(5e-4, 1.0, 13)
 LENGTHS = np.array([0.03, 0.1])
-#: ways in which the rest of different tests may hang together, the ones of 37 without which most evidence was lost on
-#: sixty sound and faulty cases of the rig (base model alone)
+#: ways in which the rest of different tests may hang together: of 37 those without which most evidence would be lost on
+#: sound and faulty cases of the rig (`analyses/rest_between_tests.py`)
 BETWEEN: tuple[Between, ...] = (
     (0.8, 0.5, 0.3),
     (3.0, 0.25, 0.03),

@@ -17,7 +17,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference.setup.discrepancy import FIRST_ALONE, MEASURED_BETWEEN, Correlated
+from bayes_iwan.inference.setup.discrepancy import MEASURED_BETWEEN, Correlated
 from bayes_iwan.inference.setup.loop_error import paper_weights
 from bayes_iwan.inference.setup.parameters import Parameter
 from bayes_iwan.inference.setup.scales import Scales
@@ -160,7 +160,7 @@ def make_likelihood(kind: str, loops: Sequence[Loop], scales: Scales) -> Likelih
     alike), gaussian or laplace."""
     if kind in ("correlated", "unweighted"):
         weighted = scales if kind == "correlated" else None
-        return Correlated(tuple(loops), weighted, between=MEASURED_BETWEEN, first_alone=FIRST_ALONE, spectrum=ODD_EVEN)
+        return Correlated(tuple(loops), weighted, between=MEASURED_BETWEEN, spectrum=ODD_EVEN)
     if kind == "matern":
         return Correlated(tuple(loops))
     if kind in KINDS:
