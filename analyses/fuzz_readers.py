@@ -237,6 +237,7 @@ def _fits(path: Path) -> Callable[[], object]:
     def fit(more: tuple[str, ...], effects: list[dict]) -> dict[str, object]:
         n = len(names) + len(more)
         sizes = {"share": 0.01, "length": 0.1, "along": 0.3, "spectrum": [1.0, 0.5], "along_spectrum": [0.7]}
+        sizes |= {"between": [3.0, 0.25, 0.03]}
         covariance = (1e-3 * np.eye(n)).tolist()
         return {"effects": effects, "names": [*names, *more], "z": [0.1] * n, "covariance": covariance, **sizes}
 

@@ -168,7 +168,7 @@ def test_fading_friction_shows_along_the_record():
     assert next(x for x in found.of("record") if x.name == "quadrature").significant
     assert not next(x for x in found.of("record") if x.name == "mean").significant
     assert np.all(found.change_N[:, 2] < -0.05)  # less dissipation at the end
-    assert size.along.low_N > 0.0 and size.along.rms_N > size.loop.rms_N
+    assert size.along.low_N > 0.9 * size.loop.rms_N > 0.0
     assert all(rms[0] > rms[2] for rms in size.along_N)
     assert "change along the record" in " ".join(where_sentences(found))
 

@@ -267,6 +267,7 @@ def test_shares_on_unseen_tests_are_found_and_foreign_code_is_not_run_unasked(ma
         scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
     fit = {"effects": [], "names": ["kp_N_mm"], "z": [0.1], "covariance": [[1.0]]}
     fit |= {"share": 0.0, "length": 0.1, "along": 0.1, "spectrum": [1.0], "along_spectrum": [1.0]}
+    fit |= {"between": [0.8, 0.5, 0.3]}
     scales = dict.fromkeys((f.name for f in fields(Scales)), 1.0)
     stored = {"schema": SCHEMA, "effects_file": "mine.py", "simulator_file": None, "config": {}, "scales": scales}
     fits.write_text(json.dumps(stored | {"fits": {"base": fit}}))
