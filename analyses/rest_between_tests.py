@@ -58,12 +58,14 @@ def main() -> None:
         for kind, count in KINDS.items()
         for i in range(max(round(args.cases * count), 1))
     ]
-    log_z = np.array([c["log_evidence"] for c in each(jobs, args.workers, "cases")])
+    cases = list(each(jobs, args.workers, "cases"))
+    log_z = np.array([c["log_evidence"] for c in cases])
     gained = log_z - log_z[:, [WAYS.index(BETWEEN[0])]]
     chosen = [WAYS.index(BETWEEN[0])]
-    print(
-        f"{len(gained)} cases; nats that the best way for each gains over {BETWEEN[0]}: {gained.max(axis=1).sum():.0f}"
-    )
+    print(f"nats that the best way for each case gains over {BETWEEN[0]}: {gained.max(axis=1).sum():.0f}")
+    for kind in KINDS:
+        its = gained[[c["kind"] == kind for c in cases]].max(axis=1)
+        print(f"  {kind}: {len(its)} cases, median {np.median(its):.0f}, most {its.max():.0f}")
     for _ in range(OFFERED):
         chosen.append(max(range(len(WAYS)), key=lambda w: float(gained[:, [*chosen, w]].max(axis=1).sum())))
         best = gained[:, chosen].max(axis=1)

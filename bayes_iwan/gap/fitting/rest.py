@@ -149,12 +149,8 @@ class Rest:
         return {}
 
     def __reduce__(self) -> tuple[type[Rest], tuple[object, ...]]:
-        return Rest, (
-            self.eigen,
-            self.order,
-            self.changing,
-            self.between,
-        )  # without its tables, which are soon made again
+        # without its tables, which are soon made again
+        return Rest, (self.eigen, self.order, self.changing, self.between)
 
     def spectrum(self, residual: Array, sizes: Sizes) -> tuple[Array, Array]:
         """Geometric posterior mean of every λ, (sizes, lambdas), given the residuals at several sizes (sizes, m), and

@@ -37,8 +37,7 @@ MEASURED_BETWEEN = (1.5, 0.25, 0.3)
 #: of the misfit on tests that were not fitted: the share that each has to itself in the first harmonic over that in the
 #: others, and the variance of the higher harmonics over that on fitted tests. Chosen, so that 90 % bands of left-out
 #: frequencies hold 90 % of points, energies and stiffnesses, on 44 sound specimens of the rig (seeds 19 and 21 of
-#: `analyses/predict_untested.py`). In the fit itself so little of its own for each test would widen the intervals by a
-#: half and hold no more
+#: `analyses/predict_untested.py`)
 FIRST_ALONE, UNSEEN = 0.1, 1.7
 
 
