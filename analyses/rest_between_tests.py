@@ -5,8 +5,8 @@
 Cases are drawn on the virtual rig: sound ones, single effects, foreign causes, both. The base model is fitted to each
 beside a rest that hangs together in one way only, for 37 ways: lengths of its correlation in ln f and ln A, and the
 share that each test has to itself. Printed: the ways that gain most when they are offered one after the other, beside
-the first (`bayes_iwan.gap.fitting.rest.BETWEEN` has six of them), and what they fall short of the best way for each
-case. An interrupted run goes on.
+the first (that and the five that follow are `bayes_iwan.gap.fitting.rest.BETWEEN`), and by how much a case is short of
+its best way. An interrupted run goes on.
 """
 
 from __future__ import annotations
