@@ -44,12 +44,11 @@ from bayes_iwan.gap.judging.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
     REST_FIGURES,
-    UNJUDGED,
     Calibration,
     calibration,
     effect_figures,
 )
-from bayes_iwan.gap.judging.guards import Figures
+from bayes_iwan.gap.judging.guards import UNJUDGED, Figures
 from bayes_iwan.gap.judging.verdict import helping, named_by
 from bayes_iwan.gap.judging.weighing import Weighed, weighed
 from bayes_iwan.gap.searching.found import OWN_FORM
@@ -101,7 +100,7 @@ def named_shares(found: Weighed, unseen: Sequence[Record]) -> dict[str, dict[str
             "low": share[n].low,
             "high": share[n].high,
             "left_out": left[n].value if n in predict and n in left else float("nan"),
-            "found": of[HELD_OUT][n].value if n in predict else float("nan"),
+            "found": of[HELD_OUT][n].value if n in predict and n in of[HELD_OUT] else float("nan"),
         }
         for n in named
     }
@@ -110,7 +109,7 @@ def named_shares(found: Weighed, unseen: Sequence[Record]) -> dict[str, dict[str
 def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     """One case: drawn, run, searched and weighed."""
     rng = np.random.default_rng([shared["seed"], index])
-    case = rig_cases.draw_case(rng, laws=shared["laws"])
+    case = rig_cases.draw_case(rng, shared["kind"], laws=shared["laws"])
     given, unseen = rig_cases.simulate(case)
     records = [r for r in given if r.role != "held-out"]
     if shared["records"] is not None:
@@ -143,7 +142,9 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     }
 
 
-def run_study(cases: int, seed: int, laws: str, records: int | None, out: Path, workers: int) -> None:
+def run_study(
+    cases: int, seed: int, kind: str | None, laws: str, records: int | None, out: Path, workers: int
+) -> None:
     out.mkdir(parents=True, exist_ok=True)
     wanted = {out / f"{seed}_{i:04d}.json": i for i in range(cases)}
     pieces = {str(path): i for path, i in wanted.items() if not path.is_file()}
@@ -151,7 +152,7 @@ def run_study(cases: int, seed: int, laws: str, records: int | None, out: Path, 
         for path, result in finished(
             pieces,
             study,
-            {"seed": seed, "laws": laws, "records": records},
+            {"seed": seed, "kind": kind, "laws": laws, "records": records},
             executor=executor,
             what="cases",
             unit="case",
@@ -298,6 +299,7 @@ def main() -> None:
     one = below.add_parser("study")
     one.add_argument("--cases", type=int, default=200)
     one.add_argument("--seed", type=int, default=71)
+    one.add_argument("--kind", choices=rig_cases.KINDS, help="of every case (drawn as their shares say)")
     one.add_argument("--laws", choices=("catalogue", "other", "all"), default="other")
     one.add_argument("--records", type=int, help="of each case only so many tests are seen, its largest (all)")
     one.add_argument("--out", type=Path, default=Path("runs/study"))
@@ -313,7 +315,7 @@ def main() -> None:
     four.add_argument("files", nargs="+", type=Path)
     args = parser.parse_args()
     if args.what == "study":
-        run_study(args.cases, args.seed, args.laws, args.records, args.out, args.workers)
+        run_study(args.cases, args.seed, args.kind, args.laws, args.records, args.out, args.workers)
         return
     cases = [json.loads(p.read_text()) for p in args.files]
     if args.what == "unjudged":

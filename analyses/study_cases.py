@@ -115,6 +115,7 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         if kind == "known_beside_outside":
             for n in listed:
                 count("known beside unknown: known named", n in named)
+                count("known beside unknown: known named or in a set", n in named | apart)
                 part = "a quarter of the gap or more" if case["true_share"][n] >= QUARTER else "less of the gap"
                 count(f"known beside unknown: known that makes {part} named", n in named)
                 if n in clear:

@@ -12,14 +12,13 @@ from bayes_iwan.gap.judging.calibration import (
     EFFECT_FIGURES,
     REST_FIGURES,
     SUREST,
-    UNJUDGED,
     Calibration,
     calibration,
     effect_figures,
     from_json,
     rest_figures,
 )
-from bayes_iwan.gap.judging.guards import Figures, borne_out, companion
+from bayes_iwan.gap.judging.guards import UNJUDGED, Figures, borne_out, companion
 from bayes_iwan.gap.judging.verdict import falls_short, named_by, one_of
 from bayes_iwan.gap.judging.weighing import LEAST_ALONG, _removing
 from bayes_iwan.gap.searching.base import USUAL_GAP, gap_rms_N, newton_nats, quick_gap_N
@@ -153,13 +152,19 @@ def test_a_name_needs_a_probability_of_its_own_and_many_are_said_together(tied, 
         assert said[0].share == f.fitted
 
 
-def test_what_does_not_hold_on_tests_left_out_is_not_named():
+def test_what_does_not_hold_on_tests_left_out_needs_more_for_its_name():
     c = calibration()
-    sure = replace(CLEAR, rivals={CLEAR.name: 0.0}, gain=1e4)
-    assert named_by([sure], c) == (CLEAR.name,)
-    idle = replace(sure, by_test=0.02, unseen=0.01, fitted=1.0)
-    assert c.contributes(idle) > 0.7 and named_by([idle], c) == ()
-    assert named_by([replace(idle, unseen=0.5)], c) == (CLEAR.name,)  # it holds where the gap is
+    holds = replace(CLEAR, rivals={CLEAR.name: 0.0}, gain=20.0, fitted=0.3, by_test=0.3)
+    assert named_by([holds], c) == (CLEAR.name,)
+    idle = replace(holds, by_test=-0.1)
+    assert named_by([idle], c) == ()
+    assert named_by([replace(idle, gain=2000.0)], c) == (CLEAR.name,)
+
+
+def test_evidence_counts_more_beside_a_gap_that_no_sound_specimen_has():
+    """The same nats, once where the gap is as large as a sound specimen's, once ten times that."""
+    sound, large = (effect_figures(replace(CLEAR, gap=k * USUAL_GAP))[0] for k in (1.0, 10.0))
+    assert large / sound == pytest.approx(np.log(11.0) / np.log(2.0))
 
 
 def test_what_nothing_of_the_catalogue_fills_is_not_said_to_be_one_of_it():

@@ -5,9 +5,11 @@ import pytest
 
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.effects.along_record import MainsHum
+from bayes_iwan.effects.channels import ForceClipping
 from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.fitting.evidence import extended
-from bayes_iwan.gap.fitting.leave_out import Unseen, for_loops, halves, refitted
+from bayes_iwan.gap.fitting.evidence import base_problem, extended, fit_model
+from bayes_iwan.gap.fitting.leave_out import Unseen, for_loops, halves, left_out, refitted
+from bayes_iwan.gap.judging.budget import unseen_shares
 
 
 def test_groups_are_tests_of_one_frequency_or_amplitude(kit):
@@ -49,10 +51,41 @@ def test_hums_numbers_go_with_their_tests(kit):
     assert hums == [f"mains_hum.{p}[{f}]" for p in ("cosine", "sine") for f in files[1:3]]
 
 
+POWER = {frozenset(): np.array([100.0, 1.0, 1.0]), frozenset("a"): np.array([100.0, 0.25, 4.0])}
+
+
 def test_shares_test_by_test_count_each_test_alike():
-    power = {frozenset(): np.array([100.0, 1.0, 1.0]), frozenset("a"): np.array([100.0, 0.25, 4.0])}
     along = {frozenset(): np.array([0.0, 1.0, 4.0]), frozenset("a"): np.array([0.0, 0.0, 1.0])}
-    unseen = Unseen("one frequency left out", ("x", "y", "z"), power, along)
-    assert unseen.by_test((), "a") == pytest.approx((0.0 + 0.5 - 0.5) / 3.0)
+    told = {frozenset("a"): {"a": np.array([True, True, False])}}
+    unseen = Unseen("one frequency left out", ("x", "y", "z"), POWER, along, told)
+    np.testing.assert_allclose(unseen.by_test((), "a"), [0.0, 0.5, -0.5])
     assert unseen.shrink((), "a") == pytest.approx(1.0 - np.sqrt(104.25 / 102.0))
-    assert unseen.by_test((), "a", along=True) == pytest.approx((0.0 + 1.0 + 0.5) / 3.0)
+    np.testing.assert_allclose(unseen.by_test((), "a", along=True), [0.0, 1.0, 0.5])
+    assert unseen.tells("a", "a").tolist() == [True, True, False]
+    assert unseen.tells("a", "b").all(), "numbers of single tests have no strength to be told"
+
+
+def test_share_on_tests_left_out_is_asked_where_the_others_tell_the_strength():
+    """Of the first two of three tests alone, and of none where no test is told."""
+    for told, share in (([True, True, False], 1.0 - np.sqrt(100.25 / 101.0)), ([False] * 3, None)):
+        unseen = Unseen("held-out tests", ("x", "y", "z"), POWER, POWER, {frozenset("a"): {"a": np.array(told)}})
+        found = unseen_shares("a", [unseen])
+        assert found == {} if share is None else found["a"].value == pytest.approx(share)
+
+
+def test_a_strength_that_the_other_tests_do_not_tell_is_not_judged_by_them(kit):
+    """A force sensor that saturates in the largest test alone: without that test its limit is a guess, which no longer
+    counts against it; with the test, the limit is told."""
+
+    def clipped(frequency, amplitude, samples):
+        force = kit.specimen_force(frequency, amplitude, samples)
+        return np.clip(force, -limit_N, limit_N)
+
+    limit_N = 0.93 * np.abs(kit.specimen_force(8.0, 0.9, 160)).max()
+    tests = [(8.0, 0.3), (8.0, 0.5), (8.0, 0.9)]
+    data = gap_data(kit.made_up(clipped, tests, noise_N=0.005).loops(**kit.small))
+    base = base_problem(data, kit.settings, kit.scales)
+    problem = extended(base, [ForceClipping(kit.scales)])
+    (unseen,) = left_out([fit_model(data, problem, np.zeros((1, problem.ndim)))], data)
+    assert unseen.files == tuple(f"t{i}.csv" for i in range(3))
+    assert unseen.tells({"force_clipping"}, "force_clipping").tolist() == [True, True, False]

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
@@ -23,6 +24,9 @@ from bayes_iwan.threads import alongside
 #: iterations of a refit that starts at the optimum of all tests
 ITERATIONS = 8
 HELD_OUT = "held-out tests"
+#: variance of an effect's strength over the prior's above which the fitted tests do not tell it: what it would do on
+#: others is a guess (a sensor that saturates at the largest amplitude alone, seen from the smaller ones)
+UNTOLD = 0.5
 _BY = {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}
 
 
@@ -33,12 +37,15 @@ class Unseen:
     by : "one frequency left out", "one amplitude left out" or "held-out tests"; files (n,) of these tests
     power_N2 : by set of effects, (n,) squared gap of each test, noise taken off (may be negative)
     along_N2 : the same of its part that changes along the record
+    told : by set of effects and effect, (n,) did the fitted tests tell its strength? Where its parameters belong to
+        single tests it is not there
     """
 
     by: str
     files: tuple[str, ...]
     power_N2: dict[frozenset[str], Array]
     along_N2: dict[frozenset[str], Array]
+    told: dict[frozenset[str], dict[str, NDArray[np.bool_]]]
 
     def gap_N(self, names: Iterable[str]) -> float:
         """RMS gap over these tests with a set of effects in the model."""
@@ -49,13 +56,17 @@ class Unseen:
         before, after = self.gap_N(smaller), self.gap_N(larger)
         return float(np.clip(1.0 - after / before, -1.0, 1.0)) if before > 0.0 else float("nan")
 
-    def by_test(self, smaller: Iterable[str], larger: Iterable[str], along: bool = False) -> float:
-        """Mean over the tests of 1 − gap with the larger set / gap with the smaller one, each in −1 … 1: one test with
-        a large gap of another cause does not decide. along : of the part that changes along the record alone."""
+    def by_test(self, smaller: Iterable[str], larger: Iterable[str], along: bool = False) -> Array:
+        """(n,) 1 − gap with the larger set / gap with the smaller one, test by test, each in −1 … 1, so that one test
+        with a large gap of another cause does not decide. along : of the part that changes along the record alone."""
         power_N2 = self.along_N2 if along else self.power_N2
         before, after = (np.sqrt(np.maximum(power_N2[frozenset(k)], 0.0)) for k in (smaller, larger))
         top = np.maximum(before, after)
-        return float(np.mean(np.where(top > 0.0, (before - after) / np.maximum(top, 1e-300), 0.0)))
+        return np.asarray(np.where(top > 0.0, (before - after) / np.maximum(top, 1e-300), 0.0))
+
+    def tells(self, names: Iterable[str], name: str) -> NDArray[np.bool_]:
+        """(n,) was the strength of one of these effects told by the tests that the set was fitted to?"""
+        return self.told[frozenset(names)].get(name, np.ones(len(self.files), bool))
 
 
 def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem:
@@ -89,16 +100,16 @@ def left_out(fits: Sequence[Fit], data: GapData, held_out: Sequence[Loop] = ()) 
     out = []
     if held_out:
         other = gap_data(held_out)
-        missed = {f.names: _missed_N2(f, other) for f in fits}
-        out.append(_unseen(HELD_OUT, [x.file for x in held_out], missed))
+        once = {f.names: [_missed(f, other)] for f in fits}
+        out.append(_unseen(HELD_OUT, [x.file for x in held_out], once))
     for by, parts in parted(data).items():
         both = [(data.part([i for i in range(data.tests) if i not in part]), data.part(part)) for part in parts]
         pieces = [(fit, rest, left) for rest, left in both for fit in fits]
-        found: dict[frozenset[str], list[Array]] = {f.names: [] for f in fits}
-        for (fit, _, _), missed_N2 in zip(pieces, alongside(_refit_missed_N2, pieces)):
-            found[fit.names].append(missed_N2)
+        found: dict[frozenset[str], list[_Missed]] = {f.names: [] for f in fits}
+        for (fit, _, _), missed in zip(pieces, alongside(_refit_missed, pieces)):
+            found[fit.names].append(missed)
         files = [data.loops[i].file for part in parts for i in part]
-        out.append(_unseen(f"one {by} left out", files, {k: np.concatenate(v, axis=1) for k, v in found.items()}))
+        out.append(_unseen(f"one {by} left out", files, found))
     return tuple(out)
 
 
@@ -108,20 +119,32 @@ def parted(data: GapData) -> dict[str, list[list[int]]]:
     return {by: parts for by, parts in out.items() if len(parts) > 1}
 
 
-def _unseen(by: str, files: Sequence[str], missed_N2: dict[frozenset[str], Array]) -> Unseen:
-    return Unseen(by, tuple(files), {k: v[0] for k, v in missed_N2.items()}, {k: v[1] for k, v in missed_N2.items()})
+#: (2, n) squared gaps of tests that a fit has not seen, and their parts along the record; its strengths that are told
+_Missed = tuple[Array, dict[str, bool]]
 
 
-def _refit_missed_N2(piece: tuple[Fit, GapData, GapData]) -> Array:
-    """See :func:`_missed_N2`, of a fit to the rest of the tests on those left out."""
+def _unseen(by: str, files: Sequence[str], missed: dict[frozenset[str], list[_Missed]]) -> Unseen:
+    """What several fits of each set miss, each on tests of its own, one after another."""
+    power_N2 = {k: np.concatenate([gaps for gaps, _ in parts], axis=1) for k, parts in missed.items()}
+    told = {
+        k: {name: np.concatenate([np.full(gaps.shape[1], t[name]) for gaps, t in parts]) for name in parts[0][1]}
+        for k, parts in missed.items()
+    }
+    return Unseen(by, tuple(files), {k: v[0] for k, v in power_N2.items()}, {k: v[1] for k, v in power_N2.items()}, told)
+
+
+def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> _Missed:
+    """See :func:`_missed`, of a fit to the rest of the tests on those left out."""
     fit, rest, left = piece
-    return _missed_N2(refitted(fit, rest), left)
+    return _missed(refitted(fit, rest), left)
 
 
-def _missed_N2(fit: Fit, data: GapData) -> Array:
-    """(2, n) squared gaps on tests that it was not fitted to, and their parts that change along the record."""
+def _missed(fit: Fit, data: GapData) -> _Missed:
+    """What it misses on tests that it was not fitted to."""
     residual = residual_of(data, fit, refitted=False)
-    return np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))])
+    variance = dict(zip(fit.problem.names, np.diag(fit.covariance)))
+    told = {e.name: bool(variance[e.strength_name] <= UNTOLD) for e in fit.effects if e.strength_name in variance}
+    return np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))]), told
 
 
 def halves(data: GapData) -> list[tuple[list[int], list[int]]]:

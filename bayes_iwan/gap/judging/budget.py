@@ -67,7 +67,8 @@ class Cause:
     """A named effect: how probable, which share of the gap it removes, and what it cannot be told from.
 
     share : on the fitted tests; held_out : on whole frequencies and amplitudes left out of the fit (or on held-out
-    tests, as `held_out_by` says); None where no other test can judge it, its parameters belonging to single records
+    tests, as `held_out_by` says) whose fit tells its strength; None where no other test can judge it: its parameters
+    belong to single records, or no other test tells its strength
     along : share that it removes of what changes along the record, where that is what it acts on
     """
 
@@ -233,12 +234,18 @@ def rest_share(names: Iterable[str], sizes: Mapping[frozenset[str], GapSize]) ->
 
 
 def unseen_shares(names: Iterable[str], unseen: Iterable[Unseen]) -> dict[str, Share]:
-    """The same on tests left out: the mean over what was left out, jackknifed over tests."""
+    """The same on tests left out: the mean over what was left out, jackknifed over tests; each effect on those tests
+    alone whose fit tells its strength, and not there where none does."""
     names = frozenset(names)
-    found = [_with_intervals(names, u.power_N2, len(u.files), {}) for u in unseen]
+    found: dict[str, list[Share]] = {}
+    for u in unseen:
+        for name in names:
+            kept = u.tells(names, name)
+            if kept.any():
+                power_N2 = {k: p[kept] for k, p in u.power_N2.items()}
+                found.setdefault(name, []).append(_with_intervals(names, power_N2, int(kept.sum()), {})[name])
     out = {}
-    for name in names:
-        some = [f[name] for f in found]
+    for name, some in found.items():
         width = float(np.sqrt(np.mean([(0.5 * (s.high - s.low)) ** 2 for s in some])))
         value = float(np.mean([s.value for s in some]))
         out[name] = Share(value, max(value - width, -1.0), min(value + width, 1.0))

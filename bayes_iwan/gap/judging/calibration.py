@@ -17,15 +17,12 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
-from bayes_iwan.gap.judging.guards import Figures
+from bayes_iwan.gap.judging.guards import UNJUDGED, Figures
 from bayes_iwan.gap.searching.base import USUAL_GAP
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
 #: nats up to which evidence counts in full; beyond, by its logarithm
 LINEAR_NATS = 30.0
-#: share of what an effect removes that counts as removed on tests left out where none can be: by cases of one record
-#: each (`calibrate_diagnosis.py unjudged`)
-UNJUDGED = 0.3
 #: no answer claims more
 SUREST = 0.99
 #: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
@@ -78,10 +75,11 @@ class Calibration:
 
 
 def effect_figures(f: Figures) -> Array:
-    """(4,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES: its evidence, the share
-    of the gap that it removes, what it removes on tests left out (the mean over the tests; UNJUDGED of what it removes
+    """(4,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES: its evidence, which
+    counts the more the larger the gap beside a sound specimen's (what merely absorbs finds next to nothing there but
+    that), the share of the gap that it removes, what it removes on tests left out (the mean over the tests; UNJUDGED of what it removes
     where none can be left out), the steadiness of its strength."""
-    gain = np.log1p(max(f.gain, 0.0) / LINEAR_NATS)
+    gain = np.log1p(max(f.gain, 0.0) / LINEAR_NATS) * np.log1p(f.gap / USUAL_GAP)
     return np.array([gain, f.fitted, f.by_test * (1.0 if f.judged else UNJUDGED), -min(f.differs, 5.0)])
 
 

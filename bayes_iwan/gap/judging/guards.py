@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from bayes_iwan.effects.base import Effect
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import moved_shares
@@ -28,6 +29,9 @@ from bayes_iwan.threads import alongside
 LOOSE = 0.2
 #: a rival beside which an effect still gains this share of its nats, and WORTH_NATS, does not stand in for it: both act
 COMPANION = 0.5
+#: share of what an effect removes that counts as removed on tests left out where none can be: by cases of one record
+#: each (`calibrate_diagnosis.py unjudged`)
+UNJUDGED = 0.3
 #: nats that a rival may be behind for each share of the base's gap that it leaves more: evidence counts every harmonic
 #: by its noise, and between two laws that are both a little off it counts differences that no newton bears out
 NATS_OF_GAP = 600.0
@@ -44,8 +48,9 @@ class Figures:
         share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
         fitted one where no test can judge it)
     by_test : the mean over tests left out of the share of each one's gap that it removes, or of the part that changes
-        along the record where that is what it acts on (where no test can judge it: the share that it removes of what
-        all others leave of that part)
+        along the record where that is what it acts on; UNJUDGED of what it removes of the fitted tests where the others
+        do not tell its strength (where no test can judge it: the share that it removes of what all others leave of that
+        part)
     differs : by how many standard deviations its strength differs between halves of the tests (larger split)
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
@@ -124,7 +129,7 @@ def guard_figures(
                 rivals,
                 fitted,
                 _mean([u.shrink(*last) for u in unseen], fitted) if predicts else fitted,
-                _mean([u.by_test(*last, along=effect.evolving) for u in unseen], acted) if predicts else acted,
+                _mean([_by_test(u, *last, effect, acted) for u in unseen], acted) if predicts else acted,
                 differs.get(name, 0.0),
                 moved[name],
                 parts[less.names][0] / level,
@@ -182,6 +187,13 @@ def borne_out(nats: float, more: float, alike: bool) -> float:
     if nats >= 0.0:
         return 0.0 if alike and nats < TIED_NATS else nats
     return max(nats, -NATS_OF_GAP * max(more, 0.0))
+
+
+def _by_test(unseen: Unseen, less: frozenset[str], whole: frozenset[str], effect: Effect, acted: float) -> float:
+    """Mean over the tests left out of what an effect removes there, UNJUDGED of what it removes of the fitted ones
+    where the others do not tell its strength."""
+    found = unseen.by_test(less, whole, along=effect.evolving)
+    return float(np.mean(np.where(unseen.tells(whole, effect.name), found, UNJUDGED * acted)))
 
 
 def _mean(values: Sequence[float], otherwise: float) -> float:

@@ -37,21 +37,17 @@ LEAST_OWN_FORM = 0.2
 #: an effect that acts on what changes along the record may leave the whole gap larger by this share of it: how near the
 #: least gap two fits come differs by as much
 SPREAD_OF_GAP = 0.1
-#: share that it must remove on tests left out, of all of them or of each one's own gap on the mean
-HOLDS = 0.1
 #: share of a gap, most of which has no name, that an effect must remove alone to be suspected, and how many are said
 SUSPECT, SUSPECTS_MOST = 0.5, 6
 
 
 def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
-    """Effects that probably contribute: the likeliest rival of each place where probably something does, where it holds
-    on tests left out."""
+    """Effects that probably contribute: the likeliest rival of each place where probably something does."""
     out = []
     for f in given:
         among = c.among(f)
         own = c.contributes(f) * among[f.name]
-        holds = max(f.by_test, f.unseen) >= min(HOLDS, f.fitted)  # both are as fitted where no other test can judge it
-        if f.name not in NO_CAUSE and own >= max(NAMED * max(among.values()), OWN_PROBABILITY) and holds:
+        if f.name not in NO_CAUSE and own >= max(NAMED * max(among.values()), OWN_PROBABILITY):
             out.append(f.name)
     return tuple(out)
 
@@ -161,9 +157,9 @@ def _causes(
             for n, v in sorted(f.rivals.items(), key=lambda nv: -nv[1])
             if n != f.name and n not in NO_CAUSE and v > -c.apart
         )
-        by = " and ".join(dict.fromkeys(u.by for u in judges)) if predicts else ""
         off = c.law_sd(share[f.name].value)
         held = predicted[f.name].widened(off) if predicts and f.name in predicted else None
+        by = " and ".join(dict.fromkeys(u.by for u in judges)) if held is not None else ""
         law = str(getattr(effect, "law", ""))
         said = share[f.name].widened(off)
         out.append(Cause(f.name, law, probabilities[f.name], said, held, by, apart, f, along.get(f.name)))

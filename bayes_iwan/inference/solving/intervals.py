@@ -6,8 +6,8 @@ moves towards the bent form's, the widths are theirs, and how far the two are ap
 disagree, the between-test variance (:mod:`.jackknife`), is seen without that. And some numbers are not reached by any
 loop: elements that slip within the finest step that the trusted harmonics resolve after a reversal, and elements that
 never slip at the largest amplitude, are extrapolated by the family of slip forces alone. Of the elements that slip
-before anything is resolved there is taken to be a share that is known no better than to itself, half as large as if the
-first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it goes
+before anything is resolved there is taken to be a share that is known no better than to itself, a third as large as if
+the first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it goes
 into k(1) and into the slip forces' quantiles. And no smooth family is nature's: wherever loops reach, the share of the
 elements below a slip force is off, by about the same at every quantile, and :data:`ROUGHNESS` of it goes into the
 quantiles, too. Both were chosen on 120 specimens of the virtual rig and counted on others; how far the share is off is
@@ -15,7 +15,8 @@ told as well (analyses/coverage_rig.py).
 
 Tests of one amplitude share much of their misfit (its correlation over frequency is 0.68 on the rig, over amplitude
 0.08), so leaving one of them out understates how far all of them may be off. The jackknife's standard deviation is
-multiplied by :data:`SHARED` for it.
+multiplied by :data:`SHARED` for it, and by :data:`SHARED_OF_TEST` where a number belongs to one test, whose own loop
+tells most of it.
 
 T tests give the between-test variance T − 1 degrees of freedom; Student's quantiles for the sum follow Welch (1947) and
 Satterthwaite (1946). Where all draws are positive, all this is done with logarithms.
@@ -42,10 +43,12 @@ from bayes_iwan.physics import Model
 #: factor of the jackknife's standard deviation, chosen on 24 other specimens. n tests correlated
 #: by ρ would need √((1 + (n − 1)ρ)/(1 − ρ)): 2.3 for two, 2.7 for three of one amplitude, 1 for independent ones
 SHARED = 2.0
+#: the same factor for a number of a single test (its energy): chosen on 100 specimens of seed 3301
+SHARED_OF_TEST = 1.5
 #: standard deviation of the share of the elements below a slip force, for nature's slip forces are of no smooth family
 ROUGHNESS = 0.007
-#: share of the elements that may lie below the finest step where that reaches their lower quartile: half a quarter
-_UNRESOLVED = 0.125
+#: share of the elements that may lie below the finest step where that reaches their lower quartile: a third of a quarter
+_UNRESOLVED = 1.0 / 12.0
 #: step of the central differences, in prior standard deviations
 _STEP = 1e-4
 #: a larger share of unresolved elements is said beside the numbers that depend on it
@@ -123,7 +126,7 @@ class Widening:
 class Reach:
     """What the loops of a campaign reach: slip forces from lowest_N to highest_N, steps from step_mm on.
 
-    share : of the elements that may lie below lowest_N, half of what it were if the first quarter of all were evenly
+    share : of the elements that may lie below lowest_N, a third of what it were if the first quarter of all were evenly
     spread; amplitudes_mm : of the tests.
     """
 
@@ -223,7 +226,8 @@ def _judged(problem: Problem, z: Array, loops: Sequence[Loop] | None) -> dict[st
         relative = bool(np.all(quantity.values > 0.0))
         x = np.log(quantity.values) if relative else quantity.values
         sd = float(np.linalg.norm(root.T @ (x[1 : n + 1] - x[n + 1 : 2 * n + 1]) / (2.0 * _STEP)))
-        between = SHARED * float(np.sqrt(jackknife_variance(x[2 * n + 1 :]))) if tests > 1 else float("nan")
+        shared = SHARED_OF_TEST if name.endswith("]") else SHARED
+        between = shared * float(np.sqrt(jackknife_variance(x[2 * n + 1 :]))) if tests > 1 else float("nan")
         out[name] = _Judged(float(x[0]), sd, between, relative)
     return out
 
