@@ -142,9 +142,7 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
     }
 
 
-def run_study(
-    cases: int, seed: int, kind: str | None, laws: str, records: int | None, out: Path, workers: int
-) -> None:
+def run_study(cases: int, seed: int, kind: str | None, laws: str, records: int | None, out: Path, workers: int) -> None:
     out.mkdir(parents=True, exist_ok=True)
     wanted = {out / f"{seed}_{i:04d}.json": i for i in range(cases)}
     pieces = {str(path): i for path, i in wanted.items() if not path.is_file()}

@@ -125,12 +125,13 @@ _Missed = tuple[Array, dict[str, bool]]
 
 def _unseen(by: str, files: Sequence[str], missed: dict[frozenset[str], list[_Missed]]) -> Unseen:
     """What several fits of each set miss, each on tests of its own, one after another."""
-    power_N2 = {k: np.concatenate([gaps for gaps, _ in parts], axis=1) for k, parts in missed.items()}
+    gaps_N2 = {k: np.concatenate([gaps for gaps, _ in parts], axis=1) for k, parts in missed.items()}
     told = {
         k: {name: np.concatenate([np.full(gaps.shape[1], t[name]) for gaps, t in parts]) for name in parts[0][1]}
         for k, parts in missed.items()
     }
-    return Unseen(by, tuple(files), {k: v[0] for k, v in power_N2.items()}, {k: v[1] for k, v in power_N2.items()}, told)
+    whole, along = ({k: v[i] for k, v in gaps_N2.items()} for i in range(2))
+    return Unseen(by, tuple(files), whole, along, told)
 
 
 def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> _Missed:

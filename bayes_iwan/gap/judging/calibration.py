@@ -75,10 +75,13 @@ class Calibration:
 
 
 def effect_figures(f: Figures) -> Array:
-    """(4,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES: its evidence, which
-    counts the more the larger the gap beside a sound specimen's (what merely absorbs finds next to nothing there but
-    that), the share of the gap that it removes, what it removes on tests left out (the mean over the tests; UNJUDGED of what it removes
-    where none can be left out), the steadiness of its strength."""
+    """(4,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES.
+
+    Its evidence counts the more, the larger the gap is beside a sound specimen's: what merely absorbs finds little more
+    to take than such a specimen's difference from the model. Then the share of the gap that it removes, what it removes
+    on tests left out (the mean over the tests; UNJUDGED of what it removes where none can be left out), the steadiness
+    of its strength.
+    """
     gain = np.log1p(max(f.gain, 0.0) / LINEAR_NATS) * np.log1p(f.gap / USUAL_GAP)
     return np.array([gain, f.fitted, f.by_test * (1.0 if f.judged else UNJUDGED), -min(f.differs, 5.0)])
 

@@ -7,11 +7,11 @@ disagree, the between-test variance (:mod:`.jackknife`), is seen without that. A
 loop: elements that slip within the finest step that the trusted harmonics resolve after a reversal, and elements that
 never slip at the largest amplitude, are extrapolated by the family of slip forces alone. Of the elements that slip
 before anything is resolved there is taken to be a share that is known no better than to itself, a third as large as if
-the first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it goes
-into k(1) and into the slip forces' quantiles. And no smooth family is nature's: wherever loops reach, the share of the
-elements below a slip force is off, by about the same at every quantile, and :data:`ROUGHNESS` of it goes into the
-quantiles, too. Both were chosen on 120 specimens of the virtual rig and counted on others; how far the share is off is
-told as well (analyses/coverage_rig.py).
+the first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it
+goes into k(1) and into the slip forces' quantiles. And no smooth family is nature's: wherever loops reach, the share of
+the elements below a slip force is off, by about the same at every quantile, and :data:`ROUGHNESS` of it goes into the
+quantiles, too. Both were chosen on some 100 specimens of the virtual rig each and counted on others; how far the share
+is off is told as well (analyses/coverage_rig.py).
 
 Tests of one amplitude share much of their misfit (its correlation over frequency is 0.68 on the rig, over amplitude
 0.08), so leaving one of them out understates how far all of them may be off. The jackknife's standard deviation is
@@ -47,7 +47,7 @@ SHARED = 2.0
 SHARED_OF_TEST = 1.5
 #: standard deviation of the share of the elements below a slip force, for nature's slip forces are of no smooth family
 ROUGHNESS = 0.007
-#: share of the elements that may lie below the finest step where that reaches their lower quartile: a third of a quarter
+#: share of the elements that may lie below the finest step where that reaches their lower quartile: a third of 1/4
 _UNRESOLVED = 1.0 / 12.0
 #: step of the central differences, in prior standard deviations
 _STEP = 1e-4
