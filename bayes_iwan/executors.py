@@ -13,6 +13,7 @@ from __future__ import annotations
 import importlib
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -288,9 +289,14 @@ class _Sent:
 _here: dict[int, Any] = {}
 
 
-def _receive(key: int, value: Any) -> None:
+def _receive(key: int, packed: bytes) -> None:
     _here.clear()
-    _here[key] = value
+    _here[key] = pickle.loads(packed)
+
+
+def _unpacked(packed: bytes) -> Any:
+    fn, args, kwargs = pickle.loads(packed)
+    return fn(*args, **kwargs)
 
 
 def _begin(alive: Connection, needs: Sequence[str]) -> None:
@@ -312,6 +318,20 @@ def _ready() -> None:
     """Nothing: whoever can call it has imported the package."""
 
 
+def _packed(value: Any) -> bytes | Exception:
+    """As it travels, or why it cannot, which whoever waits for the result is told."""
+    try:
+        return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
+    except Exception as error:
+        return error
+
+
+def _travels(packed: bytes | Exception) -> bytes:
+    if isinstance(packed, Exception):
+        raise packed
+    return packed
+
+
 class _Slot(threading.local):
     """One spawned process, and what was sent to it; each thread of `Processes` has its own."""
 
@@ -323,7 +343,8 @@ class Processes(ThreadPoolExecutor):
     """`count` spawned processes; one that dies takes only its own piece with it, which is tried once more.
 
     Each is a process pool of one that a thread of its own feeds. Spawned, not forked: compiled parallel code in this
-    process would kill forked ones.
+    process would kill forked ones. What travels is packed by whoever sends it, before this process goes on: a thread of
+    a pool would pack objects that are being worked on here.
     """
 
     def __init__(self, count: int, needs: Sequence[str] = (), at_once: bool = True) -> None:
@@ -333,37 +354,38 @@ class Processes(ThreadPoolExecutor):
         self._read, self._write = self._context.Pipe(duplex=False)
         self._slot = _Slot()
         self._pools: list[ProcessPoolExecutor] = []
-        self._values: list[Any] = []
+        self._packed: list[bytes | Exception] = []
         for _ in range(count if at_once else 0):  # they import what they need while this process prepares their pieces
             self.submit(_ready)
 
     def send(self, value: Any) -> _Sent:
         """A ticket that stands for `value` in calls; the value goes to each process once."""
-        self._values.append(value)
-        return _Sent(len(self._values) - 1)
+        self._packed.append(_packed(value))
+        return _Sent(len(self._packed) - 1)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
-        return super().submit(self._in_process, fn, args, kwargs)
+        tickets = [a for a in args if isinstance(a, _Sent)]
+        return super().submit(self._in_process, _packed((fn, args, kwargs)), tickets)
 
-    def _in_process(self, fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    def _in_process(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> Any:
         try:
-            return self._try(fn, args, kwargs)
+            return self._try(packed, tickets)
         except BrokenExecutor:
             if self._write.closed:
                 raise
-            return self._try(fn, args, kwargs)
+            return self._try(packed, tickets)
 
-    def _try(self, fn: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    def _try(self, packed: bytes | Exception, tickets: Sequence[_Sent]) -> Any:
         slot = self._slot
         if slot.pool is None:
             slot.pool = ProcessPoolExecutor(1, self._context, initializer=_begin, initargs=(self._read, self._needs))
             slot.key = None
             self._pools.append(slot.pool)
         try:
-            for sent in (a for a in args if isinstance(a, _Sent) and a.key != slot.key):
-                slot.pool.submit(_receive, sent.key, self._values[sent.key]).result()
+            for sent in (t for t in tickets if t.key != slot.key):
+                slot.pool.submit(_receive, sent.key, _travels(self._packed[sent.key])).result()
                 slot.key = sent.key
-            return slot.pool.submit(fn, *args, **kwargs).result()
+            return slot.pool.submit(_unpacked, _travels(packed)).result()
         except BrokenExecutor:
             slot.pool = None
             raise

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -167,6 +168,34 @@ def test_data_go_once_to_each_process_for_all_rounds(where, request, tmp_path):
     assert len(unpacked) <= (2 if where == "processes" else 4)
     (alone,) = rounds.results([0], own_process)
     assert alone == os.getpid(), "one piece is not worth the way"
+
+
+class Noted:
+    """What notes who packs it."""
+
+    def __init__(self):
+        self.by = []
+
+    def __getstate__(self):
+        self.by.append(threading.current_thread())
+        return {"by": []}
+
+
+def is_noted(shared, piece):
+    return isinstance(shared, Noted) and isinstance(piece, Noted)
+
+
+def test_whoever_sends_packs(processes):
+    """A thread of a pool would pack what this process is working on by then, and may meet a dictionary that grows."""
+    shared, pieces = Noted(), [Noted() for _ in range(4)]
+    assert all(executors.Rounds(processes, shared).results(pieces, is_noted))
+    assert {t for x in (shared, *pieces) for t in x.by} == {threading.current_thread()}
+    assert len(shared.by) == 1
+
+
+def test_what_cannot_travel_is_a_failure_of_its_piece(processes):
+    done = executors.run({"a": 1, "b": lambda: 2}, refuse_three, None, executor=processes, progress=False)
+    assert done["a"] == 1 and isinstance(done["b"], Failure) and "pickle" in done["b"].message
 
 
 def test_rounds_give_results_in_order_and_say_what_failed(executor):

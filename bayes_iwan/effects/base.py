@@ -320,6 +320,11 @@ class Effect:
         """What is reported: name -> (draws, unit). values: all sampled values."""
         return {p.name.split(".", 1)[1]: (values[p.name], p.unit) for p in self.parameters}
 
+    def within(self, values: ParameterValues, blocks: Motion) -> dict[str, tuple[Array, str]]:
+        """What it does within the records, reported before all else where its strength is an end that no record
+        reaches: name -> (draws, unit). blocks : every block of cycles of every test."""
+        return {}
+
 
 def stations_of(kind: type[Effect]) -> frozenset[str]:
     """The stations at which effects of a class act."""

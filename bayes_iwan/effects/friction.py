@@ -7,7 +7,15 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
-from bayes_iwan.effects.spanning import about, decay_over_block, falling, growing, over_block, power_of
+from bayes_iwan.effects.spanning import (
+    about,
+    decay_over_block,
+    falling,
+    growing,
+    lost_within,
+    over_block,
+    power_of,
+)
 
 
 class _OfSlipSpeed(Effect):
@@ -230,6 +238,9 @@ class FrictionFade(Effect):
     def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         return k * self.left(motion, parameter_values) ** self.get(parameter_values, "of_stiffness")
 
+    def within(self, values: ParameterValues, blocks: Motion) -> dict[str, tuple[Array, str]]:
+        return lost_within(self.left(blocks, values), blocks)
+
 
 class SpringSoftening(Effect):
     name = "spring_softening"
@@ -295,6 +306,9 @@ class SpringSoftening(Effect):
             return force_N
         lost = 1.0 - self.left(motion, parameter_values)
         return force_N - lost * parameter_values["kp_N_mm"][:, None, None] * motion.displacement_mm
+
+    def within(self, values: ParameterValues, blocks: Motion) -> dict[str, tuple[Array, str]]:
+        return lost_within(self.left(blocks, values), blocks)
 
 
 class DirectionDependentFriction(Effect):

@@ -56,3 +56,14 @@ def decay_over_block(motion: Motion, per_cycle: Array) -> Array:
     half = np.minimum(0.5 * motion.span_cycles, motion.cycle)  # no cycle before the record's first
     first, width = motion.cycle - half, per_cycle * np.maximum(2.0 * half, 1e-9)
     return np.exp(-per_cycle * first) * -np.expm1(-width) / width
+
+
+def lost_within(left: Array, blocks: Motion) -> dict[str, tuple[Array, str]]:
+    """Of what a slow change leaves in each block of cycles, (draws, blocks, 1): the share that is lost from the first
+    block of a record to its last, on the mean over the tests, (draws,)."""
+    lost = []
+    for test in np.unique(blocks.test):
+        at = np.flatnonzero(blocks.test == test)
+        at = at[np.argsort(blocks.cycle[at])]
+        lost.append(1.0 - left[:, at[-1], 0] / left[:, at[0], 0])
+    return {"lost_in_records": (np.mean(lost, axis=0), "-")}

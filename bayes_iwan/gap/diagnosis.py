@@ -266,7 +266,7 @@ def _reported(
         gap.residual,
         gap.where,
         left,
-        _parameters(fit, rng),
+        _parameters(fit, data, rng),
         _moved(base, fit, rng) if named else {},
         hidden,
         {n: v for n, v in nats.items() if n not in NO_CAUSE},
@@ -281,13 +281,15 @@ def _draws(fit: Fit, rng: np.random.Generator, count: int) -> dict[str, Array]:
     return fit.problem.prior.values(fit.z + rng.standard_normal((count, len(fit.z))) @ root.T)
 
 
-def _parameters(fit: Fit, rng: np.random.Generator) -> dict[str, dict[str, EffectParameter]]:
-    """Parameters of every effect of a fit as reported; nature's law is not quite ours, and that counts."""
+def _parameters(fit: Fit, data: GapData, rng: np.random.Generator) -> dict[str, dict[str, EffectParameter]]:
+    """Parameters of every effect of a fit as reported, what it does within the records before them; nature's law is not
+    quite ours, and that counts."""
     values = _draws(fit, rng, DRAWS)
     out: dict[str, dict[str, EffectParameter]] = {}
     for effect in fit.effects:
         law = 1.0 + effect.law_error * rng.standard_normal(DRAWS)
-        out[effect.name] = {n: _estimate(v * law, unit) for n, (v, unit) in effect.reported(values).items()}
+        numbers = effect.within(values, data.block_motion) | effect.reported(values)
+        out[effect.name] = {n: _estimate(v * law, unit) for n, (v, unit) in numbers.items()}
     return out
 
 

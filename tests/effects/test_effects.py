@@ -301,6 +301,22 @@ def test_friction_fade_at_cycle_n(cycle, kit):
     assert up == pytest.approx(1.0 - 0.25 * (1.0 - np.exp(-cycle / 8.0)), rel=1e-6)
 
 
+@pytest.mark.parametrize("name, n0", [("friction_fade", "cycles"), ("spring_softening", "tau_s")])
+def test_what_fades_within_the_records_is_told_whatever_it_comes_to_in_the_end(name, n0, kit):
+    """Two records, their blocks in any order: the mean over both of 1 − left at the last block / left at the first."""
+    effect, hz, pace = of(name, kit), 10.0, 40.0
+    one = sine_motion(frequency_hz=[hz] * 5, amplitude_mm=kit.scales.length_mm, samples=16)
+    cycle = np.array([9.0, 1.0, 5.0, 2.0, 3.0])
+    blocks = replace(one, cycle=cycle, test=np.array([0, 0, 0, 1, 1]), span_cycles=np.full(5, 1e-6))
+    for drop in (0.3, 0.6):
+        at = effect.off | {f"{name}.drop": drop, f"{name}.{n0}": pace if n0 == "cycles" else pace / hz}
+        at |= {f"{name}.{n}": 0.0 for n in ("tail", "recovery", "by_cycles", "by_power", "by_amplitude", "by_stroke")}
+        found, unit = effect.within({k: np.array([v]) for k, v in at.items()}, blocks)["lost_in_records"]
+        left = 1.0 - drop * (1.0 - np.exp(-cycle / pace))
+        assert unit == "-"
+        assert found == pytest.approx([1.0 - 0.5 * (left[0] / left[1] + left[4] / left[3])], rel=1e-4)
+
+
 def test_direction_dependent_friction_makes_a_mean_force(kit):
     up, down = mid_stroke("direction_dependent_friction", kit, 0.2)
     assert (up, down) == (pytest.approx(1.2, rel=1e-6), pytest.approx(-0.8, rel=1e-6))
