@@ -11,10 +11,11 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from bayes_iwan.campaign import read_campaign, write_campaign
 from bayes_iwan.effects.base import EffectError
 from bayes_iwan.effects.catalogue import NAMES
+from bayes_iwan.effects.friction import FrictionFade
 from bayes_iwan.files import finite, write_json
-from bayes_iwan.gap.diagnosis import BASES, diagnose_loops
+from bayes_iwan.gap.diagnosis import BASES, _parameters, diagnose_loops
 from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.fitting.evidence import in_newtons
+from bayes_iwan.gap.fitting.evidence import base_problem, extended, fit_model, in_newtons
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import residual_of
 from bayes_iwan.gap.judging.budget import Kind
@@ -162,6 +163,25 @@ def test_of_two_slow_changes_of_one_record_each_is_credited_with_what_the_other_
     (friction,) = figures.values()
     assert friction.name in ("friction_fade", "normal_force_lag")  # a slow state's start is a fade as well
     assert drift.by_test > 0.85 and friction.by_test > 0.85 and drift.fitted < 0.5
+
+
+def test_a_fade_is_told_as_what_is_lost_within_the_records(kit):
+    """A quarter of the force is lost along the record, evenly: so much less as its first and last blocks are means."""
+    n, loop = 40, kit.specimen_force(10.0, 0.9, 128)
+
+    def extra(time, test):
+        return -0.25 * np.tile(loop, n) * time / time[-1]
+
+    loops = kit.made_up(kit.specimen_force, [(10.0, 0.9)], cycles=n, noise_N=0.02, extra=extra).loops(**kit.small)
+    data = gap_data(loops)
+    problem = extended(base_problem(data, kit.settings, kit.scales), [FrictionFade(kit.scales)])
+    fit = fit_model(data, problem, np.zeros((1, problem.ndim)))
+    told = _parameters(fit, data, np.random.default_rng(0))["friction_fade"]
+    name, lost = next(iter(told.items()))
+    first, last = (1.0 - 0.25 * loops[0].block_cycle[i] / n for i in (0, -1))
+    assert name == "lost_in_records" and lost.unit == "-"
+    assert lost.mean == pytest.approx(1.0 - last / first, abs=3.0 * lost.sd) and lost.sd < 0.1 * lost.mean
+    assert told["drop"].sd > 2.0 * lost.sd, "what it comes to in the end is extrapolated"
 
 
 WHERE_ROUNDING_DECIDES = {
