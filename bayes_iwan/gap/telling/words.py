@@ -180,9 +180,8 @@ def _strength(parameters: Mapping[str, EffectParameter]) -> str:
         return ""
     name, p = next(iter(parameters.items()))
     unit = "" if p.unit in ("-", "") else f" {p.unit}"
-    what = name.split("[")[0].rsplit("_", name.count("_") if len(name.split("_")) > 2 else 1)[0].replace("_", " ")
     number = f"{p.mean:.3g} ± {np.format_float_positional(float(f'{p.sd:.1g}'), trim='-')}"
-    return f" of {number}{unit}" if unit else f" ({what} {number})"
+    return f" of {number}{unit}" if unit else f" ({name.split('[')[0].replace('_', ' ')} {number})"
 
 
 def _rest(d: Diagnosis) -> list[str]:
