@@ -8,12 +8,14 @@ from bayes_iwan.inference.setup.discrepancy import on_phases
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.bent import bent_form
 from bayes_iwan.inference.solving.intervals import (
+    BEYOND,
+    CORRELATED,
     ROUGHNESS,
-    SHARED,
     Widening,
     _form,
     between_draws,
     reach_of,
+    shared,
     widenings,
 )
 from bayes_iwan.inference.solving.jackknife import jackknife_variance, left_out_optima
@@ -71,9 +73,27 @@ def test_interval_of_between_test_variance_alone_is_students():
 def test_draws_between_tests_have_the_jackknifes_covariance():
     rng = np.random.default_rng(3)
     without = rng.normal(size=(5, 2, 3))
-    x = between_draws(without, 40_000, rng)
-    np.testing.assert_allclose(x.var(axis=0), SHARED**2 * jackknife_variance(without), rtol=0.05)
-    assert not between_draws(without[:1], 4, rng).any()
+    x = between_draws(without, AMPLITUDES_MM, 40_000, rng)
+    factor = BEYOND * shared(AMPLITUDES_MM)
+    np.testing.assert_allclose(x.var(axis=0), factor**2 * jackknife_variance(without), rtol=0.05)
+    assert not between_draws(without[:1], [0.3], 4, rng).any()
+
+
+#: five tests: three of one amplitude, two of another
+AMPLITUDES_MM = (0.3, 0.9, 0.3, 0.9, 0.303)
+
+
+def test_jackknife_of_a_mean_over_tests_that_share_their_misfit_is_made_up_for():
+    """Means of five numbers, those of one amplitude correlated: simulated, the jackknife's variance times the factor's
+    square is the mean's variance; for tests of as many amplitudes there is nothing to make up for."""
+    rng = np.random.default_rng(5)
+    same = np.abs(np.subtract.outer(AMPLITUDES_MM, AMPLITUDES_MM)) < 0.1
+    root = np.linalg.cholesky(CORRELATED * same + (1.0 - CORRELATED) * np.eye(5))
+    x = rng.standard_normal((200_000, 5)) @ root.T
+    without = np.stack([np.delete(x, t, axis=1).mean(axis=1) for t in range(5)])
+    stated = shared(AMPLITUDES_MM) ** 2 * jackknife_variance(without).mean()
+    assert stated == pytest.approx(x.mean(axis=1).var(), rel=0.02)
+    assert shared([0.1, 0.2, 0.3]) == 1.0 and shared([0.3]) == 1.0 and shared([0.3, 0.3]) > 2.0
 
 
 def test_variances_add():

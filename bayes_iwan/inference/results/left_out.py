@@ -95,7 +95,8 @@ def predicted(problem: Problem, z: Array, loops: Sequence[Loop], seed: int) -> t
     slope = (near[1 : n + 1] - near[n + 1 :]) / (2.0 * _STEP)
     force = near[0] + np.tensordot(moved, slope, axes=1)
     if fitted > 1:
-        force += between_draws(problem.predict(left_out_optima(problem, z), motion), _DRAWS, rng)
+        without = problem.predict(left_out_optima(problem, z), motion)
+        force += between_draws(without, [x.amplitude_mm for x in problem.loops], _DRAWS, rng)
     noisy = np.tile(z, (_DRAWS, 1))
     noisy[:, problem.noise_columns] += moved[:, problem.noise_columns]
     missed, force = problem.measured_N - force[:, :fitted], force[:, fitted:]

@@ -13,10 +13,9 @@ the elements below a slip force is off, by about the same at every quantile, and
 quantiles, too. Both were chosen on some 100 specimens of the virtual rig each and counted on others; how far the share
 is off is told as well (analyses/coverage_rig.py).
 
-Tests of one amplitude share much of their misfit (its correlation over frequency is 0.68 on the rig, over amplitude
-0.08), so leaving one of them out understates how far all of them may be off. The jackknife's standard deviation is
-multiplied by :data:`SHARED` for it, and by :data:`SHARED_OF_TEST` where a number belongs to one test, whose own loop
-tells most of it.
+Tests of one amplitude share much of their misfit, so leaving one of them out understates how far all of them may be
+off; :func:`shared` is the factor that a mean over such tests needs, and what a number of a single test gets. A number
+of the specimen is no mean: :data:`BEYOND` times that.
 
 T tests give the between-test variance T − 1 degrees of freedom; Student's quantiles for the sum follow Welch (1947) and
 Satterthwaite (1946). Where all draws are positive, all this is done with logarithms.
@@ -33,6 +32,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
+from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import SLIP_SHARES, quantities
 from bayes_iwan.inference.solving.bent import bent_form
@@ -40,11 +40,11 @@ from bayes_iwan.inference.solving.jackknife import jackknife_variance, left_out_
 from bayes_iwan.inference.solving.point import laplace_scale
 from bayes_iwan.physics import Model
 
-#: factor of the jackknife's standard deviation, chosen on 24 other specimens. n tests correlated
-#: by ρ would need √((1 + (n − 1)ρ)/(1 − ρ)): 2.3 for two, 2.7 for three of one amplitude, 1 for independent ones
-SHARED = 2.0
-#: the same factor for a number of a single test (its energy): chosen on 100 specimens of seed 3301
-SHARED_OF_TEST = 1.5
+#: correlation of the misfits of two tests of one amplitude on the virtual rig; of one frequency it is 0.08, left out
+#: here (both printed by analyses/coverage_rig.py)
+CORRELATED = 0.62
+#: further factor of the jackknife's standard deviation for numbers of the specimen, chosen on 220 specimens of the rig
+BEYOND = 1.5
 #: standard deviation of the share of the elements below a slip force, for nature's slip forces are of no smooth family
 ROUGHNESS = 0.007
 #: share of the elements that may lie below the finest step where that reaches their lower quartile: a third of 1/4
@@ -219,6 +219,7 @@ class _Judged:
 def _judged(problem: Problem, z: Array, loops: Sequence[Loop] | None) -> dict[str, _Judged]:
     """Every reported quantity at the most probable point z (ndim,)."""
     tests, n, root = len(problem.loops), problem.ndim, laplace_scale(problem, z)
+    of_test = shared([x.amplitude_mm for x in problem.loops])
     without = left_out_optima(problem, z) if tests > 1 else z[None]
     found = quantities(problem, np.concatenate([z[None], z + _STEP * np.eye(n), z - _STEP * np.eye(n), without]), loops)
     out = {}
@@ -226,19 +227,29 @@ def _judged(problem: Problem, z: Array, loops: Sequence[Loop] | None) -> dict[st
         relative = bool(np.all(quantity.values > 0.0))
         x = np.log(quantity.values) if relative else quantity.values
         sd = float(np.linalg.norm(root.T @ (x[1 : n + 1] - x[n + 1 : 2 * n + 1]) / (2.0 * _STEP)))
-        shared = SHARED_OF_TEST if name.endswith("]") else SHARED
-        between = shared * float(np.sqrt(jackknife_variance(x[2 * n + 1 :]))) if tests > 1 else float("nan")
+        factor = of_test if name.endswith("]") else BEYOND * of_test
+        between = factor * float(np.sqrt(jackknife_variance(x[2 * n + 1 :]))) if tests > 1 else float("nan")
         out[name] = _Judged(float(x[0]), sd, between, relative)
     return out
 
 
-def between_draws(without: Array, draws: int, rng: np.random.Generator) -> Array:
-    """(draws, …) N(0, between-test covariance) of any array, e.g. forces; without (tests, …): it without each test."""
+def shared(amplitudes_mm: Sequence[float]) -> float:
+    """What the jackknife's standard deviation of a mean over tests (T,) must be multiplied by, where those of one
+    amplitude are correlated by ρ: with P = ρ times the number of ordered pairs of one amplitude, the mean's variance is
+    1 + P/T times that of independent tests, and the jackknife expects 1 − P/(T(T − 1)) times that."""
+    tests = len(amplitudes_mm)
+    pairs = CORRELATED * sum(len(g) * (len(g) - 1) for g in groups_of(amplitudes_mm))
+    return math.sqrt((1.0 + pairs / tests) / (1.0 - pairs / (tests * (tests - 1)))) if tests > 1 else 1.0
+
+
+def between_draws(without: Array, amplitudes_mm: Sequence[float], draws: int, rng: np.random.Generator) -> Array:
+    """(draws, …) N(0, between-test covariance) of any array, e.g. forces; without (tests, …): it without each test,
+    amplitudes_mm (tests,) of these."""
     tests = len(without)
     if tests < 2:
         return np.zeros((draws, *without.shape[1:]))
-    apart = (without - without.mean(axis=0)) * (SHARED * math.sqrt((tests - 1) / tests))
-    return np.tensordot(rng.standard_normal((draws, tests)), apart, axes=1)
+    factor = BEYOND * shared(amplitudes_mm) * math.sqrt((tests - 1) / tests)
+    return np.tensordot(rng.standard_normal((draws, tests)), (without - without.mean(axis=0)) * factor, axes=1)
 
 
 def _unreached(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[float, str]]:

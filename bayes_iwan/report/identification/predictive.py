@@ -60,7 +60,7 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
     median = np.median(force[:, : len(chosen)], axis=0)  # of the posterior's own draws: what is added below only widens
     if fitted > 1:
         without = problem.predict(left_out_optima(problem, posterior.point.z), motion)
-        force += between_draws(without, len(force), rng)
+        force += between_draws(without, [x.amplitude_mm for x in problem.loops], len(force), rng)
     missed, force = problem.measured_N - force[:, len(chosen) :], force[:, : len(chosen)]
     force += median.mean(axis=-1, keepdims=True) - force.mean(axis=-1, keepdims=True)
     again = make_likelihood(problem.likelihood.name, chosen, problem.scales).replicate(force, parameter_values, rng)
