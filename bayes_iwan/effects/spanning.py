@@ -60,10 +60,12 @@ def decay_over_block(motion: Motion, per_cycle: Array) -> Array:
 
 def lost_within(left: Array, blocks: Motion) -> dict[str, tuple[Array, str]]:
     """Of what a slow change leaves in each block of cycles, (draws, blocks, 1): the share that is lost from the first
-    block of a record to its last, on the mean over the tests, (draws,)."""
+    block of a record to its last, on the mean over the tests, (draws,); what fades before the first block is over may
+    be regained within the record."""
     lost = []
     for test in np.unique(blocks.test):
         at = np.flatnonzero(blocks.test == test)
         at = at[np.argsort(blocks.cycle[at])]
         lost.append(1.0 - left[:, at[-1], 0] / left[:, at[0], 0])
-    return {"lost_in_records": (np.mean(lost, axis=0), "-")}
+    share = np.mean(lost, axis=0)
+    return {"lost_in_records": (share, "-")} if np.mean(share) >= 0.0 else {"regained_in_records": (-share, "-")}
