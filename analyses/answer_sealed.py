@@ -2,7 +2,8 @@
 
     python analyses/answer_sealed.py ../shared/data/withheld data/withheld --workers 2
 
-Quick diagnoses, seed 0. The truths are not here; nothing in the code knows a case. Resumable (work in runs/sealed).
+Quick diagnoses, seed 0. The truths are not here; nothing in the code knows a case. Resumable (work in
+runs/sealed/SOURCE's name).
 """
 
 from __future__ import annotations
@@ -23,12 +24,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("source", type=Path, help="folder with the sealed campaigns and commitments.json")
     parser.add_argument("target", type=Path, help="folder to ship them in")
-    parser.add_argument("--work", type=Path, default=Path("runs/sealed"), help="folder of the single diagnoses")
+    parser.add_argument("--work", type=Path, help="folder of the single diagnoses (runs/sealed/NAME)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
+    work = args.work or Path("runs/sealed") / args.source.resolve().name
     with executors.opened(args.workers) as executor:
-        answers = answer(args.source, diagnose_case, out=args.work, seed=args.seed, quick=True, executor=executor)
+        answers = answer(args.source, diagnose_case, out=work, seed=args.seed, quick=True, executor=executor)
     content = json.loads(answers.read_text())
     if content["failed"]:
         raise SystemExit(f"not answered: {content['failed']}")

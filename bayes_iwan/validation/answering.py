@@ -18,7 +18,7 @@ from typing import Any
 from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import clear, write_json
 from bayes_iwan.validation import confinement
-from bayes_iwan.validation.sealed import WithheldError, case_names, read_json, truth_folder
+from bayes_iwan.validation.sealed import WithheldError, case_names, commitments, read_json, truth_folder
 
 #: compiled code of the answering processes while they are at work, since the package's own folder is closed to them
 _CACHE = ".numba_cache"
@@ -78,9 +78,9 @@ def answer(
     folder: the truths, the other cases and everything else are closed to it and to what it starts (see `confinement`
     for what this does not cover). `answers.json` says whether it was so.
 
-    Returns the path of `answers.json`: {"schema", "seed", "quick", "confined", "answers": {case: diagnosis},
-    "failed": {case: message}}. Raises `WithheldError` for a truth inside the folder, for unknown names, or when earlier
-    answers were made with other settings.
+    Returns the path of `answers.json`: {"schema", "cases" (a hash of their commitments), "seed", "quick", "confined",
+    "answers": {case: diagnosis}, "failed": {case: message}}. Raises `WithheldError` for a truth inside the folder, for
+    unknown names, or when earlier answers are of other cases or were made with other settings.
     """
     directory = Path(directory)
     out = Path(out) if out is not None else directory / "answers"
@@ -90,10 +90,13 @@ def answer(
     if unknown:
         raise WithheldError(f"{directory}: no case {', '.join(unknown)}; there are {names[0]} to {names[-1]}")
     target = out / "answers.json"
-    settings = {"schema": 2, "seed": seed, "quick": quick, "confined": confinement.available()}
+    cases = hashlib.sha256(json.dumps(commitments(directory), sort_keys=True).encode()).hexdigest()
+    settings = {"schema": 2, "cases": cases, "seed": seed, "quick": quick, "confined": confinement.available()}
     answers: dict[str, Any] = {}
     if target.exists():
         earlier = read_json(target)
+        if earlier.get("cases") != cases:
+            raise WithheldError(f"{target} answers other cases than those sealed in {directory}; choose another --out")
         if {k: earlier.get(k) for k in settings} != settings:
             raise WithheldError(
                 f"{target} was made with seed {earlier.get('seed')}, quick {earlier.get('quick')}, confined "

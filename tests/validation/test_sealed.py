@@ -198,6 +198,17 @@ def test_answers_are_resumed_and_failures_tried_again(made, tmp_path):
         answer(made[0], answerers.fails_once, out=tmp_path, seed=5)
 
 
+def test_answers_to_another_set_are_not_gone_on_with(made, tmp_path):
+    """Both sets have a case_01: the second must not be given the first one's answer."""
+    answer(made[0], answerers.fails_once, out=tmp_path / "answers", seed=4, only=["case_01"])
+    other = shutil.copytree(made[0], tmp_path / "other")
+    sealed = json.loads((other / "commitments.json").read_text())
+    sealed["cases"]["case_01"] = sealed["cases"]["case_01"][::-1]
+    (other / "commitments.json").write_text(json.dumps(sealed))
+    with pytest.raises(WithheldError, match=r"answers other cases .* choose another --out"):
+        answer(other, answerers.fails_once, out=tmp_path / "answers", seed=4, only=["case_01"])
+
+
 @pytest.mark.skipif(not confinement.available(), reason="this machine cannot confine a process")
 def test_neither_truth_nor_other_cases_can_be_read_while_answering(made, tmp_path):
     folder, truth = made
