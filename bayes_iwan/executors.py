@@ -13,7 +13,6 @@ from __future__ import annotations
 import importlib
 import multiprocessing
 import os
-import pickle
 import signal
 import sys
 import threading
@@ -24,6 +23,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, Generic, TypeVar
 
 import numba as nb
@@ -291,11 +291,11 @@ _here: dict[int, Any] = {}
 
 def _receive(key: int, packed: bytes) -> None:
     _here.clear()
-    _here[key] = pickle.loads(packed)
+    _here[key] = ForkingPickler.loads(packed)
 
 
 def _unpacked(packed: bytes) -> Any:
-    fn, args, kwargs = pickle.loads(packed)
+    fn, args, kwargs = ForkingPickler.loads(packed)
     return fn(*args, **kwargs)
 
 
@@ -319,9 +319,9 @@ def _ready() -> None:
 
 
 def _packed(value: Any) -> bytes | Exception:
-    """As it travels, or why it cannot, which whoever waits for the result is told."""
+    """As it travels to a process of ours, packed as the pool would, or why it cannot, which whoever waits is told."""
     try:
-        return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
+        return bytes(ForkingPickler.dumps(value))
     except Exception as error:
         return error
 
