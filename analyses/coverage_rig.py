@@ -92,7 +92,9 @@ def laplace(problem: Problem, seed: int) -> tuple[Array, dict[str, Array]]:
     for name, quantity in found.items():
         if np.all(quantity.values > 0.0):
             x = np.log(quantity.values)
-            out[name] = np.exp(x[0] + even * np.linalg.norm(spread.T @ (x[1 : n + 1] - x[n + 1 :]) / (2.0 * step)))
+            sd = np.linalg.norm(spread.T @ (x[1 : n + 1] - x[n + 1 :]) / (2.0 * step))
+            with np.errstate(over="ignore"):  # a number that no loop determines may be anything
+                out[name] = np.exp(x[0] + even * sd)
     return z, out
 
 
