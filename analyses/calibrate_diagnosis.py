@@ -2,6 +2,7 @@
 
     python analyses/calibrate_diagnosis.py study --cases 200 --seed 71 --out runs/study [--workers 2]
     python analyses/calibrate_diagnosis.py fit runs/study/*.json [--half-real runs/half_real/answers.json] [--write]
+    python analyses/calibrate_diagnosis.py study --kind known_beside_outside --cases 60 --seed 73 --out runs/study
     python analyses/calibrate_diagnosis.py study --records 1 --cases 80 --seed 72 --out runs/one
     python analyses/calibrate_diagnosis.py unjudged runs/one/*.json
 

@@ -10,7 +10,8 @@ and sensors. An interval that is right covers it as often as it says. Both are c
 and those that are reported, with between-test variance and what no loop reaches. --laplace takes the normal
 approximation at the most probable point instead of the sampler. --forms: `embedded` lets the model's form bend, `plain`
 does not, `first` is the likelihood of the first version (commit b18e0bc), whose widths the others are compared with.
-How the misfits of two tests correlate is told too: that of tests of one amplitude, and that of tests of one frequency.
+How the misfits of two tests correlate is told too: that of tests of one amplitude, and that of tests of one frequency;
+and the coverage by the number of tests, on which between-test variance hangs.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ from runs import each
 from sbc import short_posterior
 
 LEVELS = (0.5, 0.9, 0.95)
+#: numbers of tests by which coverage is told
+TESTS = ((2, 5), (6, 7), (8, 20))
 GRID = {"n_phase": 64, "n_harmonics": 24}
 QUARTILES = (25, 50, 75)
 NAMES = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N", *(f"slip_force_q{q}_N" for q in QUARTILES), "energy")
@@ -206,6 +209,17 @@ def figure(cases: list[dict[str, Any]], names: list[str]) -> Figure:
     return fig
 
 
+def by_tests(cases: list[dict[str, Any]], name: str) -> list[str]:
+    """Coverage of specimens with few, some and many tests."""
+    out = []
+    for low, high in TESTS:
+        some = [c for c in cases if low <= c["tests"] <= high]
+        if some:
+            found = " / ".join(f"{100 * np.mean(covered(some, name, level)):.0f}" for level in LEVELS)
+            out.append(f"{low} to {high} tests: {found} of {len(some)}")
+    return out
+
+
 def table_of(cases: list[dict[str, Any]], form: str) -> dict[str, Any]:
     """Coverage and widths of one form, printed line by line."""
     late, walked = sum(not c["converged"] for c in cases), sum(not c.get("independent", True) for c in cases)
@@ -223,6 +237,8 @@ def table_of(cases: list[dict[str, Any]], form: str) -> dict[str, Any]:
                 + f"   median 90 % width {100 * width:.2f} %"
             )
             table[name][which] = {"coverage": {str(k): vars(e) for k, e in found.items()}, "median_width": width}
+    for name in ("kp_N_mm", "mean_slip_force_N"):
+        print(f"{name:18s} reported, 50 / 90 / 95 %, " + "; ".join(by_tests(cases, name)))
     off = np.median(np.abs([c["share_off"] for c in cases]), axis=0)
     table["share_off"] = dict(zip(QUARTILES, off.tolist()))
     print("share of the elements below a reported quartile, off by (median): "
@@ -249,7 +265,7 @@ def main() -> None:
         for i in range(args.cases)
     ]
     cases = list(each(jobs, args.workers, "cases"))
-    tables = {form: table_of([c[form] for c in cases], form) for form in args.forms}
+    tables = {form: table_of([c[form] | {"tests": c["tests"]} for c in cases], form) for form in args.forms}
     if "first" in args.forms:
         for form in args.forms:
             ratio = (

@@ -210,7 +210,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
     pieces: dict[str, tuple[str, str, float]] = {f"natural, {s}": (s, "", 0.0) for s in SOURCES}
-    pieces |= {f"{i:03d}": case for i, case in enumerate(plan(args.cases, args.seed))}
+    pieces |= {f"{args.seed}/{i:03d}": case for i, case in enumerate(plan(args.cases, args.seed))}
     store = args.out / "answers.json"
     done: dict[str, Any] = json.loads(store.read_text()) if store.is_file() else {}
     left = {k: v for k, v in pieces.items() if k not in done}

@@ -354,14 +354,14 @@ class Processes(ThreadPoolExecutor):
         self._read, self._write = self._context.Pipe(duplex=False)
         self._slot = _Slot()
         self._pools: list[ProcessPoolExecutor] = []
-        self._packed: list[bytes | Exception] = []
+        self._values: list[bytes | Exception] = []
         for _ in range(count if at_once else 0):  # they import what they need while this process prepares their pieces
             self.submit(_ready)
 
     def send(self, value: Any) -> _Sent:
         """A ticket that stands for `value` in calls; the value goes to each process once."""
-        self._packed.append(_packed(value))
-        return _Sent(len(self._packed) - 1)
+        self._values.append(_packed(value))
+        return _Sent(len(self._values) - 1)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
         tickets = [a for a in args if isinstance(a, _Sent)]
@@ -383,7 +383,7 @@ class Processes(ThreadPoolExecutor):
             self._pools.append(slot.pool)
         try:
             for sent in (t for t in tickets if t.key != slot.key):
-                slot.pool.submit(_receive, sent.key, _travels(self._packed[sent.key])).result()
+                slot.pool.submit(_receive, sent.key, _travels(self._values[sent.key])).result()
                 slot.key = sent.key
             return slot.pool.submit(_unpacked, _travels(packed)).result()
         except BrokenExecutor:

@@ -58,14 +58,17 @@ def decay_over_block(motion: Motion, per_cycle: Array) -> Array:
     return np.exp(-per_cycle * first) * -np.expm1(-width) / width
 
 
+#: what a slow change takes within the records, as it is reported
+LOST = "lost_in_records"
+
+
 def lost_within(left: Array, blocks: Motion) -> dict[str, tuple[Array, str]]:
     """Of what a slow change leaves in each block of cycles, (draws, blocks, 1): the share that is lost from the first
-    block of a record to its last, on the mean over the tests, (draws,); what fades before the first block is over may
-    be regained within the record."""
+    block of a record to its last, on the mean over the tests, (draws,); negative where what has faded before the first
+    block is over is regained within the record."""
     lost = []
     for test in np.unique(blocks.test):
         at = np.flatnonzero(blocks.test == test)
         at = at[np.argsort(blocks.cycle[at])]
         lost.append(1.0 - left[:, at[-1], 0] / left[:, at[0], 0])
-    share = np.mean(lost, axis=0)
-    return {"lost_in_records": (share, "-")} if np.mean(share) >= 0.0 else {"regained_in_records": (-share, "-")}
+    return {LOST: (np.mean(lost, axis=0), "-")}

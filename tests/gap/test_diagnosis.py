@@ -13,7 +13,7 @@ from bayes_iwan.effects.base import EffectError
 from bayes_iwan.effects.catalogue import NAMES
 from bayes_iwan.effects.friction import FrictionFade
 from bayes_iwan.files import finite, write_json
-from bayes_iwan.gap.diagnosis import BASES, _parameters, diagnose_loops
+from bayes_iwan.gap.diagnosis import BASES, EffectParameter, _parameters, diagnose_loops
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import base_problem, extended, fit_model, in_newtons
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
@@ -23,6 +23,7 @@ from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.gap.judging.verdict import verdict_of
 from bayes_iwan.gap.telling.answer import effects_described, to_dict, write_answer
 from bayes_iwan.gap.telling.saved_fits import LOOPS, SavedFitsError, find_shares
+from bayes_iwan.gap.telling.words import _strength
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.setup.problem import iwan_model, make_problem
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -182,6 +183,13 @@ def test_a_fade_is_told_as_what_is_lost_within_the_records(kit):
     assert name == "lost_in_records" and lost.unit == "-"
     assert lost.mean == pytest.approx(1.0 - last / first, abs=3.0 * lost.sd) and lost.sd < 0.1 * lost.mean
     assert told["drop"].sd > 2.0 * lost.sd, "what it comes to in the end is extrapolated"
+
+
+@pytest.mark.parametrize(
+    "lost, said", [(0.05, " (lost in records 0.05 ± 0.01)"), (-0.03, " (regained in records 0.03 ± 0.01)")]
+)
+def test_what_is_regained_is_not_called_a_negative_loss(lost, said):
+    assert _strength({"lost_in_records": EffectParameter(lost, 0.01, lost - 0.02, lost + 0.02, "-")}) == said
 
 
 WHERE_ROUNDING_DECIDES = {

@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_iwan.campaign.loops.checks import rails
 from bayes_iwan.effects.catalogue import UNLISTED
+from bayes_iwan.effects.spanning import LOST
 from bayes_iwan.gap.fitting.gap_size import Gap
 from bayes_iwan.gap.fitting.leave_out import parted
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Cause, Kind
@@ -180,8 +181,11 @@ def _strength(parameters: Mapping[str, EffectParameter]) -> str:
         return ""
     name, p = next(iter(parameters.items()))
     unit = "" if p.unit in ("-", "") else f" {p.unit}"
-    number = f"{p.mean:.3g} ± {np.format_float_positional(float(f'{p.sd:.1g}'), trim='-')}"
-    return f" of {number}{unit}" if unit else f" ({name.split('[')[0].replace('_', ' ')} {number})"
+    what, mean = name.split("[")[0].replace("_", " "), p.mean
+    if name == LOST and mean < 0.0:
+        what, mean = what.replace("lost", "regained"), -mean
+    number = f"{mean:.3g} ± {np.format_float_positional(float(f'{p.sd:.1g}'), trim='-')}"
+    return f" of {number}{unit}" if unit else f" ({what} {number})"
 
 
 def _rest(d: Diagnosis) -> list[str]:
