@@ -58,15 +58,25 @@ class ForceDrift(Effect):
 
 
 class ForceDriftByTest(ByTest):
+    """A zero that wanders in each test by itself: a line, and the first two bows of a random walk about it.
+
+    A random walk less the line through its ends is a Brownian bridge, whose first two modes have amplitudes of 0.45 and
+    0.23 of the walk's end (Karhunen and Loève); the bows are polynomials of those sizes for equal numbers.
+    """
+
     name = ForceDrift.name
-    law = "r·t, with a rate of its own in each test"
+    law = "d·(r x + 2 b x(1 − x) + 3 s x(1 − x)(1 − 2x)), x = t/d over a record of length d; numbers of its own in each"
     strength = ForceDrift.strength
-    parts = (("rate_N_s", "r", "N/s", "drift of the force channel's zero"),)
+    parts = (
+        ("rate_N_s", "r", "N/s", "drift of the force channel's zero"),
+        ("bow_N_s", "b", "N/s", "bow of that drift"),
+        ("sway_N_s", "s", "N/s", "sway of that drift"),
+    )
     evolving = True
     order = 4
     physics = ForceDrift.physics
-    reference = ForceDrift.reference
-    signature = "mean force grows or falls along each record, in each at its own rate; the loop's shape stays"
+    reference = ForceDrift.reference + "; Ghanem & Spanos, Stochastic Finite Elements, ch. 2 (modes of a random walk)"
+    signature = "mean force wanders along each record, in each in its own way; the loop's shape stays"
     bench = ForceDrift.bench
     remedy = ForceDrift.remedy
 
@@ -78,11 +88,14 @@ class ForceDriftByTest(ByTest):
         return 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm) / 10.0
 
     def recorded(self, data: Records, parameter_values: ParameterValues) -> Array:
-        (rate,) = self.by_test(parameter_values)
-        return (rate * data.longest_s)[:, :, None, None] * data.ramps[1]
+        rate, bow, sway = (x * data.durations_s for x in self.by_test(parameter_values))
+        # in powers of x; a ramp's is t over the longest record
+        powers = (rate + 2.0 * bow + 3.0 * sway, -2.0 * bow - 9.0 * sway, 6.0 * sway)
+        longer = data.longest_s / data.durations_s
+        return sum((c * longer**p)[:, :, None, None] * data.ramps[p] for p, c in enumerate(powers, start=1))
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
-        (rate,) = self.by_test(values)
+        rate, *_ = self.by_test(values)
         return {"rate_N_s": (np.sqrt(np.mean(rate * rate, axis=1)), "N/s")}
 
 

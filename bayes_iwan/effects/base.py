@@ -67,6 +67,10 @@ class Records(Protocol):
         """Duration of the longest record."""
 
     @property
+    def durations_s(self) -> Array:
+        """(tests,) duration of each record."""
+
+    @property
     def ramps(self) -> np.ndarray:
         """(RAMPS, tests, blocks, H + 1) harmonics of (t/longest_s)^p, p = 0 …, by block of cycles."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from bayes_iwan.effects import along_record, channels, form, friction, mounting, specimen
+from bayes_iwan.effects import along_record, channels, form, friction, lag, mounting, specimen
 from bayes_iwan.effects.base import Effect, EffectError, stations_of
 from bayes_iwan.effects.conditions import following
 from bayes_iwan.effects.paper import missing_terms
@@ -18,6 +18,7 @@ Maker = Callable[..., Effect]
 BUILT_IN: tuple[type[Effect], ...] = (
     *specimen.EFFECTS,
     *friction.EFFECTS,
+    *lag.EFFECTS,
     *mounting.EFFECTS,
     *channels.EFFECTS,
     *along_record.EFFECTS,

@@ -9,7 +9,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
-from bayes_iwan.effects.spanning import about, power_of
+from bayes_iwan.effects.spanning import about, decay_over_block, power_of
 
 
 class ChannelDelay(Effect):
@@ -130,12 +130,65 @@ class ForceHighpass(Effect):
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         corner, second = self.get(parameter_values, "corner_hz"), self.get(parameter_values, "second")
-        # below a millihertz no test would be long enough to lose the mean, so the effect has a neutral limit
         kept = self.get(parameter_values, "kept")
-        mean = kept + (1.0 - kept) / (1.0 + (corner / 1e-3) ** 2)
+        mean = self._mean_kept(corner, kept)
         return filtered(
             force_N, motion.frequency_hz, lambda f: np.where(f > 0.0, _highpass(f, corner, second, kept), mean)
         )
+
+    @staticmethod
+    def _mean_kept(corner_hz: Array, kept: Array) -> Array:
+        """Share of the mean force that comes through in the long run: below a millihertz no test would be long enough
+        to lose it, so the effect has a neutral limit."""
+        return kept + (1.0 - kept) / (1.0 + (corner_hz / 1e-3) ** 2)
+
+
+class ForceHighpassFromStart(ForceHighpass):
+    """The same with its transient: the mean force has not yet leaked away when a record begins.
+
+    A mean F̄ that has stood for a time t has become F̄·(p₁e^(p₁t) − p₂e^(p₂t))/(p₁ − p₂), p₁ and p₂ the poles of
+    s² + ω_c s + q ω_c².
+    """
+
+    law = (
+        "the same, and the mean force, that has stood since some cycles before each record, leaks away: "
+        "e^(−2πf_c t) for a first order"
+    )
+    evolving = True
+    signature = (
+        "as a high-passed force; the loop sinks or rises to its middle from a record's start, in seconds alike in all"
+    )
+
+    def extra_parameters(self) -> dict[str, ExtraParameter]:
+        return {
+            **super().extra_parameters(),
+            "stood_cycles": ExtraParameter(
+                "n₀", "-", "cycles before the record since which the mean force has stood",
+                stats.lognorm(s=0.8, scale=6.0), 0.0, 200.0, scan=False,
+            ),
+            "stood_share": ExtraParameter(
+                "m", "-", "that mean force over the model's", about(1.0, 0.5), -2.0, 4.0, scan=False
+            ),
+        }  # fmt: skip
+
+    def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+        corner, second, kept, stood, share = (
+            self.get(parameter_values, n)[:, :, 0]
+            for n in ("corner_hz", "second", "kept", "stood_cycles", "stood_share")
+        )
+        # the poles are −½ω_c(1 ± turn); at q = ¼ they are one, whose limit is theirs a hair apart
+        turn = np.sqrt((1.0 - 4.0 * np.maximum(second, 0.0)).astype(complex))
+        turn = np.where(np.abs(turn) < 1e-4, 1e-4, turn)
+        theta = np.arange(motion.samples) / motion.samples
+        left = np.zeros(1)
+        for one in (turn, -turn):
+            rate = np.pi * corner / motion.frequency_hz * (1.0 + one)  # per cycle
+            rate = np.where(np.abs(rate) < 1e-9, 1e-9, rate)
+            # it goes on falling within a cycle: at each place of the loop the average over the block's cycles
+            block = decay_over_block(motion, rate) * rate / -np.expm1(-rate) * np.exp(-rate * stood)
+            left = left + (0.5 * (1.0 + one) / one * block)[:, :, None] * np.exp(-rate[:, :, None] * theta)  # of conjugates, so the sum is real
+        passed = force_N.mean(axis=-1, keepdims=True) * (share * (1.0 - self._mean_kept(corner, kept)))[:, :, None]
+        return super().force(force_N, motion, parameter_values) + passed * np.real(left)
 
 
 class ForceLowpass(Effect):
@@ -208,15 +261,19 @@ class SteepLowpass(ForceLowpass):
 class ForceClipping(Effect):
     name = "force_clipping"
     law = (
-        "F/(1 + |F/F_max|^p)^(1/p), softness s = 1/p; s → 0: hard; s = ½: an amplifier's soft saturation; the limit of "
-        "pulling is F_max·e^b, that of pushing F_max·e^−b"
+        "(1 − g)·F/(1 + |F/F_max|^p)^(1/p) + g·F, softness s = 1/p; s → 0: hard; s = ½: an amplifier's soft "
+        "saturation; g > 0: beyond the limit the reading goes on at this gain; the limit of pulling is F_max·e^b, that "
+        "of pushing F_max·e^−b"
     )
     strength = ("inverse_limit_1_N", "1/F_max", "1/N", "inverse of the largest force that the channel passes")
     spread = 0.15  # a limit far above the largest force is none
     sudden = True
     order = 5
     physics = "The force channel reaches the end of its range, or its amplifier saturates."
-    reference = "Rapp, Proc. 2nd European Conf. Satellite Communications, Liège (1991) 179 (soft limiter)"
+    reference = (
+        "Rapp, Proc. 2nd European Conf. Satellite Communications, Liège (1991) 179 (soft limiter); Giannoulis, "
+        "Massberg & Reiss, J. Audio Eng. Soc. 60 (2012) 399 (compression beyond a knee)"
+    )
     signature = "the loop's tips are flat at the same force in every test that reaches it"
     look_alikes = ("cubic_stiffness",)
     bench = "a coarser range"
@@ -233,6 +290,7 @@ class ForceClipping(Effect):
             "unequal": ExtraParameter(
                 "b", "-", "0: both signs limited alike; else an offset range", about(0.0, 0.2), -1.0, 1.0, scan=False
             ),
+            "kept": ExtraParameter("g", "-", "gain beyond the limit; 0: none", about(0.0, 0.12), 0.0, 0.7, scan=False),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -241,13 +299,15 @@ class ForceClipping(Effect):
         with np.errstate(divide="ignore"):
             log_ratio = np.log(np.abs(force_N) * inverse / wider)
         over = np.logaddexp(0.0, log_ratio / soft)  # ln(1 + |F/F_max|^p)
-        return force_N * np.exp(-soft * over)
+        kept = self.get(parameter_values, "kept")
+        return force_N * (kept + (1.0 - kept) * np.exp(-soft * over))
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
         return {
             "limit_N": (1.0 / values[self.strength_name], "N"),
             "softness": (values[f"{self.name}.softness"], "-"),
             "unequal": (values[f"{self.name}.unequal"], "-"),
+            "kept": (values[f"{self.name}.kept"], "-"),
         }
 
 
@@ -255,6 +315,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     ChannelDelay,
     IntegrationHighpass,
     ForceHighpass,
+    ForceHighpassFromStart,
     ForceLowpass,
     SteepLowpass,
     ForceClipping,

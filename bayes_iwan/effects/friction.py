@@ -9,7 +9,6 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
 from bayes_iwan.effects.spanning import (
     about,
-    decay_over_block,
     falling,
     growing,
     lost_within,
@@ -132,50 +131,6 @@ class RateStrengthening(_OfSlipSpeed):
             return 1.0 + self.get(own, "c") * growing(ratio, self.get(own, "power"))
 
         return alpha * self.own(grown, motion, parameter_values)
-
-
-class NormalForceLag(Effect):
-    name = "normal_force_lag"
-    law = "τ dα/dt = α∞(u, u̇) − α, long after the start"
-    strength = ("tau_s", "τ", "s", "relaxation time of the normal force")
-    physics = "The compressed rope takes time to follow the spring's motion: α relaxes toward Eq. (11) with a time τ."
-    reference = "Hunt & Crossley, J. Appl. Mech. 42 (1975) 440, with a relaxing contact (standard linear solid)"
-    signature = "the loop's asymmetry turns between the branches as frequency rises; even harmonics change phase"
-    look_alikes = ("channel_delay",)
-    bench = "very slow tests, where the lag vanishes"
-    remedy = "Let the normal force of the model relax with this time, or quote it for the frequency of use."
-
-    def first_guess(self) -> float:
-        return 2e-4 * self.scales.length_mm / self.scales.speed_m_s
-
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        tau = self.get(parameter_values, "tau_s")
-        return np.maximum(filtered(alpha, motion.frequency_hz, lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau)), 0.02)
-
-
-class NormalForceLagFromStart(NormalForceLag):
-    """The same with its transient: a slow normal force begins a record off its steady level and creeps to it."""
-
-    law = "τ dα/dt = α∞(u, u̇) − α from the start of each record, where α is off its steady level by a number"
-    evolving = True
-    signature = (
-        "as a lag long after the start; in the first moments of every record, of the same length in seconds, friction "
-        "and stiffness creep to their level"
-    )
-
-    def extra_parameters(self) -> dict[str, ExtraParameter]:
-        return {
-            "start": ExtraParameter(
-                "Δα₀", "-", "how far the normal force is off its steady level at a record's start", about(0.0, 0.3)
-            )
-        }
-
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        tau = np.maximum(parameter_values[self.strength_name], 1e-9)[:, None]
-        left = decay_over_block(motion, 1.0 / (motion.frequency_hz * tau))[:, :, None]
-        return np.maximum(
-            super().grip(alpha, motion, parameter_values) + self.get(parameter_values, "start") * left, 0.02
-        )
 
 
 class FrictionFade(Effect):
@@ -381,8 +336,6 @@ class DirectionDependentSlip(DirectionDependentGrip):
 EFFECTS: tuple[type[Effect], ...] = (
     StribeckWeakening,
     RateStrengthening,
-    NormalForceLag,
-    NormalForceLagFromStart,
     FrictionFade,
     SpringSoftening,
     DirectionDependentFriction,

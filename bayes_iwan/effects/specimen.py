@@ -14,8 +14,9 @@ class ViscousDamping(Effect):
     name = "viscous_damping"
     # p = 2 is left out: the drag of fluid pushed through a gap is another mechanism
     law = (
-        "c·|v|·((1 + (v/v₁)²)/(1 + (v_ref/v₁)²))^((p − 1)/2)·(sgn v + s), v_ref the campaign's largest speed; p = 1: "
-        "a force proportional to velocity, v₁ → 0: to its power p; s = ±1: a valve that damps one way only"
+        "c·|v|·((1 + (v/v₁)^a)/(1 + (v_ref/v₁)^a))^((p − 1)/a)·(sgn v + s), v_ref the campaign's largest speed; p = 1: "
+        "a force proportional to velocity, v₁ → 0: to its power p; a large: it bends at v₁ at once; s = ±1: a valve "
+        "that damps one way only"
     )
     strength = ("c_N_s_mm", "c", "N·s/mm", "viscous coefficient (secant, at the campaign's largest speed)")
     physics = (
@@ -25,7 +26,8 @@ class ViscousDamping(Effect):
     reference = (
         "Inman, Engineering Vibration, §1.3 (p = 1); Symans & Constantinou, ISET J. Earthq. Technol. 35 (1998) 185; "
         "Lee & Taylor, Struct. Des. Tall Build. 10 (2001) 311 (fluid dampers are built with p = 0.3 to 1.95); Carreau, "
-        "Trans. Soc. Rheol. 16 (1972) 99 (thinning from v₁ on); Dixon, The Shock Absorber Handbook, ch. 7 (bump and "
+        "Trans. Soc. Rheol. 16 (1972) 99, and Yasuda, Armstrong & Cohen, Rheol. Acta 20 (1981) 163 (thinning from v₁ "
+        "on, over a range that a tells); Dixon, The Shock Absorber Handbook, ch. 7 (bump and "
         "rebound damp differently)"
     )
     signature = "quadrature force at the fundamental ∝ frequency × amplitude; loops grow fatter with frequency"
@@ -48,6 +50,9 @@ class ViscousDamping(Effect):
                 stats.lognorm(s=1.5, scale=0.1 * self.scales.speed_m_s),
                 scan=False,
             ),
+            "sharpness": ExtraParameter(
+                "a", "-", "how sharply it bends", stats.lognorm(s=0.6, scale=2.0), 0.7, 10.0, scan=False
+            ),
             "one_way": ExtraParameter(
                 "s", "-", "difference of rising and falling u over their sum", about(0.0, 0.25), -1.0, 1.0, scan=False
             ),
@@ -57,9 +62,10 @@ class ViscousDamping(Effect):
         top = self.scales.speed_m_s
 
         def drag_N(own: ParameterValues) -> Array:
-            bend = self.get(own, "bend_m_s")
-            thinned = (bend**2 + motion.speed_m_s**2) / (bend**2 + top**2)
-            grown = motion.speed_m_s / top * power_of(thinned, 0.5 * (self.get(own, "exponent") - 1.0))
+            sharp = self.get(own, "sharpness")
+            bend = (self.get(own, "bend_m_s") / top) ** sharp
+            thinned = (bend + power_of(motion.speed_m_s / top, sharp)) / (bend + 1.0)
+            grown = motion.speed_m_s / top * power_of(thinned, (self.get(own, "exponent") - 1.0) / sharp)
             way = np.sign(motion.velocity_m_s) + self.get(own, "one_way")
             return (self.get(own, "c_N_s_mm") * 1e3 * top) * way * grown
 
@@ -166,8 +172,8 @@ class MovingMass(Effect):
 class QuadraticStiffness(Effect):
     name = "quadratic_stiffness"
     law = (
-        "k₂·ℓ²·|u/ℓ|^n·(1 + b·sgn u), ℓ the campaign's largest amplitude; n = 2: quadratic, b = ±1: on one side alone, "
-        "n → 1: two slopes"
+        "k₂·ℓ²·|x|^n·(1 + b·sgn x), x = u/ℓ − x₀, ℓ the campaign's largest amplitude; n = 2: quadratic, b = ±1: on one "
+        "side alone, n → 1: two slopes that meet at x₀"
     )
     strength = ("k2_N_mm2", "k₂", "N/mm²", "quadratic stiffness (the force at u = ℓ over ℓ²)")
     signed = True
@@ -187,14 +193,16 @@ class QuadraticStiffness(Effect):
             "one_sided": ExtraParameter(
                 "b", "-", "0: both sides alike, ±1: one side alone", about(0.0, 0.4), -1.2, 1.2, scan=False
             ),
+            "middle": ExtraParameter("x₀", "-", "its middle, over ℓ", about(0.0, 0.1), -0.6, 0.6, scan=False),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         length, u = self.scales.length_mm, motion.displacement_mm
 
         def spring_N(own: ParameterValues) -> Array:
-            grown = power_of(u / length, self.get(own, "exponent"))
-            side = 1.0 + self.get(own, "one_sided") * np.sign(u)
+            x = u / length - self.get(own, "middle")
+            grown = power_of(x, self.get(own, "exponent"))
+            side = 1.0 + self.get(own, "one_sided") * np.sign(x)
             return (self.get(own, "k2_N_mm2") * length**2) * grown * side
 
         return force_N + self.own(spring_N, motion, parameter_values)

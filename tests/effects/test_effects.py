@@ -48,6 +48,7 @@ CLASSIC = {
     "moving_mass.period_s": 0.0,
     "free_play.softness": 1e-9,
     "force_clipping.softness": 1e-9,
+    "force_clipping.kept": 0.0,
 }
 
 
@@ -152,7 +153,7 @@ def test_every_effect_says_its_law_and_bends_it_about_the_classical_one(kind, ki
     classic = {f"{effect.name}.{n}" for n in refined} & set(CLASSIC)
     for p in effect.parameters:  # the classical law is no rarity under the prior
         if p.name in classic and not p.name.endswith(
-            ("softness", "tail", "recovery", "loss_s_m", "spread", "period_s")
+            ("softness", "tail", "recovery", "loss_s_m", "spread", "period_s", "kept")
         ):
             assert abs(float(p.score(np.array([CLASSIC[p.name]]))[0])) < 1.0
 
@@ -364,7 +365,7 @@ def test_normal_force_lag_filters_the_grip(kit):
     got = harmonics(effect.grip(alpha, at, with_strength(effect, tau))[0, 0])
     before = harmonics(alpha[0, 0])
     assert got[0] == pytest.approx(1.0)
-    assert got[1] == pytest.approx(before[1] / (1 + 0.4j), rel=1e-9)
+    assert got[1] == pytest.approx(before[1] / (1 + 0.4j), rel=3e-4)  # straight between samples
 
 
 # ---- in series

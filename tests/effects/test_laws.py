@@ -109,10 +109,14 @@ def test_power_law_damper_dissipates_what_its_integral_says(p, kit):
 def test_carreau_damper_is_a_dashpot_at_low_and_a_power_at_high_speed(kit):
     at, effect = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64), made(kit, "ViscousDamping")
     top, bend = kit.scales.speed_m_s, 0.2 * kit.scales.speed_m_s
-    force = added(effect, at, c_N_s_mm=0.003, exponent=0.5, bend_m_s=bend)[0]
+    force = added(effect, at, c_N_s_mm=0.003, exponent=0.5, bend_m_s=bend, sharpness=2.0)[0]
     v = at.velocity_m_s[0, 0]
     zero_shear = 3.0 * (1.0 + (top / bend) ** 2) ** 0.25  # N s/m, so that the secant at the largest speed is 3
     np.testing.assert_allclose(force.ravel(), zero_shear * v * (1.0 + (v / bend) ** 2) ** -0.25, rtol=1e-9, atol=1e-12)
+    # ever sharper, it is a relief valve's: a dashpot up to a speed, a power of it beyond
+    sharp = added(effect, at, c_N_s_mm=0.003, exponent=0.3, bend_m_s=0.5 * top, sharpness=10.0)[0].ravel()
+    valve = np.where(np.abs(v) < 0.5 * top, v, np.sign(v) * 0.5 * top * (np.abs(v) / (0.5 * top)) ** 0.3)
+    np.testing.assert_allclose(sharp, 3.0 * top / (0.5 * top * 2.0**0.3) * valve, rtol=0.06, atol=1e-12)
 
 
 @pytest.mark.parametrize("a", [0.3, 0.6, 1.0])
@@ -227,7 +231,7 @@ def test_limits_of_an_offset_range_are_unequal(kit):
     at = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM)
     force_N = 10.0 * at.displacement_mm[None] / A_MM
     given = parameter_values_of(
-        made(kit, "ForceClipping"), inverse_limit_1_N=1.0 / 5.0, softness=2e-3, unequal=np.log(1.4)
+        made(kit, "ForceClipping"), inverse_limit_1_N=1.0 / 5.0, softness=2e-3, unequal=np.log(1.4), kept=0.0
     )
     seen = made(kit, "ForceClipping").force(force_N, at, given)
     assert seen.max() == pytest.approx(7.0, rel=1e-2) and seen.min() == pytest.approx(-5.0 / 1.4, rel=1e-2)
@@ -281,10 +285,75 @@ def test_lag_from_a_start_against_the_integrated_relaxation(kit):
     turned = 0.3 / (1.0 + 2j * np.pi * f * tau)
     start = 1.0 - (1.0 + turned.imag)  # α(0) less the steady loop's value there
     alpha = steady(np.arange(256) / 256.0 / f) * np.ones((1, 5, 1))
-    got = effect.grip(alpha, at, parameter_values_of(effect, tau_s=tau, start=start))[0]
-    np.testing.assert_allclose(got.mean(axis=1), blocks.mean(axis=1), atol=3e-5)
-    np.testing.assert_allclose(got[-1], blocks[-1], atol=2e-3)
+    # all of it slow, and nothing fast: the share and the ratio say the same in two ways
+    for given in ({"slow_share": 0.0, "slow_ratio": 1.0}, {"slow_share": 1.0, "slow_ratio": 1.0}):
+        got = effect.grip(alpha, at, parameter_values_of(effect, tau_s=tau, start=start, **given))[0]
+        np.testing.assert_allclose(got.mean(axis=1), blocks.mean(axis=1), atol=3e-5)
+        np.testing.assert_allclose(got[-1], blocks[-1], atol=2e-3)
     assert abs(blocks[0].mean() - blocks[-1].mean()) > 0.01
+
+
+@pytest.mark.parametrize(("tau", "release"), [(0.02, 0.0), (0.02, 1.0), (0.2, 1.5), (2.0, -1.0), (1e-4, 0.7)])
+def test_a_normal_force_that_is_let_go_later_than_taken_up(tau, release, kit):
+    effect, f = made(kit, "NormalForceLag"), 5.0
+    up, down = tau * np.exp(-0.5 * release), tau * np.exp(0.5 * release)
+
+    def wanted(t):
+        return 1.0 + 0.3 * np.sin(2.0 * np.pi * f * t)
+
+    def slope(t, a):
+        return (wanted(t) - a) / (up if wanted(t) > a else down)
+
+    at = sine_motion(frequency_hz=f, amplitude_mm=A_MM, samples=256)
+    late = effect.grip(
+        wanted(np.arange(256) / 256.0 / f)[None, None], at, parameter_values_of(effect, tau_s=tau, release=release)
+    )[0, 0]
+    # the loop that was found goes on as the equation says, and ends where it began
+    t = np.arange(257) / 256.0 / f
+    solved = integrate.solve_ivp(slope, (0.0, t[-1]), [late[0]], t_eval=t, rtol=1e-9, atol=1e-11, max_step=1e-3).y[0]
+    np.testing.assert_allclose(solved, np.append(late, late[0]), atol=1e-3 * np.ptp(late) + 1e-5)
+    assert (late.mean() > 1.005) == (release > 0.0 and tau > 1e-3)  # it stays up longer
+
+
+def test_a_slow_part_of_the_normal_force_has_a_time_of_its_own(kit):
+    effect, at = made(kit, "NormalForceLagFromStart"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=256)
+    alpha = 1.0 + 0.3 * at.displacement_mm[0, 0] / A_MM
+    given = parameter_values_of(effect, tau_s=0.5 / OMEGA, release=0.0, start=0.0, slow_share=0.3, slow_ratio=8.0)
+    got = complex_harmonics(effect.grip(alpha[None, None], at, given)[0])[0, 1]
+    expected = 0.7 / (1.0 + 0.5j) + 0.3 / (1.0 + 4.0j)
+    assert got / complex_harmonics(alpha[None])[0, 1] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("second", [0.0, 0.1, 0.25, 0.5])
+def test_a_mean_force_that_leaks_away_against_the_filter_run_in_time(second, kit):
+    f, corner, stood, mean = 5.0, 0.3, 2, 2.0
+    effect, w = made(kit, "ForceHighpassFromStart"), 2.0 * np.pi * corner
+    t = np.arange((stood + 20) * 256) / 256.0 / f
+    wave = mean + np.sin(2.0 * np.pi * f * t)
+    _, seen, _ = signal.lsim(([1.0, 0.0, 0.0], [1.0, w, second * w * w]), wave, t, interp=True)
+    seen = seen[stood * 256 :].reshape(5, 4, 256).mean(axis=1)
+    at = replace(
+        sine_motion(frequency_hz=f, amplitude_mm=np.full(5, A_MM), samples=256),
+        cycle=4.0 * np.arange(5) + 2.0,
+        span_cycles=np.full(5, 4.0),
+    )
+    given = parameter_values_of(
+        effect, corner_hz=corner, second=second, kept=0.0, stood_cycles=float(stood), stood_share=1.0
+    )
+    got = effect.force(wave[:256] * np.ones((1, 5, 1)), at, given)[0]
+    np.testing.assert_allclose(got[1:], seen[1:], atol=0.03)
+    assert np.ptp(seen.mean(axis=1)) > 0.08  # the transient was there
+    off = parameter_values_of(effect, corner_hz=0.0)
+    np.testing.assert_array_equal(
+        effect.force(wave[:256] * np.ones((1, 5, 1)), at, off)[0], wave[:256] * np.ones((5, 1))
+    )
+
+
+def test_two_slopes_meet_off_the_middle(kit):
+    at, length = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM), kit.scales.length_mm
+    force = added(made(kit, "QuadraticStiffness"), at, k2_N_mm2=1.5, exponent=1.05, one_sided=0.0, middle=0.2)[0]
+    least = at.displacement_mm[0, 0][np.argmin(force)]
+    assert least == pytest.approx(0.2 * length, abs=0.03 * length)
 
 
 def faded(kit, at, **given):
@@ -493,9 +562,21 @@ def test_soft_clipping(soft, law, kit):
     got = effect.force(
         force,
         sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64),
-        parameter_values_of(effect, inverse_limit_1_N=0.5, softness=soft),
+        parameter_values_of(effect, inverse_limit_1_N=0.5, softness=soft, kept=0.0),
     )
     np.testing.assert_allclose(got, 2.0 * law(force / 2.0), rtol=1e-12)
+
+
+def test_beyond_a_limit_the_reading_may_go_on_at_a_lower_gain(kit):
+    effect, force = made(kit, "ForceClipping"), np.linspace(-6.0, 6.0, 64)[None, None]
+    got = effect.force(
+        force,
+        sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64),
+        parameter_values_of(effect, inverse_limit_1_N=0.5, softness=2e-3, kept=0.25),
+    )
+    np.testing.assert_allclose(
+        got, np.sign(force) * np.where(np.abs(force) < 2.0, np.abs(force), 1.5 + 0.25 * np.abs(force)), rtol=2e-3
+    )
 
 
 def test_compliance_in_series_with_friction_has_converged(kit):

@@ -76,7 +76,12 @@ class GapData:
     @cached_property
     def longest_s(self) -> float:
         """Duration of the longest record."""
-        return max(float(np.ptp(x.record.time_s)) for x in self.loops)
+        return float(self.durations_s.max())
+
+    @cached_property
+    def durations_s(self) -> Array:
+        """(T,) duration of each record."""
+        return np.array([float(np.ptp(x.record.time_s)) for x in self.loops])
 
     @cached_property
     def ramps(self) -> np.ndarray:
