@@ -186,7 +186,9 @@ class ForceHighpassFromStart(ForceHighpass):
             rate = np.where(np.abs(rate) < 1e-9, 1e-9, rate)
             # it goes on falling within a cycle: at each place of the loop the average over the block's cycles
             block = decay_over_block(motion, rate) * rate / -np.expm1(-rate) * np.exp(-rate * stood)
-            left = left + (0.5 * (1.0 + one) / one * block)[:, :, None] * np.exp(-rate[:, :, None] * theta)  # of conjugates, so the sum is real
+            left = left + (0.5 * (1.0 + one) / one * block)[:, :, None] * np.exp(
+                -rate[:, :, None] * theta
+            )  # of conjugates, so the sum is real
         passed = force_N.mean(axis=-1, keepdims=True) * (share * (1.0 - self._mean_kept(corner, kept)))[:, :, None]
         return super().force(force_N, motion, parameter_values) + passed * np.real(left)
 
@@ -261,19 +263,15 @@ class SteepLowpass(ForceLowpass):
 class ForceClipping(Effect):
     name = "force_clipping"
     law = (
-        "(1 − g)·F/(1 + |F/F_max|^p)^(1/p) + g·F, softness s = 1/p; s → 0: hard; s = ½: an amplifier's soft "
-        "saturation; g > 0: beyond the limit the reading goes on at this gain; the limit of pulling is F_max·e^b, that "
-        "of pushing F_max·e^−b"
+        "F/(1 + |F/F_max|^p)^(1/p), softness s = 1/p; s → 0: hard; s = ½: an amplifier's soft saturation; the limit of "
+        "pulling is F_max·e^b, that of pushing F_max·e^−b"
     )
     strength = ("inverse_limit_1_N", "1/F_max", "1/N", "inverse of the largest force that the channel passes")
     spread = 0.15  # a limit far above the largest force is none
     sudden = True
     order = 5
     physics = "The force channel reaches the end of its range, or its amplifier saturates."
-    reference = (
-        "Rapp, Proc. 2nd European Conf. Satellite Communications, Liège (1991) 179 (soft limiter); Giannoulis, "
-        "Massberg & Reiss, J. Audio Eng. Soc. 60 (2012) 399 (compression beyond a knee)"
-    )
+    reference = "Rapp, Proc. 2nd European Conf. Satellite Communications, Liège (1991) 179 (soft limiter)"
     signature = "the loop's tips are flat at the same force in every test that reaches it"
     look_alikes = ("cubic_stiffness",)
     bench = "a coarser range"
@@ -290,7 +288,6 @@ class ForceClipping(Effect):
             "unequal": ExtraParameter(
                 "b", "-", "0: both signs limited alike; else an offset range", about(0.0, 0.2), -1.0, 1.0, scan=False
             ),
-            "kept": ExtraParameter("g", "-", "gain beyond the limit; 0: none", about(0.0, 0.12), 0.0, 0.7, scan=False),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -299,15 +296,13 @@ class ForceClipping(Effect):
         with np.errstate(divide="ignore"):
             log_ratio = np.log(np.abs(force_N) * inverse / wider)
         over = np.logaddexp(0.0, log_ratio / soft)  # ln(1 + |F/F_max|^p)
-        kept = self.get(parameter_values, "kept")
-        return force_N * (kept + (1.0 - kept) * np.exp(-soft * over))
+        return force_N * np.exp(-soft * over)
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
         return {
             "limit_N": (1.0 / values[self.strength_name], "N"),
             "softness": (values[f"{self.name}.softness"], "-"),
             "unequal": (values[f"{self.name}.unequal"], "-"),
-            "kept": (values[f"{self.name}.kept"], "-"),
         }
 
 

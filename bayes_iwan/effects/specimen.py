@@ -172,8 +172,8 @@ class MovingMass(Effect):
 class QuadraticStiffness(Effect):
     name = "quadratic_stiffness"
     law = (
-        "k₂·ℓ²·|x|^n·(1 + b·sgn x), x = u/ℓ − x₀, ℓ the campaign's largest amplitude; n = 2: quadratic, b = ±1: on one "
-        "side alone, n → 1: two slopes that meet at x₀"
+        "k₂·ℓ²·|u/ℓ|^n·(1 + b·sgn u), ℓ the campaign's largest amplitude; n = 2: quadratic, b = ±1: on one side alone, "
+        "n → 1: two slopes"
     )
     strength = ("k2_N_mm2", "k₂", "N/mm²", "quadratic stiffness (the force at u = ℓ over ℓ²)")
     signed = True
@@ -193,16 +193,14 @@ class QuadraticStiffness(Effect):
             "one_sided": ExtraParameter(
                 "b", "-", "0: both sides alike, ±1: one side alone", about(0.0, 0.4), -1.2, 1.2, scan=False
             ),
-            "middle": ExtraParameter("x₀", "-", "its middle, over ℓ", about(0.0, 0.1), -0.6, 0.6, scan=False),
         }
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         length, u = self.scales.length_mm, motion.displacement_mm
 
         def spring_N(own: ParameterValues) -> Array:
-            x = u / length - self.get(own, "middle")
-            grown = power_of(x, self.get(own, "exponent"))
-            side = 1.0 + self.get(own, "one_sided") * np.sign(x)
+            grown = power_of(u / length, self.get(own, "exponent"))
+            side = 1.0 + self.get(own, "one_sided") * np.sign(u)
             return (self.get(own, "k2_N_mm2") * length**2) * grown * side
 
         return force_N + self.own(spring_N, motion, parameter_values)

@@ -2,7 +2,8 @@
 
 Laws after: Armstrong-Hélouvry, Dupont & Canudas de Wit (1994) on falling friction; Dieterich (1979) and Ruina (1983) on
 contacts that age; Eyring's arcsinh and power laws of strengthening (Persson, Sliding Friction, 2000); Prakash &
-Clifton (1993) on the lag behind normal force; Archard (1953) and Blau (2005) on wear and running-in.
+Clifton (1993) on the lag behind normal force; Findley, Lai & Onaran (1976) on recovery that is no exponential and has
+several times; Archard (1953) and Blau (2005) on wear and running-in.
 """
 
 from __future__ import annotations
@@ -101,13 +102,16 @@ LAG = FaultKind(
             lambda p: Acting(motion=FaultValues(
                 lag_rise_s=0.5 * p["tau_s"], lag_fall_s=0.5 * p["tau_s"], lag_second_s=0.5 * p["tau_s"]))),
         Law("slow_release",
-            lambda p: Acting(motion=FaultValues(lag_rise_s=p["tau_s"], lag_fall_s=p["ratio"] * p["tau_s"])),
-            lambda g, s: {"ratio": float(g.uniform(2.0, 5.0))}),
+            lambda p: Acting(motion=FaultValues(
+                lag_rise_s=p["tau_s"], lag_fall_s=p["ratio"] * p["tau_s"], lag_quick=p["quick"])),
+            lambda g, s: {"ratio": float(g.uniform(2.0, 6.0)), "quick": float(g.uniform(3.0, 10.0))}),
         Law("with_transient",
             lambda p: Acting(motion=FaultValues(
                 lag_rise_s=p["tau_s"], lag_fall_s=p["tau_s"], lag_slow_share=p["slow_share"],
-                lag_slow_s=p["slow_ratio"] * p["tau_s"])),
-            lambda g, s: {"slow_share": float(g.uniform(0.2, 0.5)), "slow_ratio": float(g.uniform(8.0, 25.0))}, True),
+                lag_slow_s=p["slow_ratio"] * p["tau_s"],
+                lag_slower_s=p["slower_ratio"] * p["slow_ratio"] * p["tau_s"])),
+            lambda g, s: {"slow_share": float(g.uniform(0.2, 0.5)), "slow_ratio": float(g.uniform(4.0, 12.0)),
+                          "slower_ratio": float(g.uniform(3.0, 8.0))}, True),
     ),
 )  # fmt: skip
 

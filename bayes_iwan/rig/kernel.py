@@ -72,6 +72,8 @@ class FaultValues(NamedTuple):
     lag_second_s: float = 0.0
     lag_slow_share: float = 0.0
     lag_slow_s: float = 1.0
+    lag_slower_s: float = 1.0
+    lag_quick: float = 0.0
     fade: Array = NO_TABLE
     fade_step: float = 1.0
     fade_work_Nmm: float = 0.0
@@ -135,7 +137,7 @@ def march(
             memory[j] = 2e-4 + 1.3 * steepest / (s.contact * share[j])
     k_norm = 1.0 - np.exp(-s.curve)
     log_a = np.log(s.amplitude_mm)
-    alpha_lag, alpha_rate, alpha_slow, heat = 1.0, 0.0, 1.0, 0.0
+    alpha_lag, alpha_rate, alpha_was, alpha_slow, alpha_slower, heat = 1.0, 0.0, 1.0, 1.0, 1.0, 0.0
     branch = np.zeros(q.branch_k.size)
     branches = q.branch_k.size if q.branch_k[0] != 0.0 else 0
     branch_gain = 1.0 / (1.0 + h / q.branch_tau) if branches else q.branch_tau
@@ -149,7 +151,7 @@ def march(
     lagged = q.lag_rise_s != 0.0
     rise_gain = 1.0 if not lagged else h / (q.lag_rise_s + h)
     fall_gain = 1.0 if not lagged else h / (q.lag_fall_s + h)
-    slow_gain = h / (q.lag_slow_s + h)
+    slow_gain, slower_gain = h / (q.lag_slow_s + h), h / (q.lag_slower_s + h)
     # a second-order lag: τ1·τ2·a'' + (τ1 + τ2)·a' + a = α
     whole_rest = np.log1p(q.healing_time / q.healing_cut)
     second = q.lag_second_s
@@ -193,6 +195,8 @@ def march(
         if healed:
             for j in range(m):
                 own[j] = 1.0 - q.healing * (1.0 - np.log1p(rested[j] / q.healing_cut) / whole_rest)
+        if q.lag_quick != 0.0:  # the farther it has to fall, the quicker it does: no exponential
+            fall_gain = h / (q.lag_fall_s / (1.0 + q.lag_quick * max(alpha_lag - alpha_was, 0.0)) + h)
         # ---- solve for the end's position
         lo, hi = -1e9, 1e9
         trial = z + (u - (drive[i - 1] if i > 0 else 0.0)) if q.play == 0.0 else z + h * z_speed
@@ -217,7 +221,7 @@ def march(
             dalpha *= (1.0 - q.lag_slow_share) * pull * (1.0 if v >= 0.0 else -1.0) / h
             fast = alpha
             if q.lag_slow_share != 0.0:
-                alpha += q.lag_slow_share * (alpha_slow - alpha)
+                alpha += q.lag_slow_share * (0.5 * (alpha_slow + alpha_slower) - alpha)
             if alpha < 0.05:
                 alpha, dalpha = 0.05, 0.0
             decay = np.exp(-s.curve * alpha**s.curve_power)
@@ -307,6 +311,8 @@ def march(
         alpha_rate = (fast - alpha_lag) / h
         alpha_lag = fast
         alpha_slow += slow_gain * (alpha_now - alpha_slow)
+        alpha_slower += slower_gain * (alpha_now - alpha_slower)
+        alpha_was = alpha_now
         slipped = 0.0
         if not (rated or aged or healed):
             plus, minus = limit * (1.0 + lean), -limit * (1.0 - lean)

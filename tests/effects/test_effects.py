@@ -48,7 +48,6 @@ CLASSIC = {
     "moving_mass.period_s": 0.0,
     "free_play.softness": 1e-9,
     "force_clipping.softness": 1e-9,
-    "force_clipping.kept": 0.0,
 }
 
 
@@ -153,7 +152,7 @@ def test_every_effect_says_its_law_and_bends_it_about_the_classical_one(kind, ki
     classic = {f"{effect.name}.{n}" for n in refined} & set(CLASSIC)
     for p in effect.parameters:  # the classical law is no rarity under the prior
         if p.name in classic and not p.name.endswith(
-            ("softness", "tail", "recovery", "loss_s_m", "spread", "period_s", "kept")
+            ("softness", "tail", "recovery", "loss_s_m", "spread", "period_s")
         ):
             assert abs(float(p.score(np.array([CLASSIC[p.name]]))[0])) < 1.0
 

@@ -231,7 +231,7 @@ def test_limits_of_an_offset_range_are_unequal(kit):
     at = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM)
     force_N = 10.0 * at.displacement_mm[None] / A_MM
     given = parameter_values_of(
-        made(kit, "ForceClipping"), inverse_limit_1_N=1.0 / 5.0, softness=2e-3, unequal=np.log(1.4), kept=0.0
+        made(kit, "ForceClipping"), inverse_limit_1_N=1.0 / 5.0, softness=2e-3, unequal=np.log(1.4)
     )
     seen = made(kit, "ForceClipping").force(force_N, at, given)
     assert seen.max() == pytest.approx(7.0, rel=1e-2) and seen.min() == pytest.approx(-5.0 / 1.4, rel=1e-2)
@@ -347,13 +347,6 @@ def test_a_mean_force_that_leaks_away_against_the_filter_run_in_time(second, kit
     np.testing.assert_array_equal(
         effect.force(wave[:256] * np.ones((1, 5, 1)), at, off)[0], wave[:256] * np.ones((5, 1))
     )
-
-
-def test_two_slopes_meet_off_the_middle(kit):
-    at, length = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM), kit.scales.length_mm
-    force = added(made(kit, "QuadraticStiffness"), at, k2_N_mm2=1.5, exponent=1.05, one_sided=0.0, middle=0.2)[0]
-    least = at.displacement_mm[0, 0][np.argmin(force)]
-    assert least == pytest.approx(0.2 * length, abs=0.03 * length)
 
 
 def faded(kit, at, **given):
@@ -562,21 +555,9 @@ def test_soft_clipping(soft, law, kit):
     got = effect.force(
         force,
         sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64),
-        parameter_values_of(effect, inverse_limit_1_N=0.5, softness=soft, kept=0.0),
+        parameter_values_of(effect, inverse_limit_1_N=0.5, softness=soft),
     )
     np.testing.assert_allclose(got, 2.0 * law(force / 2.0), rtol=1e-12)
-
-
-def test_beyond_a_limit_the_reading_may_go_on_at_a_lower_gain(kit):
-    effect, force = made(kit, "ForceClipping"), np.linspace(-6.0, 6.0, 64)[None, None]
-    got = effect.force(
-        force,
-        sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64),
-        parameter_values_of(effect, inverse_limit_1_N=0.5, softness=2e-3, kept=0.25),
-    )
-    np.testing.assert_allclose(
-        got, np.sign(force) * np.where(np.abs(force) < 2.0, np.abs(force), 1.5 + 0.25 * np.abs(force)), rtol=2e-3
-    )
 
 
 def test_compliance_in_series_with_friction_has_converged(kit):

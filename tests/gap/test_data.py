@@ -195,8 +195,10 @@ def test_predicted_drift_of_each_test_in_its_own_way(data_of, kit):
         f"force_drift.{part}_N_s[{file}]": n for part, own in numbers.items() for file, n in zip(files(still), own)
     }
     mean, trend, _ = difference(ForceDriftByTest(kit.scales, files(still)), parameter_values, still, kit)
-    np.testing.assert_allclose(mean, drifts.harmonics_N - still.harmonics_N, atol=1e-7)
-    np.testing.assert_allclose(trend, drifts.trend_N - still.trend_N, atol=1e-7)
+    np.testing.assert_allclose(
+        mean, drifts.harmonics_N - still.harmonics_N, atol=1e-5
+    )  # blocks are not quite of a length
+    np.testing.assert_allclose(trend, drifts.trend_N - still.trend_N, atol=1e-9)
 
 
 def test_predicted_third_harmonic_of_a_hum_is_locked_to_it(kit):
