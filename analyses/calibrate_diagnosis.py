@@ -88,7 +88,7 @@ def named_shares(found: Weighed, unseen: Sequence[Record]) -> dict[str, dict[str
     if not named:
         return {}
     keys = subsets(named)
-    share = shares(named, {k: found.sizes[k] for k in keys})
+    share = found.told_shares(named)
     loops = [average(r, **LOOPS) for r in unseen]
     removed = left_out([found.predicting[k] for k in keys], found.search.data, loops)
     of = {u.by: unseen_shares(named, [u]) for u in removed}
@@ -136,6 +136,7 @@ def study(shared: dict[str, Any], index: int) -> dict[str, Any]:
         "gap_N": by_name(found.gap_N),
         "gap_share": {key(k): s.all.resolved_share for k, s in found.sizes.items()},
         "share": {key(k): {n: s.value for n, s in shares(k, found.sizes).items()} for k in found.fits if k},
+        "told": {key(k): {n: s.value for n, s in found.told_shares(k).items()} for k in found.fits if k},
         "along": {key(k): found.along(k) for k in found.fits if k},
         "named": named_shares(found, unseen),
         "subharmonic": found.subharmonic,

@@ -127,7 +127,7 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
         if kind == "outside" and visible:
             count("outside: flagged", flagged)
             count("outside: something named", bool(named))
-        share = by_set(case["share"]).get(frozenset(named), {})
+        share = by_set(case["told"]).get(frozenset(named), {})
         gone = removed(by_set(case["true_gap_N"]), frozenset(named & true))
         for e in case["truth"]["effects"]:
             if e["name"] in named:

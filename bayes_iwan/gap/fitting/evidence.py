@@ -166,7 +166,13 @@ def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS, smaller:
     own = dict(zip(fit.problem.names, fit.z))
     theirs = [own | dict(zip(f.problem.names, f.z)) for f in smaller]
     starts = [fit.z, *fit.optima[:NEWTON_STARTS], *(np.array([z[n] for n in own]) for z in theirs)]
-    return _beside(data, fit, newton_size(fit.rest_share[0]), starts, iterations)
+    size = newton_size(fit.rest_share[0])
+    return fit if fit.size == size else _beside(data, fit, size, starts, iterations, fit.linear)
+
+
+def refitted_in_newtons(data: GapData, fit: Fit, starts: Sequence[Array]) -> Fit:
+    """The model of a fit to other data of the same tests, where it misses these least in newtons."""
+    return _beside(data, fit, newton_size(fit.rest_share[0]), starts, NEWTON_STEPS, None)
 
 
 def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
@@ -174,16 +180,17 @@ def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
     as far as the rest that was inferred beside it says."""
     size = RestSize(fit.rest_share[0], 0.0, fit.size.along, (), fit.size.along_spectrum)
     alike = size.share == nearest.size.share and not any(e.evolving for e in fit.effects)
-    return nearest if alike else _beside(data, fit, size, [fit.z, nearest.z], NEWTON_STEPS)
+    if alike or fit.size == size:
+        return nearest if alike else fit
+    return _beside(data, fit, size, [fit.z, nearest.z], NEWTON_STEPS, fit.linear)
 
 
-def _beside(data: GapData, fit: Fit, size: RestSize, starts: Sequence[Array], iterations: int) -> Fit:
-    """A fit's model refitted beside a rest of a size."""
-    if fit.size == size:
-        return fit
+def _beside(
+    data: GapData, fit: Fit, size: RestSize, starts: Sequence[Array], iterations: int, known: Linear | None
+) -> Fit:
+    """A fit's model refitted beside a rest of a size. known : the fit's linear model, where it is of these data."""
     rows = Rows(data, fit.problem, size.between)
-    known = fit.linear if fit.size.between == size.between else None
-    found = rows.fit(np.array(starts), size, iterations, known)
+    found = rows.fit(np.array(starts), size, iterations, known if fit.size.between == size.between else None)
     linear = rows.linear(found.x[found.best])
     _, precision, _ = linear.step(size)
     covariance = np.asarray(np.linalg.inv(precision))

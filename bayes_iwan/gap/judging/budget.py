@@ -56,6 +56,11 @@ class Share:
     low: float
     high: float
 
+    def about(self, value: float) -> Share:
+        """The same interval about another value."""
+        moved = value - self.value
+        return Share(value, max(self.low + moved, -1.0), min(self.high + moved, 1.0))
+
     def widened(self, sd: float) -> Share:
         """With a further independent error of this standard deviation."""
         low, high = (float(np.hypot(x, NINETY * sd)) for x in (self.value - self.low, self.high - self.value))

@@ -141,7 +141,7 @@ def _causes(
     if not named:
         return ()
     keys = subsets(named)
-    share = shares(named, {k: found.sizes[k] for k in keys})
+    share = found.told_shares(named)
     unseen = left_out([found.predicting[k] for k in keys], found.search.data, held_out)
     judges: tuple[Unseen, ...] = tuple(u for u in unseen if u.by == HELD_OUT) or unseen
     predicted = unseen_shares(named, judges) if judges else {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -13,8 +14,9 @@ from bayes_iwan.gap.fitting.evidence import Fit, in_newtons, predicting
 from bayes_iwan.gap.fitting.gap_size import GapSize, gap_size
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, left_out
 from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.judging.budget import along_shares, fits_of_subsets, shares, subsets
+from bayes_iwan.gap.judging.budget import Share, along_shares, fits_of_subsets, shares, subsets
 from bayes_iwan.gap.judging.guards import Figures, guard_figures, in_company
+from bayes_iwan.gap.judging.taken_out import both_ways, gaps_without
 from bayes_iwan.gap.searching.base import LEAST_OF_FRICTION
 from bayes_iwan.gap.searching.found import OWN_FORM, Search
 from bayes_iwan.threads import alongside
@@ -56,6 +58,21 @@ class Weighed:
     def gap_N(self) -> dict[Names, float]:
         """RMS gap by set of effects."""
         return {k: s.all.rms_N for k, s in self.sizes.items()}
+
+    def told_shares(self, names: Iterable[str]) -> dict[str, Share]:
+        """Share of the gap that each of these effects is said to make: :func:`both_ways`."""
+        keys = subsets(names)
+        put_in = shares(names, {k: self.sizes[k] for k in keys})
+        new = [k for k in keys if k not in self._left_N] if len(put_in) > 1 else []
+        if new:
+            base, whole = (self.in_newtons[k] for k in (frozenset[str](), frozenset(self.search.chosen)))
+            self._left_N.update(gaps_without(self.search.data, base, whole, new))
+        return both_ways(put_in, self._left_N)
+
+    @cached_property
+    def _left_N(self) -> dict[Names, float]:
+        """What was found of :func:`gaps_without`."""
+        return {}
 
     def along(self, names: Iterable[str]) -> dict[str, float]:
         """See :func:`removed_along`."""
