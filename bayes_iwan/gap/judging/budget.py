@@ -3,7 +3,8 @@ rest.
 
 A model's gap is not additive in its effects, so shares are Shapley values: the mean of what an effect removes over all
 orders in which the effects of the set can be added (Shapley 1953; Lindeman, Merenda & Gold 1980 for regression). They
-sum to what the whole set removes.
+sum to what the whole set removes. What is said of a named cause is the mean of this and of the same asked from the
+records' side (:mod:`bayes_iwan.gap.judging.taken_out`).
 """
 
 from __future__ import annotations

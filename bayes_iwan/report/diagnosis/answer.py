@@ -40,8 +40,9 @@ CAPTIONS = {
         "Waterfall of the gap and the residual force of one test with and without the named causes",
     ),
     "budget": (
-        "The gap as a sum: how much of it each named cause removes (Shapley values, so that effects that overlap "
-        "share fairly) and what is left.",
+        "The gap as a sum: how much of it each named cause makes and what is left. What several remove together is "
+        "shared among them by Shapley values, the mean of two ways: each put into the model, and what it makes taken "
+        "out of the records.",
         "Waterfall from the gap down to the rest",
     ),
     "gap_loops": (
