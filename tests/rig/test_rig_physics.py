@@ -234,6 +234,41 @@ def test_normal_force_follows_late():
     assert abs(late / prompt) == pytest.approx(1 / np.hypot(1, OMEGA * tau), abs=0.06)
 
 
+def alpha_along(*faults, cycles=24):
+    """α along a record, by cycle and phase: nearly rigid sliders show it as friction over their slip force. An odd
+    wave of the speed comes with it, so it is read where the force has settled after a reversal."""
+    s = uniform_specimen(0.5, contact_N_mm=4000.0, n=40, parallel_N_mm=0.0, kn_1_mm=0.5, beta=1.0)
+    r = run(s, *faults, test=PlannedTest(10.0, A, cycles=cycles, run_in=4))
+    return np.abs(r.force_N)[: 128 * cycles].reshape(cycles, 128) / 0.5
+
+
+def test_a_normal_force_that_lets_go_late_and_not_as_an_exponential():
+    tau = 0.01
+
+    def law(ratio, quick):
+        return Fault("normal_force_lag", {"tau_s": tau, "ratio": ratio, "quick": quick}, "slow_release")
+
+    first_order = alpha_along(Fault("normal_force_lag", {"tau_s": tau}))[-1]
+    np.testing.assert_allclose(alpha_along(law(1.0, 0.0))[-1], first_order, atol=1e-9)
+    late, quicker = alpha_along(law(4.0, 0.0))[-1], alpha_along(law(4.0, 8.0))[-1]
+    # what lets go later stays higher; the farther it has to fall the quicker, so less high
+    assert first_order.mean() + 0.01 < quicker.mean() < late.mean() - 0.005
+
+
+def test_a_normal_force_with_two_slow_parts_creeps_with_both_times():
+    slow, slower, share = 0.15, 0.9, 0.4
+    given = {"tau_s": 0.01, "slow_share": share, "slow_ratio": slow / 0.01, "slower_ratio": slower / slow}
+    level = alpha_along(Fault("normal_force_lag", given, "with_transient"), cycles=40).mean(axis=1)
+    steady = alpha_along(Fault("normal_force_lag", {"tau_s": 0.01}), cycles=40).mean(axis=1)
+    time = (np.arange(40) + 0.5) / 10.0
+    parts = np.stack([np.exp(-time / slow), np.exp(-time / slower), np.ones(40)], axis=1)
+    weight, *_ = np.linalg.lstsq(parts, level, rcond=None)
+    assert np.abs(parts @ weight - level).max() < 0.02 * np.ptp(level)
+    one = parts[:, [0, 2]]  # not with one of them
+    assert np.abs(one @ np.linalg.lstsq(one, level, rcond=None)[0] - level).max() > 0.1 * np.ptp(level)
+    assert np.ptp(level) > 5 * np.ptp(steady[1:])
+
+
 def test_swinging_base_against_its_transfer_function():
     """A spring k on a base of mobility c: F = k·u / (1 + k·H), H the base's receptance."""
     k, c, f0, zeta = 8.0, 0.02, 25.0, 0.04
