@@ -178,6 +178,7 @@ def made_case(rng, kind, name, law, strong):
         "true_share": {e["name"]: 0.95 for e in effects},
         "subharmonic": 1.0,
         "share": {name: {name: 0.95 if true else 0.1}},
+        "told": {name: {name: 0.95 if true else 0.1}},
     }
 
 
