@@ -14,9 +14,8 @@ class ViscousDamping(Effect):
     name = "viscous_damping"
     # p = 2 is left out: the drag of fluid pushed through a gap is another mechanism
     law = (
-        "c·|v|·((1 + (v/v₁)^a)/(1 + (v_ref/v₁)^a))^((p − 1)/a)·(sgn v + s), v_ref the campaign's largest speed; p = 1: "
-        "a force proportional to velocity, v₁ → 0: to its power p; a large: it bends at v₁ at once; s = ±1: a valve "
-        "that damps one way only"
+        "c·|v|·((1 + (v/v₁)²)/(1 + (v_ref/v₁)²))^((p − 1)/2)·(sgn v + s), v_ref the campaign's largest speed; p = 1: "
+        "a force proportional to velocity, v₁ → 0: to its power p; s = ±1: a valve that damps one way only"
     )
     strength = ("c_N_s_mm", "c", "N·s/mm", "viscous coefficient (secant, at the campaign's largest speed)")
     physics = (
@@ -26,8 +25,7 @@ class ViscousDamping(Effect):
     reference = (
         "Inman, Engineering Vibration, §1.3 (p = 1); Symans & Constantinou, ISET J. Earthq. Technol. 35 (1998) 185; "
         "Lee & Taylor, Struct. Des. Tall Build. 10 (2001) 311 (fluid dampers are built with p = 0.3 to 1.95); Carreau, "
-        "Trans. Soc. Rheol. 16 (1972) 99, and Yasuda, Armstrong & Cohen, Rheol. Acta 20 (1981) 163 (thinning from v₁ "
-        "on, over a range that a tells); Dixon, The Shock Absorber Handbook, ch. 7 (bump and "
+        "Trans. Soc. Rheol. 16 (1972) 99 (thinning from v₁ on); Dixon, The Shock Absorber Handbook, ch. 7 (bump and "
         "rebound damp differently)"
     )
     signature = "quadrature force at the fundamental ∝ frequency × amplitude; loops grow fatter with frequency"
@@ -50,9 +48,6 @@ class ViscousDamping(Effect):
                 stats.lognorm(s=1.5, scale=0.1 * self.scales.speed_m_s),
                 scan=False,
             ),
-            "sharpness": ExtraParameter(
-                "a", "-", "how sharply it bends", stats.lognorm(s=0.6, scale=2.0), 0.7, 10.0, scan=False
-            ),
             "one_way": ExtraParameter(
                 "s", "-", "difference of rising and falling u over their sum", about(0.0, 0.25), -1.0, 1.0, scan=False
             ),
@@ -62,10 +57,9 @@ class ViscousDamping(Effect):
         top = self.scales.speed_m_s
 
         def drag_N(own: ParameterValues) -> Array:
-            sharp = self.get(own, "sharpness")
-            bend = (self.get(own, "bend_m_s") / top) ** sharp
-            thinned = (bend + power_of(motion.speed_m_s / top, sharp)) / (bend + 1.0)
-            grown = motion.speed_m_s / top * power_of(thinned, (self.get(own, "exponent") - 1.0) / sharp)
+            bend = self.get(own, "bend_m_s")
+            thinned = (bend**2 + motion.speed_m_s**2) / (bend**2 + top**2)
+            grown = motion.speed_m_s / top * power_of(thinned, 0.5 * (self.get(own, "exponent") - 1.0))
             way = np.sign(motion.velocity_m_s) + self.get(own, "one_way")
             return (self.get(own, "c_N_s_mm") * 1e3 * top) * way * grown
 
