@@ -1,4 +1,4 @@
-"""Effects on the friction itself: what the elements can carry, or how the normal force follows the motion."""
+"""Effects on the friction itself: what the elements can carry."""
 
 from __future__ import annotations
 
