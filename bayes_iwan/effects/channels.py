@@ -240,7 +240,7 @@ class SteepLowpass(ForceLowpass):
     reference = "Zverev, Handbook of Filter Synthesis, ch. 2 (group delay below the corner)"
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
-        # a droop of its own is what makes it a filter: without one the delay is the simpler story
+        # a droop of its own is what makes it a filter: without one nothing tells it from a delay
         return {
             "droop": ExtraParameter(
                 "κ", "-", "droop over that of a first order", stats.lognorm(s=0.8, scale=0.3), 0.0, 1.0

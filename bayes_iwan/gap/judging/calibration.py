@@ -21,8 +21,10 @@ from bayes_iwan.gap.judging.guards import UNJUDGED, Figures
 from bayes_iwan.gap.searching.base import USUAL_GAP
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
-#: nats up to which evidence counts in full; beyond, by its logarithm
-LINEAR_NATS = 30.0
+#: nats for each test up to which evidence counts in full; beyond, by its logarithm
+LINEAR_NATS = 2.0
+#: fewer tests than these are counted as so many: one record's nats are few, but as easily found by what merely absorbs
+LEAST_TESTS = 6
 #: no answer claims more
 SUREST = 0.99
 #: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
@@ -77,12 +79,13 @@ class Calibration:
 def effect_figures(f: Figures) -> Array:
     """(4,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES.
 
-    Its evidence counts the more, the larger the gap is beside a sound specimen's: what merely absorbs finds little more
-    to take than such a specimen's difference from the model. Then the share of the gap that it removes, what it removes
-    on tests left out (the mean over the tests; UNJUDGED of what it removes where none can be left out), the steadiness
-    of its strength.
+    Its evidence counts by test: what merely absorbs finds the same to take in every one, so that many tests speak for
+    it as loudly as for a cause. And it counts the more, the larger the gap is beside a sound specimen's: what absorbs
+    finds little more than such a specimen's difference from the model. Then the share of the gap that it removes, what
+    it removes on tests left out (the mean over the tests; UNJUDGED of what it removes where none can be left out), the
+    steadiness of its strength.
     """
-    gain = np.log1p(max(f.gain, 0.0) / LINEAR_NATS) * np.log1p(f.gap / USUAL_GAP)
+    gain = np.log1p(max(f.gain, 0.0) / (LINEAR_NATS * max(f.tests, LEAST_TESTS))) * np.log1p(f.gap / USUAL_GAP)
     return np.array([gain, f.fitted, f.by_test * (1.0 if f.judged else UNJUDGED), -min(f.differs, 5.0)])
 
 

@@ -54,6 +54,7 @@ class Figures:
     differs : by how many standard deviations its strength differs between halves of the tests (larger split)
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
+    tests : how many were fitted
     judged : could any test be left out? Else `unseen` and `by_test` are only what was fitted
     """
 
@@ -68,6 +69,7 @@ class Figures:
     moved: float
     gap: float
     before: float
+    tests: int
     judged: bool = True
 
 
@@ -134,6 +136,7 @@ def guard_figures(
                 moved[name],
                 parts[less.names][0] / level,
                 before / level,
+                data.tests,
                 bool(unseen),
             )
         )

@@ -12,6 +12,7 @@ from concurrent.futures import Executor
 
 import numpy as np
 
+from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
@@ -49,6 +50,14 @@ MOST_EFFECTS = 4
 #: an effect is dropped if the gap without it is larger by at most this share of the base's gap, though alone it would
 #: remove ALONE of it: the others of the set stand in for it, and nats beyond that are the difference between two laws
 STOOD_IN, ALONE = 0.05, 0.2
+
+
+def latitude(effect: Effect) -> tuple[bool, int]:
+    """How much else an effect could have explained as well: may its strength have either sign, and how many numbers
+    does it have? Where two explain the same, the one that ran the greater risk of not doing so is the likelier. A
+    channel's delay, say, may go either way, and half of all delays would have been of the other channel; a low-pass of
+    the force only makes it late."""
+    return effect.signed, len(effect.parameters)
 
 
 class _Explorer(Explored):
@@ -112,7 +121,7 @@ class _Explorer(Explored):
 
     def plainest(self, shared: frozenset[str], fits: Sequence[Fit]) -> Fit:
         """The best of fits with one effect beside those shared; among look-alikes that are all but tied, in newtons
-        too, the one that the catalogue lists first, which is the simpler story."""
+        too, the one that commits itself most (:func:`latitude`), of those the one that the catalogue lists first."""
         near = self.within_reach(fits)
         self.worths(near)
         best = max(near, key=self.worth)
@@ -127,7 +136,12 @@ class _Explorer(Explored):
             most = self.gap_N(best) + ALIKE_SHARE * self.gap_N(self.fits[frozenset()])
             tied = [f for f in tied if f is best or self.gap_N(f) <= most]
         listed = list(self.effects)
-        return min(tied, key=lambda f: listed.index(next(iter(f.names - shared))))
+
+        def order(fit: Fit) -> tuple[bool, int, int]:
+            (effect,) = (e for e in fit.effects if e.name not in shared)
+            return *latitude(effect), listed.index(effect.name)
+
+        return min(tied, key=order)
 
     def grown(self, current: Fit, most: int) -> Fit:
         """Effect after effect taken in, with exchanges on the way, while it is worth it."""
