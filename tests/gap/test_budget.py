@@ -10,6 +10,7 @@ from bayes_iwan.effects.catalogue import variants
 from bayes_iwan.gap.judging.budget import OWN_PROBABILITY, Share, along_shares, shapley, subsets
 from bayes_iwan.gap.judging.calibration import (
     EFFECT_FIGURES,
+    LEAST_TESTS,
     REST_FIGURES,
     SUREST,
     Calibration,
@@ -60,7 +61,7 @@ def test_shapley_of_three_by_the_orders_written_out():
         assert found[n] == pytest.approx(by_hand[n])
 
 
-PLACE = Figures("a", 20.0, 10.0, {"a": 0.0, "b": -4.0}, 0.5, 0.4, 0.4, 1.0, 0.5, 0.03, 0.04)
+PLACE = Figures("a", 20.0, 10.0, {"a": 0.0, "b": -4.0}, 0.5, 0.4, 0.4, 1.0, 0.5, 0.03, 0.04, 6)
 
 
 @pytest.mark.parametrize(
@@ -124,7 +125,7 @@ def test_nature_s_law_puts_a_small_share_off_by_a_part_of_it_only():
 
 
 def test_no_evidence_names_nothing():
-    weak = Figures("a", 3.0, 0.5, {"a": 0.0, "b": -0.5}, 0.05, -0.2, -0.2, 4.0, 0.002, 0.002, 0.002)
+    weak = Figures("a", 3.0, 0.5, {"a": 0.0, "b": -0.5}, 0.05, -0.2, -0.2, 4.0, 0.002, 0.002, 0.002, 6)
     assert calibration().contributes(weak) < 0.5
 
 
@@ -165,6 +166,14 @@ def test_evidence_counts_more_beside_a_gap_that_no_sound_specimen_has():
     """The same nats, once where the gap is as large as a sound specimen's, once ten times that."""
     sound, large = (effect_figures(replace(CLEAR, gap=k * USUAL_GAP))[0] for k in (1.0, 10.0))
     assert large / sound == pytest.approx(np.log(11.0) / np.log(2.0))
+
+
+def test_evidence_counts_by_test_but_a_single_record_no_more_than_a_few():
+    def evidence(gain, tests):
+        return effect_figures(replace(CLEAR, gain=gain, tests=tests))[0]
+
+    assert evidence(20.0, 14) < evidence(20.0, 7) == pytest.approx(evidence(40.0, 14))
+    assert evidence(20.0, 1) == evidence(20.0, LEAST_TESTS)
 
 
 def test_what_nothing_of_the_catalogue_fills_is_not_said_to_be_one_of_it():

@@ -57,7 +57,7 @@ def test_far_ends_and_more_than_a_few_are_left():
 
 
 def figures(name, gain=100.0, by_test=0.5, **rivals):
-    return Figures(name, gain, gain, {name: 0.0} | rivals, by_test, by_test, by_test, 0.2, 0.1, 0.2, 0.3)
+    return Figures(name, gain, gain, {name: 0.0} | rivals, by_test, by_test, by_test, 0.2, 0.1, 0.2, 0.3, 6)
 
 
 def test_alone_an_end_says_what_it_said():

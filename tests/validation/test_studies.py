@@ -123,7 +123,7 @@ def test_places_of_real_recordings_are_right_wrong_or_left_out_where_nobody_know
     half_real = study("half_real")
 
     def place(name, **rivals):
-        return asdict(Figures(name, 20.0, 9.0, {name: 0.0} | rivals, 0.5, 0.4, 0.4, 1.0, 0.5, 0.03, 0.04))
+        return asdict(Figures(name, 20.0, 9.0, {name: 0.0} | rivals, 0.5, 0.4, 0.4, 1.0, 0.5, 0.03, 0.04, 6))
 
     def answer(effect, gap, *figures):
         sizes = {"before_rms_N": gap, "along_record_rms_N": 0.1}
@@ -154,6 +154,7 @@ def made_case(rng, kind, name, law, strong):
         "moved": 0.05 if true else 0.004,
         "gap": 0.05,
         "before": 0.05,
+        "tests": 6,
     }
     effects = [{"name": name, "law": law, "size": 0.05, "visible_share": 0.9, "share": 1.0}]
     effects = effects if true else []
