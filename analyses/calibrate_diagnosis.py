@@ -318,9 +318,9 @@ def main() -> None:
         run_study(args.cases, args.seed, args.kind, args.laws, args.records, args.out, args.workers)
         return
     cases = [json.loads(p.read_text()) for p in args.files]
-    older = [str(p) for p, case in zip(args.files, cases) if "told" not in case]
+    older = [str(p) for p, case in zip(args.files, cases) if any("tests" not in f for f in case["figures"])]
     if older:
-        raise SystemExit(f"{older[0]}: of an older study, without the shares as they are told; run `study` again")
+        raise SystemExit(f"{older[0]}: of an older study, whose figures are not today's; run `study` again")
     if args.what == "unjudged":
         print(*unjudged_lines(cases), sep="\n")
         return

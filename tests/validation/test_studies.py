@@ -241,3 +241,16 @@ def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
     parameter_values = result["cases"][0]["plain"]["numbers"]
     assert abs(parameter_values["kp_N_mm"]["error"]) < 0.1 and parameter_values["kp_N_mm"]["width_reported"] > 0.0
     assert (tmp_path / "coverage.png").stat().st_size > 5000
+
+
+def test_an_older_study_is_refused_with_a_sentence(study, tmp_path, monkeypatch):
+    calibrate = study("calibrate_diagnosis")
+    case = made_case(np.random.default_rng(0), "single", "mass", "law0", True)
+    today, older = tmp_path / "today.json", tmp_path / "older.json"
+    today.write_text(json.dumps(case))
+    older.write_text(
+        json.dumps(case | {"figures": [{k: v for k, v in f.items() if k != "tests"} for f in case["figures"]]})
+    )
+    monkeypatch.setattr("sys.argv", ["calibrate_diagnosis.py", "score", str(today), str(older)])
+    with pytest.raises(SystemExit, match=r"older\.json: of an older study, .*run `study` again"):
+        calibrate.main()
