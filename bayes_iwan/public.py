@@ -279,7 +279,7 @@ def diagnose(
     A dashpot on the virtual rig, found again by the classical Iwan model (ten seconds):
 
     >>> import tempfile, bayes_iwan as bi
-    >>> plan = [bi.PlannedTest(f, a, cycles=6) for f, a in ((8.0, 0.4), (20.0, 0.4), (20.0, 0.9))]
+    >>> plan = [bi.PlannedTest(f, a, cycles=6) for f in (8.0, 20.0) for a in (0.4, 0.9)]
     >>> folder = tempfile.mkdtemp()
     >>> bi.simulate_campaign(plan, fault="viscous_damping", size=0.2, seed=3).write(folder)
     >>> classical = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
