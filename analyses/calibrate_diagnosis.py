@@ -318,7 +318,8 @@ def main() -> None:
         run_study(args.cases, args.seed, args.kind, args.laws, args.records, args.out, args.workers)
         return
     cases = [json.loads(p.read_text()) for p in args.files]
-    older = [str(p) for p, case in zip(args.files, cases) if any("tests" not in f for f in case["figures"])]
+    older = [str(p) for p, case in zip(args.files, cases)
+             if "told" not in case or any("tests" not in f for f in case["figures"])]  # fmt: skip
     if older:
         raise SystemExit(f"{older[0]}: of an older study, whose figures are not today's; run `study` again")
     if args.what == "unjudged":

@@ -57,7 +57,7 @@ def test_planted_effect_is_found_with_its_number(name, kit):
 
 
 def test_a_late_and_a_smoothed_force_are_said_to_be_all_but_one(kit):
-    """A force that is 0.3 ms late is as well one that a steep filter smooths."""
+    """A force that is 0.4 ms late is as well one that a steep filter smooths."""
     (cause,) = kit.diagnosed("channel_delay").verdict.causes
     alike = {cause.name, *cause.cannot_tell_apart}
     assert {"channel_delay", "force_lowpass"} <= alike

@@ -186,7 +186,7 @@ def companion(search: Search, whole: Fit, less: Fit, rival: Fit, name: str) -> b
 def borne_out(nats: float, more: float, alike: bool) -> float:
     """Nats by which a rival is ahead or behind (negative): no more behind than NATS_OF_GAP for the share that it leaves
     more of the gap; a look-alike, or what bends the base's own form, that is ahead by less than TIED_NATS is tied,
-    since the search took the simpler story."""
+    since the search took the one that commits itself most."""
     if nats >= 0.0:
         return 0.0 if alike and nats < TIED_NATS else nats
     return max(nats, -NATS_OF_GAP * max(more, 0.0))

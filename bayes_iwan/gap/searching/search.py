@@ -179,8 +179,8 @@ class _Explorer(Explored):
         return current
 
     def best_beside(self, less: Fit, current: Fit) -> Fit:
-        """The current fit, or a clearly better one of as many effects that has those of a smaller one, or the simpler
-        story of two that look alike and are all but tied."""
+        """The current fit, or a clearly better one of as many effects that has those of a smaller one, or of
+        two that look alike and are all but tied the one that commits itself most."""
         same_size = [f for k, f in self.fits.items() if less.names < k and len(k) == len(current.names)]
         same_size = self.within_reach([f for f in same_size if f is current or self.needed(f.names)])
         self.worths([current, *same_size])
