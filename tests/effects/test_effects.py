@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from bayes_iwan.effects import catalogue
-from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.base import Effect, moved_by
 from bayes_iwan.effects.paper import EFFECTS as PAPER
 from bayes_iwan.effects.paper import missing_terms
+from bayes_iwan.effects.unlisted import lag_behind
 from bayes_iwan.physics import Model, Reference, sine_motion
 from bayes_iwan.physics.interface.simulator import recorded_force
 
@@ -460,6 +461,46 @@ def test_break_away_lifts_friction_after_reversals_and_wears_off(kit):
     added, friction = (with_it - without)[0], np.ptp(without[0] - kit.parameter_values(model)["kp_N_mm"][0] * u) / 2.0
     assert np.abs(added[up & (u > 0.5 * A_MM)]).max() < 2e-4 * friction  # 1.3 mm after the reversal
     assert added[up & (u > -0.7 * A_MM) & (u < -0.3 * A_MM)].max() > 0.01 * friction
+
+
+def lag_in_closed_form(x, rising, path):
+    """Of ℓ dz/ds = sgn(dx) − z where x runs from −X to X and back: 1 − (1 + tanh X/ℓ)·e^(−(X + x)/ℓ) on the way up."""
+    reach = np.max(x, axis=-1, keepdims=True)
+    run = np.where(rising, reach + x, reach - x)
+    return np.where(rising, 1.0, -1.0) * (1.0 - (1.0 + np.tanh(reach / path)) * np.exp(-run / path))
+
+
+@pytest.mark.parametrize("path", [0.05, 0.4, 30.0])
+def test_what_lags_by_its_path_is_the_closed_form_at_any_speed(path):
+    at = motion(2048)  # reversals fall on samples
+    rising = np.roll(at.velocity_m_s[0], 1, axis=-1) + at.velocity_m_s[0] > 0
+    z = lag_behind(at.displacement_mm, np.array([path, path]))
+    for one in z:
+        np.testing.assert_allclose(one, lag_in_closed_form(at.displacement_mm[0], rising, path), atol=1e-9)
+
+
+def test_a_lagging_force_loses_work_of_the_whole_force(kit):
+    at = motion(512)
+    with_it, without = change("lagging_force", kit, 0.2, at, path_N=0.5)
+    turns = np.sign(np.diff(without, append=without[:, :1], axis=-1))
+    lag = without - with_it
+    assert np.abs(lag).max() <= 0.2 and np.all(np.sum(lag * turns, axis=-1) > 0.0)  # behind the force, on the mean
+    slow = replace(at, velocity_m_s=0.01 * at.velocity_m_s)
+    model = Model(kit.reference, grip="constant", stiffness="constant")
+    fast_, slow_ = (np.subtract(*change("lagging_force", kit, 0.2, x, model=model, path_N=0.5)) for x in (at, slow))
+    np.testing.assert_allclose(fast_, slow_)
+
+
+def test_a_lagging_reading_is_where_the_specimen_is(kit):
+    at, model = motion(512), Model(kit.reference, grip="constant", stiffness="constant")
+    true = kit.parameter_values(model)
+    z = lag_behind(at.displacement_mm, np.array([0.1]))
+    with_it, _ = change("lagging_reading", kit, 0.03, at, model=model, path_mm=0.1)
+    np.testing.assert_allclose(with_it, model.force(true, moved_by(at, at.displacement_mm + 0.03 * z))[0])
+    # what its spring stores, which is no friction, is turned into work by the reading
+    spring = true | {"k1_N_mm": np.full(1, 1e-9)}
+    with_it, without = change("lagging_reading", kit, 0.03, at, model=model, parameter_values=spring, path_mm=0.1)
+    np.testing.assert_allclose(with_it - without, true["kp_N_mm"][0] * 0.03 * z[0], atol=1e-7)
 
 
 # ---- what the paper adds to the classical Iwan model
