@@ -11,6 +11,8 @@ from bayes_iwan.inference.solving.intervals import (
     BEYOND,
     CORRELATED,
     ROUGHNESS,
+    UNREACHED_FREEDOM,
+    USUAL_FREEDOM,
     Widening,
     _form,
     between_draws,
@@ -96,10 +98,23 @@ def test_jackknife_of_a_mean_over_tests_that_share_their_misfit_is_made_up_for()
     assert shared([0.1, 0.2, 0.3]) == 1.0 and shared([0.3]) == 1.0 and shared([0.3, 0.3]) > 2.0
 
 
-def test_variances_add():
+def test_variances_add_and_students_quantiles_follow_welch_and_satterthwaite():
     x = 10.0 + stats.norm.ppf((np.arange(9999) + 0.5) / 9999)
-    low, high = Widening(0.0, 2.0, 3, False, "").interval(x)
-    np.testing.assert_allclose([low, high], 10.0 + np.sqrt(5.0) * stats.norm.ppf([0.05, 0.95]), atol=0.01)
+    low, high = Widening(1.5, 2.0, 3, False, "").interval(x)
+    total, freedom = 1.0 + 1.5**2 + 2.0**2, 7.25**2 / (1.5**4 / 3 + 2.0**4 / UNREACHED_FREEDOM)
+    np.testing.assert_allclose([low, high], 10.0 + np.sqrt(total) * stats.t.ppf([0.05, 0.95], freedom), atol=0.01)
+
+
+@pytest.mark.parametrize(("seen_sd", "tests"), [(0.3, 3), (0.05, 9), (float("nan"), 1)])
+def test_what_few_tests_show_is_moderated_by_what_is_usual(seen_sd, tests):
+    """The posterior variance of scaled inverse chi-squared draws: degrees of freedom add, variances are weighed by
+    them; a single test shows nothing."""
+    widening = Widening(seen_sd, 0.0, tests - 1, False, "", usual_sd=0.1)
+    freedom = tests - 1 + USUAL_FREEDOM
+    expected = (np.nan_to_num((tests - 1) * seen_sd**2) + USUAL_FREEDOM * 0.1**2) / freedom
+    low, high = widening.interval(np.full(50, 5.0))
+    np.testing.assert_allclose([low, high], 5.0 + np.sqrt(expected) * stats.t.ppf([0.05, 0.95], freedom), rtol=1e-9)
+    assert widening.alone().interval(np.array([1.0, 2.0])) == pytest.approx((1.05, 1.95))
 
 
 def test_reach_is_what_amplitudes_and_band_allow(simple):

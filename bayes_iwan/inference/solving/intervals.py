@@ -10,15 +10,18 @@ before anything is resolved there is taken to be a share that is known no better
 the first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it
 goes into k(1) and into the slip forces' quantiles. And no smooth family is nature's: wherever loops reach, the share of
 the elements below a slip force is off, by about the same at every quantile, and :data:`ROUGHNESS` of it goes into the
-quantiles, too. Both were chosen on some 100 specimens of the virtual rig each and counted on others; how far the share
-is off is told as well (analyses/coverage_rig.py).
+quantiles, too; that differs from specimen to specimen, hence Student's quantiles for it. Both were chosen on specimens
+of the virtual rig and counted on others; how far the share is off is told as well (analyses/coverage_rig.py).
 
 Tests of one amplitude share much of their misfit, so leaving one of them out understates how far all of them may be
 off; :func:`shared` is the factor that a mean over such tests needs, and what a number of a single test gets. A number
 of the specimen is no mean: :data:`BEYOND` times that.
 
-T tests give the between-test variance T − 1 degrees of freedom; Student's quantiles for the sum follow Welch (1947) and
-Satterthwaite (1946). Where all draws are positive, all this is done with logarithms.
+A few tests tell the variance between them badly: T − 1 degrees of freedom. So it is moderated (Smyth, Stat. Appl. Genet.
+Mol. Biol. 3 (2004) 3): beside what they show stands what is usual on the rig, :data:`USUAL` of the posterior's own
+variance, as if :data:`USUAL_FREEDOM` further tests had shown it; of a single test that is all there is. Student's
+quantiles for the sum follow Welch (1947) and Satterthwaite (1946). Where all draws are positive, all this is done with
+logarithms.
 """
 
 from __future__ import annotations
@@ -45,8 +48,12 @@ from bayes_iwan.physics import Model
 CORRELATED = 0.62
 #: further factor of the jackknife's standard deviation for numbers of the specimen, chosen on 220 specimens of the rig
 BEYOND = 1.5
-#: standard deviation of the share of the elements below a slip force, for nature's slip forces are of no smooth family
-ROUGHNESS = 0.007
+#: usual variance between tests over the posterior's own, and the degrees of freedom that this counts for; chosen with
+#: ROUGHNESS on 400 specimens of the rig
+USUAL, USUAL_FREEDOM = 0.9, 4
+#: standard deviation of the share of the elements below a slip force, for nature's slip forces are of no smooth family,
+#: and the degrees of freedom of what no loop reaches
+ROUGHNESS, UNREACHED_FREEDOM = 0.0061, 4
 #: share of the elements that may lie below the finest step where that reaches their lower quartile: a third of 1/4
 _UNRESOLVED = 1.0 / 12.0
 #: step of the central differences, in prior standard deviations
@@ -80,8 +87,9 @@ class Widening:
 
     between_sd : standard deviation between tests, in the number's unit, NaN for a single test; unreached_sd : that of
     what no loop reaches, nor any smooth family of slip forces; freedom : degrees of freedom of between_sd, its tests
-    less one; form : what the bent form says. All are relative to the number where `relative`. reach : empty, or why the
-    number is extrapolated and what determines it.
+    less one; form : what the bent form says; usual_sd : what between_sd usually is, 0 to go by what was seen alone. All
+    are relative to the number where `relative`. reach : empty, or why the number is extrapolated and what determines
+    it.
     """
 
     between_sd: float
@@ -90,10 +98,21 @@ class Widening:
     relative: bool
     reach: str
     form: Form = Form()
+    usual_sd: float = 0.0
 
     def alone(self) -> Widening:
         """Nothing that widens: the interval of the draws (n,) themselves."""
-        return replace(self, between_sd=float("nan"), unreached_sd=0.0, form=Form())
+        return replace(self, between_sd=float("nan"), unreached_sd=0.0, form=Form(), usual_sd=0.0)
+
+    @property
+    def moderated(self) -> tuple[float, float]:
+        """Variance between tests as it goes into the interval, and its degrees of freedom."""
+        seen = 0 if math.isnan(self.between_sd) else self.freedom
+        usual = USUAL_FREEDOM if self.usual_sd > 0.0 else 0
+        if seen + usual == 0:
+            return 0.0, math.inf
+        shown = seen * self.between_sd**2 if seen else 0.0
+        return (shown + usual * self.usual_sd**2) / (seen + usual), float(seen + usual)
 
     def centre(self, draws: Array) -> float:
         """The median that is reported of draws (n,)."""
@@ -107,14 +126,14 @@ class Widening:
         low, middle, high = np.quantile(x, [tail, 0.5, 1.0 - tail])
         below, above = (self.form.ratio * (middle - low), self.form.ratio * (high - middle))
         middle = self.form.moved(float(middle))
-        between = 0.0 if math.isnan(self.between_sd) else self.between_sd
+        between, freedom = self.moderated
         normal = float(stats.norm.isf(tail))
-        others = between**2 + self.unreached_sd**2 + self.form.spread**2
+        others = between + self.unreached_sd**2 + self.form.spread**2
         total = ((below + above) / (2.0 * normal)) ** 2 + others
         if total == 0.0 or not math.isfinite(total):
             return float(np.quantile(draws, tail)), float(np.quantile(draws, 1.0 - tail))
-        freedom = self.freedom * total**2 / between**4 if between > 0.0 else math.inf
-        student = float(stats.t.isf(tail, freedom)) if math.isfinite(freedom) else normal
+        uncertain = between**2 / freedom + self.unreached_sd**4 / UNREACHED_FREEDOM
+        student = float(stats.t.isf(tail, total**2 / uncertain)) if uncertain > 0.0 else normal
         added = others * normal**2
         factor = student / normal
         below = middle - factor * math.hypot(below, added**0.5)
@@ -177,10 +196,11 @@ def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -
         relative = own.relative and other.relative
         a, b = (x if relative else x.plain() for x in (own, other))
         between = math.sqrt((1.0 - weight) * a.between_sd**2 + weight * b.between_sd**2)
+        usual = math.sqrt(USUAL * ((1.0 - weight) * a.sd**2 + weight * b.sd**2))
         form = _form(weight, a.value, b.value, a.sd, b.sd)
         sd, why = unreached.get(name, (0.0, ""))
         sd = sd if relative else sd * own.plain().value
-        out[name] = Widening(between, sd, max(tests - 1, 1), relative, why, form)
+        out[name] = Widening(between, sd, tests - 1, relative, why, form, usual)
     return out
 
 
