@@ -20,6 +20,8 @@ from bayes_iwan.validation.true_gaps import by_set, removed
 CLEAR_LINE = 20.0
 #: share of the gap from which a known effect beside a foreign one is counted apart
 QUARTER = 0.25
+#: foreign causes of whose kind a pattern without a cause stands (:mod:`bayes_iwan.effects.unlisted`), if by another law
+WITH_PATTERN = frozenset({"quadratic_drag", "sensor_hysteresis", "cell_hysteresis"})
 
 
 def figures_of(case: dict[str, Any]) -> list[Figures]:
@@ -116,6 +118,10 @@ def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> 
             for n in listed:
                 count("known beside unknown: known named", n in named)
                 count("known beside unknown: known named or in a set", n in named | apart)
+                stands = "one" if WITH_PATTERN & set(case["true_share"]) else "none"
+                count(
+                    f"known beside unknown for which {stands} of the patterns without a cause stands: named", n in named
+                )
                 part = "a quarter of the gap or more" if case["true_share"][n] >= QUARTER else "less of the gap"
                 count(f"known beside unknown: known that makes {part} named", n in named)
                 if n in clear:

@@ -17,9 +17,9 @@ Tests of one amplitude share much of their misfit, so leaving one of them out un
 off; :func:`shared` is the factor that a mean over such tests needs, and what a number of a single test gets. A number
 of the specimen is no mean: :data:`BEYOND` times that.
 
-A few tests tell the variance between them badly: T − 1 degrees of freedom. So it is moderated (Smyth, Stat. Appl. Genet.
-Mol. Biol. 3 (2004) 3): beside what they show stands what is usual on the rig, :data:`USUAL` of the posterior's own
-variance, as if :data:`USUAL_FREEDOM` further tests had shown it; of a single test that is all there is. Student's
+A few tests tell the variance between them badly: T − 1 degrees of freedom. So it is moderated (Smyth, Stat. Appl.
+Genet. Mol. Biol. 3 (2004) 3): beside what they show stands what is usual on the rig, :data:`USUAL` of the posterior's
+own variance, as if :data:`USUAL_FREEDOM` further tests had shown it; of a single test that is all there is. Student's
 quantiles for the sum follow Welch (1947) and Satterthwaite (1946). Where all draws are positive, all this is done with
 logarithms.
 """
