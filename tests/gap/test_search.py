@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bayes_iwan.campaign import Campaign
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.mounting import RigCompliance
@@ -68,6 +69,18 @@ def test_sound_rig_has_no_cause(kit):
     d = kit.diagnosed(None)
     assert d.verdict.kind == Kind.NONE and d.verdict.causes == () and not d.verdict.unknown_rest
     assert d.verdict.probabilities["none"] > 0.5
+
+
+@pytest.mark.parametrize(
+    "name, looks_like", [("cell_hysteresis", "lagging_force"), ("sensor_hysteresis", "lagging_reading")]
+)
+def test_a_reading_with_hysteresis_is_unknown_and_described(name, looks_like):
+    """The rig's hysteresis is of plays in parallel, the pattern's is another law; neither is a cause of the catalogue."""
+    plan = [PlannedTest(f, a, cycles=12) for f in (6.0, 14.0, 25.0) for a in (0.4, 0.9)]
+    made = simulate_campaign(plan, fault=name, size=0.1, seed=3)
+    campaign = Campaign("virtual rig", "", "", "", None, made.records)
+    d = diagnose_loops(campaign, campaign.loops(n_phase=64, n_harmonics=20), seed=1, quick=True)
+    assert d.verdict.kind == Kind.UNKNOWN and d.verdict.names == () and d.budget.rest.looks_like == looks_like
 
 
 def test_where_nothing_is_missed_nothing_is_searched(kit):
