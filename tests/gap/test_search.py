@@ -75,7 +75,7 @@ def test_sound_rig_has_no_cause(kit):
     "name, looks_like", [("cell_hysteresis", "lagging_force"), ("sensor_hysteresis", "lagging_reading")]
 )
 def test_a_reading_with_hysteresis_is_unknown_and_described(name, looks_like):
-    """The rig's hysteresis is of plays in parallel, the pattern's is another law; neither is a cause of the catalogue."""
+    """The rig has plays in parallel, the pattern another law; neither is a cause of the catalogue."""
     plan = [PlannedTest(f, a, cycles=12) for f in (6.0, 14.0, 25.0) for a in (0.4, 0.9)]
     made = simulate_campaign(plan, fault=name, size=0.1, seed=3)
     campaign = Campaign("virtual rig", "", "", "", None, made.records)
