@@ -9,6 +9,8 @@ second stroke presses harder; friction_fade 0.21).
 Not measured so: `subharmonic_whirl` (a whirl near half the drive's frequency), `fixture_resonance` (the force path
 rings), `cell_hysteresis` (the force cell lags), `impact_chatter` (a burst of ringing after each reversal),
 `range_switching` (the amplifier's gain differs by test).
+For drag and both hystereses the diagnosis has a pattern that names no cause (:mod:`bayes_iwan.effects.unlisted`), for
+the hystereses by another law; studies tell them apart from the others.
 """
 
 from __future__ import annotations
