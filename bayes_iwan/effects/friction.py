@@ -136,9 +136,9 @@ class RateStrengthening(_OfSlipSpeed):
 class FrictionFade(Effect):
     name = "friction_fade"
     law = (
-        "1 − d·(1 − (1 + q x)^(−1/q))·e^(−r x), x = (n/n₀)·(A/ℓ)^m; q → 0: exponential, 1: hyperbolic, large: "
-        "logarithmic; m = 0: by cycles, 1: by sliding distance or work; r > 0: it recovers; the stiffness falls by the "
-        "share s of it"
+        "1 − d·(2π f A/v)^p·(1 − (1 + q x)^(−1/q))·e^(−r x), x = (n/n₀)·(A/ℓ)^m·(v/(2π f ℓ))^h; q → 0: exponential, "
+        "1: hyperbolic, large: logarithmic; m = h = 0: by cycles, m = 1: by sliding distance or work, h = 1: by time; "
+        "p = 1: with the power that friction turns to heat; r > 0: it recovers; the stiffness loses the share s of it"
     )
     strength = ("drop", "d", "-", "share of the friction that is lost in the end")
     limit = 0.9
@@ -149,7 +149,8 @@ class FrictionFade(Effect):
     )
     reference = (
         "Fouvry, Kapsa & Vincent, Wear 200 (1996) 186 (dissipated work); Blau, Tribol. Int. 38 (2005) 1007 (running-in "
-        "curves); Archard, J. Appl. Phys. 24 (1953) 981 (sliding distance)"
+        "curves); Archard, J. Appl. Phys. 24 (1953) 981 (sliding distance); Ettles, ASLE Trans. 29 (1986) 321 (thermal "
+        "control of friction)"
     )
     signature = "loops grow thinner from cycle to cycle; trend in quadrature and odd harmonics, none in the mean"
     look_alikes = ("spring_softening",)
@@ -173,6 +174,10 @@ class FrictionFade(Effect):
             "by_stroke": ExtraParameter(
                 "m", "-", "power of the amplitude in the pace", about(0.0, 0.7), -3.0, 3.0, scan=False
             ),
+            "by_time": ExtraParameter("h", "-", "0: by cycles, 1: by time", about(0.0, 0.6), -2.5, 2.5, scan=False),
+            "by_power": ExtraParameter(
+                "p", "-", "power of amplitude × frequency in the loss", about(0.0, 0.6), -2.5, 2.5, scan=False
+            ),
             "of_stiffness": ExtraParameter(
                 "s", "-", "share of the loss that the stiffness follows", about(0.0, 0.4), -1.5, 1.5, scan=False
             ),
@@ -180,12 +185,15 @@ class FrictionFade(Effect):
 
     def left(self, motion: Motion, parameter_values: ParameterValues) -> Array:
         """The share of the friction that is left in each loop, (draws, loops, 1)."""
-        cycles, tail, recovery, stroke = (
-            parameter_values[f"{self.name}.{n}"][:, None] for n in ("cycles", "tail", "recovery", "by_stroke")
+        cycles, tail, recovery, stroke, by_time, by_power, drop = (
+            parameter_values[f"{self.name}.{n}"][:, None]
+            for n in ("cycles", "tail", "recovery", "by_stroke", "by_time", "by_power", "drop")
         )
+        omega = 2e-3 * np.pi * motion.frequency_hz / self.scales.speed_m_s  # over the speed, 1/mm
         pace = (motion.amplitude_mm / self.scales.length_mm) ** stroke / cycles
+        pace = pace / (omega * self.scales.length_mm) ** by_time
         lost = over_block(motion, lambda n: (1.0 - falling(n * pace, tail)) * np.exp(-recovery * n * pace))
-        return 1.0 - self.get(parameter_values, "drop") * lost[:, :, None]
+        return np.maximum(1.0 - drop * (omega * motion.amplitude_mm) ** by_power * lost, 0.05)[:, :, None]
 
     def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         return alpha * self.left(motion, parameter_values)

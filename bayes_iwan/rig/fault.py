@@ -96,6 +96,11 @@ class Surroundings:
         return self.fastest_rad_s * self.largest_mm
 
     @property
+    def power_mW(self) -> float:
+        """What friction turns to heat at that speed, at most."""
+        return 4 * self.friction_rms_N * self.largest_mm * max(self.frequencies_hz)
+
+    @property
     def stiffness_N_mm(self) -> float:
         """Friction force over displacement: what a stiffness must be compared with."""
         return self.friction_rms_N / (self.largest_mm / np.sqrt(2))

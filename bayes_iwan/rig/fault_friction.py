@@ -3,7 +3,8 @@
 Laws after: Armstrong-Hélouvry, Dupont & Canudas de Wit (1994) on falling friction; Dieterich (1979) and Ruina (1983) on
 contacts that age; Eyring's arcsinh and power laws of strengthening (Persson, Sliding Friction, 2000); Prakash &
 Clifton (1993) on the lag behind normal force; Findley, Lai & Onaran (1976) on recovery that is no exponential and has
-several times; Archard (1953) and Blau (2005) on wear and running-in.
+several times; Archard (1953) and Blau (2005) on wear and running-in; Ettles (1986) on friction that its own heat
+lowers.
 """
 
 from __future__ import annotations
@@ -132,6 +133,11 @@ def _fading(shape, by_work: bool = False, drags: bool = False):
     return acts
 
 
+def _heated(p: Parameters) -> Acting:
+    """A temperature that friction's own power raises and the surroundings take down again within a time."""
+    return Acting(motion=FaultValues(heat_fade_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"]))
+
+
 FADE = FaultKind(
     "friction_fade",
     "drop",
@@ -145,6 +151,8 @@ FADE = FaultKind(
         Law("recovers", _fading(lambda x: x * np.exp(1.0 - x)), evolves=True),
         Law("with_stiffness", _fading(lambda x: 1.0 - np.exp(-x), drags=True),
             lambda g, s: {"stiffness_power": float(g.uniform(0.3, 1.0))}, True),
+        Law("heat", _heated, lambda g, s: {"tau_s": log_uniform(g, 0.1, 0.6) * s.record_s, "reference_mW": s.power_mW},
+            True),
     ),
     lambda g, s: {"cycles": log_uniform(g, 4.0, 25.0)},
 )  # fmt: skip

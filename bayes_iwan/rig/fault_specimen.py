@@ -250,8 +250,7 @@ def _by_power(p: Parameters) -> Acting:
 
 
 def _draw_heat(rng: np.random.Generator, s: Surroundings) -> Parameters:
-    power = 4 * s.friction_rms_N * s.largest_mm * max(s.frequencies_hz)
-    return {"tau_s": float(rng.uniform(0.5, 3.0)), "reference_mW": power}
+    return {"tau_s": float(rng.uniform(0.5, 3.0)), "reference_mW": s.power_mW}
 
 
 SOFTENING = FaultKind(

@@ -86,6 +86,7 @@ class FaultValues(NamedTuple):
     groove_phase: float = 0.0
     rocking: float = 0.0
     heat_loss_1_mW: float = 0.0
+    heat_fade_1_mW: float = 0.0
     heat_tau: float = 1.0
     warming_1_s: float = 0.0
     warming_tau: float = 1e9
@@ -186,6 +187,8 @@ def march(
         lean = min(max(lean * (1.0 + q.direction_slope_1_mm * d_old), -0.95), 0.95)
         if q.heat_loss_1_mW != 0.0:
             soft *= max(1.0 - q.heat_loss_1_mW * heat, 0.2)
+        if q.heat_fade_1_mW != 0.0:
+            common *= max(1.0 - q.heat_fade_1_mW * heat, 0.2)
         if rated:
             for j in range(m):
                 own[j], slope[j] = _look_up(q.rate, 0.0, q.rate_step, speed[j])
@@ -359,7 +362,7 @@ def march(
             worked += slipped
         for b in range(branches):
             branch[b] = (branch[b] + h / q.branch_tau[b] * d) * branch_gain[b]
-        if q.heat_loss_1_mW != 0.0:
+        if q.heat_loss_1_mW != 0.0 or q.heat_fade_1_mW != 0.0:
             heat += (slipped / h - heat) * h / q.heat_tau
         if q.base_k != 0.0:  # 1 N on 1 kg is 1000 mm/s²
             vb += h * (total - q.base_k * xb - base_damping * vb) / (q.base_mass_kg * 1e-3)

@@ -191,6 +191,25 @@ def test_friction_fades_with_the_cycles():
         assert areas[0] / areas[1] == pytest.approx(expected, abs=0.05)
 
 
+def test_friction_that_its_own_heat_lowers():
+    """Less friction heats less: of a drop c·P without that, c·P/(1 + c·P) is left, reached (1 + c·P) times sooner."""
+    s = uniform_specimen(0.5)
+    long, tau = PlannedTest(10.0, A, cycles=25, run_in=3), 0.8
+    sound = run(s, test=long)
+    times = sound.time_s * 10
+
+    def area(r, first):
+        part = (times >= first) & (times < first + 1)
+        return np.trapezoid(r.force_N[part], r.displacement_mm[part])
+
+    cold_mW = area(sound, 5) * 10
+    heated = run(s, Fault("friction_fade", {"drop": 0.4, "reference_mW": cold_mW, "tau_s": tau}, "heat"), test=long)
+    for first in (3, 8, 22):
+        expected = 1 - 0.4 / 1.4 * (1 - np.exp(-1.4 * (first + 3.5) / 10 / tau))  # it heats while running in, too
+        # a lower slip force slips earlier, and the run-in begins softly: a little less is lost
+        assert area(heated, first) / area(sound, first) == pytest.approx(expected, abs=0.04)
+
+
 def test_slip_speed_laws_at_speeds_far_above_and_below_theirs():
     """All sliders slip at about the end's speed when their stiffness is high: friction × the law."""
     stiff = uniform_specimen(0.5, contact_N_mm=200.0, n=60)
