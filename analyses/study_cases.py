@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from bayes_iwan.gap.judging.budget import NO_CAUSE, Share, contributing, left_unnamed, rest_without_name
+from bayes_iwan.gap.judging.budget import NO_CAUSE, Share, contributing, least_share, left_unnamed, rest_without_name
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.judging.verdict import falls_short, least_share, named_by, one_of
+from bayes_iwan.gap.judging.verdict import falls_short, named_by, one_of
 from bayes_iwan.gap.searching.base import USUAL_GAP
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.rig import cases as rig_cases

@@ -323,8 +323,8 @@ def test_what_faded_before_the_first_block_was_over_may_be_regained(kit):
     effect = of("friction_fade", kit)
     one = sine_motion(frequency_hz=[10.0, 10.0], amplitude_mm=kit.scales.length_mm, samples=16)
     blocks = replace(one, cycle=np.array([2.0, 20.0]), test=np.zeros(2, int), span_cycles=np.full(2, 1e-6))
-    at = {"drop": 0.3, "cycles": 0.2, "tail": 0.0, "recovery": 0.01, "by_stroke": 0.0, "of_stiffness": 0.0}
-    told = effect.within({f"friction_fade.{k}": np.array([v]) for k, v in at.items()}, blocks)
+    at = effect.values_at(drop=0.3, cycles=0.2, tail=0.0, recovery=0.01)
+    told = effect.within(at, blocks)
     left = [1.0 - 0.3 * np.exp(-0.01 * n / 0.2) for n in (2.0, 20.0)]
     assert told["lost_in_records"][0] == pytest.approx([1.0 - left[1] / left[0]], rel=1e-3)
     assert told["lost_in_records"][0] < 0.0

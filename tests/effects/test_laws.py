@@ -378,6 +378,24 @@ def test_fade_by_cycles_by_sliding_distance_and_with_stiffness(kit):
     np.testing.assert_allclose(recovered, 1.0 - 0.4 * (1.0 - np.exp(-n / 10.0)) * np.exp(-n / 20.0), rtol=1e-6)
 
 
+def test_fade_by_time_and_with_the_power_that_heats(kit):
+    length, speed = kit.scales.length_mm, kit.scales.speed_m_s
+    at = replace(
+        sine_motion(frequency_hz=[F_HZ, 0.5 * F_HZ], amplitude_mm=[length, 0.5 * length], samples=8),
+        cycle=np.array([40.0, 20.0]),  # as long in time
+        span_cycles=np.zeros(2),
+    )
+    reference_hz = 1e3 * speed / (2.0 * np.pi * length)
+    friction, _ = faded(kit, at, by_time=1.0)
+    np.testing.assert_allclose(
+        friction, 1.0 - 0.4 * (1.0 - np.exp(-40.0 / F_HZ * reference_hz / 10.0)), rtol=1e-6
+    )  # both alike
+    friction, _ = faded(kit, at, by_time=1.0, by_power=1.0, drop=0.1)
+    assert (1.0 - friction[0]) / (1.0 - friction[1]) == pytest.approx(4.0, rel=1e-9)
+    friction, _ = faded(kit, at, by_power=-2.5, drop=0.9)
+    assert (friction >= 0.05).all(), "friction never turns about, whatever the power"
+
+
 def test_springs_soften_by_time_by_cycles_and_with_power(kit):
     effect = made(kit, "SpringSoftening")
     length, speed = kit.scales.length_mm, kit.scales.speed_m_s

@@ -25,6 +25,7 @@ from bayes_iwan.gap.fitting.gap_size import Gap, GapSize
 from bayes_iwan.gap.fitting.leave_out import Unseen
 from bayes_iwan.gap.judging.calibration import SUREST, Calibration
 from bayes_iwan.gap.judging.guards import Figures
+from bayes_iwan.gap.searching.base import LEAST_OF_FRICTION
 from bayes_iwan.gap.searching.found import OWN_FORM, Search
 
 #: half width of a 90 % interval in standard deviations
@@ -33,6 +34,10 @@ NINETY = 1.645
 NAMED = 0.6
 #: and it must have this probability of its own, however many share its place: else they are said together
 OWN_PROBABILITY = 0.3
+#: share of the gap that an effect must remove to be judged or named
+LEAST_SHARE = 0.02
+#: the same of a cause in the base's own form: it always removes some
+LEAST_OWN_FORM = 0.2
 #: names of patterns that stand for no cause: what they remove belongs to the rest
 NO_CAUSE = frozenset(e.name for e in UNLISTED)
 
@@ -294,12 +299,17 @@ def contributing(given: Iterable[Figures], c: Calibration) -> tuple[dict[str, fl
 
 def rest_without_name(by_size: float, given: Iterable[Figures], c: Calibration) -> float:
     """Probability that the rest has a cause of its own: by its size and lines (:meth:`Calibration.unknown_rest`), or
-    because a pattern is there that no listed cause makes, however small it is."""
+    because a pattern is there that no listed cause makes and that removes as much as a named cause must."""
     none = 1.0 - by_size
     for f in given:
-        if f.name in NO_CAUSE:
+        if f.name in NO_CAUSE and f.fitted >= least_share(f.name, f.before):
             none *= 1.0 - c.contributes(f) * c.among(f)[f.name]
     return min(1.0 - none, SUREST)
+
+
+def least_share(name: str, gap: float) -> float:
+    """Share of the gap that an effect must remove to be named; gap : over the friction force."""
+    return max(LEAST_OWN_FORM if name in OWN_FORM else LEAST_SHARE, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))
 
 
 def left_unnamed(named: frozenset[str], gap: Mapping[frozenset[str], float]) -> float:

@@ -19,6 +19,7 @@ from bayes_iwan.gap.judging.budget import (
     Suspect,
     Verdict,
     contributing,
+    least_share,
     left_unnamed,
     rest_without_name,
     shares,
@@ -27,13 +28,11 @@ from bayes_iwan.gap.judging.budget import (
 )
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.judging.weighing import LEAST_ALONG, LEAST_SHARE, Weighed
-from bayes_iwan.gap.searching.base import LEAST_OF_FRICTION, gap_rms_N
+from bayes_iwan.gap.judging.weighing import LEAST_ALONG, Weighed
+from bayes_iwan.gap.searching.base import gap_rms_N
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.threads import alongside
 
-#: share of the gap that a cause in the base's own form must remove to be named: it always removes some
-LEAST_OWN_FORM = 0.2
 #: an effect that acts on what changes along the record may leave the whole gap larger by this share of it: how near the
 #: least gap two fits come differs by as much
 SPREAD_OF_GAP = 0.1
@@ -64,11 +63,6 @@ def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tu
         if len(some) > 1 and (p := c.contributes(f) * listed) >= NAMED:
             out.append(OneOf(some, p, f.fitted))
     return tuple(out)
-
-
-def least_share(name: str, gap: float) -> float:
-    """Share of the gap that an effect must remove to be named; gap : over the friction force."""
-    return max(LEAST_OWN_FORM if name in OWN_FORM else LEAST_SHARE, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))
 
 
 def falls_short(name: str, share: float, along: float, gap: float) -> bool:

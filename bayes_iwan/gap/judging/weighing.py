@@ -14,15 +14,13 @@ from bayes_iwan.gap.fitting.evidence import Fit, in_newtons, predicting
 from bayes_iwan.gap.fitting.gap_size import GapSize, gap_size
 from bayes_iwan.gap.fitting.leave_out import HELD_OUT, Unseen, left_out
 from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.judging.budget import Share, along_shares, fits_of_subsets, shares, subsets
+from bayes_iwan.gap.judging.budget import LEAST_SHARE, Share, along_shares, fits_of_subsets, shares, subsets
 from bayes_iwan.gap.judging.guards import Figures, guard_figures, in_company
 from bayes_iwan.gap.judging.taken_out import both_ways, gaps_without
 from bayes_iwan.gap.searching.base import LEAST_OF_FRICTION
 from bayes_iwan.gap.searching.found import OWN_FORM, Search
 from bayes_iwan.threads import alongside
 
-#: share of the gap that an effect must remove to be judged
-LEAST_SHARE = 0.02
 #: an effect that changes along the record is judged for less, if it removes this share of all that changes there: a
 #: large steady gap of another cause must not hide it
 LEAST_ALONG = 0.2
