@@ -16,7 +16,7 @@ from bayes_iwan.campaign import Record
 from bayes_iwan.rig.fault import Acting
 from bayes_iwan.rig.kernel import march
 from bayes_iwan.rig.sensors import Chain, measure
-from bayes_iwan.rig.simulate import COARSE, Fidelity, Setup, kernel_values
+from bayes_iwan.rig.simulate import COARSE, Fidelity, Setup, kernel_values, shaker_stretch
 from bayes_iwan.rig.specimen import RigError, Specimen
 
 #: cycles so far at time t (n,) in s, and the motion in amplitudes (n,) at these cycles
@@ -146,10 +146,10 @@ def simulate_drive(
     cycles = drive.clock(time)
     rise = np.sin(0.5 * np.pi * np.clip((cycles - cycles[0]) / min(3.0, run_in), 0, 1)) ** 2
     moved = rise * drive.envelope_mm(np.maximum(cycles, 0.0)) * drive.wave(cycles)
-    values = kernel_values(body, setup, Acting(), drive.frequency_hz, float(np.abs(moved).max()))
+    values = kernel_values(body, setup, Acting(), drive.frequency_hz, float(np.abs(moved).max()), 1 / rate)
     force, _, _ = march(moved, cycles, 1 / rate, body.stiffness_share, body.slip_share_N, *values)
     samples = np.arange(int(drive.duration_s * setup.sample_rate_hz)) / setup.sample_rate_hz
-    seen = moved - setup.shaker_compliance_mm_N * force
+    seen = moved - shaker_stretch(force, values[0])
     u, f = measure(time, seen, force, samples, setup.sensors, Chain(), np.random.default_rng([seed, 7]))
     return Record(file, drive.frequency_hz, drive.amplitude_mm, "fit", {}, samples, u, f)
 

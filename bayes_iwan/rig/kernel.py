@@ -1,6 +1,7 @@
 """The virtual rig's motion, integrated in time: one compiled function, nothing shared with the fitted model.
 
-From left to right: armature — (shaker's and fixture's compliance, play) — specimen's end — specimen — base.
+From left to right: armature — (shaker's compliance with a loss, fixture's compliance, play) — specimen's end —
+specimen — base.
 At every step the position of the specimen's end is solved for, so that the force in the link equals the
 specimen's force (Newton's method on a function made of straight pieces, with bisection in reserve).
 """
@@ -30,8 +31,11 @@ class SpecimenValues(NamedTuple):
     beta: float
     lam: float
     tip: float
-    # between armature and specimen
+    # between armature and specimen: what a step's force stretches within the step, the shaker's part of that, and the
+    # share of the shaker's stretch that is left from one step to the next
     link_compliance: float
+    shaker_compliance: float
+    shaker_memory: float
 
 
 class FaultValues(NamedTuple):
@@ -144,7 +148,7 @@ def march(
     branch_gain = 1.0 / (1.0 + h / q.branch_tau) if branches else q.branch_tau
     worked = 0.0
     xb, vb = 0.0, 0.0
-    z, z1, d_old, z_speed = 0.0, 0.0, 0.0, 0.0
+    z, z1, d_old, z_speed, kept = 0.0, 0.0, 0.0, 0.0, 0.0
     work = 0.0
     link_k = 1.0 / s.link_compliance
     per_second = (cycle[n - 1] - cycle[0]) / (h * (n - 1))
@@ -282,7 +286,7 @@ def march(
                 total += pressed * max(1.0 + q.stop_loss_s_m * 1e-3 * v, 0.0)
                 tangent += q.stop_power * pressed / (d - q.stop_gap)
             # link: nothing is carried within the play
-            stretch = u - trial
+            stretch = u - kept - trial
             if q.joint.size > 1 and abs(stretch) > half_play:
                 link, link_slope = _look_up(q.joint, 0.0, q.joint_step, abs(stretch) - half_play)
                 link *= 1.0 if stretch > 0.0 else -1.0
@@ -370,5 +374,6 @@ def march(
         z_speed = (trial - z) / h
         z1, z = z, trial
         d_old = d
+        kept = s.shaker_memory * (kept + s.shaker_compliance * link)
         force[i], deformation[i], lost[i] = link, d, work
     return force, deformation, lost

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import signal
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Record
@@ -73,13 +74,18 @@ class PlannedTest:
 class Setup:
     """Shaker, fixture and sensors.
 
-    Attributes: compliance of the shaker (upstream of the displacement sensor: it distorts the motion) and of the
-    sound fixture (between the sensor and the specimen); the drive's second and third harmonics as shares of the
-    amplitude; the largest relative error of the frequency, the RMS error of the amplitude, the RMS of its slow
-    wander; sensors; sampling rate.
+    Attributes: compliance of the shaker (upstream of the displacement sensor: it distorts the motion), its loss factor
+    at the test's frequency, and the compliance of the sound fixture (between the sensor and the specimen); the drive's
+    second and third harmonics as shares of the amplitude; the largest relative error of the frequency, the RMS error of
+    the amplitude, the RMS of its slow wander; sensors; sampling rate.
+
+    The loss is what makes the motion well-posed: just after a reversal the stuck elements' force grows with the speed
+    (k follows α, and α the speed) and drives the end on. Where nothing but a spring held it, the end would jump, by as
+    much as the time step allows.
     """
 
     shaker_compliance_mm_N: float = 2e-3
+    shaker_loss: float = 0.1
     fixture_compliance_mm_N: float = 5e-5
     second_harmonic: float = 0.01
     third_harmonic: float = 0.005
@@ -164,9 +170,11 @@ def _with_tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance
 
 
 def kernel_values(
-    specimen: Specimen, setup: Setup, act: Acting, frequency_hz: float, amplitude_mm: float
+    specimen: Specimen, setup: Setup, act: Acting, frequency_hz: float, amplitude_mm: float, step_s: float
 ) -> tuple[SpecimenValues, FaultValues]:
-    compliance = setup.shaker_compliance_mm_N + setup.fixture_compliance_mm_N + act.extra_compliance_mm_N
+    memory_s = setup.shaker_loss / (2 * np.pi * frequency_hz)
+    shaker = setup.shaker_compliance_mm_N * step_s / (memory_s + step_s)
+    compliance = shaker + setup.fixture_compliance_mm_N + act.extra_compliance_mm_N
     body = SpecimenValues(
         amplitude_mm=amplitude_mm,
         parallel=specimen.parallel_N_mm,
@@ -178,8 +186,15 @@ def kernel_values(
         lam=specimen.lambda_s_m,
         tip=specimen.tip,
         link_compliance=compliance,
+        shaker_compliance=shaker,
+        shaker_memory=memory_s / (memory_s + step_s),
     )
     return body, _with_tables(act, amplitude_mm, 2 * np.pi * frequency_hz * amplitude_mm, compliance)
+
+
+def shaker_stretch(force: Array, body: SpecimenValues) -> Array:
+    """By how much the shaker gives way (mm), at each step of a force (n,)."""
+    return np.asarray(signal.lfilter([body.shaker_compliance], [1.0, -body.shaker_memory], force))
 
 
 def simulate_test(
@@ -265,11 +280,11 @@ def move(
     ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
         t = begin + np.arange(int(np.ceil((stop - begin) * rate)) + 1) / rate
         drive = size * shape(t, run_in) + offset * np.clip((t - begin) * frequency, 0.0, 1.0)
-        values = kernel_values(sliders, setup, act, frequency, own_amplitude)
+        values = kernel_values(sliders, setup, act, frequency, own_amplitude, 1 / rate)
         force, deformation, _ = march(
             drive, t * frequency, 1 / rate, sliders.stiffness_share, sliders.slip_share_N, *values
         )
-        return t, drive - setup.shaker_compliance_mm_N * force, force, deformation
+        return t, drive - shaker_stretch(force, values[0]), force, deformation
 
     # the controller's trial runs: five cycles, coarse, looking at the last
     size, offset, own = amplitude, 0.0, amplitude
