@@ -26,6 +26,7 @@ from bayes_iwan.gap.telling.saved_fits import LOOPS, SavedFitsError, find_shares
 from bayes_iwan.gap.telling.words import _strength
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.setup.problem import iwan_model, make_problem
+from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.physics import Model
 
@@ -174,8 +175,8 @@ def test_a_fade_is_told_as_what_is_lost_within_the_records(kit):
         return -0.25 * np.tile(loop, n) * time / time[-1]
 
     loops = kit.made_up(kit.specimen_force, [(10.0, 0.9)], cycles=n, noise_N=0.02, extra=extra).loops(**kit.small)
-    data = gap_data(loops)
-    problem = extended(base_problem(data, kit.settings, kit.scales), [FrictionFade(kit.scales)])
+    data, scales = gap_data(loops), scales_of(loops)
+    problem = extended(base_problem(data, kit.settings, scales), [FrictionFade(scales)])
     fit = fit_model(data, problem, np.zeros((1, problem.ndim)))
     told = _parameters(fit, data, np.random.default_rng(0))["friction_fade"]
     name, lost = next(iter(told.items()))
