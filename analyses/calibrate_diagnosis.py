@@ -50,7 +50,7 @@ from bayes_iwan.gap.judging.calibration import (
     effect_figures,
 )
 from bayes_iwan.gap.judging.guards import UNJUDGED, Figures
-from bayes_iwan.gap.judging.verdict import helping, named_by
+from bayes_iwan.gap.judging.verdict import helpful
 from bayes_iwan.gap.judging.weighing import Weighed, weighed
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.gap.telling.saved_fits import LOOPS
@@ -84,7 +84,7 @@ PULL = 0.1
 def named_shares(found: Weighed, unseen: Sequence[Record]) -> dict[str, dict[str, float]]:
     """Of what today's constants name: share of the gap with its interval (no error of the law in it), share on tests
     left out, and what it removes on tests that the diagnosis never saw."""
-    named = helping(found, named_by(found.figures, calibration()))
+    named = helpful(found, calibration())
     if not named:
         return {}
     keys = subsets(named)

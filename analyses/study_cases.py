@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from bayes_iwan.gap.judging.budget import NO_CAUSE, Share, contributing, least_share, left_unnamed, rest_without_name
+from bayes_iwan.gap.judging.budget import NO_CAUSE, Share, contributing, left_unnamed, rest_without_name
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.judging.verdict import falls_short, named_by, one_of
+from bayes_iwan.gap.judging.verdict import helping, named_by, one_of
 from bayes_iwan.gap.searching.base import USUAL_GAP
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.rig import cases as rig_cases
@@ -43,15 +43,14 @@ def tags(case: dict[str, Any]) -> set[str]:
 
 def named_in(case: dict[str, Any], c: Calibration) -> frozenset[str]:
     """What these constants name, less what does not make the gap smaller."""
-    kept = set(named_by(figures_of(case), c))
-    share, along = by_set(case["share"]), by_set(case.get("along", {}))
-    while kept:
-        gap, its, changes = figures_of(case)[0].before, share[frozenset(kept)], along.get(frozenset(kept), {})
-        short = [n for n in sorted(kept) if falls_short(n, its[n], changes.get(n, 0.0), gap)]
-        if not short:
-            break
-        kept.remove(min(short, key=lambda n: its[n] - least_share(n, gap)))
-    return frozenset(kept)
+    given, put_in, along = figures_of(case), by_set(case["share"]), by_set(case["along"])
+    told = by_set(case["told"])
+
+    def made(names: Sequence[str]) -> tuple[dict[str, float], dict[str, float]]:
+        key = frozenset(names)
+        return {n: min(put_in[key][n], told[key][n]) for n in names}, along[key]
+
+    return frozenset(helping(named_by(given, c), made, given[0].before if given else 0.0))
 
 
 def rest_row(case: dict[str, Any], c: Calibration) -> np.ndarray:

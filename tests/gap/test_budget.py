@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from bayes_iwan.effects.catalogue import variants
-from bayes_iwan.gap.judging.budget import OWN_PROBABILITY, Share, along_shares, shapley, subsets
+from bayes_iwan.gap.judging import verdict
+from bayes_iwan.gap.judging.budget import (
+    OWN_PROBABILITY,
+    Share,
+    along_shares,
+    rest_without_name,
+    shapley,
+    subsets,
+)
 from bayes_iwan.gap.judging.calibration import (
     EFFECT_FIGURES,
     LEAST_TESTS,
@@ -20,7 +28,7 @@ from bayes_iwan.gap.judging.calibration import (
     rest_figures,
 )
 from bayes_iwan.gap.judging.guards import UNJUDGED, Figures, borne_out, companion
-from bayes_iwan.gap.judging.verdict import falls_short, named_by, one_of
+from bayes_iwan.gap.judging.verdict import falls_short, helping, made_by, named_by, one_of
 from bayes_iwan.gap.judging.weighing import LEAST_ALONG, _removing
 from bayes_iwan.gap.searching.base import USUAL_GAP, gap_rms_N, newton_nats, quick_gap_N
 from bayes_iwan.gap.telling.words import title
@@ -208,6 +216,47 @@ def test_an_effect_falls_short_of_its_share_unless_it_acts_along_the_record():
     assert not falls_short("friction_fade", 0.01, LEAST_ALONG, 0.1)
     assert not falls_short("force_drift", -0.05, 0.9, 0.1)  # so near two fits come to the least gap
     assert falls_short("friction_fade", -0.12, 0.9, 0.1)  # it makes the whole gap larger
+
+
+def test_the_least_helpful_goes_and_the_rest_is_judged_anew():
+    """Beside `a` both others take nothing; without `b`, `c` is worth its name."""
+    share = {
+        frozenset("abc"): {"a": 0.5, "b": -0.02, "c": 0.0},
+        frozenset("ac"): {"a": 0.4, "c": 0.1},
+        frozenset("bc"): {"b": -0.5, "c": -0.6},
+        frozenset("b"): {"b": -0.3},
+    }
+    asked = []
+
+    def made(names):
+        asked.append(set(names))
+        return share[frozenset(names)], {}
+
+    assert helping("abc", made, 0.1) == ("a", "c") and asked == [set("abc"), set("ac")]
+    assert helping("bc", made, 0.1) == ()
+    assert helping("", made, 0.1) == ()
+
+
+def test_what_a_cause_makes_is_the_less_of_what_is_put_in_and_what_is_told(monkeypatch):
+    """Put in, `b` takes a tenth of the gap; as it is told, the mean with what goes when it is taken out, nothing."""
+    put_in = {"a": Share(0.5, 0.4, 0.6), "b": Share(0.1, 0.0, 0.2)}
+    monkeypatch.setattr(verdict, "shares", lambda names, sizes: put_in)
+    found = SimpleNamespace(
+        sizes=dict.fromkeys(subsets("ab")),
+        told_shares=lambda names: {"a": Share(0.6, 0.5, 0.7), "b": Share(0.0, -0.1, 0.1)},
+        along=lambda names: {"b": 0.3},
+    )
+    assert made_by(found, ("a", "b")) == ({"a": 0.5, "b": 0.0}, {"b": 0.3})
+
+
+def test_a_pattern_speaks_for_a_cause_where_it_removes_as_much_as_a_cause_must():
+    c = calibration()
+    sure = replace(PLACE, gain=300.0, by_test=0.6, name="lagging_force", rivals={"lagging_force": 0.0})
+    assert rest_without_name(0.1, [sure], c) > 0.9
+    little = replace(sure, fitted=0.01, before=0.05)
+    assert rest_without_name(0.1, [little], c) == pytest.approx(0.1)
+    tiny = replace(sure, fitted=0.2, before=0.004)  # 0.08 % of the friction force
+    assert rest_without_name(0.1, [tiny], c) == pytest.approx(0.1)
 
 
 def test_shares_of_what_changes_along_the_record_sum_to_what_is_removed():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -71,17 +71,34 @@ def falls_short(name: str, share: float, along: float, gap: float) -> bool:
     return share < least_share(name, gap) and (along < LEAST_ALONG or share < -SPREAD_OF_GAP)
 
 
-def helping(found: Weighed, named: Sequence[str]) -> tuple[str, ...]:
-    """The named effects less those that do not make the gap smaller: evidence weighs every harmonic by its noise and
-    may rise where the force in newtons is missed by more. The least helpful goes first, the rest is judged anew."""
-    kept, gap = list(named), found.sizes[frozenset()].all.share
+def helping(
+    names: Iterable[str], made: Callable[[Sequence[str]], tuple[Mapping[str, float], Mapping[str, float]]], gap: float
+) -> tuple[str, ...]:
+    """These effects less those that do not make the gap smaller: evidence weighs every harmonic by its noise and may
+    rise where the force in newtons is missed by more. The least helpful goes first, the rest is judged anew.
+
+    made : of a set of effects, the share of the gap that each removes, and of what changes along the record, by those
+    that act there; gap : over the friction force
+    """
+    kept = list(names)
     while kept:
-        share, along = shares(kept, {k: found.sizes[k] for k in subsets(kept)}), found.along(kept)
-        short = [n for n in kept if falls_short(n, share[n].value, along.get(n, 0.0), gap)]
+        share, along = made(kept)
+        short = [n for n in kept if falls_short(n, share[n], along.get(n, 0.0), gap)]
         if not short:
             break
-        kept.remove(min(short, key=lambda n: share[n].value - least_share(n, gap)))
+        kept.remove(min(short, key=lambda n: share[n] - least_share(n, gap)))
     return tuple(kept)
+
+
+def made_by(found: Weighed, names: Sequence[str]) -> tuple[Mapping[str, float], Mapping[str, float]]:
+    """What each of these effects removes, as :func:`helping` asks: put in, or as it is told where that is less."""
+    put_in, told = shares(names, {k: found.sizes[k] for k in subsets(names)}), found.told_shares(names)
+    return {n: min(put_in[n].value, told[n].value) for n in names}, found.along(names)
+
+
+def helpful(found: Weighed, c: Calibration) -> tuple[str, ...]:
+    """What is named, but for what does not make the gap smaller."""
+    return helping(named_by(found.figures, c), partial(made_by, found), found.sizes[frozenset()].all.share)
 
 
 def unknown_rest(found: Weighed, named: Sequence[str], c: Calibration) -> float:
@@ -92,7 +109,7 @@ def unknown_rest(found: Weighed, named: Sequence[str], c: Calibration) -> float:
 
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
     """Name causes, give each its share of the gap, and say whether the rest needs a cause of its own."""
-    named = helping(found, named_by(found.figures, c))
+    named = helpful(found, c)
     rest = unknown_rest(found, named, c)
     p, places = contributing(found.figures, c)
     probabilities = {n: 0.0 for n in found.search.effects if n not in NO_CAUSE} | {
