@@ -180,6 +180,7 @@ def made_case(rng, kind, name, law, strong):
         "subharmonic": 1.0,
         "share": {name: {name: 0.95 if true else 0.1}},
         "told": {name: {name: 0.95 if true else 0.1}},
+        "along": {name: {}},
     }
 
 
