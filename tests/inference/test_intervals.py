@@ -128,7 +128,7 @@ def test_reach_is_what_amplitudes_and_band_allow(simple):
     parameter_values = problem.parameter_values(z[None])
     phi = np.linspace(0.0, reach.highest_N, 20_001)
     quartile = np.interp(0.25, 1.0 - problem.model.slip_family.survival(phi, parameter_values)[0], phi)
-    assert reach.share == pytest.approx(min(1.0, reach.lowest_N / quartile) / 12.0, rel=1e-2)
+    assert reach.share == pytest.approx(min(1.0, reach.lowest_N / quartile) / 24.0, rel=1e-2)
 
 
 def test_every_quantity_is_widened_and_the_low_tail_is_extrapolated(simple):

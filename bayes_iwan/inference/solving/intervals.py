@@ -6,7 +6,7 @@ moves towards the bent form's, the widths are theirs, and how far the two are ap
 disagree, the between-test variance (:mod:`.jackknife`), is seen without that. And some numbers are not reached by any
 loop: elements that slip within the finest step that the trusted harmonics resolve after a reversal, and elements that
 never slip at the largest amplitude, are extrapolated by the family of slip forces alone. Of the elements that slip
-before anything is resolved there is taken to be a share that is known no better than to itself, a third as large as if
+before anything is resolved there is taken to be a share that is known no better than to itself, a sixth as large as if
 the first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it
 goes into k(1) and into the slip forces' quantiles. And no smooth family is nature's: wherever loops reach, the share of
 the elements below a slip force is off, by about the same at every quantile, and :data:`ROUGHNESS` of it goes into the
@@ -48,18 +48,19 @@ from bayes_iwan.physics import Model
 CORRELATED = 0.62
 #: further factor of the jackknife's standard deviation for numbers of the specimen, chosen on 220 specimens of the rig
 BEYOND = 1.5
-#: usual variance between tests over the posterior's own, and the degrees of freedom that this counts for; chosen with
-#: ROUGHNESS on 600 specimens of the rig (seeds 4101, 4201)
+#: usual variance between tests over the posterior's own, and the degrees of freedom that this counts for; chosen
+#: on 600 specimens of the rig (seeds 4101, 4201)
 USUAL, USUAL_FREEDOM = 0.9, 4
 #: standard deviation of the share of the elements below a slip force, for nature's slip forces are of no smooth family,
 #: and the degrees of freedom of what no loop reaches
-ROUGHNESS, UNREACHED_FREEDOM = 0.0065, 4
-#: share of the elements that may lie below the finest step where that reaches their lower quartile: a third of 1/4
-_UNRESOLVED = 1.0 / 12.0
+ROUGHNESS, UNREACHED_FREEDOM = 0.007, 4
+#: share of the elements that may lie below the finest step where that reaches their lower quartile: a sixth of 1/4;
+#: chosen with ROUGHNESS on 320 specimens of the rig (seeds 5401, 5501, 5601)
+_UNRESOLVED = 1.0 / 24.0
 #: step of the central differences, in prior standard deviations
 _STEP = 1e-4
 #: a larger share of unresolved elements is said beside the numbers that depend on it
-_WORTH_SAYING = 0.01
+_WORTH_SAYING = 0.005
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,7 @@ class Widening:
 class Reach:
     """What the loops of a campaign reach: slip forces from lowest_N to highest_N, steps from step_mm on.
 
-    share : of the elements that may lie below lowest_N, a third of what it were if the first quarter of all were evenly
+    share : of the elements that may lie below lowest_N, a sixth of what it were if the first quarter of all were evenly
     spread; amplitudes_mm : of the tests.
     """
 
