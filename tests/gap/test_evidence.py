@@ -13,7 +13,7 @@ from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import _distinct, _grid, extended, fit_model, in_newtons, predicting
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.fitting.rest import BETWEEN, LENGTHS, SHARES, Linear, Rest, RestSize
+from bayes_iwan.gap.fitting.rest import BETWEEN, LARGE_REST, LENGTHS, SHARES, Linear, Rest, RestSize
 from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging import sample_fit
 from bayes_iwan.gap.searching.base import fit_base, gap_rms_N
@@ -52,6 +52,13 @@ def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record
     assert (grid.size.share, grid.size.length) == (SHARES[i], LENGTHS[k])
     low, middle, high = sorted(grid.rest_share)
     assert grid.rest_share == (middle, low, high) and low < high
+
+
+def test_a_rest_as_large_as_the_friction_is_unlikely_beforehand(toy):
+    """Rows without any rest: what is left of the evidence is its prior, half a Cauchy distribution of ln share."""
+    bare = replace(toy, rest=replace(toy.rest, eigen=np.zeros(30)))
+    log_z = [bare.evidence(((share, float(LENGTHS[0]), 0.0),)).log_z[0] for share in (1e-9, LARGE_REST, 1.0)]
+    np.testing.assert_allclose(np.subtract(log_z, log_z[0]), [0.0, -np.log(2.0), -np.log1p(LARGE_REST**-2)], rtol=1e-9)
 
 
 @pytest.mark.parametrize("bend", [30.0, np.inf])

@@ -4,8 +4,9 @@ rest that stands beside every model.
 measured = simulator(base + effects) + rest + noise. The rest is Gaussian, smooth along the loop and between tests, of
 share a of the friction force (:class:`bayes_iwan.inference.setup.discrepancy.Correlated`), and changes along the
 record by a share b. Its sizes are inferred for every set of effects and need not be small: the prior over a is flat
-in ln a, so a cause may explain a part of the gap and leave the rest without a name. So is how it hangs together between
-tests, in one of a few ways that are as likely as each other beforehand (:data:`bayes_iwan.gap.fitting.rest.BETWEEN`).
+in ln a up to a tenth (:data:`bayes_iwan.gap.fitting.rest.LARGE_REST`), so a cause may explain a part of the gap and
+leave the rest without a name. So is how it hangs together between tests, in one of a few ways that are as likely as
+each other beforehand (:data:`bayes_iwan.gap.fitting.rest.BETWEEN`).
 """
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ class Fit:
 
     @cached_property
     def log_evidence(self) -> float:
-        """ln ∫ Z(a, ℓ) p(a, ℓ), p flat in ln a and over the lengths."""
+        """ln ∫ Z(a, ℓ) p(a, ℓ), but for the constant of p, which is flat over the lengths."""
         return float(np.logaddexp.reduce(self.log_z.ravel()) - np.log(self.log_z.size))
 
 

@@ -28,6 +28,9 @@ Between = tuple[float, float, float]
 #: grid of the rest: RMS share of the friction level, and correlation length in cycles
 SHARES = np.geomspace(5e-4, 1.0, 13)
 LENGTHS = np.array([0.03, 0.1])
+#: a rest beyond this share is the less likely, with the tail of half a Cauchy distribution (Gelman, Bayesian Anal. 1
+#: (2006) 515): else one record's rest, of few harmonics, grows to the friction force itself and leaves nothing to tell
+LARGE_REST = 0.1
 #: ways in which the rest of different tests may hang together: of 37 those without which most evidence would be lost on
 #: sound and faulty cases of the rig (`analyses/rest_between_tests.py`)
 BETWEEN: tuple[Between, ...] = (
@@ -251,6 +254,7 @@ class Linear:
         finite = np.asarray(np.all(np.isfinite(residual), axis=1))
         left = np.broadcast_to(np.where(finite[:, None], residual, 0.0), (len(sizes), residual.shape[1]))
         factors, log_p = rest.spectrum(left, sizes)
+        log_p -= np.log1p((np.array([share for share, _, _ in sizes]) / LARGE_REST) ** 2)
         log_z = log_p - 0.5 * np.sum(z * z, axis=1) - 0.5 * np.linalg.slogdet(precision)[1]
         split = rest.orders
         found = (
