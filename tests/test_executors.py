@@ -78,7 +78,7 @@ def processes():
 def cluster():
     distributed = pytest.importorskip("distributed")
     # nannies, as on a real cluster: a worker that dies is started again
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as there:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as there:
         yield there
 
 
@@ -235,7 +235,7 @@ def test_a_search_finds_the_same_bits_wherever_effects_are_refitted(where, reque
 def test_a_cluster_s_lost_data_are_sent_again(tmp_path):
     """One worker only, which dies with the data it was sent: they come again with the piece."""
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50) as one:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as one:
         with executors.opened(dask=one.scheduler_address) as executor:
             shared = {"folder": tmp_path, "fatal": False}
             assert executors.run(PIECES, note, shared, executor=executor, progress=False) == PIECES
