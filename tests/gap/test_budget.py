@@ -163,11 +163,11 @@ def test_a_name_needs_a_probability_of_its_own_and_many_are_said_together(tied, 
 
 def test_what_does_not_hold_on_tests_left_out_needs_more_for_its_name():
     c = calibration()
-    holds = replace(CLEAR, rivals={CLEAR.name: 0.0}, gain=20.0, fitted=0.3, by_test=0.3)
+    holds = replace(CLEAR, rivals={CLEAR.name: 0.0}, gain=5.0, fitted=0.3, by_test=0.3)
     assert named_by([holds], c) == (CLEAR.name,)
     idle = replace(holds, by_test=-0.1)
     assert named_by([idle], c) == ()
-    assert named_by([replace(idle, gain=2000.0)], c) == (CLEAR.name,)
+    assert named_by([replace(idle, gain=200.0)], c) == (CLEAR.name,)
 
 
 def test_evidence_counts_more_beside_a_gap_that_no_sound_specimen_has():

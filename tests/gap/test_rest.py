@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from bayes_iwan.gap.fitting.rest import BETWEEN, LENGTHS, LN_SPECTRUM, SPECTRUM_SD, Linear, Rest, RestSize
+from bayes_iwan.gap.fitting.rest import BETWEEN, LARGE_REST, LENGTHS, LN_SPECTRUM, SPECTRUM_SD, Linear, Rest, RestSize
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
 
@@ -32,10 +32,13 @@ def by_hand(rest: Rest, size: RestSize) -> np.ndarray:
 
 
 def gaussian_log_z(linear: Linear, size: RestSize) -> float:
-    """ln evidence of a linear model with a standard normal prior, without the constants of 2π."""
+    """ln evidence of a linear model with a standard normal prior, without the constants of 2π, and the size's prior."""
     data = linear.residual + linear.jacobian @ linear.z  # what a model at z = 0 misses
     covariance = np.diag(by_hand(linear.rest, size)) + linear.jacobian @ linear.jacobian.T
-    return float(stats.multivariate_normal(cov=covariance).logpdf(data)) + 0.5 * len(data) * np.log(2.0 * np.pi)
+    prior = stats.cauchy(scale=LARGE_REST)
+    unlikely = float(prior.logpdf(size.share) - prior.logpdf(0.0))
+    log_p = float(stats.multivariate_normal(cov=covariance).logpdf(data))
+    return log_p + 0.5 * len(data) * np.log(2.0 * np.pi) + unlikely
 
 
 @pytest.mark.parametrize("spectrum", [(), (0.1, 3.0), (0.5, 2.0, 7.0, 1.0, 0.01, 4.0)])
