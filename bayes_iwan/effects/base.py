@@ -124,7 +124,7 @@ class Effect:
     law_error
         relative error of a strength: nature's law is not quite ours.
     sudden
-        whether nothing is seen below a threshold: a first step tells little of it.
+        whether a first step tells little of it: nothing is seen below a threshold, or the base has bent to it.
     flexible
         whether it absorbs part of most gaps: then it is sought last and named by its share.
     order
@@ -178,7 +178,7 @@ class Effect:
     evolving: ClassVar[bool] = False  # does it change from cycle to cycle?
     spread: ClassVar[float] = SHARE_SPREAD  # sd of the strength's logarithm in its prior
     law_error: ClassVar[float] = 0.035  # relative error of a strength: nature's law is not quite ours
-    sudden: ClassVar[bool] = False  # nothing below a threshold: a first step tells little of it
+    sudden: ClassVar[bool] = False
     flexible: ClassVar[bool] = False  # does it absorb part of most gaps? Then it is sought last and named by its share
     order: ClassVar[int] = 0  # specimen 0, rig 1, force channel 2, in the order of the signal
     physics: ClassVar[str]  # one paragraph

@@ -41,6 +41,11 @@ REACH = 1.6
 Report = Callable[[str], None]
 
 
+def _by_test(fit: Fit) -> frozenset[str]:
+    """Effects whose strengths are numbers of single tests."""
+    return frozenset(e.name for e in fit.effects if e.strength_name not in fit.problem.names)
+
+
 def silent(what: str) -> None:
     """No progress shown."""
 
@@ -95,17 +100,27 @@ class Explored:
         if fit is None:
             return None
         old = self.fits.get(fit.names)
-        if old is None or fit.log_evidence > old.log_evidence:
+        if old is None or self._outdoes(fit, old):
             self.fits[fit.names] = fit
         return self.fits[fit.names]
+
+    def _outdoes(self, fit: Fit, other: Fit) -> bool:
+        """By evidence; but a law with numbers of its own in every test, for each of which evidence asks, against one
+        without by what both are worth: beside a rest that wanders as much evidence has nothing to say for it."""
+        if _by_test(fit) == _by_test(other):
+            return fit.log_evidence > other.log_evidence
+        worth, others = self.worths([fit, other])
+        return worth > others
 
     def add(self, some: Sequence[Candidate], smaller: Fit, instead_of: Fit | None = None) -> None:
         """Refit candidates, from where each promised most, from where it was best beside the base alone, and from the
         others of the set that it is tried in."""
-        found = self.refits([self._start(one, smaller, instead_of) for one in some])
+        found, fits = self.refits([self._start(one, smaller, instead_of) for one in some]), list[Fit | None]()
         for one in some:
             self.report("+".join((*sorted(smaller.names), one.name)))
-            self._kept(next(found))
+            fits.append(next(found))
+        for fit in fits:  # when all are there: whoever refits them is asked again
+            self._kept(fit)
 
     def _start(self, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
         starts, draws = one.starts, one.starts[:0]
