@@ -292,8 +292,8 @@ def search(
         ):
             ends[names] = found.fits[names]
     current = max(ends.values(), key=found.worth)
-    if current.effects and current.names not in asked:
-        current = found.rivals(current)
+    if current.effects and current.names not in asked:  # an exchange may put two side by side that look alike
+        current = found.pruned(found.rivals(current))
     gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
     weights = ends_of(found, current, most)
