@@ -55,7 +55,7 @@ def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record
 
 
 def test_a_rest_as_large_as_the_friction_is_unlikely_beforehand(toy):
-    """Rows without any rest: what is left of the evidence is its prior, half a Cauchy distribution of ln share."""
+    """Rows without any rest: what is left of the evidence is its prior, 1/(1 + (share/LARGE_REST)²)."""
     bare = replace(toy, rest=replace(toy.rest, eigen=np.zeros(30)))
     log_z = [bare.evidence(((share, float(LENGTHS[0]), 0.0),)).log_z[0] for share in (1e-9, LARGE_REST, 1.0)]
     np.testing.assert_allclose(np.subtract(log_z, log_z[0]), [0.0, -np.log(2.0), -np.log1p(LARGE_REST**-2)], rtol=1e-9)

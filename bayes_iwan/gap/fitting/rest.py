@@ -28,8 +28,8 @@ Between = tuple[float, float, float]
 #: grid of the rest: RMS share of the friction level, and correlation length in cycles
 SHARES = np.geomspace(5e-4, 1.0, 13)
 LENGTHS = np.array([0.03, 0.1])
-#: a rest beyond this share is the less likely, with the tail of half a Cauchy distribution (Gelman, Bayesian Anal. 1
-#: (2006) 515): else one record's rest, of few harmonics, grows to the friction force itself and leaves nothing to tell
+#: a rest beyond this share is the less likely: p(ln a) ∝ 1/(1 + (a/LARGE_REST)²), all but flat below. Else one record's
+#: rest, of few harmonics, grows to the friction force itself and leaves nothing to tell
 LARGE_REST = 0.1
 #: ways in which the rest of different tests may hang together: of 37 those without which most evidence would be lost on
 #: sound and faulty cases of the rig (`analyses/rest_between_tests.py`)
@@ -248,8 +248,8 @@ class Linear:
         return self.at(left, z, sizes, precision)
 
     def at(self, residual: Array, z: Array, sizes: Sizes, precision: Array) -> Stepped:
-        """ln evidence at each size of what is left (sizes, m) or (1, m) at z (sizes, ndim) or (1, ndim), with the
-        precision (sizes, ndim, ndim) of z; -inf where what is left is not finite."""
+        """ln evidence at each size, the size's own prior in it, of what is left (sizes, m) or (1, m) at z (sizes, ndim)
+        or (1, ndim), with the precision (sizes, ndim, ndim) of z; -inf where what is left is not finite."""
         rest = self.rest
         finite = np.asarray(np.all(np.isfinite(residual), axis=1))
         left = np.broadcast_to(np.where(finite[:, None], residual, 0.0), (len(sizes), residual.shape[1]))

@@ -41,11 +41,6 @@ REACH = 1.6
 Report = Callable[[str], None]
 
 
-def _by_test(fit: Fit) -> frozenset[str]:
-    """Effects whose strengths are numbers of single tests."""
-    return frozenset(e.name for e in fit.effects if e.strength_name not in fit.problem.names)
-
-
 def silent(what: str) -> None:
     """No progress shown."""
 
@@ -212,3 +207,8 @@ class Explored:
     def needed(self, names: frozenset[str]) -> bool:
         """Has no effect of a set been dropped because others of it stand in for it?"""
         return needed(self.effects, self.stood_in, names)
+
+
+def _by_test(fit: Fit) -> frozenset[str]:
+    """Effects whose strengths are numbers of single tests."""
+    return frozenset(e.name for e in fit.effects if e.strength_name not in fit.problem.names)
