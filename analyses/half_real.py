@@ -46,7 +46,7 @@ NOT_THERE = {"microtribometer": ("moving_mass", "friction_fade"), "seal, 1 to 7 
 SIZES = (0.06, 0.20)
 #: harmonics of the displacement from which a mass's acceleration is taken, as many as loops are averaged with
 BAND = 24.0
-#: a strength that changed by so many standard deviations has moved
+#: an effect whose force changed by so many standard deviations has another strength
 MOVED = 2.0
 #: an effect is visible if a gap is larger by this share with it
 VISIBLE = 0.1
@@ -168,9 +168,9 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     before = {e["name"]: e for e in natural["effects"]}
     name = answer["effect"]
     named = name in causes
-    if named and name in before:  # it was there before: its strength must have moved
-        a, b = (next(iter(e["parameters"].values())) for e in (before[name], _effect(answer, name)))
-        named = abs(a["mean"] - b["mean"]) > MOVED * float(np.hypot(a["sd"], b["sd"]))
+    if named and name in before:  # it was there before: it must move another force
+        (a, a_sd), (b, b_sd) = (_moves(e) for e in (before[name], _effect(answer, name)))
+        named = abs(a - b) > MOVED * float(np.hypot(a_sd, b_sd))
     together = {n for some in answer["verdict"]["one_of"] for n in some["names"]}
     together |= {n for c in causes.values() for n in c["cannot_tell_apart"]}
     near = named or name in together
@@ -184,6 +184,13 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     }
     counted = {f"{k}, visible ones": v for k, v in found.items() if visible(answer, natural)}
     return found | counted | {"natural causes still named": kept}
+
+
+def _moves(effect: dict[str, Any]) -> tuple[float, float]:
+    """RMS force that an effect moves over the friction force, and its sd, in proportion to that of its strength: what a
+    strength means hangs on the law's other numbers, which a second effect of the same name changes."""
+    strength, moved = next(iter(effect["parameters"].values())), float(effect["moved_share"])
+    return moved, moved * strength["sd"] / max(abs(strength["mean"]), 1e-300)
 
 
 def _effect(answer: dict[str, Any], name: str) -> dict[str, Any]:

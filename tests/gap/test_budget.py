@@ -161,6 +161,24 @@ def test_a_name_needs_a_probability_of_its_own_and_many_are_said_together(tied, 
         assert said[0].share == f.fitted
 
 
+def test_a_form_of_the_base_and_effects_that_cannot_be_told_from_it_are_said_together():
+    """A single record often fits other slip forces as well as what was done to it; alone, or beside a pattern without a
+    cause, they are no set of causes."""
+    c, tied = calibration(), dict.fromkeys(("slip_forces_free", *OTHERS), 0.0)
+    place = replace(CLEAR, name="slip_forces_free", rivals=tied)
+    (said,) = one_of([place], named_by([place], c), c)
+    assert set(said.names) == set(tied) and said.probability == pytest.approx(c.contributes(place))
+    assert one_of([replace(place, rivals={"slip_forces_free": 0.0, "stiffness_law_free": 0.0})], (), c) == ()
+    assert one_of([place], ("slip_forces_free",), c) == ()
+
+
+def test_several_are_said_together_from_a_half_on():
+    c, tied = calibration(), dict.fromkeys((CLEAR.name, *OTHERS), 0.0)
+    some = [replace(CLEAR, rivals=tied, gain=g, by_test=0.1, fitted=0.1, differs=1.0) for g in np.geomspace(0.1, 300)]
+    said = [bool(one_of([f], (), c)) for f in some]
+    assert said == [c.contributes(f) >= 0.5 for f in some] and len(set(said)) == 2
+
+
 def test_what_does_not_hold_on_tests_left_out_needs_more_for_its_name():
     c = calibration()
     holds = replace(CLEAR, rivals={CLEAR.name: 0.0}, gain=5.0, fitted=0.3, by_test=0.3)

@@ -281,6 +281,32 @@ def test_what_acts_along_the_record_is_refitted_where_the_gap_is_there_whatever_
     assert frozenset({"friction_fade"}) in fitted["fading"] and frozenset({"friction_fade"}) not in fitted["steady"]
 
 
+def test_a_single_record_s_rivals_are_refitted_whatever_a_step_promises(kit, monkeypatch):
+    """There a refit costs little, and what did it may promise nothing; of many tests one step tells enough."""
+
+    def hopeless(*given):
+        return replace(candidate(*given), gain=-1e3, worth=-1e3)
+
+    loops = [x for x in kit.campaign_of(kit.rig_records("viscous_damping")).loops(**kit.small) if x.role == "fit"]
+    kinds = {
+        n: catalogue.variants()[n] for n in ("viscous_damping", "force_drift", "moving_mass", "quadratic_stiffness")
+    }
+    monkeypatch.setattr(searching, "RIVALS_ASKED", len(loops) - 1)
+    asked = {}
+    for tests in (1, len(loops)):
+        data = gap_data(loops[:tests])
+        found = explorer(kit, data, kinds)
+        found.singles()
+        alone = found.fits[frozenset({"viscous_damping"})]
+        found.fits = {k: found.fits[k] for k in (frozenset(), alone.names)}
+        with monkeypatch.context() as m:
+            m.setattr(refits, "candidate", hopeless)
+            found._offers.clear()
+            found.rivals(alone)
+        asked[tests] = {n for k in found.fits if len(k) == 1 for n in k}
+    assert asked == {1: set(kinds), len(loops): {"viscous_damping"}}
+
+
 def test_strengths_are_brought_to_the_specimens_scale(kit):
     """At its median strength an effect moves the prior share of the friction force."""
     from bayes_iwan.effects.base import TYPICAL_SHARE

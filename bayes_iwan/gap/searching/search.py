@@ -41,6 +41,9 @@ BESIDE_ALIKE, ALIKE_SHARE = 25.0, 0.1
 RIVALS_MOST = 3
 #: and only those whose first step promises this share of what the effect itself gains there
 RIVAL_SHARE = 0.3
+#: but this many over the number of tests whatever it promises: where so few tests tell little, an optimum lies far from
+#: where one step leads, and a refit costs little
+RIVALS_ASKED = 8
 #: look-alikes that differ by no more are tied
 TIED_NATS = 5.0
 #: rounds in which a better rival takes its place, and in which the set grows again after that
@@ -224,6 +227,7 @@ class _Explorer(Explored):
 
     def rivals(self, current: Fit) -> Fit:
         """What else could stand in the place of each effect of the chosen set, and the best of those sets."""
+        asked = RIVALS_ASKED // self.data.tests
         for _ in range(EXCHANGES_MOST):
             before = current
             for name in sorted(current.names):
@@ -240,7 +244,7 @@ class _Explorer(Explored):
                     if look_alike(self.effects, name, one.name):  # whatever a first step promises: ties are asked here
                         if known is None or known.log_evidence < current.log_evidence - TIED_NATS:
                             chosen[one.name] = one
-                    elif known is None and one.worth > least and len(others) < RIVALS_MOST:
+                    elif known is None and (len(others) < asked or (one.worth > least and len(others) < RIVALS_MOST)):
                         chosen[one.name] = one
                         others.append(one.name)
                 self.add(list(chosen.values()), less, current)
