@@ -9,6 +9,7 @@ import pytest
 from bayes_iwan.effects.catalogue import variants
 from bayes_iwan.gap.judging import verdict
 from bayes_iwan.gap.judging.budget import (
+    NAMED,
     OWN_PROBABILITY,
     Share,
     along_shares,
@@ -172,11 +173,11 @@ def test_a_form_of_the_base_and_effects_that_cannot_be_told_from_it_are_said_tog
     assert one_of([place], ("slip_forces_free",), c) == ()
 
 
-def test_several_are_said_together_from_a_half_on():
+def test_several_are_said_together_where_one_of_them_probably_contributes():
     c, tied = calibration(), dict.fromkeys((CLEAR.name, *OTHERS), 0.0)
     some = [replace(CLEAR, rivals=tied, gain=g, by_test=0.1, fitted=0.1, differs=1.0) for g in np.geomspace(0.1, 300)]
     said = [bool(one_of([f], (), c)) for f in some]
-    assert said == [c.contributes(f) >= 0.5 for f in some] and len(set(said)) == 2
+    assert said == [c.contributes(f) >= NAMED for f in some] and len(set(said)) == 2
 
 
 def test_what_does_not_hold_on_tests_left_out_needs_more_for_its_name():

@@ -88,7 +88,7 @@ def test_plan_puts_into_a_source_only_what_means_something_there(study):
     assert all(half_real.SIZES[0] <= size <= half_real.SIZES[1] for *_, size in cases)
 
 
-def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_its_strength_moved(study):
+def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_moves_another_force(study):
     judged = study("half_real").judged
 
     def answer(effect, *together, gap=1.0, along=0.2, suspects=(), **strengths):
@@ -100,7 +100,11 @@ def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_its_streng
                 "one_of": [{"names": list(together)}] if together else [],
                 "suspects": [{"name": n, "share": 0.6} for n in suspects],
             },
-            "effects": [{"name": n, "parameters": {"x": {"mean": v, "sd": 0.1}}} for n, v in strengths.items()],
+            # a number that stays as it is, known to a tenth: only the force that is moved tells
+            "effects": [
+                {"name": n, "moved_share": 0.1 * v, "parameters": {"x": {"mean": -3.0, "sd": 0.3}}}
+                for n, v in strengths.items()
+            ],
         }
 
     natural = answer("", channel_delay=1.0)

@@ -36,9 +36,6 @@ from bayes_iwan.threads import alongside
 #: an effect that acts on what changes along the record may leave the whole gap larger by this share of it: how near the
 #: least gap two fits come differs by as much
 SPREAD_OF_GAP = 0.1
-#: of several that cannot be told apart one is said to contribute if that is more probable than not: a name that is
-#: wrong misleads, a list that says so does not
-PROBABLY = 0.5
 #: share of a gap, most of which has no name, that an effect must remove alone to be suspected, and how many are said
 SUSPECT, SUSPECTS_MOST = 0.5, 6
 
@@ -64,7 +61,7 @@ def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tu
         if {f.name, *some} & {*named, *NO_CAUSE} or OWN_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
             continue
         cause = sum(v for n, v in among.items() if n not in NO_CAUSE)
-        if len(some) > 1 and (p := c.contributes(f) * cause) >= PROBABLY:
+        if len(some) > 1 and (p := c.contributes(f) * cause) >= NAMED:
             out.append(OneOf(some, p, f.fitted))
     return tuple(out)
 
