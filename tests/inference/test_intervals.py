@@ -6,12 +6,14 @@ from scipy import stats
 
 from bayes_iwan.inference.setup.discrepancy import on_phases
 from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.setup.quantities import quantities
+from bayes_iwan.inference.solving import intervals
 from bayes_iwan.inference.solving.bent import bent_form
 from bayes_iwan.inference.solving.intervals import (
     BEYOND,
     CORRELATED,
+    ROUGH_FREEDOM,
     ROUGHNESS,
-    UNREACHED_FREEDOM,
     USUAL_FREEDOM,
     Widening,
     _form,
@@ -101,7 +103,7 @@ def test_jackknife_of_a_mean_over_tests_that_share_their_misfit_is_made_up_for()
 def test_variances_add_and_students_quantiles_follow_welch_and_satterthwaite():
     x = 10.0 + stats.norm.ppf((np.arange(9999) + 0.5) / 9999)
     low, high = Widening(1.5, 2.0, 3, False, "").interval(x)
-    total, freedom = 1.0 + 1.5**2 + 2.0**2, 7.25**2 / (1.5**4 / 3 + 2.0**4 / UNREACHED_FREEDOM)
+    total, freedom = 1.0 + 1.5**2 + 2.0**2, 7.25**2 / (1.5**4 / 3 + 2.0**4 / ROUGH_FREEDOM)
     np.testing.assert_allclose([low, high], 10.0 + np.sqrt(total) * stats.t.ppf([0.05, 0.95], freedom), atol=0.01)
 
 
@@ -124,31 +126,43 @@ def test_reach_is_what_amplitudes_and_band_allow(simple):
     step = min(x.amplitude_mm * (1 - np.cos(np.pi / h)) for x, h in zip(problem.loops, order))
     k1 = problem.parameter_values(z[None])["k1_N_mm"][0]
     assert reach.lowest_N == pytest.approx(0.5 * k1 * step) and reach.highest_N == pytest.approx(k1 * 1.0, rel=1e-3)
-    # the quarter of elements that slip first, as far as it lies below what any loop resolves
+    # beside the quarter of elements that slip first
     parameter_values = problem.parameter_values(z[None])
     phi = np.linspace(0.0, reach.highest_N, 20_001)
     quartile = np.interp(0.25, 1.0 - problem.model.slip_family.survival(phi, parameter_values)[0], phi)
-    assert reach.share == pytest.approx(min(1.0, reach.lowest_N / quartile) / 24.0, rel=1e-2)
+    assert reach.part == pytest.approx(reach.lowest_N / quartile, rel=1e-2)
 
 
-def test_every_quantity_is_widened_and_the_low_tail_is_extrapolated(simple):
+def test_every_quantity_is_widened_and_the_low_tail_most(simple):
     problem, z = simple
     found = widenings(problem, z)
     assert {"kp_N_mm", "k1_N_mm", "mean_slip_force_N", "slip_force_q05_N"} <= set(found)
     assert all(np.isfinite(w.between_sd) and w.freedom == 3 for w in found.values())
-    assert found["k1_N_mm"].unreached_sd == pytest.approx(reach_of(problem, z).share)
-    assert found["slip_force_q05_N"].unreached_sd > found["slip_force_q50_N"].unreached_sd
-    assert found["kp_N_mm"].unreached_sd == 0.0 and found["kp_N_mm"].reach == ""
+    assert found["slip_force_q05_N"].rough_sd > found["slip_force_q50_N"].rough_sd
+    assert found["kp_N_mm"].rough_sd == 0.0 and found["kp_N_mm"].reach == ""
 
 
-def test_a_quantile_of_the_slip_forces_moves_by_what_no_family_has_and_no_loop_resolves(simple):
+@pytest.mark.parametrize("coarse", [1.0, 60.0])
+def test_what_lies_below_the_finest_step_is_said_to_be_extrapolated(simple, coarse, monkeypatch):
+    """Steps of so many times their size."""
+    problem, z = simple
+    monkeypatch.setattr(intervals, "_step_mm", lambda loop, finest=intervals._step_mm: coarse * finest(loop))
+    reach, found, at = reach_of(problem, z), widenings(problem, z), quantities(problem, z[None])
+    below = [n for n in found if n.startswith("slip_force_q") and at[n].values[0] < reach.lowest_N]
+    if reach.part > 0.12:
+        below.append("k1_N_mm")
+    assert {n for n, w in found.items() if "no step under" in w.reach} == set(below)
+    assert bool(below) == (coarse > 1.0)
+
+
+def test_a_quantile_of_the_slip_forces_moves_by_what_no_family_has(simple):
     problem, z = simple
     found, reach = widenings(problem, z)["slip_force_q75_N"], reach_of(problem, z)
     parameter_values = problem.parameter_values(z[None])
     phi = np.linspace(0.0, reach.highest_N, 20_001)
     below = 1.0 - problem.model.slip_family.survival(phi, parameter_values)[0]
-    middle, other = np.interp([0.75, 0.75 - np.hypot(0.25 * reach.share, ROUGHNESS)], below, phi)
-    assert found.unreached_sd == pytest.approx(np.log(middle / other), rel=1e-2)
+    middle, other = np.interp([0.75, 0.75 - ROUGHNESS], below, phi)
+    assert found.rough_sd == pytest.approx(np.log(middle / other), rel=1e-2)
 
 
 @pytest.mark.parametrize("other", [2.0, 0.4])

@@ -3,15 +3,16 @@
 Variances add up. The posterior's own is right if the model is. Where the model's form may bend (:mod:`.bent`), the bent
 form's numbers stand beside the plain one's, and what is reported is of both, averaged by their evidence: the centre
 moves towards the bent form's, the widths are theirs, and how far the two are apart adds to them. How far the tests
-disagree, the between-test variance (:mod:`.jackknife`), is seen without that. And some numbers are not reached by any
-loop: elements that slip within the finest step that the trusted harmonics resolve after a reversal, and elements that
-never slip at the largest amplitude, are extrapolated by the family of slip forces alone. Of the elements that slip
-before anything is resolved there is taken to be a share that is known no better than to itself, a sixth as large as if
-the first quarter of all elements were evenly spread (the family's own tail would say that there are next to none): it
-goes into k(1) and into the slip forces' quantiles. And no smooth family is nature's: wherever loops reach, the share of
-the elements below a slip force is off, by about the same at every quantile, and :data:`ROUGHNESS` of it goes into the
-quantiles, too; that differs from specimen to specimen, hence Student's quantiles for it. Both were chosen on specimens
-of the virtual rig and counted on others; how far the share is off is told as well (analyses/coverage_rig.py).
+disagree, the between-test variance (:mod:`.jackknife`), is seen without that. And no smooth family of slip forces is
+nature's: the share of the elements below a slip force is off, by about the same at every quantile, and
+:data:`ROUGHNESS` of it goes into the quantiles; that differs from specimen to specimen, hence Student's quantiles for
+it. It was chosen on specimens of the virtual rig and counted on others; how far the share is off is told as well
+(analyses/coverage_rig.py).
+
+Some numbers are not reached by any loop: elements that slip within the finest step that the trusted harmonics resolve
+after a reversal, and elements that never slip at the largest amplitude, are extrapolated by the family of slip forces
+alone. That is said of them (:attr:`Widening.reach`); their intervals hold with what is added to all (a further share of
+unresolved elements made no difference that 580 specimens show).
 
 Tests of one amplitude share much of their misfit, so leaving one of them out understates how far all of them may be
 off; :func:`shared` is the factor that a mean over such tests needs, and what a number of a single test gets. A number
@@ -46,21 +47,19 @@ from bayes_iwan.physics import Model
 #: correlation of the misfits of two tests of one amplitude on the virtual rig; of one frequency it is 0.08, left out
 #: here (both printed by analyses/coverage_rig.py)
 CORRELATED = 0.62
-#: further factor of the jackknife's standard deviation for numbers of the specimen, chosen on 220 specimens of the rig
-BEYOND = 1.5
+#: further factor of the jackknife's standard deviation for numbers of the specimen, chosen on 580 specimens of the rig
+#: (seeds 5401, 5501, 5601, 6703, 6701)
+BEYOND = 1.6
 #: usual variance between tests over the posterior's own, and the degrees of freedom that this counts for; chosen
-#: on 600 specimens of the rig (seeds 4101, 4201)
+#: on 400 specimens of the rig (seed 4101)
 USUAL, USUAL_FREEDOM = 0.9, 4
 #: standard deviation of the share of the elements below a slip force, for nature's slip forces are of no smooth family,
-#: and the degrees of freedom of what no loop reaches
-ROUGHNESS, UNREACHED_FREEDOM = 0.007, 4
-#: share of the elements that may lie below the finest step where that reaches their lower quartile: a sixth of 1/4;
-#: chosen with ROUGHNESS on 320 specimens of the rig (seeds 5401, 5501, 5601)
-_UNRESOLVED = 1.0 / 24.0
+#: and its degrees of freedom; chosen on 320 specimens of the rig (seeds 5401, 5501, 5601)
+ROUGHNESS, ROUGH_FREEDOM = 0.007, 4
 #: step of the central differences, in prior standard deviations
 _STEP = 1e-4
-#: a larger share of unresolved elements is said beside the numbers that depend on it
-_WORTH_SAYING = 0.005
+#: k(1) is extrapolated where the least slip force that loops resolve is this part of the elements' lower quartile
+_WORTH_SAYING = 0.12
 
 
 @dataclass(frozen=True)
@@ -86,15 +85,14 @@ class Form:
 class Widening:
     """What adds to the posterior's interval of one number, beside the draws' own spread.
 
-    between_sd : standard deviation between tests, in the number's unit, NaN for a single test; unreached_sd : that of
-    what no loop reaches, nor any smooth family of slip forces; freedom : degrees of freedom of between_sd, its tests
-    less one; form : what the bent form says; usual_sd : what between_sd usually is, 0 to go by what was seen alone. All
-    are relative to the number where `relative`. reach : empty, or why the number is extrapolated and what determines
-    it.
+    between_sd : standard deviation between tests, in the number's unit, NaN for a single test; rough_sd : that of what
+    no smooth family of slip forces has; freedom : degrees of freedom of between_sd, its tests less one; form : what the
+    bent form says; usual_sd : what between_sd usually is, 0 to go by what was seen alone. All are relative to the
+    number where `relative`. reach : empty, or why the number is extrapolated and what determines it.
     """
 
     between_sd: float
-    unreached_sd: float
+    rough_sd: float
     freedom: int
     relative: bool
     reach: str
@@ -103,7 +101,7 @@ class Widening:
 
     def alone(self) -> Widening:
         """Nothing that widens: the interval of the draws (n,) themselves."""
-        return replace(self, between_sd=float("nan"), unreached_sd=0.0, form=Form(), usual_sd=0.0)
+        return replace(self, between_sd=float("nan"), rough_sd=0.0, form=Form(), usual_sd=0.0)
 
     @property
     def moderated(self) -> tuple[float, float]:
@@ -129,11 +127,11 @@ class Widening:
         middle = self.form.moved(float(middle))
         between, freedom = self.moderated
         normal = float(stats.norm.isf(tail))
-        others = between + self.unreached_sd**2 + self.form.spread**2
+        others = between + self.rough_sd**2 + self.form.spread**2
         total = ((below + above) / (2.0 * normal)) ** 2 + others
         if total == 0.0 or not math.isfinite(total):
             return float(np.quantile(draws, tail)), float(np.quantile(draws, 1.0 - tail))
-        uncertain = between**2 / freedom + self.unreached_sd**4 / UNREACHED_FREEDOM
+        uncertain = between**2 / freedom + self.rough_sd**4 / ROUGH_FREEDOM
         student = float(stats.t.isf(tail, total**2 / uncertain)) if uncertain > 0.0 else normal
         added = others * normal**2
         factor = student / normal
@@ -146,14 +144,13 @@ class Widening:
 class Reach:
     """What the loops of a campaign reach: slip forces from lowest_N to highest_N, steps from step_mm on.
 
-    share : of the elements that may lie below lowest_N, a sixth of what it were if the first quarter of all were evenly
-    spread; amplitudes_mm : of the tests.
+    part : lowest_N over the lower quartile of the slip forces; amplitudes_mm : of the tests.
     """
 
     step_mm: float
     lowest_N: float
     highest_N: float
-    share: float
+    part: float
     amplitudes_mm: tuple[float, float]
 
 
@@ -174,8 +171,7 @@ def reach_of(problem: Problem, z: Array) -> Reach | None:
     quartile = float(
         _quantiles(model, parameter_values, np.array([0.25]), 4.0 * max(highest, problem.scales.slip_N))[0]
     )
-    share = _UNRESOLVED * min(1.0, lowest / quartile)
-    return Reach(min(steps), lowest, highest, share, (min(amplitudes), max(amplitudes)))
+    return Reach(min(steps), lowest, highest, lowest / quartile, (min(amplitudes), max(amplitudes)))
 
 
 def _step_mm(loop: Loop) -> float:
@@ -190,7 +186,7 @@ def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -
     beside = None if bent is None else _judged(bent.problem, bent.z, loops)
     weight = 0.0 if bent is None else bent.weight
     reach = reach_of(problem, z)
-    unreached = {} if reach is None else _unreached(problem, z, reach)
+    told = {} if reach is None else _beyond_family(problem, z, reach)
     out = {}
     for name, own in plain.items():
         other = own if beside is None else beside[name]
@@ -199,7 +195,7 @@ def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -
         between = math.sqrt((1.0 - weight) * a.between_sd**2 + weight * b.between_sd**2)
         usual = math.sqrt(USUAL * ((1.0 - weight) * a.sd**2 + weight * b.sd**2))
         form = _form(weight, a.value, b.value, a.sd, b.sd)
-        sd, why = unreached.get(name, (0.0, ""))
+        sd, why = told.get(name, (0.0, ""))
         sd = sd if relative else sd * own.plain().value
         out[name] = Widening(between, sd, tests - 1, relative, why, form, usual)
     return out
@@ -273,8 +269,9 @@ def between_draws(without: Array, amplitudes_mm: Sequence[float], draws: int, rn
     return np.tensordot(rng.standard_normal((draws, tests)), (without - without.mean(axis=0)) * factor, axes=1)
 
 
-def _unreached(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[float, str]]:
-    """Relative standard deviation of what is extrapolated, and why, by name."""
+def _beyond_family(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[float, str]]:
+    """Relative standard deviation of what no smooth family has, and why the number is extrapolated, "" where it is not,
+    by name."""
     model = problem.model
     assert isinstance(model, Model)
     parameter_values = problem.parameter_values(z[None])
@@ -282,11 +279,9 @@ def _unreached(problem: Problem, z: Array, reach: Reach) -> dict[str, tuple[floa
         f"extrapolated below a slip force of {reach.lowest_N:.3g} N: no step under {reach.step_mm:.2g} mm is resolved; "
         f"determined by amplitudes {reach.amplitudes_mm[0]:.3g} to {reach.amplitudes_mm[1]:.3g} mm"
     )
-    out = {"k1_N_mm": (reach.share, said if reach.share > _WORTH_SAYING else "")}
-    # one more or one less of the unresolved elements moves every quantile: F(φ) = p + share·(1 − p)
+    out = {"k1_N_mm": (0.0, said if reach.part > _WORTH_SAYING else "")}
     shares = np.array(SLIP_SHARES)
-    off = np.hypot(reach.share * (1.0 - shares), ROUGHNESS)
-    moved = np.concatenate([shares, np.clip(shares - off, 1e-3, None)])
+    moved = np.concatenate([shares, np.clip(shares - ROUGHNESS, 1e-3, None)])
     at = _quantiles(model, parameter_values, moved, 4.0 * max(reach.highest_N, problem.scales.slip_N))
     for share, middle, other in zip(SLIP_SHARES, at[: len(shares)], at[len(shares) :]):
         why = said if middle < reach.lowest_N else ""
