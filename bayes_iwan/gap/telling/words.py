@@ -28,6 +28,9 @@ TITLES = {
     "channel_delay": "a delay between the channels",
     "viscous_damping": "viscous damping",
     "mains_hum": "mains line",
+    "slip_forces_free": "slip forces of another distribution",
+    "stiffness_law_free": "another law of the stiffness",
+    "normal_force_free": "another law of the normal force",
     "none": "no effect outside the model",
     "unknown": "something outside the catalogue",
 }
