@@ -18,6 +18,7 @@ from bayes_iwan.inference.solving.intervals import (
     Widening,
     _form,
     between_draws,
+    freedom_of,
     reach_of,
     shared,
     widenings,
@@ -100,6 +101,17 @@ def test_jackknife_of_a_mean_over_tests_that_share_their_misfit_is_made_up_for()
     assert shared([0.1, 0.2, 0.3]) == 1.0 and shared([0.3]) == 1.0 and shared([0.3, 0.3]) > 2.0
 
 
+def test_a_variance_between_correlated_tests_has_the_freedom_of_fewer_independent_ones():
+    """Of a variance told by ν degrees of freedom the relative variance is 2/ν."""
+    rng, draws, amplitudes = np.random.default_rng(4), 200_000, [0.3, 0.6, 0.9] * 4
+    of_amplitude = {a: rng.normal(size=draws) for a in set(amplitudes)}
+    x = [CORRELATED**0.5 * of_amplitude[a] + (1 - CORRELATED) ** 0.5 * rng.normal(size=draws) for a in amplitudes]
+    variance = np.var(x, axis=0)
+    assert freedom_of(amplitudes) == pytest.approx(2.0 * variance.mean() ** 2 / variance.var(), rel=0.03)
+    assert freedom_of([0.1, 0.2, 0.3, 0.4]) == pytest.approx(3.0) and freedom_of([0.3]) == 0.0
+    assert freedom_of([0.2, 0.2, 0.2]) == pytest.approx(2.0)  # all of one: only what differs within it
+
+
 def test_variances_add_and_students_quantiles_follow_welch_and_satterthwaite():
     x = 10.0 + stats.norm.ppf((np.arange(9999) + 0.5) / 9999)
     low, high = Widening(1.5, 2.0, 3, False, "").interval(x)
@@ -137,7 +149,8 @@ def test_every_quantity_is_widened_and_the_low_tail_most(simple):
     problem, z = simple
     found = widenings(problem, z)
     assert {"kp_N_mm", "k1_N_mm", "mean_slip_force_N", "slip_force_q05_N"} <= set(found)
-    assert all(np.isfinite(w.between_sd) and w.freedom == 3 for w in found.values())
+    freedom = freedom_of([x.amplitude_mm for x in problem.loops])
+    assert all(np.isfinite(w.between_sd) and w.freedom == freedom for w in found.values())
     assert found["slip_force_q05_N"].rough_sd > found["slip_force_q50_N"].rough_sd
     assert found["kp_N_mm"].rough_sd == 0.0 and found["kp_N_mm"].reach == ""
 

@@ -16,9 +16,10 @@ unresolved elements made no difference that 580 specimens show).
 
 Tests of one amplitude share much of their misfit, so leaving one of them out understates how far all of them may be
 off; :func:`shared` is the factor that a mean over such tests needs, and what a number of a single test gets. A number
-of the specimen is no mean: :data:`BEYOND` times that.
+of the specimen is no mean: :data:`BEYOND` times that. And so many tests tell the variance between them no better than
+fewer independent ones would (:func:`freedom_of`).
 
-A few tests tell the variance between them badly: T − 1 degrees of freedom. So it is moderated (Smyth, Stat. Appl.
+A few tests tell the variance between them badly. So it is moderated (Smyth, Stat. Appl.
 Genet. Mol. Biol. 3 (2004) 3): beside what they show stands what is usual on the rig, :data:`USUAL` of the posterior's
 own variance, as if :data:`USUAL_FREEDOM` further tests had shown it; of a single test that is all there is. Student's
 quantiles for the sum follow Welch (1947) and Satterthwaite (1946). Where all draws are positive, all this is done with
@@ -86,14 +87,14 @@ class Widening:
     """What adds to the posterior's interval of one number, beside the draws' own spread.
 
     between_sd : standard deviation between tests, in the number's unit, NaN for a single test; rough_sd : that of what
-    no smooth family of slip forces has; freedom : degrees of freedom of between_sd, its tests less one; form : what the
-    bent form says; usual_sd : what between_sd usually is, 0 to go by what was seen alone. All are relative to the
-    number where `relative`. reach : empty, or why the number is extrapolated and what determines it.
+    no smooth family of slip forces has; freedom : degrees of freedom of between_sd; form : what the bent form says;
+    usual_sd : what between_sd usually is, 0 to go by what was seen alone. All are relative to the number where
+    `relative`. reach : empty, or why the number is extrapolated and what determines it.
     """
 
     between_sd: float
     rough_sd: float
-    freedom: int
+    freedom: float
     relative: bool
     reach: str
     form: Form = Form()
@@ -106,12 +107,12 @@ class Widening:
     @property
     def moderated(self) -> tuple[float, float]:
         """Variance between tests as it goes into the interval, and its degrees of freedom."""
-        seen = 0 if math.isnan(self.between_sd) else self.freedom
+        seen = 0.0 if math.isnan(self.between_sd) else self.freedom
         usual = USUAL_FREEDOM if self.usual_sd > 0.0 else 0
         if seen + usual == 0:
             return 0.0, math.inf
         shown = seen * self.between_sd**2 if seen else 0.0
-        return (shown + usual * self.usual_sd**2) / (seen + usual), float(seen + usual)
+        return (shown + usual * self.usual_sd**2) / (seen + usual), seen + usual
 
     def centre(self, draws: Array) -> float:
         """The median that is reported of draws (n,)."""
@@ -181,7 +182,7 @@ def _step_mm(loop: Loop) -> float:
 
 def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -> dict[str, Widening]:
     """By name, for every reported quantity of the tests `loops`, at the most probable point z (ndim,)."""
-    tests = len(problem.loops)
+    freedom = freedom_of([x.amplitude_mm for x in problem.loops])
     plain, bent = _judged(problem, z, loops), bent_form(problem, z)
     beside = None if bent is None else _judged(bent.problem, bent.z, loops)
     weight = 0.0 if bent is None else bent.weight
@@ -197,7 +198,7 @@ def widenings(problem: Problem, z: Array, loops: Sequence[Loop] | None = None) -
         form = _form(weight, a.value, b.value, a.sd, b.sd)
         sd, why = told.get(name, (0.0, ""))
         sd = sd if relative else sd * own.plain().value
-        out[name] = Widening(between, sd, tests - 1, relative, why, form, usual)
+        out[name] = Widening(between, sd, freedom, relative, why, form, usual)
     return out
 
 
@@ -257,6 +258,20 @@ def shared(amplitudes_mm: Sequence[float]) -> float:
     tests = len(amplitudes_mm)
     pairs = CORRELATED * sum(len(g) * (len(g) - 1) for g in groups_of(amplitudes_mm))
     return math.sqrt((1.0 + pairs / tests) / (1.0 - pairs / (tests * (tests - 1)))) if tests > 1 else 1.0
+
+
+def freedom_of(amplitudes_mm: Sequence[float]) -> float:
+    """Degrees of freedom of the variance between tests (T,), those of one amplitude correlated by ρ: of a sum of
+    squares about the mean, (tr CR)²/tr (CR)², C the centring matrix and R the correlations (Box, Ann. Math. Stat. 25
+    (1954) 290); T − 1 where all amplitudes differ, 0 for a single test."""
+    tests = len(amplitudes_mm)
+    if tests < 2:
+        return 0.0
+    correlation = np.eye(tests)
+    for group in groups_of(amplitudes_mm):
+        correlation[np.ix_(group, group)] += CORRELATED * (1.0 - np.eye(len(group)))
+    about_mean = correlation - correlation.mean(axis=0)
+    return float(np.trace(about_mean) ** 2 / np.sum(about_mean * about_mean.T))
 
 
 def between_draws(without: Array, amplitudes_mm: Sequence[float], draws: int, rng: np.random.Generator) -> Array:
