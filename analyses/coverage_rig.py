@@ -7,7 +7,7 @@ normal force and contact stiffness have slightly other shapes, and its sensors a
 kp and k(1) is that of the specimen in series with its sound fixture, which no loop tells apart, that of the slip
 forces' mean and quartiles is the specimen's own; that of each test's dissipated energy comes from a run without noise
 and sensors. An interval that is right covers it as often as it says. Both are counted: the posterior's own intervals,
-and those that are reported, with between-test variance and what no loop reaches. --laplace takes the normal
+and those that are reported, with between-test variance and what no smooth law has. --laplace takes the normal
 approximation at the most probable point instead of the sampler. --forms: `embedded` lets the model's form bend, `plain`
 does not, `first` is the likelihood of the first version (commit b18e0bc), whose widths the others are compared with.
 How the misfits of two tests correlate is told too: that of tests of one amplitude, and that of tests of one frequency;

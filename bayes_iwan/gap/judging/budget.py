@@ -31,8 +31,7 @@ from bayes_iwan.gap.searching.found import OWN_FORM, Search
 #: half width of a 90 % interval in standard deviations
 NINETY = 1.645
 #: a cause as probable as this is named, and several together that share a place: a false name costs more than a missed
-#: one. A rest is flagged from 0.5 on. Chosen with the next on 800 campaigns of the rig: 0.6 and 0.3 name 3 of 189
-#: single effects and 4 of 235 beside a foreign one less, 0.5 gives 26 false names instead of 22
+#: one. A rest is flagged from 0.5 on. Chosen with the next on 800 campaigns of the rig (analyses/measured.md)
 NAMED = 0.55
 #: and it must have this probability of its own, however many share its place: else they are said together
 OWN_PROBABILITY = 0.25

@@ -22,7 +22,7 @@ class SummaryRow:
 
     q05, q50, q95 : the posterior's own quantiles. between_sd : standard deviation between tests, each left out in turn.
     value, low_90, high_90 : median and 90 % interval that are reported, with what a bent form says, the between-test
-    variance and what no loop reaches; reach : why a number is extrapolated, and what determines it
+    variance and what no smooth law has; reach : why a number is extrapolated, and what determines it
     (see :mod:`.intervals`).
     """
 

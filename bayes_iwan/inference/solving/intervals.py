@@ -11,19 +11,17 @@ it. It was chosen on specimens of the virtual rig and counted on others; how far
 
 Some numbers are not reached by any loop: elements that slip within the finest step that the trusted harmonics resolve
 after a reversal, and elements that never slip at the largest amplitude, are extrapolated by the family of slip forces
-alone. That is said of them (:attr:`Widening.reach`); their intervals hold with what is added to all (a further share of
-unresolved elements made no difference that 580 specimens show).
+alone. That is said of them (:attr:`Widening.reach`); their intervals hold with what is added to all.
 
 Tests of one amplitude share much of their misfit, so leaving one of them out understates how far all of them may be
 off; :func:`shared` is the factor that a mean over such tests needs, and what a number of a single test gets. A number
 of the specimen is no mean: :data:`BEYOND` times that. And so many tests tell the variance between them no better than
 fewer independent ones would (:func:`freedom_of`).
 
-A few tests tell the variance between them badly. So it is moderated (Smyth, Stat. Appl.
-Genet. Mol. Biol. 3 (2004) 3): beside what they show stands what is usual on the rig, :data:`USUAL` of the posterior's
-own variance, as if :data:`USUAL_FREEDOM` further tests had shown it; of a single test that is all there is. Student's
-quantiles for the sum follow Welch (1947) and Satterthwaite (1946). Where all draws are positive, all this is done with
-logarithms.
+A few tests tell the variance between them badly. So it is moderated (Smyth, Stat. Appl. Genet. Mol. Biol. 3 (2004) 3):
+beside what they show stands what is usual on the rig, :data:`USUAL` of the posterior's own variance, as if
+:data:`USUAL_FREEDOM` further tests had shown it; of a single test that is all there is. Student's quantiles for the sum
+follow Welch (1947) and Satterthwaite (1946). Where all draws are positive, all this is done with logarithms.
 """
 
 from __future__ import annotations

@@ -172,8 +172,8 @@ def determined(section: Section, posterior: Posterior) -> None:
         "Quantities that the loops determine, as in summary.csv. Value and interval to quote are of two models, the "
         "one that was sampled and one whose form may bend a little, averaged by how well they explain the loops. The "
         "interval adds how far the number moves when one test after the other is left out (delete-one-test jackknife, "
-        "weighed with what is usual, for few tests tell that badly) and, for the contacts' stiffness and strengths, "
-        "what no loop resolves and no smooth law has.",
+        "weighed with what is usual, for few tests tell that badly) and, for the contacts' strengths, what no smooth "
+        "law has; what no loop reaches is named as extrapolated.",
     )
     bends = _bends(posterior)
     section.figure(
