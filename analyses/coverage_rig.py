@@ -9,7 +9,8 @@ forces' mean and quartiles is the specimen's own; that of each test's dissipated
 and sensors. An interval that is right covers it as often as it says. Both are counted: the posterior's own intervals,
 and those that are reported, with between-test variance and what no smooth law has. --laplace takes the normal
 approximation at the most probable point instead of the sampler. --forms: `embedded` lets the model's form bend, `plain`
-does not, `first` is the likelihood of the first version (commit b18e0bc), whose widths the others are compared with.
+does not, `first` is the first version's likelihood and limit of the gamma shapes (commit b18e0bc), whose widths the
+others are compared with.
 How the misfits of two tests correlate is told too: that of tests of one amplitude, and that of tests of one frequency;
 and the coverage by the number of tests, on which between-test variance hangs.
 """
@@ -55,7 +56,10 @@ FORMS: dict[str, dict[str, Any]] = {
     "first": {
         "model": {"embedded": False},
         "likelihood": {"kind": "matern"},
-        "parameters": {"noise_scale": {"prior": {"dist": "lognorm", "s": 0.3, "scale": 1.0}}},
+        "parameters": {
+            "noise_scale": {"prior": {"dist": "lognorm", "s": 0.3, "scale": 1.0}},
+            **{f"eta{i}": {"upper": 16.0} for i in (1, 2, 3)},
+        },
     },
 }
 
