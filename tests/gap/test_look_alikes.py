@@ -7,7 +7,7 @@ import numpy as np
 from bayes_iwan.campaign import average
 from bayes_iwan.gap.diagnosis import searched
 from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.searching.found import look_alike
+from bayes_iwan.gap.searching.found import LAST, look_alike
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.rig import cases
@@ -21,4 +21,5 @@ def test_a_last_exchange_does_not_leave_two_that_look_alike():
     loops = [average(r, **LOOPS) for r in cases.simulate(case)[0] if r.role != "held-out"]
     found = searched(gap_data(loops), DiagnoseSettings(), 0)
     assert {"channel_delay", "force_lowpass"} & set(found.chosen)
-    assert not [pair for pair in combinations(found.chosen, 2) if look_alike(found.effects, *pair)]
+    causes = [n for n in found.chosen if n not in LAST]  # what bends the base's own form may stand beside any
+    assert not [pair for pair in combinations(causes, 2) if look_alike(found.effects, *pair)]
