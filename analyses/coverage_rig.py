@@ -9,8 +9,8 @@ forces' mean and quartiles is the specimen's own; that of each test's dissipated
 and sensors. An interval that is right covers it as often as it says. Both are counted: the posterior's own intervals,
 and those that are reported, with between-test variance and what no smooth law has. --laplace takes the normal
 approximation at the most probable point instead of the sampler. --forms: `embedded` lets the model's form bend, `plain`
-does not, `first` is the first version's likelihood and limit of the gamma shapes (commit b18e0bc), whose widths the
-others are compared with.
+does not, `blunt` has the first version's limit of the gamma shapes, `first` its likelihood, too (commit b18e0bc), whose
+widths the others are compared with.
 How the misfits of two tests correlate is told too: that of tests of one amplitude, and that of tests of one frequency;
 and the coverage by the number of tests, on which between-test variance hangs.
 """
@@ -49,16 +49,19 @@ QUARTILES = (25, 50, 75)
 NAMES = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N", *(f"slip_force_q{q}_N" for q in QUARTILES), "energy")
 
 
+#: the first version's limit of the gamma shapes
+BLUNT = {f"eta{i}": {"upper": 16.0} for i in (1, 2, 3)}
 #: configuration of each form
 FORMS: dict[str, dict[str, Any]] = {
     "embedded": {"model": {"embedded": True}},
     "plain": {"model": {"embedded": False}},
+    "blunt": {"model": {"embedded": False}, "parameters": BLUNT},
     "first": {
         "model": {"embedded": False},
         "likelihood": {"kind": "matern"},
         "parameters": {
             "noise_scale": {"prior": {"dist": "lognorm", "s": 0.3, "scale": 1.0}},
-            **{f"eta{i}": {"upper": 16.0} for i in (1, 2, 3)},
+            **BLUNT,
         },
     },
 }

@@ -54,9 +54,9 @@ def _slip_parameters(family: slip_force.SlipForce, s: Scales) -> list[Parameter]
             for i in range(1, n)
         ]
         # the last component carries the upper end of the slip forces: where it may not end steeply, elements that never
-        # slip stand in for a part of kp (η ≤ 16 put kp off by three times as much on the virtual rig, and always to the
-        # low side). Much narrower than a sixth of the mean (η = 40) a component is a single slider, which follows the
-        # noise of one loop
+        # slip stand in for a part of kp (with η ≤ 16 kp was off by three times as much on the virtual rig, too small in
+        # four of five specimens). Much narrower than a sixth of the mean (η = 40) a component is a single slider, which
+        # follows the noise of one loop
         out += [
             Parameter(f"eta{i}", f"η{i}", "-", f"gamma shape of component {i}", _lognormal(2.0, 0.9), 0.12, 40.0)
             for i in range(1, n + 1)
