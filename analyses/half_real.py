@@ -6,10 +6,11 @@ Each real campaign is diagnosed as it is. Then a delay, a high-pass of force or 
 of friction is applied to the measured signals at a size of 6 to 20 % of the friction force, the loops are averaged
 anew, and the campaign is diagnosed again, with nothing told of the first diagnosis. Right is an answer that names what
 was added (or has it among what cannot be told apart from a named cause); where the natural gap already had a part with
-that name, its strength must have moved by two standard deviations (counted without that, too). The natural
-causes should still be named. An effect can be absorbed by the model's own parameters, or undo a part of the natural
-gap: what is found is also counted over the visible ones, which make the gap that the model leaves, or its part along
-the record, larger.
+that name, its strength must have moved by two standard deviations (counted without that, too). The natural budget
+should be unchanged: each natural cause still named, or in a set, and its newtons what they were, within the interval
+that was said or ten points of the natural gap; a cause that is lost has none. An effect can be absorbed by the model's
+own parameters, or undo a part of the natural gap: what is found is also counted over the visible ones, which make the
+gap that the model leaves, or its part along the record, larger.
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ BAND = 24.0
 MOVED = 2.0
 #: an effect is visible if a gap is larger by this share with it
 VISIBLE = 0.1
+#: a natural cause's share of the natural gap is unchanged within so much
+UNCHANGED = 0.1
 #: rivals of a natural place within so many nats may be what is there
 NEAR_NATS = 10.0
 
@@ -186,6 +189,22 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     return found | counted | {"natural causes still named": kept}
 
 
+def budget_kept(answer: dict[str, Any], natural: dict[str, Any]) -> list[dict[str, bool]]:
+    """Of every natural cause: is it still named, or in a set, and is its part of the natural gap what it was?"""
+    scale = answer["gap"]["before_rms_N"] / natural["gap"]["before_rms_N"]
+    named = {c["name"]: c["share"] for c in answer["verdict"]["causes"]}
+    tied = {n: c["share"] for c in answer["verdict"]["causes"] for n in c["cannot_tell_apart"]}
+    tied |= {n: some["share"] for some in answer["verdict"]["one_of"] for n in some["names"]}
+    out = []
+    for cause in natural["verdict"]["causes"]:
+        name, (low, high) = cause["name"], cause["share_interval"]
+        there = name in named or name in tied
+        now = scale * named.get(name, tied.get(name, 0.0))
+        same = abs(now - cause["share"]) <= UNCHANGED or (there and low <= now <= high)
+        out.append({"named": name in named, "named or in a set": there, "newtons unchanged": same})
+    return out
+
+
 def _moves(effect: dict[str, Any]) -> tuple[float, float]:
     """RMS force that an effect moves over the friction force, and its sd, in proportion to that of its strength: what a
     strength means hangs on the law's other numbers, which a second effect of the same name changes."""
@@ -235,6 +254,17 @@ def main() -> None:
         its = [a for k, a in done.items() if a["source"] == source and not k.startswith("natural")]
         named = [judged(a, natural)["named"] for a in its if visible(a, natural := done[f"natural, {source}"])]
         print(f"{source}: named {sum(named)} of {len(named)} visible ones")
+    kept = [
+        (a["source"], k)
+        for key, a in done.items()
+        if (natural := done.get(f"natural, {a['source']}")) and not key.startswith("natural")
+        for k in budget_kept(a, natural)
+    ]
+    for source in SOURCES:
+        its = [k for s, k in kept if s == source]
+        print(f"{source}: " + ", ".join(f"{w} {sum(k[w] for k in its)} of {len(its)}" for w in its[0]))
+    for what in kept[0][1]:
+        print(f"natural causes {what}: {share([k[what] for _, k in kept]).text()}")
     for what in dict.fromkeys(w for f in found for w in f):
         print(f"{what}: {share([f[what] for f in found if what in f]).text()}")
 

@@ -420,3 +420,42 @@ def test_terms_that_are_not_needed_are_not_taken_in(kit):
     kinds = {e.name: (e,) for e in missing_terms(Model(kit.reference, **GAMMA1))}
     found = search(data, scales_of(data.loops), PLAIN, kinds, np.random.default_rng(1))
     assert found.chosen == ()
+
+
+@pytest.mark.parametrize(
+    ("removes", "nats", "alone", "alike", "kept"),
+    [
+        (0.01, 15.0, 0.3, False, False),  # the other stands in for it
+        (0.01, 40.0, 0.3, False, True),  # many nats are not the difference between two laws
+        (-0.01, 15.0, 0.0, False, False),  # it leaves the gap larger
+        (0.06, 15.0, 0.3, False, True),
+        (0.06, 15.0, 0.3, True, False),  # nature seldom has two that look alike
+        (0.06, 40.0, 0.3, True, True),
+        (0.15, 15.0, -0.1, True, False),  # it only undoes what the other does too much
+        (0.15, 40.0, -0.1, True, True),  # but so many nats say that both act
+        (0.03, 40.0, -0.1, True, False),  # unless next to nothing comes of it
+    ],
+)
+def test_what_stands_in_for_another_loses_few_nats(removes, nats, alone, alike, kept):
+    """Two effects, a and b, of which b is the weaker; gaps in shares of the base's."""
+    fits = {
+        frozenset(k): SimpleNamespace(names=frozenset(k), effects=[SimpleNamespace(name=n, evolving=False) for n in k])
+        for k in ("", "a", "b", "ab")
+    }
+    gap = {"": 1.0, "a": 0.3, "b": 1.0 - alone, "ab": 0.3 - removes}
+    nat = {"": 0.0, "a": 500.0, "b": 100.0, "ab": 500.0 + nats}
+    for k in gap:
+        fits[frozenset(k)].log_evidence = nat[k]
+    found = {frozenset(k): v for k, v in gap.items()}
+    one = SimpleNamespace(
+        fits=fits,
+        data=SimpleNamespace(level_N=np.ones(2)),
+        effects={n: (SimpleNamespace(look_alikes=("a", "b") if alike else ()),) for n in "ab"},
+        without=lambda fit, name: fits[fit.names - {name}],
+        without_each=lambda fit: {n: fits[fit.names - {n}] for n in fit.names},
+        gap_N=lambda fit: found[fit.names],
+        gap_parts_N=lambda some: [(found[f.names], 0.0) for f in some],
+        worth=lambda fit: fit.log_evidence,
+        dropped=lambda name, less: less,
+    )
+    assert _Explorer.pruned(one, fits[frozenset("ab")]).names == frozenset("ab" if kept else "a")

@@ -51,7 +51,8 @@ EXCHANGES_MOST, ASKED_MOST = 2, 2
 #: effects in a set, at most; those of LAST beside them are not counted
 MOST_EFFECTS = 4
 #: an effect is dropped if the gap without it is larger by at most this share of the base's gap, though alone it would
-#: remove ALONE of it: the others of the set stand in for it, and nats beyond that are the difference between two laws
+#: remove ALONE of it: the others of the set stand in for it, and nats beyond that are the difference between two laws,
+#: up to BESIDE_ALIKE of them
 STOOD_IN, ALONE = 0.05, 0.2
 
 
@@ -61,6 +62,14 @@ def latitude(effect: Effect) -> tuple[bool, int]:
     channel's delay, say, may go either way, and half of all delays would have been of the other channel; a low-pass of
     the force only makes it late."""
     return effect.signed, len(effect.parameters)
+
+
+def outdone(removes: float, cheap: bool, opposed: bool) -> bool:
+    """Is one of two effects that look alike not needed? removes : of the base's gap, beside the others; cheap : it
+    gains less than BESIDE_ALIKE nats there; opposed : alone it would make the gap larger."""
+    if cheap:
+        return removes < ALIKE_SHARE * (2.0 if opposed else 1.0)
+    return opposed and removes < STOOD_IN
 
 
 class _Explorer(Explored):
@@ -211,12 +220,13 @@ class _Explorer(Explored):
             # opposed: one is held by the other, that moves as much back
             opposed = alone is not None and self.gap_N(alone) > base
             cheap = less.log_evidence > current.log_evidence - BESIDE_ALIKE
-            if alike and ((cheap and removes[name] < ALIKE_SHARE) or (opposed and removes[name] < 2.0 * ALIKE_SHARE)):
+            if alike and outdone(removes[name], cheap, opposed):
                 return self.dropped(name, less)
         for name in weakest_first:
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
-            stood_in = alone is not None and removes[name] < STOOD_IN and base - self.gap_N(alone) > ALONE * base
-            if name not in LAST and (removes[name] < 0.0 or stood_in):
+            helps = alone is not None and base - self.gap_N(alone) > ALONE * base
+            cheap = self.worth(less) > self.worth(current) - BESIDE_ALIKE
+            if name not in LAST and cheap and removes[name] < (STOOD_IN if helps else 0.0):
                 return self.dropped(name, less)
         return current
 
