@@ -49,7 +49,7 @@ SIZES = (0.06, 0.20)
 BAND = 24.0
 #: an effect whose force changed by so many standard deviations has another strength
 MOVED = 2.0
-#: an effect is visible if a gap is larger by this share with it
+#: an effect is visible if a gap is larger by this share with it, and undoes a part of it if it is smaller by as much
 VISIBLE = 0.1
 #: a natural cause's share of the natural gap is unchanged within so much
 UNCHANGED = 0.1
@@ -189,6 +189,11 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     return found | counted | {"natural causes still named": kept}
 
 
+def undone(answer: dict[str, Any], natural: dict[str, Any]) -> bool:
+    """Does the added effect undo a part of the natural gap, so that its budget cannot be what it was?"""
+    return answer["gap"]["before_rms_N"] < (1.0 - VISIBLE) * natural["gap"]["before_rms_N"]
+
+
 def budget_kept(answer: dict[str, Any], natural: dict[str, Any]) -> list[dict[str, bool]]:
     """Of every natural cause: is it still named, or in a set, and is its part of the natural gap what it was?"""
     scale = answer["gap"]["before_rms_N"] / natural["gap"]["before_rms_N"]
@@ -254,17 +259,16 @@ def main() -> None:
         its = [a for k, a in done.items() if a["source"] == source and not k.startswith("natural")]
         named = [judged(a, natural)["named"] for a in its if visible(a, natural := done[f"natural, {source}"])]
         print(f"{source}: named {sum(named)} of {len(named)} visible ones")
-    kept = [
-        (a["source"], k)
-        for key, a in done.items()
-        if (natural := done.get(f"natural, {a['source']}")) and not key.startswith("natural")
-        for k in budget_kept(a, natural)
-    ]
+    beside = [(a, done[f"natural, {a['source']}"]) for k, a in done.items() if not k.startswith("natural")]
+    of_each = [budget_kept(*pair) for pair in beside]
+    kept = [k for some in of_each for k in some]
     for source in SOURCES:
-        its = [k for s, k in kept if s == source]
+        its = [k for (a, _), some in zip(beside, of_each) if a["source"] == source for k in some]
         print(f"{source}: " + ", ".join(f"{w} {sum(k[w] for k in its)} of {len(its)}" for w in its[0]))
-    for what in kept[0][1]:
-        print(f"natural causes {what}: {share([k[what] for _, k in kept]).text()}")
+    for what in kept[0]:
+        print(f"natural causes {what}: {share([k[what] for k in kept]).text()}")
+        there = [k[what] for (a, natural), some in zip(beside, of_each) for k in some if not undone(a, natural)]
+        print(f"natural causes {what}, where the addition undoes no part of the gap: {share(there).text()}")
     for what in dict.fromkeys(w for f in found for w in f):
         print(f"{what}: {share([f[what] for f in found if what in f]).text()}")
 

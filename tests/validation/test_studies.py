@@ -55,6 +55,27 @@ def test_effects_put_into_records_have_the_size_asked_for(study, effect):
     assert half_real.size(tests, effect, strength) == pytest.approx(0.1, rel=1e-3)
 
 
+def test_a_natural_budget_is_unchanged_in_newtons(study):
+    half_real = study("half_real")
+
+    def answer(gap_N, causes, one_of=()):
+        some = [
+            {"name": n, "share": v, "share_interval": [v - 0.05, v + 0.05], "cannot_tell_apart": []} for n, v in causes
+        ]
+        tied = [{"names": n, "share": v} for n, v in one_of]
+        return {"gap": {"before_rms_N": gap_N}, "verdict": {"causes": some, "one_of": tied}}
+
+    natural = answer(2.0, [("fade", 0.4), ("viscous", 0.2), ("play", 0.04), ("mass", 0.3)])
+    # twice the gap: 0.2 of it is what 0.4 was, 0.2 is 0.4 instead of 0.2
+    found = answer(4.0, [("fade", 0.2), ("viscous", 0.2)], [(["mass", "delay"], 0.14)])
+    fade, viscous, play, mass = half_real.budget_kept(found, natural)
+    assert fade == {"named": True, "named or in a set": True, "newtons unchanged": True}
+    assert viscous == {"named": True, "named or in a set": True, "newtons unchanged": False}
+    assert play == {"named": False, "named or in a set": False, "newtons unchanged": True}  # lost, but it was small
+    assert mass == {"named": False, "named or in a set": True, "newtons unchanged": True}
+    assert not half_real.undone(found, natural) and half_real.undone(answer(1.7, []), natural)
+
+
 def test_effects_put_into_records_do_what_they_say(study):
     half_real = study("half_real")
     x = record(5.0)
