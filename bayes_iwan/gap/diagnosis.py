@@ -326,10 +326,7 @@ def _next(
         rivals = [
             n
             for n, v in sorted(f.rivals.items(), key=lambda nv: -nv[1])
-            if n != f.name
-            and n not in NO_CAUSE
-            and v > -constants.apart
-            and found.asked - {f.name} | {n} in found.search.fits
+            if n != f.name and n not in NO_CAUSE and v > -constants.apart
         ]
         open_question = OPEN[0] < constants.contributes(f) < OPEN[1]
         if not rivals and not open_question:

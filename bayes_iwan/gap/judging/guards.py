@@ -43,8 +43,7 @@ class Figures:
 
     gain : nats over the set without it; lead : nats over the best effect of another kind in its place (no look-alike)
     rivals : ln evidence of each effect in its place, itself included, less its own, as far as the gap bears it out, or
-        the part of it that changes along the record where that is what the effect acts on; of a look-alike also what
-        another set is worth that has it instead (:attr:`Search.elsewhere`)
+        the part of it that changes along the record where that is what the effect acts on
     fitted : share of the whole gap that it removes (Shapley value in the chosen set), on the fitted tests; unseen :
         share of the gap without it that it removes on tests left out (the mean over frequencies and amplitudes; the
         fitted one where no test can judge it)
@@ -117,8 +116,6 @@ def guard_figures(
             )
             for (n, f), (gap_N, along_N) in zip(there.items(), alongside(parts_of, [*there.values()]))
         }
-        for n, behind in search.elsewhere.get(name, {}).items():
-            rivals[n] = max(rivals.get(n, behind), behind)
         others_nats = [v for n, v in rivals.items() if not look_alike(search.effects, name, n)]
         fitted = float(np.clip(share[name], -1.0, 1.0))
         left_along, kept_along = parts[less.names][1], parts[whole.names][1]

@@ -12,7 +12,6 @@ import numpy as np
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.searching.base import WORTH_NATS
 from bayes_iwan.gap.searching.explored import Explored
-from bayes_iwan.gap.searching.found import LAST, look_alike
 
 #: by about so many nats refits of one set of effects from other starts differ: what a set is worth is not known better
 SPREAD = 10.0
@@ -42,20 +41,3 @@ def ends_of(found: Explored, chosen: Fit, most: int) -> dict[frozenset[str], flo
         for k in (chosen.names, *others)
         if k == chosen.names or worth[k] > best - SPREAD
     }
-
-
-def elsewhere(found: Explored, chosen: Fit) -> dict[str, dict[str, float]]:
-    """Of each effect of the chosen set, what looks like it and stands instead of it, in whatever company, in a set of
-    no more effects that is worth all but as much: nats by which the best such set is behind. Whoever exchanges one
-    effect at a time does not see it, where two others must change with it."""
-    some = {k: f for k, f in found.fits.items() if k and found.needed(k) and len(k - LAST) <= len(chosen.names - LAST)}
-    near = found.within_reach([chosen, *some.values()])
-    least = found.worth(chosen) - SPREAD
-    out: dict[str, dict[str, float]] = {n: {} for n in chosen.names}
-    for fit, worth in zip(near, found.worths(near)):
-        for name in chosen.names - fit.names if worth > least else ():
-            for other in fit.names - chosen.names - LAST:
-                if look_alike(found.effects, name, other):
-                    behind = min(worth - least - SPREAD, 0.0)
-                    out[name][other] = max(out[name].get(other, behind), behind)
-    return out

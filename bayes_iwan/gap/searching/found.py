@@ -28,7 +28,6 @@ class Search:
     chosen : the set that explains most for its size, the effect that gains most first
     ends : weight of the chosen set, and of others that are worth all but as much or more (:func:`.ends.ends_of`)
     effects : every law on offer by effect; failed : effects without a finite force or calibration, and why
-    elsewhere : look-alikes of chosen effects in other sets that are worth all but as much (:func:`.ends.elsewhere`)
     """
 
     data: GapData
@@ -39,7 +38,6 @@ class Search:
     ends: Mapping[frozenset[str], float]
     effects: Mapping[str, tuple[Effect, ...]]
     failed: Mapping[str, str] = field(default_factory=dict)
-    elsewhere: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def base(self) -> Fit:

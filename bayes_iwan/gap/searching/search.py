@@ -18,7 +18,7 @@ from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.searching.base import WORTH_NATS, changes, missed, sound_gap_N
 from bayes_iwan.gap.searching.candidates import Candidate
-from bayes_iwan.gap.searching.ends import elsewhere, ends_of
+from bayes_iwan.gap.searching.ends import ends_of
 from bayes_iwan.gap.searching.explored import Explored, Report, silent
 from bayes_iwan.gap.searching.found import LAST, Search, look_alike, part
 from bayes_iwan.inference.setup.scales import Scales
@@ -311,5 +311,4 @@ def search(
     gain = {n: current.log_evidence - found.without(current, n).log_evidence for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
     weights = ends_of(found, current, most)
-    alike = elsewhere(found, current)
-    return Search(data, scales, settings, found.fits, order, weights, found.effects, found.failed, alike)
+    return Search(data, scales, settings, found.fits, order, weights, found.effects, found.failed)
