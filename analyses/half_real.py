@@ -174,11 +174,10 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     if named and name in before:  # it was there before: it must move another force
         (a, a_sd), (b, b_sd) = (_moves(e) for e in (before[name], _effect(answer, name)))
         named = abs(a - b) > MOVED * float(np.hypot(a_sd, b_sd))
-    together = {n for some in answer["verdict"]["one_of"] for n in some["names"]}
-    together |= {n for c in causes.values() for n in c["cannot_tell_apart"]}
+    together = _tied(answer)
     near = named or name in together
     suspected = near or name in {x["name"] for x in answer["verdict"]["suspects"]}
-    kept = set(before) <= set(causes) | together
+    kept = all(k["named or in a set"] for k in budget_kept(answer, natural))
     found = {
         "named, or named as before": name in causes,
         "named": named,
@@ -187,6 +186,12 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     }
     counted = {f"{k}, visible ones": v for k, v in found.items() if visible(answer, natural)}
     return found | counted | {"natural causes still named": kept}
+
+
+def _tied(answer: dict[str, Any]) -> dict[str, float]:
+    """Effects that stand in a set, or that a named cause cannot be told from, and the share of the gap of that."""
+    tied = {n: c["share"] for c in answer["verdict"]["causes"] for n in c["cannot_tell_apart"]}
+    return tied | {n: some["share"] for some in answer["verdict"]["one_of"] for n in some["names"]}
 
 
 def undone(answer: dict[str, Any], natural: dict[str, Any]) -> bool:
@@ -198,8 +203,7 @@ def budget_kept(answer: dict[str, Any], natural: dict[str, Any]) -> list[dict[st
     """Of every natural cause: is it still named, or in a set, and is its part of the natural gap what it was?"""
     scale = answer["gap"]["before_rms_N"] / natural["gap"]["before_rms_N"]
     named = {c["name"]: c["share"] for c in answer["verdict"]["causes"]}
-    tied = {n: c["share"] for c in answer["verdict"]["causes"] for n in c["cannot_tell_apart"]}
-    tied |= {n: some["share"] for some in answer["verdict"]["one_of"] for n in some["names"]}
+    tied = _tied(answer)
     out = []
     for cause in natural["verdict"]["causes"]:
         name, (low, high) = cause["name"], cause["share_interval"]
@@ -264,8 +268,9 @@ def main() -> None:
     kept = [k for some in of_each for k in some]
     for source in SOURCES:
         its = [k for (a, _), some in zip(beside, of_each) if a["source"] == source for k in some]
-        print(f"{source}: " + ", ".join(f"{w} {sum(k[w] for k in its)} of {len(its)}" for w in its[0]))
-    for what in kept[0]:
+        told = ", ".join(f"{w} {sum(k[w] for k in its)} of {len(its)}" for w in (its[0] if its else ()))
+        print(f"{source}, natural causes: {told or 'none'}")
+    for what in kept[0] if kept else ():
         print(f"natural causes {what}: {share([k[what] for k in kept]).text()}")
         there = [k[what] for (a, natural), some in zip(beside, of_each) for k in some if not undone(a, natural)]
         print(f"natural causes {what}, where the addition undoes no part of the gap: {share(there).text()}")

@@ -202,7 +202,8 @@ class _Explorer(Explored):
 
     def pruned(self, current: Fit) -> Fit:
         """Less what the others of the set stand in for: one of two effects that look alike, unless both are needed
-        (what bends the base first, which names no cause), and what leaves the gap as it is or larger."""
+        (what bends the base first, which names no cause), and what leaves the gap as it is or larger; not what gains
+        so many nats that others do not stand in for it, since worse effects would be taken in instead."""
         each = self.without_each(current)
         weakest_first = sorted(each, key=lambda n: -each[n].log_evidence)
         (base, base_along), whole, *left = self.gap_parts_N([self.fits[frozenset()], current, *each.values()])
@@ -225,8 +226,9 @@ class _Explorer(Explored):
         for name in weakest_first:
             less, alone = self.without(current, name), self.fits.get(frozenset({name}))
             helps = alone is not None and base - self.gap_N(alone) > ALONE * base
-            cheap = self.worth(less) > self.worth(current) - BESIDE_ALIKE
-            if name not in LAST and cheap and removes[name] < (STOOD_IN if helps else 0.0):
+            if name in LAST or removes[name] >= (STOOD_IN if helps else 0.0):
+                continue
+            if self.worth(less) > self.worth(current) - BESIDE_ALIKE:
                 return self.dropped(name, less)
         return current
 
