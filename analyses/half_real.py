@@ -177,7 +177,7 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     together = _tied(answer)
     near = named or name in together
     suspected = near or name in {x["name"] for x in answer["verdict"]["suspects"]}
-    kept = all(k["named or in a set"] for k in budget_kept(answer, natural))
+    kept = set(before) <= set(causes) | set(together)
     found = {
         "named, or named as before": name in causes,
         "named": named,
