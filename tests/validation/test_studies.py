@@ -117,8 +117,8 @@ def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_moves_anot
             "effect": effect,
             "gap": {"before_rms_N": gap, "along_record_rms_N": along},
             "verdict": {
-                "causes": [{"name": n, "cannot_tell_apart": []} for n in strengths],
-                "one_of": [{"names": list(together)}] if together else [],
+                "causes": [{"name": n, "share": 0.2, "cannot_tell_apart": []} for n in strengths],
+                "one_of": [{"names": list(together), "share": 0.2}] if together else [],
                 "suspects": [{"name": n, "share": 0.6} for n in suspects],
             },
             # a number that stays as it is, known to a tenth: only the force that is moved tells
