@@ -91,6 +91,11 @@ def sample(
     return _Run(log_prob, target, np.asarray(starts, float), plan, n_ensembles, n_walkers, executor).chains()
 
 
+def taus_of_each(taus: float) -> float:
+    """Autocorrelation times that walkers take which are independent of each other, where `taus` are asked of an ensemble."""
+    return min(taus, max(LEAST_TAUS, taus / WALKERS))
+
+
 @dataclass(frozen=True)
 class _Piece:
     """Walkers that advance together, z (n, ndim) and ln p there (n,), and the seed of their block."""
@@ -112,7 +117,7 @@ class _Advanced:
 def _advanced(shared: tuple[BatchFunction, Schedule], piece: _Piece) -> _Advanced:
     """A block of steps by emcee."""
     log_prob, schedule = shared
-    state = emcee.State(piece.z, log_prob=piece.log_prob, random_state=_generator(piece.seed).get_state())
+    state = emcee.State(piece.z, log_prob=piece.log_prob, random_state=generator(piece.seed).get_state())
     z, level, accepted = [], [], []
     for moves, steps in schedule:
         own = [(copy.copy(move), weight) for move, weight in moves]
@@ -126,7 +131,8 @@ def _advanced(shared: tuple[BatchFunction, Schedule], piece: _Piece) -> _Advance
     return _Advanced(np.concatenate(z), np.concatenate(level), tuple(accepted))
 
 
-def _generator(seed: Sequence[int]) -> np.random.RandomState:
+def generator(seed: Sequence[int]) -> np.random.RandomState:
+    """Random numbers as emcee takes them, of their own for each seed."""
     return np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
 
 
@@ -168,7 +174,7 @@ class _Run:
 
     def _random(self, stream: int) -> np.random.RandomState:
         """Random numbers of the pilot."""
-        return _generator((self.plan.seed, 35, stream))
+        return generator((self.plan.seed, 35, stream))
 
     def _use(self, *entries: tuple[Sequence[tuple[Move, float]], int]) -> None:
         """Have blocks taken by these moves; they travel once to each process."""
@@ -258,7 +264,7 @@ class _Run:
         file: Checkpoint | None = None
         stop: Stop | None = None
         said, short, result = "", "no draws yet", None
-        taus = min(plan.chain_taus, max(LEAST_TAUS, plan.chain_taus / WALKERS))
+        taus = taus_of_each(plan.chain_taus) if self.independent else plan.chain_taus
         z = log_prob = other = np.empty((0, 0, 0))
         with tqdm(disable=plan.quiet, unit="step") as bar:
             try:
@@ -284,7 +290,7 @@ class _Run:
                     planned, late = steps >= next_check, self.late
                     if steps >= 16 and (planned or late or steps >= plan.max_steps):
                         result = self.convergence(self.counted(z), self.counted(other))
-                        short = plan.shortfall(result, taus if self.independent else plan.chain_taus)
+                        short = plan.shortfall(result, taus)
                         while next_check <= steps:
                             next_check = int(1.15 * next_check)
                         bar.set_postfix_str(
@@ -308,7 +314,7 @@ class _Run:
         z, log_prob, other = self.counted(z), self.counted(log_prob), self.counted(other)
         if stop is Stop.INTERRUPTED and len(z) >= 8:
             result = self.convergence(z, other)
-            short = plan.shortfall(result, taus if self.independent else plan.chain_taus)
+            short = plan.shortfall(result, taus)
         moved = np.any(np.diff(z, axis=0) != 0.0, axis=2) if len(z) > 1 else np.zeros(1)
         return Chains(
             names=plan.names,

@@ -113,7 +113,7 @@ def test_own_simulator_by_the_command_line(tmp_path, capsys):
     write_campaign(tmp_path / "campaign", name="spring", description="", tests=campaign.tests)
     config = tmp_path / "short.toml"
     config.write_text(
-        "[loops]\nn_phase = 48\nn_harmonics = 16\n[search]\nmembers = 40\nevaluations = 800\nsecond_opinion = false\n"
+        "[loops]\nn_phase = 48\nn_harmonics = 16\n[search]\nmembers = 40\nevaluations = 800\nsecond_search = false\n"
         "[sampling]\nensembles = 2\nwalkers = 24\nbudget_s = 60.0\nr_hat = 1.1\ness = 50.0\ntaus = 5.0\ndraws = 400\n"
     )
     file = SIMULATORS / f"{name}.py"
