@@ -1,10 +1,10 @@
 """Sampling a posterior with emcee until it has converged: one run, whatever the moves.
 
-A pilot brings the walkers to the posterior, fits the moves to it and chooses their mixture; then all is frozen, and only
-draws from then on count. Where the posterior is a sum of squares, walkers take steps along its manifold and, where a few
-parameters bend it, independent proposals between; these walkers never know of one another. Where such steps lead nowhere
-(a simulator with jumps), walkers move by differential evolution and snooker moves, and the first half of their steps
-does not count.
+A pilot brings the walkers to the posterior, fits the moves to it and chooses their mixture; then all is frozen, and
+only draws from then on count. Where the posterior is a sum of squares, walkers take steps along its manifold and, where
+a few parameters bend it, independent proposals between; these walkers never know of one another. Where such steps lead
+nowhere (a simulator with jumps), walkers move by differential evolution and snooker moves, and the first half of their
+steps does not count.
 
 Walkers advance in blocks of steps, each with random numbers of its own that follow from the seed, so draws are the same
 wherever a block is computed. Block by block they go into a checkpoint; a run that goes on from it draws the very same.
@@ -92,7 +92,8 @@ def sample(
 
 
 def taus_of_each(taus: float) -> float:
-    """Autocorrelation times that walkers take which are independent of each other, where `taus` are asked of an ensemble."""
+    """Autocorrelation times that walkers take which are independent of each other, where `taus` are asked of an
+    ensemble."""
     return min(taus, max(LEAST_TAUS, taus / WALKERS))
 
 
@@ -123,8 +124,7 @@ def _advanced(shared: tuple[BatchFunction, Schedule], piece: _Piece) -> _Advance
         own = [(copy.copy(move), weight) for move, weight in moves]
         sampler = emcee.EnsembleSampler(*piece.z.shape, log_prob, moves=own, vectorize=True)
         sampler.log_prob_fn = log_prob  # emcee's wrapper prints a traceback on Ctrl-C
-        for state in sampler.sample(state, iterations=steps, skip_initial_state_check=True):  # noqa: B007
-            pass
+        *_, state = sampler.sample(state, iterations=steps, skip_initial_state_check=True)
         z.append(sampler.get_chain())
         level.append(sampler.get_log_prob())
         accepted.append(float(np.mean(sampler.acceptance_fraction)))
@@ -159,7 +159,8 @@ class _Run:
                 "check the data, the bounds and the priors"
             )
         self._starts = starts[np.isfinite(levels)]
-        self.blocks, self.schedule, self.independent = 0, (), True
+        self.blocks, self.independent = 0, True
+        self.schedule: Schedule = ()
         self._began = time.monotonic()
 
     @property
