@@ -29,7 +29,7 @@ from tqdm.auto import tqdm
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Rounds
 from bayes_iwan.sampling.chains import Chains, Stop
-from bayes_iwan.sampling.checkpoint import Checkpoint, Snapshot, not_ours
+from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, Snapshot, not_ours
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
 from bayes_iwan.sampling.moves.differential import DifferentialMove
 from bayes_iwan.sampling.moves.manifold import LEAST, ManifoldMove
@@ -266,6 +266,10 @@ class _Run:
     def chains(self) -> Chains:
         """The whole run."""
         plan = self.plan
+        if plan.checkpoint is not None and plan.checkpoint.exists() and not plan.resume:
+            raise CheckpointError(
+                f"{plan.checkpoint}: a checkpoint exists already; resume it, delete it, or name another folder"
+            )
         stamp = {**plan.fingerprint, "seed": str(plan.seed), "ensembles": str(self.n_ensembles)}
         file: Checkpoint | None = None
         stop: Stop | None = None

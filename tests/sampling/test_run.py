@@ -166,6 +166,8 @@ def test_a_run_that_is_resumed_draws_what_an_uninterrupted_one_does(tmp_path):
     np.testing.assert_array_equal(again.draws, whole.draws)
     np.testing.assert_array_equal(again.log_prob, whole.log_prob)
     assert again.message == whole.message
+    with pytest.raises(CheckpointError, match="exists already"):
+        sample(checkpoint=file)
     with pytest.raises(CheckpointError, match="seed was 1, is 2"):
         sample(checkpoint=file, resume=True, seed=2)
     with pytest.raises(CheckpointError, match="data was absent, is two") as refused:
