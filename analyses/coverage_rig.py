@@ -1,4 +1,4 @@
-"""Coverage of the posterior's intervals: sound specimens on the virtual rig, and specimens that follow the paper's model.
+"""Coverage of the intervals: sound specimens on the virtual rig, and specimens that follow the paper's model exactly.
 
     python analyses/coverage_rig.py --cases 24 --kind rig exact --forms embedded plain --draws sampled --out coverage
 
