@@ -16,6 +16,7 @@ from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.inference.setup.simulator_check import check_simulator
 from bayes_iwan.physics import Simulator
 
 BASE_POINTS, BASE_STARTS = 1200, 32
@@ -43,6 +44,8 @@ def fit_base(
 ) -> Fit:
     """The base model from the best of many prior draws."""
     problem = base_problem(data, settings, scales, simulator)
+    if simulator is not None:
+        check_simulator(problem)
     draws = problem.prior.draw(rng, BASE_POINTS)
     return fit_model(data, problem, cheapest(data, problem, draws, BASE_STARTS))
 
