@@ -10,7 +10,7 @@ from bayes_iwan.cli.command import OUT, argument, command, say
 @command(
     "export",
     "the identified device as files that run elsewhere: C, FMU, OpenSees, MuJoCo, Drake, JSON",
-    argument("run", metavar="RUN", help="folder that identify or diagnose wrote"),
+    argument("folder", metavar="RUN", help="folder that identify or diagnose wrote"),
     argument("--to", metavar="TARGET", required=True, help="c, fmu, opensees, mujoco, drake or json"),
     OUT,
     argument("--draws", metavar="N", type=int, default=20, help="draws beside the point estimate (default: 20)"),
@@ -28,7 +28,7 @@ def run_export(args: argparse.Namespace) -> None:
     from bayes_iwan.export import export
 
     folder = export(
-        args.run,
+        args.folder,
         args.to,
         args.out,
         draws=args.draws,

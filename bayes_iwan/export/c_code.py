@@ -14,8 +14,9 @@ from bayes_iwan.export.laws import HELPERS
 from bayes_iwan.physics.kernels.sliders import MAX_PIECES, OCTAVES
 
 TEMPLATES = Path(__file__).parent / "templates"
-#: steps within a step of the solver: slip is followed to 0.1 % of the friction force at 20 steps a cycle
-SUBSTEPS = 4
+#: steps within a step of the solver, and where friction follows the speed besides: so many keep the difference from the
+#: forward model below 0.1 % of the friction force at 20 steps a cycle (analyses/export_round_trip.py)
+SUBSTEPS, SUBSTEPS_OF_SPEED = 4, 8
 NAME = "isolator.c"
 
 
@@ -27,7 +28,7 @@ def template(name: str) -> str:
 
 def filled(text: str, places: dict[str, str]) -> str:
     """A template with every @PLACE@ filled."""
-    return re.sub(r"@([A-Z_]+)@", lambda m: places[m.group(1)], text)
+    return re.sub(r"@([A-Z0-9_]+)@", lambda m: places[m.group(1)], text)
 
 
 def c_source(device: Device, head: str) -> str:
@@ -39,7 +40,7 @@ def c_source(device: Device, head: str) -> str:
         "PIECES": str(MAX_PIECES),
         "OCTAVES": str(OCTAVES),
         "CELLS": str(device.tables.shape[1] // OCTAVES),
-        "SUBSTEPS": str(SUBSTEPS),
+        "SUBSTEPS": str(substeps(device)),
         "PARAMETER_FIELDS": "\n".join(
             f"    double {n}{_length(x.shape[1] if x.ndim > 1 else 1)};" for n, x in device.parameters.items()
         ),
@@ -53,6 +54,11 @@ def c_source(device: Device, head: str) -> str:
         **{stage.upper(): _indented(device.stages[stage]) for stage in ("before", "alpha", "stiffness", "slip", "force")},
     }
     return re.sub(r"\n{3,}", "\n\n", filled(template("core.c"), places))
+
+
+def substeps(device: Device) -> int:
+    """Steps of a device within a step of the solver."""
+    return SUBSTEPS_OF_SPEED if device.stages["slip"] else SUBSTEPS
 
 
 def _ascii(text: str) -> str:

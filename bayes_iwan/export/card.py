@@ -14,7 +14,7 @@ import numpy as np
 from bayes_iwan import __version__
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop
-from bayes_iwan.export.c_code import SUBSTEPS
+from bayes_iwan.export.c_code import substeps
 from bayes_iwan.export.device import Device, effects_text
 from bayes_iwan.export.round_trip import fixed_amplitude
 from bayes_iwan.inference.setup.problem import Problem
@@ -141,7 +141,7 @@ def card_of(
             "larger strokes, other frequencies and speeds: the laws go on as they are, untested",
             f"slip forces end at {float(device.top_N[0]):.4g} {units.force}: with larger strokes all elements slip",
         ),
-        amplitude=_amplitude(device, problem, z, amplitude[1]),
+        amplitude=_amplitude(device, problem, z),
         effects=device.named,
         left_out=device.left_out | {"force_zero": "belongs to the rig or its channels, not to the device"},
         unexplained_N=unexplained[0],
@@ -149,14 +149,15 @@ def card_of(
         discretisation=f"slip forces are continuous, not discretised; at most {MAX_PIECES} pieces of memory. From the "
         "forward model: below 0.1 % of the friction force (RMS) and of the energy at 20 steps a cycle of the highest "
         "frequency and more (analyses/export_round_trip.py)",
-        step=f"a twentieth of the shortest cycle in the motion, or less; each is divided by {SUBSTEPS} inside",
+        step=f"a twentieth of the shortest cycle in the motion, or less; each is divided by {substeps(device)} inside",
     )
 
 
-def _amplitude(device: Device, problem: Problem, z: Array, largest: float) -> str:
+def _amplitude(device: Device, problem: Problem, z: Array) -> str:
     """What is said of A, which an arbitrary motion does not have."""
     if device.constant_normal_force or "A" not in "".join(device.stages["alpha"]).replace("ALPHA", ""):
         return "not used: the normal force of this model does not depend on it"
+    largest = float(device.parameters["amplitude_mm"][0])
     change = fixed_amplitude(problem, problem.parameter_values(z[:1]), largest)
     own = problem.motion.amplitude_mm
     return (

@@ -95,9 +95,9 @@ def export(
     if draws < 0:
         raise ExportError(f"draws must be 0 or more, not {draws}")
     source = source_of(result, draws, campaign)
-    made, card = _made(source, to, approximate, error)
+    made, card = files_of(source, to, approximate, error)
     with owned(out) as folder:
-        clear(folder, *(n for n in OWN if (folder / n).exists()))
+        clear(folder, *OWN, *(p.name for p in folder.glob("isolator_*.so")))
         for name, content in made.items():
             write_whole(folder / name, content)
         write_whole(folder / CARD_TEXT, card.text() + "\n")
@@ -108,11 +108,11 @@ def export(
 #: what any target writes
 OWN = (
     c_code.NAME, "isolator.py", *fmu.NAMES, *mujoco.NAMES, *drake.NAMES, *opensees.NAMES, json_file.NAME,
-    "isolator.so", CARD_TEXT, CARD_JSON,
+    CARD_TEXT, CARD_JSON,
 )  # fmt: skip
 
 
-def _made(source: Source, to: str, approximate: bool, error: float) -> tuple[dict[str, str | bytes], Card]:
+def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[dict[str, str | bytes], Card]:
     """Files of a target by name, and the card."""
     problem = source.problem
     hz = problem.motion.frequency_hz

@@ -9,10 +9,10 @@ A C compiler is needed once (Debian: apt-get install gcc).
 """
 
 import ctypes
+import hashlib
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -25,13 +25,14 @@ def library():
     global _library
     if _library is not None:
         return _library
-    source, built = os.path.join(HERE, "isolator.c"), os.path.join(HERE, "isolator.so")
-    if not (os.path.exists(built) and os.path.getmtime(built) >= os.path.getmtime(source)):
+    source = os.path.join(HERE, "isolator.c")
+    with open(source, "rb") as file:  # named after its source: a library that is loaded once cannot be replaced
+        name = f"isolator_{hashlib.sha256(file.read()).hexdigest()[:16]}.so"
+    built = os.path.join(HERE if os.access(HERE, os.W_OK) else tempfile.mkdtemp(), name)
+    if not os.path.exists(built):
         compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
         if compiler is None:
-            sys.exit("isolator.py: no C compiler found; install one (Debian: apt-get install gcc), or set CC")
-        folder = HERE if os.access(HERE, os.W_OK) else tempfile.mkdtemp()
-        built = os.path.join(folder, "isolator.so")
+            raise OSError("isolator.py: no C compiler found; install one (Debian: apt-get install gcc), or set CC")
         part = f"{built}.{os.getpid()}"
         subprocess.run([compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-o", part, source, "-lm"], check=True)
         os.replace(part, built)
