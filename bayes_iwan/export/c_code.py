@@ -51,7 +51,10 @@ def c_source(device: Device, head: str) -> str:
         "HELPERS": _helpers(laws),
         "ASYMMETRY": " + ".join(device.stages["asymmetry"]) or "0.0",
         "SPECIMEN": _indented(device.stages["specimen"] or ("force = specimen(p, s, h, u, v);",)),
-        **{stage.upper(): _indented(device.stages[stage]) for stage in ("before", "alpha", "stiffness", "slip", "force")},
+        **{
+            stage.upper(): _indented(device.stages[stage])
+            for stage in ("before", "alpha", "stiffness", "slip", "force")
+        },
     }
     return re.sub(r"\n{3,}", "\n\n", filled(template("core.c"), places))
 
@@ -90,8 +93,10 @@ def _values(device: Device, index: int) -> str:
         "{" + _numbers(x[index]) + "}" if x.ndim > 1 else _numbers(x[index : index + 1])
         for x in device.parameters.values()
     ]
-    return "    {" + ", ".join([*each, _numbers(device.top_N[index : index + 1]), _mean(device, index)]) + (
-        f", table_{index}" + "}"
+    return (
+        "    {"
+        + ", ".join([*each, _numbers(device.top_N[index : index + 1]), _mean(device, index)])
+        + (f", table_{index}" + "}")
     )
 
 
@@ -111,4 +116,3 @@ def _helpers(laws: list[str]) -> str:
                 texts.append(code)
     order = sorted(wanted & HELPERS.keys(), key=list(HELPERS).index)
     return "\n\n".join(HELPERS[n] for n in order) + ("\n" if order else "")
-

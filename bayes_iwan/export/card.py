@@ -6,7 +6,7 @@ import hashlib
 import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -123,14 +123,17 @@ def card_of(
         specimen="loops in memory" if campaign is None else campaign.name,
         description="" if campaign is None else campaign.description,
         fingerprint=fingerprint(loops),
-        date=f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M UTC}",
+        date=f"{datetime.now(UTC):%Y-%m-%d %H:%M UTC}",
         version=__version__,
         seed=seed,
         model=problem.model.name,
         method=method,
         draws=device.sets - 1,
         units={
-            "displacement": units.displacement, "force": units.force, "velocity": units.velocity, "stretch": stretch
+            "displacement": units.displacement,
+            "force": units.force,
+            "velocity": units.velocity,
+            "stretch": stretch,
         },
         tests=len(loops),
         amplitude_mm=amplitude,

@@ -181,7 +181,7 @@ def elements(device: Device, index: int, error: float) -> tuple[Array, Array]:
     """Stop elements that stand for set `index` at α = 1: their yield forces φ (n,) in N and shares (n,) of k(1).
 
     The backbone of n elements is straight between its n corners, so it is L(φ) read at the corners: as few as keep the
-    difference within `error` of the mean slip force. What lies beyond the last corner slips there.
+    difference within `error` of the mean slip force. Their sum falls short of 1 by the share that slips at once.
     """
     table, top = device.tables[index], device.top_N[index]
     nodes = slip_nodes(table) * top
@@ -200,7 +200,7 @@ def elements(device: Device, index: int, error: float) -> tuple[Array, Array]:
     corner = np.array(corners)
     slope = np.append(np.diff(np.interp(corner, phi, value)) / np.diff(corner), 0.0)
     share = slope[:-1] - slope[1:]
-    return corner[1:], share / slope[0]
+    return corner[1:], share
 
 
 def slip_nodes(table: Array) -> Array:

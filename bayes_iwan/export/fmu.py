@@ -42,7 +42,9 @@ def compiler() -> str:
     """The C compiler. Raises ExportError where there is none."""
     found = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if found is None:
-        raise ExportError("an FMU holds a binary, and there is no C compiler; install one (Debian: apt-get install gcc)")
+        raise ExportError(
+            "an FMU holds a binary, and there is no C compiler; install one (Debian: apt-get install gcc)"
+        )
     return found
 
 

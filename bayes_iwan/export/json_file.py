@@ -77,7 +77,11 @@ def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:
         else {"simulator": model.name},
         "effects": [
             {"class": type(e).__name__, "name": e.name, "strength_value": e.strength_value}
-            | ({"condition": e.condition, "values": list(e.values)} if isinstance(e, conditions.FollowsCondition) else {})
+            | (
+                {"condition": e.condition, "values": list(e.values)}
+                if isinstance(e, conditions.FollowsCondition)
+                else {}
+            )
             for e in kept
         ],
         "parameters": [
@@ -112,9 +116,7 @@ def read(path: Path) -> ExportedModel:
             raise ExportError(f"{path}: holds draws of {parts['simulator']}, a simulator of your own; read its numbers")
         scales = Scales(**stored["scales"])
         model = Model(scales.reference, parts["slip"], parts["grip"], parts["stiffness"], embedded=parts["embedded"])
-        values = {
-            str(p["name"]): np.array([p["point"], *p["draws"]], float) for p in stored["parameters"]
-        }
+        values = {str(p["name"]): np.array([p["point"], *p["draws"]], float) for p in stored["parameters"]}
         covariance = np.zeros((0, 0)) if stored["covariance"] is None else np.array(stored["covariance"], float)
         if len({len(x) for x in values.values()}) != 1 or not all(np.isfinite(x).all() for x in values.values()):
             raise ValueError("parameters of different lengths, or not finite")

@@ -331,9 +331,7 @@ LAWS: dict[type[Effect], Law] = {
         "at most 0.7 w of it in displacement",
     ),
     form.SlipForcesFree: Law(),
-    form.StiffnessLawFree: Law(
-        stages={"stiffness": "k *= exp(log(alpha) * ($exponent + 0.5 * $bend * log(alpha)));"}
-    ),
+    form.StiffnessLawFree: Law(stages={"stiffness": "k *= exp(log(alpha) * ($exponent + 0.5 * $bend * log(alpha)));"}),
     form.NormalForceFree: Law(
         stages={
             "alpha": """{

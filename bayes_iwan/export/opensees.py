@@ -54,9 +54,7 @@ def files(
         "force; set error= for fewer or more",
     )
     text = replace(card, target=notes).text()
-    return {
-        NAMES[0]: filled(template(NAMES[0]), {"CARD": text, "VALUES": "\n".join(values)})
-    }, notes
+    return {NAMES[0]: filled(template(NAMES[0]), {"CARD": text, "VALUES": "\n".join(values)})}, notes
 
 
 def springs(device: Device, index: int, error: float) -> tuple[Array, Array, Array]:

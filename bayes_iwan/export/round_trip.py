@@ -70,11 +70,17 @@ def courses(frequency_hz: float, amplitude_mm: float, seed: int = 0) -> tuple[Co
     one = {"highest_hz": frequency_hz, "amplitude_mm": a}
     return (
         Course(
-            name="steady cycles", seconds=4 * period, settled_s=3 * period, displacement_mm=lambda t: a * np.sin(w * t), **one
+            name="steady cycles",
+            seconds=4 * period,
+            settled_s=3 * period,
+            displacement_mm=lambda t: a * np.sin(w * t),
+            **one,
         ),
         Course(name="random record", seconds=20 * period, displacement_mm=random, **one),
         # steps of a level take half a period, so they are twice as quick as the steady cycle
-        Course(name="staircase", seconds=9 * period, displacement_mm=staircase, **one | {"highest_hz": 2 * frequency_hz}),
+        Course(
+            name="staircase", seconds=9 * period, displacement_mm=staircase, **one | {"highest_hz": 2 * frequency_hz}
+        ),
         Course(name="shock", seconds=6 * period, displacement_mm=shock, **one | {"highest_hz": 4 * frequency_hz}),
     )
 

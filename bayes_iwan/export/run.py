@@ -161,7 +161,9 @@ def source_of(result: Posterior | Diagnosis | PathLike, draws: int, campaign: Pa
         return _of_posterior(load(folder, campaign), draws)
     if (folder / "fits.json").is_file():
         return _of_saved_diagnosis(folder, draws, campaign)
-    raise ExportError(f"{folder}: no finished run there (posterior.nc or fits.json); name what identify or diagnose wrote")
+    raise ExportError(
+        f"{folder}: no finished run there (posterior.nc or fits.json); name what identify or diagnose wrote"
+    )
 
 
 def _of_posterior(posterior: Posterior, draws: int) -> Source:

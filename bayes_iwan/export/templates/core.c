@@ -121,6 +121,9 @@ static int drop_least(int top, double (*st)[6])
 
 static int push(int top, double p, double m, double end, double x_end, double ell, double (*st)[6])
 {
+    if (top > 1 && end > st[top - 1][END] * (1.0 - 1e-10)) {
+        top--; /* a vertex at the last one's place takes it: equal cycles would else fill the memory by rounding */
+    }
     if (top == ISOLATOR_PIECES) {
         top = drop_least(top, st);
     }

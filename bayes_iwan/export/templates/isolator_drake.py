@@ -9,9 +9,8 @@ that at the time it is asked for: a step from the last update, without changing 
 
 import ctypes
 
-from pydrake.systems.framework import LeafSystem
-
 from isolator import SETS, library
+from pydrake.systems.framework import LeafSystem
 
 
 class IsolatorSystem(LeafSystem):

@@ -9,7 +9,6 @@ implicit integrators each step is one step of the device; with RK4 its memory al
 """
 
 import mujoco
-
 from isolator import Isolator
 
 
@@ -25,10 +24,8 @@ class Device:
         if self.id < 0:
             raise ValueError(f"the model has no {'tendon' if joint is None else 'joint'} {name!r}")
         self.on_tendon = joint is None
-        if not self.on_tendon and model.jnt_type[self.id] not in (
-            mujoco.mjtJoint.mjJNT_SLIDE,
-            mujoco.mjtJoint.mjJNT_HINGE,
-        ):
+        allowed = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+        if not self.on_tendon and int(model.jnt_type[self.id]) not in allowed:
             raise ValueError(f"joint {name!r} must be a slide or a hinge")
         self.isolator, self.force_N = Isolator(draw, amplitude_m), 0.0
 

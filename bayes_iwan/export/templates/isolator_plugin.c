@@ -3,7 +3,7 @@
    Build (the headers and the library come with `pip install mujoco`; M is its folder):
        cc -std=c99 -O2 -shared -fPIC -I$M/include -o libisolator_plugin.so isolator_plugin.c $M/libmujoco.so.* -lm
    Load with mj_loadPluginLibrary, and in the model:
-       <extension><plugin plugin="bayes_iwan.isolator"><instance name="device">
+       <extension><plugin plugin="@NAME@"><instance name="device">
          <config key="joint" value="isolator"/><config key="draw" value="0"/><config key="amplitude" value="0.001"/>
        </instance></plugin></extension>
        ... <body><plugin instance="device"/> ...
@@ -44,7 +44,7 @@ static int init(const mjModel *m, mjData *d, int instance)
 {
     (void)d;
     if (joint_of(m, instance) < 0) {
-        mju_warning("bayes_iwan.isolator: config joint must name a slide or a hinge joint of the model");
+        mju_warning("@NAME@: config joint must name a slide or a hinge joint of the model");
         return -1;
     }
     return 0;
@@ -65,11 +65,11 @@ static void compute(const mjModel *m, mjData *d, int instance, int capability)
     d->qfrc_passive[dof] -= force;
 }
 
-mjPLUGIN_LIB_INIT(bayes_iwan_isolator)
+mjPLUGIN_LIB_INIT(isolator)
 {
     mjpPlugin plugin;
     mjp_defaultPlugin(&plugin);
-    plugin.name = "bayes_iwan.isolator";
+    plugin.name = "@NAME@";
     plugin.capabilityflags = mjPLUGIN_PASSIVE;
     plugin.nattribute = 3;
     plugin.attributes = attributes;
