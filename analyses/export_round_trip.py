@@ -2,8 +2,8 @@
 
     python analyses/export_round_trip.py [RUN ...] [--draws 20] [--cycles 1e6] [--out table.md]
 
-RUN is a folder of `bayes-iwan identify`; without one, data/rope_spring is identified quickly (Laplace's draws), once with
-the default model and once with a constant normal force (for OpenSees). Four motions (steady cycles, a random record, a
+RUN is a folder of `bayes-iwan identify`; without one, data/rope_spring is identified quickly (Laplace's draws), once
+with the default model and once with a constant normal force (for OpenSees). Four motions (steady cycles, a random record, a
 staircase, a shock), 20, 50 and 100 steps a cycle of their highest frequency; each figure is the largest over the draws.
 Then: variable and rejected steps in the FMU, a million cycles, and the work of closed cycles.
 """
@@ -79,8 +79,8 @@ def many_cycles(folder: Path, frequency_hz: float, amplitude_mm: float, cycles: 
 
 
 def least_work(folder: Path, draws: int, frequency_hz: float, amplitude_mm: float) -> float:
-    """Least work that a closed cycle takes, over the RMS force times its stroke: 200 cycles a draw about random means, of
-    random amplitude and shape, after one that settles them. Negative: energy was gained."""
+    """Least work of a closed cycle over the RMS force times its stroke: 200 cycles a draw about random means, of random
+    amplitude and shape, each after one that settles it. Negative: energy was gained."""
     isolator, rng = rt.module(folder), np.random.default_rng(5)
     phase = np.arange(1, 201) / 200
     least = np.inf

@@ -1,7 +1,7 @@
-"""Forces of an exported device for a given motion, computed in each simulator; used by export_round_trip.py and tests.
+"""Forces of an exported device for a given motion, computed in each simulator; for export_round_trip.py and tests.
 
-Each function takes the folder of an export and returns a :data:`bayes_iwan.export.round_trip.Force`. Raises Unavailable,
-with what to install, where a simulator is missing.
+Each function takes the folder of an export and returns a :data:`bayes_iwan.export.round_trip.Force`. Raises
+Unavailable, with what to install, where a simulator is missing.
 """
 
 from __future__ import annotations
@@ -91,16 +91,18 @@ def fmu_force(fmu: Path, rejects: bool = False) -> Force:
 
 
 def between(h: float, x: float, start: tuple[float, ...], end: tuple[float, ...]) -> tuple[float, float, float]:
-    """Motion at the share x of a step: the polynomial of degree 5 through position, velocity, acceleration at its ends."""
-    powers = np.array([[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 2, 0, 0, 0], [1] * 6, [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]])  # fmt: skip
+    """Motion at the share x of a step: the polynomial of degree 5 through position, velocity, acceleration there."""
+    powers = np.zeros((6, 6))
+    powers[[0, 1, 2], [0, 1, 2]] = 1.0, 1.0, 2.0
+    powers[3:] = [[1] * 6, [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]]
     c = np.linalg.solve(powers, [start[0], h * start[1], h**2 * start[2], end[0], h * end[1], h**2 * end[2]])
     p = np.polynomial.Polynomial(c)
     return float(p(x)), float(p.deriv()(x) / h), float(p.deriv(2)(x) / h**2)
 
 
 MJCF = """<mujoco><option timestep="0.001" gravity="0 0 0"/>{extension}
-<worldbody><body name="mass">{plugin}<joint name="isolator" type="slide" axis="1 0 0"/><geom size="0.01" mass="1"/></body>
-</worldbody></mujoco>"""
+<worldbody><body name="mass">{plugin}<joint name="isolator" type="slide" axis="1 0 0"/><geom size="0.01" mass="1"/>
+</body></worldbody></mujoco>"""
 
 
 def mujoco_force(folder: Path) -> Force:

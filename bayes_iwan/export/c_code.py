@@ -22,8 +22,8 @@ NAME = "isolator.c"
 
 @cache
 def template(name: str) -> str:
-    """A file of the templates."""
-    return (TEMPLATES / name).read_text(encoding="utf-8")
+    """A file of the templates; Python ones end in .in, so that nobody takes them for modules of the package."""
+    return (TEMPLATES / (f"{name}.in" if name.endswith(".py") else name)).read_text(encoding="utf-8")
 
 
 def filled(text: str, places: dict[str, str]) -> str:

@@ -74,15 +74,16 @@ class Card:
             ("Campaign", f"{self.tests} fitted tests, fingerprint {self.fingerprint}"),
             ("Made", f"{self.date} by bayes_iwan {self.version}, seed {self.seed}"),
             ("Model", f"{self.model}; {self.method}; set 0 is the point estimate, 1 to {self.draws} are draws"),
-            ("Units", f"force in {force} against a stretch in {self.units['stretch']}; parameters in {displacement}, {force}"),
-            ("Tested", f"amplitude {between(self.amplitude_mm, displacement)}; frequency {between(self.frequency_hz, 'Hz')}"),
+            ("Units", f"force in {force}, stretch in {self.units['stretch']}; parameters in {displacement}, {force}"),
+            ("Tested", f"amplitude {between(self.amplitude_mm, displacement)}"),
+            ("", f"frequency {between(self.frequency_hz, 'Hz')}"),
             ("", f"speed {between(self.speed_m_s, velocity)}; mean displacement "
              f"{between(self.mean_displacement_mm, displacement)}, taken off: 0 is the tests' mean position"),
             *(("Beyond" if i == 0 else "", text) for i, text in enumerate(self.beyond)),
             ("A of Eq. (11)", self.amplitude),
             ("Effects in", effects_text(self.effects)),
             ("Effects out", effects_text(self.left_out)),
-            ("Unexplained", f"{self.unexplained_N:.3g} {force} RMS, {100 * self.unexplained_share:.2g} % of the friction force"),
+            ("Unexplained", f"{self.unexplained_N:.3g} {force} RMS, {100 * self.unexplained_share:.2g} % of friction's"),
             ("Error", self.discretisation),
             ("Step", self.step),
             *(("This target" if i == 0 else "", text) for i, text in enumerate(self.target)),
@@ -164,9 +165,9 @@ def _amplitude(device: Device, problem: Problem, z: Array) -> str:
     change = fixed_amplitude(problem, problem.parameter_values(z[:1]), largest)
     own = problem.motion.amplitude_mm
     return (
-        f"any motion has none, so it is a parameter: {largest:.4g} {problem.units.displacement}, the largest tested. For "
-        f"u > A the normal force stays at its value for A - u = {Y_FLOOR:g} A, and never falls below {ALPHA_FLOOR:g} of "
-        f"that at rest. The tests were fitted with their own A; with this one instead the force differs by "
+        f"any motion has none, so it is a parameter: {largest:.4g} {problem.units.displacement}, the largest tested. "
+        f"For u > A the normal force stays at its value for A - u = {Y_FLOOR:g} A, and never falls below "
+        f"{ALPHA_FLOOR:g} of that at rest. The tests were fitted with their own A; with this one instead the force differs by "
         f"{100 * change.max():.2g} % of friction's RMS in the worst of them ({own[np.argmax(change)]:.4g} "
         f"{problem.units.displacement}). For a steady cycle set A to its amplitude"
     )

@@ -1,4 +1,4 @@
-"""The device as stages in time: what a problem with its effects, and some draws, become before any target is written."""
+"""The device as stages in time: what a problem with its effects, and some draws, become before a target is written."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
     model = problem.model
     if not isinstance(model, Model):
         raise ExportError(
-            f"{model.name} is a simulator of your own, which cannot be written in C: it turns whole motions into force, "
-            'not steps. Export the Iwan model, or its draws with --to json, and call your simulator\'s "force" from Python'
+            f"{model.name} is a simulator of your own, which cannot be written in C: it turns whole motions into "
+            "force, not steps. Export its draws with --to json, and call it from Python"
         )
     values = problem.parameter_values(z)
     kept, named, left_out = [], {}, {}

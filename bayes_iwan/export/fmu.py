@@ -26,8 +26,8 @@ FMI2_NOT_HERE = (
 )
 FMI3_NOT_HERE = (
     "EnterEventMode GetFloat32 GetInt8 GetUInt8 GetInt16 GetUInt16 GetUInt32 GetInt64 GetUInt64 GetBoolean GetString "
-    "GetBinary GetClock SetFloat32 SetInt8 SetUInt8 SetInt16 SetUInt16 SetUInt32 SetInt64 SetUInt64 SetBoolean SetString "
-    "SetBinary SetClock GetNumberOfVariableDependencies GetVariableDependencies GetDirectionalDerivative "
+    "GetBinary GetClock SetFloat32 SetInt8 SetUInt8 SetInt16 SetUInt16 SetUInt32 SetInt64 SetUInt64 SetBoolean "
+    "SetString SetBinary SetClock GetNumberOfVariableDependencies GetVariableDependencies GetDirectionalDerivative "
     "GetAdjointDerivative EnterConfigurationMode ExitConfigurationMode GetIntervalDecimal GetIntervalFraction "
     "GetShiftDecimal GetShiftFraction SetIntervalDecimal SetIntervalFraction SetShiftDecimal SetShiftFraction "
     "EvaluateDiscreteStates UpdateDiscreteStates EnterContinuousTimeMode CompletedIntegratorStep SetTime "
@@ -53,8 +53,8 @@ def files(device: Device, card: Card) -> tuple[dict[str, str | bytes], tuple[str
     if platform.system() not in _SYSTEMS:
         raise ExportError(f"FMUs are built on Linux and macOS, not on {platform.system()}; export to c and wrap that")
     notes = (
-        "inputs displacement (m), velocity (m/s), acceleration (m/s2); output force (N), a function of the inputs at the "
-        "same time; parameters draw (0 the point, then draws) and amplitude (m)",
+        "inputs displacement (m), velocity (m/s), acceleration (m/s2); output force (N), a function of the inputs at "
+        "the same time; parameters draw (0 the point, then draws) and amplitude (m)",
         f"isolator_fmi2.fmu: FMI 2.0, isolator_fmi3.fmu: FMI 3.0, co-simulation, built on {platform.machine()} "
         f"{platform.system()}; steps may vary, be rejected and restored",
     )
@@ -113,58 +113,17 @@ _BUILD = """<?xml version="1.0" encoding="UTF-8"?>
   </BuildConfiguration>
 </fmiBuildDescription>
 """
-_INPUTS = (("displacement", "stretch of the device, m", 1), ("velocity", "its speed, m/s", 2))
 
 
 def _description(version: int, guid: str, card: Card, sets: int, amplitude: float) -> str:
     """modelDescription.xml of FMI 2.0 or 3.0."""
-    about = (
-        f'description="friction isolator {escape(card.specimen, quote=True)}: {escape(card.model, quote=True)}" '
-        f'generationTool="bayes_iwan {card.version}" variableNamingConvention="flat"'
+    return filled(
+        template(f"fmi{version}.xml"),
+        {
+            "GUID": guid,
+            "ABOUT": escape(f"friction isolator {card.specimen}: {card.model}", quote=True),
+            "TOOL": f"bayes_iwan {card.version}",
+            "AMPLITUDE": repr(amplitude),
+            "LAST": str(sets - 1),
+        },
     )
-    draw = f"parameter set: 0 the point estimate, 1 to {sets - 1} draws of the posterior"
-    can = 'canHandleVariableCommunicationStepSize="true"'
-    if version == 3:
-        numbers = "\n".join(
-            f'    <Float64 name="{n}" valueReference="{i}" causality="input" variability="continuous" start="0.0" '
-            f'description="{text}"/>'
-            for n, text, i in (*_INPUTS, ("acceleration", "its acceleration, m/s2", 3))
-        )
-        return f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="3.0" modelName="isolator" instantiationToken="{guid}" {about}>
-  <CoSimulation modelIdentifier="isolator" {can} canGetAndSetFMUState="true" canSerializeFMUState="true"/>
-  <ModelVariables>
-    <Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
-{numbers}
-    <Float64 name="force" valueReference="4" causality="output" variability="continuous" initial="calculated" description="what resists, N"/>
-    <Float64 name="amplitude" valueReference="5" causality="parameter" variability="fixed" initial="exact" start="{amplitude!r}" description="A of Eq. (11), m"/>
-    <Int32 name="draw" valueReference="6" causality="parameter" variability="fixed" initial="exact" start="0" min="0" max="{sets - 1}" description="{draw}"/>
-  </ModelVariables>
-  <ModelStructure>
-    <Output valueReference="4" dependencies="1 2 3"/>
-    <InitialUnknown valueReference="4" dependencies="1 2 3 5 6"/>
-  </ModelStructure>
-</fmiModelDescription>
-"""
-    numbers = "\n".join(
-        f'    <ScalarVariable name="{n}" valueReference="{i}" causality="input" variability="continuous" '
-        f'description="{text}"><Real start="0.0"/></ScalarVariable>'
-        for n, text, i in (*_INPUTS, ("acceleration", "its acceleration, m/s2", 3))
-    )
-    return f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="isolator" guid="{guid}" {about} numberOfEventIndicators="0">
-  <CoSimulation modelIdentifier="isolator" {can} canGetAndSetFMUstate="true" canSerializeFMUstate="true">
-    <SourceFiles><File name="fmu.c"/></SourceFiles>
-  </CoSimulation>
-  <ModelVariables>
-{numbers}
-    <ScalarVariable name="force" valueReference="4" causality="output" variability="continuous" initial="calculated" description="what resists, N"><Real/></ScalarVariable>
-    <ScalarVariable name="amplitude" valueReference="5" causality="parameter" variability="fixed" initial="exact" description="A of Eq. (11), m"><Real start="{amplitude!r}"/></ScalarVariable>
-    <ScalarVariable name="draw" valueReference="6" causality="parameter" variability="fixed" initial="exact" description="{draw}"><Integer start="0" min="0" max="{sets - 1}"/></ScalarVariable>
-  </ModelVariables>
-  <ModelStructure>
-    <Outputs><Unknown index="4" dependencies="1 2 3"/></Outputs>
-    <InitialUnknowns><Unknown index="4" dependencies="1 2 3 5 6"/></InitialUnknowns>
-  </ModelStructure>
-</fmiModelDescription>
-"""

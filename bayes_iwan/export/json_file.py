@@ -55,7 +55,7 @@ class ExportedModel:
     def force(self, motion: Motion) -> Array:
         """Force of the device in N, (sets, loops, samples), for steady loops or a record from rest."""
         values = {n: x for n, x in self.values.items() if n != FORCE_ZERO}
-        return recorded_force(self.model, self.effects, values | self.model.parameter_values(values), motion)
+        return recorded_force(self.model, self.effects, {**values, **self.model.parameter_values(values)}, motion)
 
 
 def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:

@@ -114,7 +114,7 @@ static int half_cycle(const isolator_parameters *p, isolator_state *s, double no
     s->cycle_way = -s->cycle_way;
     return 1;
 }""".replace("LEAST_STROKE", f"{LEAST_STROKE}"),
-    "through_play": """/* The specimen's force where it follows u at half the play's width and rests at zero force within it. */
+    "through_play": """/* The specimen's force where it follows u at half the play's width, zero within it. */
 static double through_play(const isolator_parameters *p, isolator_state *s, double h, double u, double v, double half)
 {
     const isolator_state before = *s;

@@ -16,6 +16,6 @@ def files(device: Device, card: Card) -> tuple[dict[str, str | bytes], tuple[str
     # two devices in one scene are two plugins
     name = f"bayes_iwan.{hashlib.sha256(c_source(device, '').encode()).hexdigest()[:8]}"
     return {NAMES[0]: template(NAMES[0]), NAMES[1]: filled(template(NAMES[1]), {"NAME": name})}, (
-        "isolator_mujoco.py: a force on a joint or tendon (mujoco 3 or later); isolator_plugin.c: the same as a plugin, "
-        f"{name}, for joints, its memory in mjData; the stretch is measured from the model's qpos0",
+        "isolator_mujoco.py: a force on a joint or tendon (mujoco 3 or later); isolator_plugin.c: the same as a "
+        f"plugin, {name}, for joints, its memory in mjData; the stretch is measured from the model's qpos0",
     )

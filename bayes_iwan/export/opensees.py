@@ -32,9 +32,9 @@ def files(
         what = ", ".join(laws)
         if not approximate:
             raise ExportError(
-                f"OpenSees' springs have a constant normal force, so this would be dropped: {what}. The force on the tested "
-                f"loops would then differ by {100 * cost:.3g} % of friction's RMS; give --approximate to accept that, or "
-                "export to fmu or c"
+                f"OpenSees' springs have a constant normal force, so this would be dropped: {what}. The force on the "
+                f"tested loops would then differ by {100 * cost:.3g} % of friction's RMS; give --approximate to accept "
+                "that, or export to fmu or c"
             )
         notes: tuple[str, ...] = (
             f"dropped as asked (--approximate): {what}. On the tested loops the force differs by {100 * cost:.3g} % of "
@@ -50,11 +50,14 @@ def files(
         values.append(f"    ({spring:.9g}, [{rows}]),")
         counts.append(len(stiffness))
     notes += (
-        f"{min(counts)} to {max(counts)} springs, so many that the backbone is within {100 * error:.2g} % of the mean slip "
-        "force; set error= for fewer or more",
+        f"{min(counts)} to {max(counts)} springs, so many that the backbone is within {100 * error:.2g} % of the mean "
+        "slip force; set error= for fewer or more",
+        "a material sees displacements only, so a reversal inside a step is missed: take 100 steps a cycle and more",
     )
     text = replace(card, target=notes).text()
-    return {NAMES[0]: filled(template(NAMES[0]), {"CARD": text, "VALUES": "\n".join(values)})}, notes
+    return {
+        NAMES[0]: filled(template(NAMES[0]), {"CARD": text, "VALUES": "\n".join(["one line each", *values])})
+    }, notes
 
 
 def springs(device: Device, index: int, error: float) -> tuple[Array, Array, Array]:
@@ -79,7 +82,7 @@ def dropped(device: Device, problem: Problem) -> list[str]:
 
 
 def cost_of_dropping(device: Device, problem: Problem, z: Array) -> float:
-    """RMS over the RMS friction force, the tests together, by which the point's loops change without the dropped laws."""
+    """RMS over the RMS friction force, all tests together, by which the point's loops change without these laws."""
     motion, values = problem.motion, problem.parameter_values(z[:1])
     whole = steady_loops(problem, values, motion)
     still = np.empty_like(whole)

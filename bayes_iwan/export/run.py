@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,17 +14,15 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, read_campaign
 from bayes_iwan.export import c_code, drake, fmu, json_file, mujoco, opensees
 from bayes_iwan.export.card import Card, card_of
-from bayes_iwan.export.device import Device, ExportError, device_of
+from bayes_iwan.export.device import STAGES, Device, ExportError, device_of
 from bayes_iwan.files import clear, owned, write_json, write_whole
-from bayes_iwan.gap.diagnosis import Diagnosis
-from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.fitting.gap_size import gap_power_N2
-from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.telling.saved_fits import LOOPS, read_fits, rebuilt
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.physics import Model
+
+if TYPE_CHECKING:
+    from bayes_iwan.gap.diagnosis import Diagnosis
 
 TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")
 CARD_TEXT, CARD_JSON = "model_card.txt", "model_card.json"
@@ -122,10 +121,10 @@ def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[
         device = device_of(problem, source.z, (float(hz.min()), float(hz.max())))
     card = card_of(device, problem, source.z, source.campaign, source.method, source.seed, source.unexplained)
     if to == "json":
-        return dict(json_file.files(problem, source.z, card)), card
+        return {**json_file.files(problem, source.z, card)}, card
     if to == "opensees":
-        files, notes = opensees.files(device, problem, source.z, card, approximate=approximate, error=error)
-        return dict(files), replace(card, target=notes)
+        springs, notes = opensees.files(device, problem, source.z, card, approximate=approximate, error=error)
+        return {**springs}, replace(card, target=notes)
     beside: dict[str, Callable[[Device, Card], tuple[dict[str, str | bytes], tuple[str, ...]]]] = {
         "c": lambda device, card: ({}, ()),
         "fmu": fmu.files,
@@ -142,20 +141,23 @@ def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[
 
 def _no_device(sets: int) -> Device:
     """A simulator of the user's own has no stages here."""
-    none = np.zeros((sets, 1, 4))
     return Device(
-        parameters={}, tables=none, top_N=np.full(sets, np.nan), stages={"alpha": ()} | dict.fromkeys(
-            ("before", "stiffness", "slip", "asymmetry", "specimen", "force"), ()
-        ), states={}, named={}, left_out={},
-    )  # fmt: skip
+        parameters={},
+        tables=np.zeros((sets, 1, 4)),
+        top_N=np.full(sets, np.nan),
+        stages={name: () for name in STAGES},
+        states={},
+        named={},
+        left_out={},
+    )
 
 
 def source_of(result: Posterior | Diagnosis | PathLike, draws: int, campaign: PathLike | None = None) -> Source:
     """Problem, point and draws of a result or of a run's folder. Raises ExportError for a run that did not converge."""
-    if isinstance(result, Diagnosis):
-        return _of_diagnosis(result, draws)
     if isinstance(result, Posterior):
         return _of_posterior(result, draws)
+    if not isinstance(result, str | os.PathLike):
+        return _of_diagnosis(result, draws)
     folder = Path(result)
     if (folder / "posterior.nc").is_file():
         return _of_posterior(load(folder, campaign), draws)
@@ -199,6 +201,11 @@ def _of_diagnosis(found: Diagnosis, draws: int) -> Source:
 def _of_saved_diagnosis(folder: Path, draws: int, campaign: PathLike | None) -> Source:
     if campaign is None:
         raise ExportError(f"{folder}: is a diagnosis; name its campaign as well (--campaign DIR)")
+    from bayes_iwan.gap.fitting.data import gap_data
+    from bayes_iwan.gap.fitting.gap_size import gap_power_N2
+    from bayes_iwan.gap.fitting.residuals import residual_of
+    from bayes_iwan.gap.telling.saved_fits import LOOPS, read_fits, rebuilt
+
     stored = read_fits(folder / "fits.json")
     if stored.effects_file or stored.simulator_file:
         raise ExportError(f"{folder}: was made with a Python file of your own, which has no law in C to export")

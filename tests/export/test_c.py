@@ -126,7 +126,8 @@ int main(void)
         isolator_track_start(isolator_set(set), &track, 0.0);
         for (i = 1; i < 60000; i++) {
             u += 1e-4 * ((double)rand() / RAND_MAX - 0.5);
-            if (!isolator_at(isolator_set(set), &track, 1e-3 * i, u, 0.1 * ((double)rand() / RAND_MAX - 0.5), 0.0, &force)) {
+            const double v = 0.1 * ((double)rand() / RAND_MAX - 0.5);
+            if (!isolator_at(isolator_set(set), &track, 1e-3 * i, u, v, 0.0, &force)) {
                 return 1;
             }
             if (i % 7 == 0) {

@@ -3,16 +3,20 @@
 import json
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.cli import main
+from bayes_iwan.effects.channels import ChannelDelay
+from bayes_iwan.effects.specimen import ViscousDamping
 from bayes_iwan.export import TARGETS, ExportError, export, run
-from bayes_iwan.export.device import device_of
+from bayes_iwan.inference.results.posterior import Stop
 from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.setup.settings import ModelSettings
 from bayes_iwan.physics import Simulator
-from bayes_iwan.sampling.common.chains import Stop
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +109,7 @@ class Spring(Simulator):
 
 
 def test_a_simulator_of_ones_own_cannot_be_written_in_c_but_its_draws_can(made_up_campaign, tmp_path, draws):
-    problem = make_problem(made_up_campaign.loops(), None, Spring())
+    problem = make_problem(bi.read_campaign(made_up_campaign).loops(), None, Spring())
     source = run.Source(problem=problem, z=draws(problem, 3), campaign=None, method="", seed=0, unexplained=(0.0, 0.0))
     for target in TARGETS:
         if target == "json":
@@ -116,16 +120,37 @@ def test_a_simulator_of_ones_own_cannot_be_written_in_c_but_its_draws_can(made_u
                 run.files_of(source, target, False, 1e-3)
 
 
-def test_a_diagnosis_is_exported_with_its_named_effects(tmp_path):
-    plan = [bi.PlannedTest(f, a, cycles=6) for f in (8.0, 20.0) for a in (0.4, 0.9)]
-    folder = tmp_path / "campaign"
-    bi.simulate_campaign(plan, fault="viscous_damping", size=0.2, seed=3).write(folder)
-    classical = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
-    found = bi.diagnose(folder, config=classical, quick=True, seed=1)
-    assert "viscous_damping" in found.verdict.names
-    found.export("c", tmp_path / "out", draws=2)
-    card = json.loads((tmp_path / "out" / "model_card.json").read_text())
-    assert "viscous_damping" in card["effects"]
-    assert "viscous_damping_c_N_s_mm" in (tmp_path / "out" / "isolator.c").read_text()
-    device = device_of(found.fit.problem, found.fit.z[None], (8.0, 20.0))
-    assert device.sets == 1
+@pytest.fixture
+def fit(problem_of):
+    """What a diagnosis holds of its fit with all named effects: viscous damping, and a delay of the channels."""
+    problem = problem_of(grip="constant", stiffness="constant")
+    effects = [kind(problem.scales) for kind in (ViscousDamping, ChannelDelay)]
+    problem = problem.with_effects([replace(e, strength_value=e.first_guess()) for e in effects])
+    z = np.zeros(problem.ndim)
+    return SimpleNamespace(problem=problem, z=z, covariance=0.01 * np.eye(len(z)), effects=problem.effects)
+
+
+def test_a_diagnosis_is_exported_with_its_named_effects(fit, tmp_path):
+    after = SimpleNamespace(rms_N=0.03, share=0.01)
+    found = SimpleNamespace(fit=fit, budget=SimpleNamespace(after=after), campaign=None, seed=1)
+    export(found, "c", tmp_path, draws=2)
+    card = json.loads((tmp_path / "model_card.json").read_text())
+    assert set(card["effects"]) == {"viscous_damping"} and "channel_delay" in card["left_out"]
+    assert card["unexplained_N"] == 0.03
+    assert "viscous_damping_c_N_s_mm" in (tmp_path / "isolator.c").read_text()
+
+
+def test_the_folder_of_a_diagnosis_needs_its_campaign(fit, problem_of, tmp_path):
+    saved_fits = pytest.importorskip("bayes_iwan.gap.telling.saved_fits")
+    size = SimpleNamespace(share=0.01, length=1.0, along=0.01, spectrum=(), along_spectrum=(), between=(1.0, 1.0, 0.5))
+    fits = {frozenset({"viscous_damping", "channel_delay"}): SimpleNamespace(**vars(fit), size=size)}
+    settings = bi.DiagnoseSettings(model=ModelSettings(grip="constant", stiffness="constant"))
+    run_of, campaign = tmp_path / "run", tmp_path / "campaign"
+    saved_fits.write_fits(run_of / "fits.json", fits, fit.problem.scales, settings, None, None)
+    with pytest.raises(ExportError, match="name its campaign as well"):
+        export(run_of, "json", tmp_path / "out")
+    plan = [bi.PlannedTest(f, a, cycles=6) for f in (8.0, 20.0) for a in (0.4, 1.0)]
+    bi.simulate_campaign(plan, seed=1).write(campaign)
+    export(run_of, "json", tmp_path / "out", draws=4, campaign=campaign)
+    model = bi.load(tmp_path / "out")
+    assert [e.name for e in model.effects] == ["viscous_damping"] and model.values["kp_N_mm"].shape == (5,)

@@ -14,11 +14,11 @@ from bayes_iwan.export.json_file import ExportedModel
 CLASSICAL = {"slip": "gamma3", "grip": "constant", "stiffness": "constant"}
 
 
-def right(force, problem, z, rms=1e-3):
+def right(force, problem, z, steps=20):
     values = problem.parameter_values(z)
     for course in rt.courses(20.0, 1.0)[:2]:
-        found = rt.compare(force, problem, values, course, 20)
-        assert found.rms < rms and found.energy < rms, found
+        found = rt.compare(force, problem, values, course, steps)
+        assert found.rms < 1e-3 and found.energy < 1e-3, found
 
 
 def available(make, folder):
@@ -87,7 +87,7 @@ def test_opensees_springs_are_the_model_where_the_normal_force_is_constant(probl
     z = draws(problem, 2)
     folder = exported(problem, z, "opensees", error=2e-4)
     force = available(simulators.opensees_force, folder)
-    right(force, problem, z)
+    right(force, problem, z, steps=100)  # it sees no velocity, so it misses where between two steps a motion turns
 
 
 @pytest.mark.parametrize("error", [1e-2, 1e-3, 1e-4])
