@@ -135,8 +135,9 @@ def _followed(mujoco, model, h, u, v, a):
     return out
 
 
-def plugin_force(folder: Path) -> Force:
-    """The same by the plugin in C, built against the installed headers. Loaded once a process."""
+def plugin_force(folder: Path, text: list[str] | None = None) -> Force:
+    """The same by the plugin in C, built against the installed headers; loaded once a process. A model that uses it is
+    left in text."""
     mujoco = needed("mujoco", "mujoco")
     home = Path(mujoco.__file__).parent
     library = folder / "libisolator_plugin.so"
@@ -147,15 +148,18 @@ def plugin_force(folder: Path) -> Force:
     mujoco.mj_loadPluginLibrary(str(library))
     name = re.search(r'plugin.name = "(.+)"', (folder / "isolator_plugin.c").read_text(encoding="utf-8")).group(1)
 
+    def model_text(keys):
+        config = "".join(f'<config key="{k}" value="{x}"/>' for k, x in keys.items())
+        instance = f'<instance name="device">{config}</instance>'
+        extension = f'<extension><plugin plugin="{name}">{instance}</plugin></extension>'
+        return MJCF.format(extension=extension, plugin='<plugin instance="device"/>')
+
     def force(d, h, u, v, a, amplitude_m):
         keys = {"joint": "isolator", "draw": d, "amplitude": amplitude_m}
-        config = "".join(f'<config key="{k}" value="{x}"/>' for k, x in keys.items())
-        extension = (
-            f'<extension><plugin plugin="{name}"><instance name="device">{config}</instance></plugin></extension>'
-        )
-        text = MJCF.format(extension=extension, plugin='<plugin instance="device"/>')
-        return _followed(mujoco, mujoco.MjModel.from_xml_string(text), h, u, v, a)
+        return _followed(mujoco, mujoco.MjModel.from_xml_string(model_text(keys)), h, u, v, a)
 
+    if text is not None:
+        text.append(model_text({"joint": "isolator"}))
     return force
 
 
