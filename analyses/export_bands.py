@@ -2,9 +2,9 @@
 
     python analyses/export_bands.py [CAMPAIGN ...] [--draws 20]
 
-Default: data/rope_spring and three measured campaigns of ../shared/data, where these are. Tests with role "held-out" are
-predicted; where a campaign has none, every third test is held out here. Identified quickly (Laplace's draws). The exported
-step runs four cycles at each test's own amplitude; the last is compared, without the zero of the force channel.
+Default: data/rope_spring and three measured campaigns of ../shared/data, where these are. Tests with role "held-out"
+are predicted; where a campaign has none, every third test is held out here. Identified quickly (Laplace's draws). The
+exported step runs four cycles at each test's own amplitude, and the last is compared.
 """
 
 from __future__ import annotations

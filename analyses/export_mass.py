@@ -3,8 +3,8 @@
     python analyses/export_mass.py [RUN] [--mass 1.0] [--base-mm 0.2] [--points 16] [--out export_mujoco.png]
 
 RUN is a folder of `bayes-iwan identify` (default: data/rope_spring, identified quickly without embedded model error,
-which design_isolator.py does not know). A sine of the base is stepped from low to high; u is the isolator's stretch, and
-A of Eq. (11) the largest |u| of the last cycle, as there. design_isolator.py follows 64 stop elements, the export all.
+which design_isolator.py does not know). A sine of the base is stepped from low to high; u is the isolator's stretch,
+and A of Eq. (11) the largest |u| of the last cycle, as there. design_isolator.py follows 64 stop elements, the export all.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from design_isolator import STEP_S, element_values, sweep
-from export_targets import MJCF, Unavailable, exported, needed
 
 import bayes_iwan as bi
 from bayes_iwan.export import round_trip as rt
 from bayes_iwan.report.style import BLUE, ORANGE, save, styled, subplots
+from design_isolator import STEP_S, element_values, sweep
+from export_targets import MJCF, Unavailable, exported, needed
 
 CYCLES, SETTLED = 40, 5
 #: position and velocity after a step that begins with the base's acceleration (m/s²), and the force (N) at its start:
@@ -174,8 +174,8 @@ def main() -> None:
     except Unavailable as error:
         print(f"Drake: {error}")
     for name, found in curves.items():
-        print(f"{name:34s} resonance {hz[np.argmax(found)]:.3g} Hz, {found.max():.4g}; largest difference from the first "
-              f"{100 * np.max(np.abs(found / ratio[0] - 1.0)):.2g} %")  # fmt: skip
+        print(f"{name:34s} resonance {hz[np.argmax(found)]:.3g} Hz, {found.max():.4g}; largest difference "
+              f"from the first {100 * np.max(np.abs(found / ratio[0] - 1.0)):.2g} %")  # fmt: skip
     save(figure(hz, curves), args.out)
     print(args.out)
 

@@ -3,8 +3,8 @@
     python analyses/export_round_trip.py [RUN ...] [--draws 20] [--cycles 1e6] [--out table.md]
 
 RUN is a folder of `bayes-iwan identify`; without one, data/rope_spring is identified quickly (Laplace's draws), once
-with the default model and once with a constant normal force (for OpenSees). Four motions (steady cycles, a random record, a
-staircase, a shock), 20, 50 and 100 steps a cycle of their highest frequency; each figure is the largest over the draws.
+with the default model and once with a constant normal force (for OpenSees). Four motions (steady cycles, a random record,
+a staircase, a shock), 20, 50 and 100 steps a cycle of their highest frequency; each figure is the largest over the draws.
 Then: variable and rejected steps in the FMU, a million cycles, and the work of closed cycles.
 """
 
@@ -122,10 +122,8 @@ def main() -> None:
         values = problem.parameter_values(export_run.source_of(posterior, args.draws).z)
         hz, amplitude = float(problem.motion.frequency_hz.max()), float(problem.motion.amplitude_mm.max())
         constant = isinstance(model, Model) and model.grip == "constant"
-        tell(
-            f"\n{posterior.name}, {model.name}, {args.draws} draws and the point; largest difference, % of the RMS friction"
-        )
-        tell("force (RMS) / % of the energy, at 20, 50 and 100 steps a cycle of the highest frequency\n")
+        tell(f"\n{posterior.name}, {model.name}, {args.draws} draws and the point; largest difference, % of the RMS")
+        tell("friction force (RMS) / % of the energy, at 20, 50 and 100 steps a cycle of the highest frequency\n")
         courses = rt.courses(hz, amplitude)
         tell("| target | " + " | ".join(c.name for c in courses) + " |\n|---|" + "---|" * len(courses))
         work = Path(tempfile.mkdtemp())
@@ -147,12 +145,8 @@ def main() -> None:
             f"\njson read back: forces differ by {json_difference(posterior, work / 'json', args.draws):.1e} of the RMS"
         )
         changed, pieces = many_cycles(work / "c", hz, amplitude, int(args.cycles))
-        tell(
-            f"{args.cycles:.0e} cycles: the force changed by {changed:.1e} of its largest, {pieces:.0f} pieces of memory"
-        )
-        tell(
-            f"least work of a closed cycle: {least_work(work / 'c', args.draws, hz, amplitude):.2e} of force times stroke"
-        )
+        tell(f"{args.cycles:.0e} cycles: the force changed by {changed:.1e} of its largest, {pieces:.0f} pieces")
+        tell(f"least work of a closed cycle: {least_work(work / 'c', args.draws, hz, amplitude):.2e} of force·stroke")
         shutil.rmtree(work)
     if args.out:
         Path(args.out).write_text("\n".join(lines).strip() + "\n", encoding="utf-8")

@@ -2,8 +2,8 @@
 
     python analyses/export_speed.py [RUN]
 
-RUN is a folder of `bayes-iwan identify` (default: data/rope_spring, identified quickly). Beside it a constant normal force
-with stop elements for errors of 1e-2 to 1e-5, which the step's cost must not follow. A simulator that is missing is named.
+RUN is a folder of `bayes-iwan identify` (default: data/rope_spring, identified quickly). Beside it a constant normal
+force with stop elements for errors of 1e-2 to 1e-5, which the step's cost must not follow. A missing simulator is named.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from export_round_trip import CLASSICAL
-from export_targets import MJCF, Unavailable, exported, fmu_force, needed, opensees_force, plugin_force
 
 import bayes_iwan as bi
 from bayes_iwan.export import round_trip as rt
+from export_round_trip import CLASSICAL
+from export_targets import MJCF, Unavailable, exported, fmu_force, needed, opensees_force, plugin_force
 
 N, H = 1000, 1e-3
 
@@ -70,12 +70,22 @@ def main() -> None:
     t = H * np.arange(1, N + 1)
     w, amplitude = 20.0 * np.pi, float(posterior.problem.motion.amplitude_mm.max())
     u, v, a = (1e-3 * amplitude * x for x in (np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)))
-    print(f"{posterior.problem.model.name}; a simulated second at 1 kHz (10 Hz, {amplitude:g} mm), ms\n\n| what | ms |\n|---|---|")
+    print(
+        f"{posterior.problem.model.name}; a simulated second at 1 kHz (10 Hz, {amplitude:g} mm), ms\n\n"
+        "| what | ms |\n|---|---|"
+    )
     course = rt.Course(
-        name="", seconds=1.0, highest_hz=10.0, amplitude_mm=amplitude, displacement_mm=lambda t: amplitude * np.sin(w * t)
+        name="",
+        seconds=1.0,
+        highest_hz=10.0,
+        amplitude_mm=amplitude,
+        displacement_mm=lambda t: amplitude * np.sin(w * t),
     )
     values = {n: x[:1] for n, x in posterior.parameter_values().items()}
-    tell("our record kernel (numba), all samples at once", best_of(lambda: rt.forward(posterior.problem, values, course, 100)))
+    tell(
+        "our record kernel (numba), all samples at once",
+        best_of(lambda: rt.forward(posterior.problem, values, course, 100)),
+    )
     step = rt.in_c(rt.module(work / "c"))
     tell("C step, from C", best_of(lambda: step(0, H, u, v, a, 1e-3 * amplitude)))
     device = rt.module(work / "c").Isolator()

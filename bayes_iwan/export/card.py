@@ -83,7 +83,7 @@ class Card:
             ("A of Eq. (11)", self.amplitude),
             ("Effects in", effects_text(self.effects)),
             ("Effects out", effects_text(self.left_out)),
-            ("Unexplained", f"{self.unexplained_N:.3g} {force} RMS, {100 * self.unexplained_share:.2g} % of friction's"),
+            ("Unexplained", f"{self.unexplained_N:.3g} {force} RMS, {100 * self.unexplained_share:.2g} % of friction"),
             ("Error", self.discretisation),
             ("Step", self.step),
             *(("This target" if i == 0 else "", text) for i, text in enumerate(self.target)),
@@ -167,7 +167,7 @@ def _amplitude(device: Device, problem: Problem, z: Array) -> str:
     return (
         f"any motion has none, so it is a parameter: {largest:.4g} {problem.units.displacement}, the largest tested. "
         f"For u > A the normal force stays at its value for A - u = {Y_FLOOR:g} A, and never falls below "
-        f"{ALPHA_FLOOR:g} of that at rest. The tests were fitted with their own A; with this one instead the force differs by "
-        f"{100 * change.max():.2g} % of friction's RMS in the worst of them ({own[np.argmax(change)]:.4g} "
+        f"{ALPHA_FLOOR:g} of that at rest. The tests were fitted with their own A; with this one instead the force "
+        f"differs by {100 * change.max():.2g} % of friction's RMS in the worst of them ({own[np.argmax(change)]:.4g} "
         f"{problem.units.displacement}). For a steady cycle set A to its amplitude"
     )

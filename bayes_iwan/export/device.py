@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from string import Template
@@ -216,10 +215,6 @@ def rows_of(table: Array) -> Array:
     octaves = slip_force.OCTAVES
     low, slope = table[0, 0], table[0, 1] * (len(table) // octaves)
     return np.vstack([[0.0, 2.0 * low - slope, slope - low, 0.0], table])
-
-
-def power_of_two(n: int) -> bool:
-    return n > 0 and math.log2(n).is_integer()
 
 
 def effects_text(named: Mapping[str, str]) -> str:

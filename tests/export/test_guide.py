@@ -3,6 +3,7 @@
 import shutil
 
 import pytest
+
 import run_guide
 
 NEEDS = {"export_mujoco": "mujoco", "export_fmu": "fmpy", "export_opensees": "openseespy.opensees"}

@@ -138,60 +138,41 @@ static int from_bytes(const char *bytes, size_t size, void **state)
 }
 
 /* Functions of the standards for what this model does not have: they take their first argument only, and say no. */
-#define NOT_HERE(name) EXPORTED int name(void *c); int name(void *c) { (void)c; return ERROR; }
-#define ALWAYS_FINE(name) EXPORTED int name(void *c); int name(void *c) { (void)c; return OK; }
+#define NOT_HERE(name) EXPORTED int name(void *c) { (void)c; return ERROR; }
+#define ALWAYS_FINE(name) EXPORTED int name(void *c) { (void)c; return OK; }
 
 /* ---- FMI 2.0 -----------------------------------------------------------------------------------------------------*/
 
-EXPORTED const char *fmi2GetTypesPlatform(void);
-EXPORTED const char *fmi2GetVersion(void);
-EXPORTED void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const void *functions,
-                               int visible, int logging);
-EXPORTED void fmi2FreeInstance(void *c);
-EXPORTED int fmi2SetupExperiment(void *c, int with_tolerance, double tolerance, double start, int with_stop, double stop);
-EXPORTED int fmi2Reset(void *c);
-EXPORTED int fmi2GetReal(void *c, const unsigned *reference, size_t n, double *value);
-EXPORTED int fmi2SetReal(void *c, const unsigned *reference, size_t n, const double *value);
-EXPORTED int fmi2GetInteger(void *c, const unsigned *reference, size_t n, int *value);
-EXPORTED int fmi2SetInteger(void *c, const unsigned *reference, size_t n, const int *value);
-EXPORTED int fmi2GetFMUstate(void *c, void **state);
-EXPORTED int fmi2SetFMUstate(void *c, void *state);
-EXPORTED int fmi2FreeFMUstate(void *c, void **state);
-EXPORTED int fmi2SerializedFMUstateSize(void *c, void *state, size_t *size);
-EXPORTED int fmi2SerializeFMUstate(void *c, void *state, char *bytes, size_t size);
-EXPORTED int fmi2DeSerializeFMUstate(void *c, const char *bytes, size_t size, void **state);
-EXPORTED int fmi2DoStep(void *c, double time_s, double h_s, int no_return);
-
-const char *fmi2GetTypesPlatform(void) { return "default"; }
-const char *fmi2GetVersion(void) { return "2.0"; }
+EXPORTED const char *fmi2GetTypesPlatform(void) { return "default"; }
+EXPORTED const char *fmi2GetVersion(void) { return "2.0"; }
 ALWAYS_FINE(fmi2SetDebugLogging)
 ALWAYS_FINE(fmi2EnterInitializationMode)
 ALWAYS_FINE(fmi2ExitInitializationMode)
 ALWAYS_FINE(fmi2Terminate)
 
-void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const void *functions,
+EXPORTED void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const void *functions,
                       int visible, int logging)
 {
     (void)name, (void)resources, (void)functions, (void)visible, (void)logging;
     return type == 1 && guid != NULL && strcmp(guid, "@GUID@") == 0 ? made() : NULL;
 }
 
-void fmi2FreeInstance(void *c) { free(c); }
+EXPORTED void fmi2FreeInstance(void *c) { free(c); }
 
-int fmi2SetupExperiment(void *c, int with_tolerance, double tolerance, double start, int with_stop, double stop)
+EXPORTED int fmi2SetupExperiment(void *c, int with_tolerance, double tolerance, double start, int with_stop, double stop)
 {
     (void)with_tolerance, (void)tolerance, (void)with_stop, (void)stop;
     begin(c, start);
     return OK;
 }
 
-int fmi2Reset(void *c)
+EXPORTED int fmi2Reset(void *c)
 {
     reset(c);
     return OK;
 }
 
-int fmi2GetReal(void *c, const unsigned *reference, size_t n, double *value)
+EXPORTED int fmi2GetReal(void *c, const unsigned *reference, size_t n, double *value)
 {
     size_t k;
     int status = OK;
@@ -201,7 +182,7 @@ int fmi2GetReal(void *c, const unsigned *reference, size_t n, double *value)
     return status;
 }
 
-int fmi2SetReal(void *c, const unsigned *reference, size_t n, const double *value)
+EXPORTED int fmi2SetReal(void *c, const unsigned *reference, size_t n, const double *value)
 {
     size_t k;
     int status = OK;
@@ -211,7 +192,7 @@ int fmi2SetReal(void *c, const unsigned *reference, size_t n, const double *valu
     return status;
 }
 
-int fmi2GetInteger(void *c, const unsigned *reference, size_t n, int *value)
+EXPORTED int fmi2GetInteger(void *c, const unsigned *reference, size_t n, int *value)
 {
     size_t k;
     for (k = 0; k < n; k++) {
@@ -223,7 +204,7 @@ int fmi2GetInteger(void *c, const unsigned *reference, size_t n, int *value)
     return OK;
 }
 
-int fmi2SetInteger(void *c, const unsigned *reference, size_t n, const int *value)
+EXPORTED int fmi2SetInteger(void *c, const unsigned *reference, size_t n, const int *value)
 {
     size_t k;
     int status = OK;
@@ -233,40 +214,40 @@ int fmi2SetInteger(void *c, const unsigned *reference, size_t n, const int *valu
     return status;
 }
 
-int fmi2GetFMUstate(void *c, void **state) { return save(c, state); }
+EXPORTED int fmi2GetFMUstate(void *c, void **state) { return save(c, state); }
 
-int fmi2SetFMUstate(void *c, void *state)
+EXPORTED int fmi2SetFMUstate(void *c, void *state)
 {
     memcpy(c, state, sizeof(instance_state));
     return OK;
 }
 
-int fmi2FreeFMUstate(void *c, void **state)
+EXPORTED int fmi2FreeFMUstate(void *c, void **state)
 {
     (void)c;
     return freed(state);
 }
 
-int fmi2SerializedFMUstateSize(void *c, void *state, size_t *size)
+EXPORTED int fmi2SerializedFMUstateSize(void *c, void *state, size_t *size)
 {
     (void)c, (void)state;
     *size = sizeof(instance_state);
     return OK;
 }
 
-int fmi2SerializeFMUstate(void *c, void *state, char *bytes, size_t size)
+EXPORTED int fmi2SerializeFMUstate(void *c, void *state, char *bytes, size_t size)
 {
     (void)c;
     return to_bytes(state, bytes, size);
 }
 
-int fmi2DeSerializeFMUstate(void *c, const char *bytes, size_t size, void **state)
+EXPORTED int fmi2DeSerializeFMUstate(void *c, const char *bytes, size_t size, void **state)
 {
     (void)c;
     return from_bytes(bytes, size, state);
 }
 
-int fmi2DoStep(void *c, double time_s, double h_s, int no_return)
+EXPORTED int fmi2DoStep(void *c, double time_s, double h_s, int no_return)
 {
     (void)no_return;
     return do_step(c, time_s, h_s);
@@ -276,35 +257,12 @@ int fmi2DoStep(void *c, double time_s, double h_s, int no_return)
 
 /* ---- FMI 3.0 -----------------------------------------------------------------------------------------------------*/
 
-EXPORTED const char *fmi3GetVersion(void);
-EXPORTED void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, _Bool visible,
-                                           _Bool logging, _Bool events, _Bool early, const uint32_t *intermediate, size_t n,
-                                           void *environment, void *log, void *update);
-EXPORTED void *fmi3InstantiateModelExchange(void *name);
-EXPORTED void *fmi3InstantiateScheduledExecution(void *name);
-EXPORTED void fmi3FreeInstance(void *c);
-EXPORTED int fmi3EnterInitializationMode(void *c, _Bool with_tolerance, double tolerance, double start, _Bool with_stop,
-                                         double stop);
-EXPORTED int fmi3Reset(void *c);
-EXPORTED int fmi3GetFloat64(void *c, const uint32_t *reference, size_t n, double *value, size_t values);
-EXPORTED int fmi3SetFloat64(void *c, const uint32_t *reference, size_t n, const double *value, size_t values);
-EXPORTED int fmi3GetInt32(void *c, const uint32_t *reference, size_t n, int32_t *value, size_t values);
-EXPORTED int fmi3SetInt32(void *c, const uint32_t *reference, size_t n, const int32_t *value, size_t values);
-EXPORTED int fmi3GetFMUState(void *c, void **state);
-EXPORTED int fmi3SetFMUState(void *c, void *state);
-EXPORTED int fmi3FreeFMUState(void *c, void **state);
-EXPORTED int fmi3SerializedFMUStateSize(void *c, void *state, size_t *size);
-EXPORTED int fmi3SerializeFMUState(void *c, void *state, char *bytes, size_t size);
-EXPORTED int fmi3DeserializeFMUState(void *c, const char *bytes, size_t size, void **state);
-EXPORTED int fmi3DoStep(void *c, double time_s, double h_s, _Bool no_return, _Bool *event, _Bool *end, _Bool *early,
-                        double *last);
-
-const char *fmi3GetVersion(void) { return "3.0"; }
+EXPORTED const char *fmi3GetVersion(void) { return "3.0"; }
 ALWAYS_FINE(fmi3SetDebugLogging)
 ALWAYS_FINE(fmi3ExitInitializationMode)
 ALWAYS_FINE(fmi3Terminate)
 
-void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, _Bool visible, _Bool logging,
+EXPORTED void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, _Bool visible, _Bool logging,
                                   _Bool events, _Bool early, const uint32_t *intermediate, size_t n, void *environment,
                                   void *log, void *update)
 {
@@ -313,55 +271,55 @@ void *fmi3InstantiateCoSimulation(const char *name, const char *token, const cha
     return token != NULL && strcmp(token, "@GUID@") == 0 ? made() : NULL;
 }
 
-void *fmi3InstantiateModelExchange(void *name) { (void)name; return NULL; }
-void *fmi3InstantiateScheduledExecution(void *name) { (void)name; return NULL; }
-void fmi3FreeInstance(void *c) { free(c); }
+EXPORTED void *fmi3InstantiateModelExchange(void *name) { (void)name; return NULL; }
+EXPORTED void *fmi3InstantiateScheduledExecution(void *name) { (void)name; return NULL; }
+EXPORTED void fmi3FreeInstance(void *c) { free(c); }
 
-int fmi3EnterInitializationMode(void *c, _Bool with_tolerance, double tolerance, double start, _Bool with_stop, double stop)
+EXPORTED int fmi3EnterInitializationMode(void *c, _Bool with_tolerance, double tolerance, double start, _Bool with_stop, double stop)
 {
     (void)with_tolerance, (void)tolerance, (void)with_stop, (void)stop;
     begin(c, start);
     return OK;
 }
 
-int fmi3Reset(void *c) { return fmi2Reset(c); }
+EXPORTED int fmi3Reset(void *c) { return fmi2Reset(c); }
 
-int fmi3GetFloat64(void *c, const uint32_t *reference, size_t n, double *value, size_t values)
+EXPORTED int fmi3GetFloat64(void *c, const uint32_t *reference, size_t n, double *value, size_t values)
 {
     return values == n ? fmi2GetReal(c, reference, n, value) : ERROR;
 }
 
-int fmi3SetFloat64(void *c, const uint32_t *reference, size_t n, const double *value, size_t values)
+EXPORTED int fmi3SetFloat64(void *c, const uint32_t *reference, size_t n, const double *value, size_t values)
 {
     return values == n ? fmi2SetReal(c, reference, n, value) : ERROR;
 }
 
-int fmi3GetInt32(void *c, const uint32_t *reference, size_t n, int32_t *value, size_t values)
+EXPORTED int fmi3GetInt32(void *c, const uint32_t *reference, size_t n, int32_t *value, size_t values)
 {
     return values == n ? fmi2GetInteger(c, reference, n, value) : ERROR;
 }
 
-int fmi3SetInt32(void *c, const uint32_t *reference, size_t n, const int32_t *value, size_t values)
+EXPORTED int fmi3SetInt32(void *c, const uint32_t *reference, size_t n, const int32_t *value, size_t values)
 {
     return values == n ? fmi2SetInteger(c, reference, n, value) : ERROR;
 }
 
-int fmi3GetFMUState(void *c, void **state) { return save(c, state); }
-int fmi3SetFMUState(void *c, void *state) { return fmi2SetFMUstate(c, state); }
-int fmi3FreeFMUState(void *c, void **state) { return fmi2FreeFMUstate(c, state); }
-int fmi3SerializedFMUStateSize(void *c, void *state, size_t *size) { return fmi2SerializedFMUstateSize(c, state, size); }
+EXPORTED int fmi3GetFMUState(void *c, void **state) { return save(c, state); }
+EXPORTED int fmi3SetFMUState(void *c, void *state) { return fmi2SetFMUstate(c, state); }
+EXPORTED int fmi3FreeFMUState(void *c, void **state) { return fmi2FreeFMUstate(c, state); }
+EXPORTED int fmi3SerializedFMUStateSize(void *c, void *state, size_t *size) { return fmi2SerializedFMUstateSize(c, state, size); }
 
-int fmi3SerializeFMUState(void *c, void *state, char *bytes, size_t size)
+EXPORTED int fmi3SerializeFMUState(void *c, void *state, char *bytes, size_t size)
 {
     return fmi2SerializeFMUstate(c, state, bytes, size);
 }
 
-int fmi3DeserializeFMUState(void *c, const char *bytes, size_t size, void **state)
+EXPORTED int fmi3DeserializeFMUState(void *c, const char *bytes, size_t size, void **state)
 {
     return fmi2DeSerializeFMUstate(c, bytes, size, state);
 }
 
-int fmi3DoStep(void *c, double time_s, double h_s, _Bool no_return, _Bool *event, _Bool *end, _Bool *early, double *last)
+EXPORTED int fmi3DoStep(void *c, double time_s, double h_s, _Bool no_return, _Bool *event, _Bool *end, _Bool *early, double *last)
 {
     const int status = do_step(c, time_s, h_s);
     (void)no_return;
