@@ -27,9 +27,9 @@ class SearchError(ValueError):
 class GlobalOptimum:
     """What a global search found.
 
-    x is the best vector of all, objective its value; first and population hold the first and the last population, sorted
-    from best to worst; best and median are the history, one value a generation; stopped says which rule ended the
-    search ("stall", "evaluations" or "time").
+    x is the best vector of all, objective its value; first and population hold the first and the last population,
+    sorted from best to worst; best and median are the history, one value a generation; stopped says which rule ended
+    the search ("stall", "evaluations" or "time").
     """
 
     seed: int

@@ -28,8 +28,8 @@ _NU, _WIDER = 6.0, 1.2
 
 
 class Integrated(NamedTuple):
-    """ln of the posterior with the nuisance parameters integrated out (n,); z (n, ndim) with one of their draws in their
-    place; ln of the posterior there (n,)."""
+    """ln of the posterior with the nuisance parameters integrated out (n,); z (n, ndim) with one of their draws in
+    their place; ln of the posterior there (n,)."""
 
     log_total: Array
     z: Array

@@ -1,10 +1,10 @@
 """Sampling a posterior with emcee until it has converged: one run, whatever the moves.
 
-A pilot brings the walkers to the posterior, fits the moves to it and chooses their mixture; then all is frozen, and only
-draws from then on count. Where the posterior is a sum of squares, walkers take steps along its manifold and, where a few
-parameters bend it, independent proposals between; these walkers never know of one another. Where such steps lead nowhere
-(a simulator with jumps), walkers move by differential evolution and snooker moves, and the first half of their steps
-does not count.
+A pilot brings the walkers to the posterior, fits the moves to it and chooses their mixture; then all is frozen, and
+only draws from then on count. Where the posterior is a sum of squares, walkers take steps along its manifold and, where
+a few parameters bend it, independent proposals between; these walkers never know of one another. Where such steps lead
+nowhere (a simulator with jumps), walkers move by differential evolution and snooker moves, and the first half of their
+steps does not count.
 
 Walkers advance in blocks of steps, each with random numbers of its own that follow from the seed, so draws are the same
 wherever a block is computed. Block by block they go into a checkpoint; a run that goes on from it draws the very same.
@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import emcee
@@ -28,7 +29,7 @@ from tqdm.auto import tqdm
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Rounds
 from bayes_iwan.sampling.chains import Chains, Stop
-from bayes_iwan.sampling.checkpoint import Checkpoint
+from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, Snapshot, not_ours
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
 from bayes_iwan.sampling.moves.differential import DifferentialMove
 from bayes_iwan.sampling.moves.manifold import LEAST, ManifoldMove
@@ -88,16 +89,17 @@ def sample(
     CheckpointError
         a checkpoint that belongs to another run.
     """
-    return _Run(log_prob, target, np.asarray(starts, float), plan, n_ensembles, n_walkers, executor).chains()
+    return EnsembleRun(log_prob, target, np.asarray(starts, float), plan, n_ensembles, n_walkers, executor).chains()
 
 
 def taus_of_each(taus: float) -> float:
-    """Autocorrelation times that walkers take which are independent of each other, where `taus` are asked of an ensemble."""
+    """Autocorrelation times that walkers take which are independent of each other, where `taus` are asked of an
+    ensemble."""
     return min(taus, max(LEAST_TAUS, taus / WALKERS))
 
 
 @dataclass(frozen=True)
-class _Piece:
+class Piece:
     """Walkers that advance together, z (n, ndim) and ln p there (n,), and the seed of their block."""
 
     z: Array
@@ -106,7 +108,7 @@ class _Piece:
 
 
 @dataclass(frozen=True)
-class _Advanced:
+class Advanced:
     """z (steps, n, ndim) and ln p (steps, n) after each step; of each entry of the schedule the share accepted."""
 
     z: Array
@@ -114,7 +116,7 @@ class _Advanced:
     accepted: tuple[float, ...]
 
 
-def _advanced(shared: tuple[BatchFunction, Schedule], piece: _Piece) -> _Advanced:
+def advanced(shared: tuple[BatchFunction, Schedule], piece: Piece) -> Advanced:
     """A block of steps by emcee."""
     log_prob, schedule = shared
     state = emcee.State(piece.z, log_prob=piece.log_prob, random_state=generator(piece.seed).get_state())
@@ -123,12 +125,11 @@ def _advanced(shared: tuple[BatchFunction, Schedule], piece: _Piece) -> _Advance
         own = [(copy.copy(move), weight) for move, weight in moves]
         sampler = emcee.EnsembleSampler(*piece.z.shape, log_prob, moves=own, vectorize=True)
         sampler.log_prob_fn = log_prob  # emcee's wrapper prints a traceback on Ctrl-C
-        for state in sampler.sample(state, iterations=steps, skip_initial_state_check=True):  # noqa: B007
-            pass
+        *_, state = sampler.sample(state, iterations=steps, skip_initial_state_check=True)
         z.append(sampler.get_chain())
         level.append(sampler.get_log_prob())
         accepted.append(float(np.mean(sampler.acceptance_fraction)))
-    return _Advanced(np.concatenate(z), np.concatenate(level), tuple(accepted))
+    return Advanced(np.concatenate(z), np.concatenate(level), tuple(accepted))
 
 
 def generator(seed: Sequence[int]) -> np.random.RandomState:
@@ -136,7 +137,7 @@ def generator(seed: Sequence[int]) -> np.random.RandomState:
     return np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
 
 
-class _Run:
+class EnsembleRun:
     """All walkers, the schedule of their moves, and how many blocks of steps they have taken."""
 
     def __init__(
@@ -149,17 +150,22 @@ class _Run:
         n_walkers: int,
         executor: Executor | None,
     ) -> None:
-        self._checked = _Checked(log_prob)
+        self.log_prob_of = _Checked(log_prob)
         self.target, self.plan, self._executor = target, plan, executor
         self.n_ensembles, self.n_walkers = n_ensembles, max(n_walkers, 2 * target.ndim + 2)
-        levels = self._checked(starts)
+        if n_ensembles < 2:
+            raise SamplingError(f"n_ensembles is {n_ensembles}; R-hat compares at least two")
+        if starts.ndim != 2 or starts.shape[1] != target.ndim:
+            raise SamplingError(f"starts have shape {starts.shape}; it must be (members, {target.ndim})")
+        levels = self.log_prob_of(starts)
         if not np.isfinite(levels).any():
             raise SamplingError(
                 f"none of the {len(starts)} starts has a finite log-probability: there is nowhere to start from; "
                 "check the data, the bounds and the priors"
             )
         self._starts = starts[np.isfinite(levels)]
-        self.blocks, self.schedule, self.independent = 0, (), True
+        self.blocks, self.independent = 0, True
+        self.schedule: Schedule = ()
         self._began = time.monotonic()
 
     @property
@@ -179,20 +185,20 @@ class _Run:
     def _use(self, *entries: tuple[Sequence[tuple[Move, float]], int]) -> None:
         """Have blocks taken by these moves; they travel once to each process."""
         self.schedule = entries
-        self._rounds = Rounds(self._executor, (self._checked, self.schedule))
+        self._rounds = Rounds(self._executor, (self.log_prob_of, self.schedule))
 
     def _place(self, z: Array) -> None:
-        self.z, self.log_prob = z, self._checked(z)
+        self.z, self.log_prob = z, self.log_prob_of(z)
 
-    def block(self) -> _Advanced:
+    def block(self) -> Advanced:
         """Some steps of all walkers."""
         n = len(self.z)
         size = _TOGETHER if self.independent else self.walkers
         parts = [slice(first, min(first + size, n)) for first in range(0, n, size)]
         seed = (self.plan.seed, 34, self.blocks)
-        pieces = [_Piece(self.z[part], self.log_prob[part], (*seed, part.start)) for part in parts]
-        ends = list(self._rounds.results(pieces, _advanced))
-        out = _Advanced(
+        pieces = [Piece(self.z[part], self.log_prob[part], (*seed, part.start)) for part in parts]
+        ends = list(self._rounds.results(pieces, advanced))
+        out = Advanced(
             np.concatenate([e.z for e in ends], axis=1),
             np.concatenate([e.log_prob for e in ends], axis=1),
             tuple(np.mean([e.accepted for e in ends], axis=0)),
@@ -206,7 +212,7 @@ class _Run:
         which = np.arange(self.n_ensembles)[:, None] + self.n_ensembles * np.arange(WALKERS)
         self._place(self._starts[which.ravel() % len(self._starts)])
         self.z = self.target.integrated(self.z, self._random(1)).z
-        self.log_prob = self._checked(self.z)
+        self.log_prob = self.log_prob_of(self.z)
         manifold = ManifoldMove(self.target)
         jumps: NestedMove | None = None
         bent = bending_parameters(self.target, np.unique(self._starts[: len(self.z)], axis=0))
@@ -241,7 +247,7 @@ class _Run:
         some = np.unique(np.concatenate([self._starts, z]), axis=0)
         chosen = some[random.choice(len(some), size=need, replace=len(some) < need)]
         near = chosen + 0.02 * random.standard_normal(chosen.shape)
-        level = self._checked(near)
+        level = self.log_prob_of(near)
         self._place(np.where(np.isfinite(level)[:, None], near, chosen))
 
     def by_ensemble(self, x: Array) -> Array:
@@ -260,6 +266,10 @@ class _Run:
     def chains(self) -> Chains:
         """The whole run."""
         plan = self.plan
+        if plan.checkpoint is not None and plan.checkpoint.exists() and not plan.resume:
+            raise CheckpointError(
+                f"{plan.checkpoint}: a checkpoint exists already; resume it, delete it, or name another folder"
+            )
         stamp = {**plan.fingerprint, "seed": str(plan.seed), "ensembles": str(self.n_ensembles)}
         file: Checkpoint | None = None
         stop: Stop | None = None
@@ -270,7 +280,7 @@ class _Run:
             try:
                 if plan.resumed is not None:
                     file, found = Checkpoint.resume(plan.resumed, stamp, plan.names, (STAGE,))
-                    self.restore(found.state)
+                    self._restored(found, plan.resumed)
                     z, log_prob = found.draws[STAGE], found.log_prob[STAGE]
                     other = plan.evaluated(z)
                 else:
@@ -348,6 +358,15 @@ class _Run:
                 own = move.target.nuisance
                 out |= {"bent": move.bent, "known": move.known, "own_centre": own.centre, "own_root": own.root}
         return out
+
+    def _restored(self, found: Snapshot, path: Path) -> None:
+        """Be as the run was that wrote a checkpoint. Raises CheckpointError where its state makes no sense."""
+        try:
+            self.restore(found.state)
+            if self.z.shape != found.draws[STAGE].shape[1:] or not np.isfinite(self.z).all():
+                raise ValueError(f"walkers of shape {self.z.shape}")
+        except (KeyError, ValueError, TypeError, IndexError, np.linalg.LinAlgError) as error:
+            raise not_ours(path, error) from None
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Be as an earlier run was."""

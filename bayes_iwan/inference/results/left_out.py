@@ -1,8 +1,9 @@
 """Do the bands hold tests of a frequency that was not fitted? Each frequency left out in turn, and predicted.
 
 The model of the other frequencies, fitted anew from the whole's optima with its noise, predicts the tests of the one
-left out: by its normal approximation along the posterior's manifold (:mod:`.approximation`), with noise, and with the misfit as the likelihood carries it over from the others. A second or two for a campaign; what a sampler says of the same is in
-analyses/predict_untested.py. It is the one check of the bands that does not use the tests which it checks.
+left out: by its normal approximation along the posterior's manifold (:mod:`.approximation`), with noise, and with the
+misfit as the likelihood carries it over from the others. A second or two for a campaign; what a sampler says of the
+same is in analyses/predict_untested.py. It is the one check of the bands that does not use the tests which it checks.
 """
 
 from __future__ import annotations

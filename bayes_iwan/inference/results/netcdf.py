@@ -182,9 +182,7 @@ def _plain_point(point: Point) -> dict[str, Any]:
             return [plain(x) for x in value]
         if isinstance(value, GlobalOptimum):  # without its populations
             return {
-                k: plain(getattr(value, k))
-                for k in (f.name for f in fields(value))
-                if k not in ("first", "population")
+                k: plain(getattr(value, k)) for k in (f.name for f in fields(value)) if k not in ("first", "population")
             }
         return value
 

@@ -1,9 +1,9 @@
 """The normal approximation of a posterior about an optimum, drawn along the posterior's manifold.
 
-Normal draws of the parameters would leave the thin bent sheet that the posterior is, and with it the loops. So each draw
-is a fit to loops and priors that were shifted by their noise ("randomise, then optimise": Bardsley, Solonen, Haario &
-Laine, SIAM J. Sci. Comput. 36, 2014, A1895): along the optimum's tangents it is standard normal, and it lies on the
-sheet. Draws for which no such fit is found, where the sheet turns over, are normal ones after all.
+Normal draws of the parameters would leave the thin bent sheet that the posterior is, and with it the loops. So each
+draw is a fit to loops and priors that were shifted by their noise ("randomise, then optimise": Bardsley, Solonen,
+Haario & Laine, SIAM J. Sci. Comput. 36, 2014, A1895): along the optimum's tangents it is standard normal, and it lies
+on the sheet. Draws for which no such fit is found, where the sheet turns over, are normal ones after all.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from bayes_iwan.sampling.run import generator
 
 
 def approximate_draws(problem: Problem, optimum: Array, count: int, seed: Sequence[int]) -> Array:
-    """z (count, ndim) of the approximation about an optimum (ndim,), noise parameters by their conditional posterior."""
+    """z (count, ndim) of the approximation about an optimum (ndim,), noise parameters by their conditional
+    posterior."""
     random, target = generator(seed), least_squares_of(problem, optimum)
     manifold = Manifold(target)
     tried = count + count // 2

@@ -1,9 +1,9 @@
 """The point estimate: the paper's own (a genetic algorithm on Eq. 8), and the most probable point.
 
-The genetic algorithm's first population is drawn from the prior; it minimises Eq. (8) over the parameters of the paper's
-model, with the embedded model error at none, and least squares polishes its result. The most probable point is then
-sought by least squares from the best of its first and of its last population, first with the noise held, then with all
-parameters free. A second search with a population of its own says whether the first one missed a maximum.
+The genetic algorithm's first population is drawn from the prior; it minimises Eq. (8) over the parameters of the
+paper's model, with the embedded model error at none, and least squares polishes its result. The most probable point is
+then sought by least squares from the best of its first and of its last population, first with the noise held, then with
+all parameters free. A second search with a population of its own says whether the first one missed a maximum.
 """
 
 from __future__ import annotations
@@ -29,13 +29,11 @@ from bayes_iwan.physics.laws.embedded import NAMES as EMBEDDED
 class Point:
     """What was found. z arrays are coordinates of the problem; where Eq. (8) ignores a parameter, its z is 0.
 
-    goal_z, goal : the minimum of Eq. (8) and its value; goal_share : that over Eq. (8) of the friction level itself: how
-    far the loops are missed, as a share of the friction force.
-    z, log_prob : the most probable point; goal_at_z : Eq. (8) there.
-    optima, optima_log_prob : the different maxima that least squares ended in, best first (k, ndim).
-    searches : histories of the genetic algorithm, one or two.
-    each_z, each_log_prob : (searches, ndim), (searches,) the most probable point that each search found by itself. The
-        sampler's walkers start from the maxima of all of them.
+    goal_z, goal : the minimum of Eq. (8) and its value; goal_share : that over Eq. (8) of the friction level itself:
+    how far the loops are missed, as a share of the friction force. z, log_prob : the most probable point; goal_at_z :
+    Eq. (8) there. optima, optima_log_prob : the different maxima that least squares ended in, best first (k, ndim).
+    searches : histories of the genetic algorithm, one or two. each_z, each_log_prob : (searches, ndim), (searches,) the
+    most probable point that each search found by itself. The sampler's walkers start from the maxima of all of them.
     """
 
     goal_z: Array
@@ -115,7 +113,8 @@ def find_point(problem: Problem, seed: int, settings: SearchSettings, progress: 
 
 
 def _searched(problem: Problem) -> NDArray[np.int64]:
-    """Coordinates that Eq. (8) is minimised over: those of the paper's model, without noise and embedded model error."""
+    """Coordinates that Eq. (8) is minimised over: those of the paper's model, without noise and embedded model
+    error."""
     others = _noise_names(problem) | set(EMBEDDED)
     return np.array([i for i, name in enumerate(problem.names) if name not in others], dtype=np.int64)
 

@@ -13,7 +13,7 @@ from bayes_iwan.inference.results.remarks import LARGE_MISFIT
 from bayes_iwan.physics import Model
 from bayes_iwan.report.identification import marginals
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
-from bayes_iwan.report.identification.marginals import OPEN, contraction, interval, number, reported, symbol_of
+from bayes_iwan.report.identification.marginals import OPEN, contraction, number, reported, symbol_of
 from bayes_iwan.report.page import Section
 
 #: what a customer asks of the model first, and in words that need no paper

@@ -103,9 +103,7 @@ class Manifold:
             at, out[:, 0].copy(), lower @ slope, np.where(sound, log_det, np.inf), lower.transpose(0, 2, 1).copy()
         )
 
-    def reached(
-        self, start: Places, x: Array, tolerance: float = TOLERANCE
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def reached(self, start: Places, x: Array, tolerance: float = TOLERANCE) -> tuple[Array, NDArray[np.bool_]]:
         """z (n, ndim) where x (n, free), as seen from start, is met, and whether it is (n,); by Broyden's method."""
         free, limit = self.free, self.target.limit
         z, at, back = start.z.copy(), start.seen(start.values), start.back.copy()
@@ -176,7 +174,8 @@ class ManifoldMove(MetropolisMove):
         # as if the manifold were flat
         flat = total - log_total[some] + 0.5 * _squares(wanted[some]) - 0.5 * _squares(x[some])
         keep = np.flatnonzero(first[some] < flat)
-        some, total, there_z, there_log_prob, flat = (a[keep] for a in (some, total, there_z, there_log_prob, flat))
+        some = some[keep]
+        total, there_z, there_log_prob, flat = (a[keep] for a in (total, there_z, there_log_prob, flat))
         if len(some) == 0:
             return Candidates(z, log_prob, new_z, new_log_prob, log_ratio)
         there = self.manifold.places(there_z)

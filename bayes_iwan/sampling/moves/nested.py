@@ -2,9 +2,9 @@
 
 Where the data leave some parameters about as free as their prior and the model is far from linear in them, the
 posterior's manifold turns so far that no one place's tangents serve all of it . Given these
-parameters v, though, the manifold of the others hardly bends. So v is drawn from a mixture; from the nearest known place
-the others are led to the middle of their manifold there, whose tangents Q are taken; and from there, with x standard t,
-QᵀF = x is solved for ("randomise, then optimise" of the others alone). The density of what is proposed,
+parameters v, though, the manifold of the others hardly bends. So v is drawn from a mixture; from the nearest known
+place the others are led to the middle of their manifold there, whose tangents Q are taken; and from there, with x
+standard t, QᵀF = x is solved for ("randomise, then optimise" of the others alone). The density of what is proposed,
 
     q(v) · t(x) · |det QᵀF′|,
 
@@ -27,8 +27,8 @@ from bayes_iwan.sampling.moves.manifold import TOLERANCE, Manifold, Places
 from bayes_iwan.sampling.moves.metropolis import KnownDensityMove, LeastSquares
 from bayes_iwan.sampling.nuisance import t_draws, t_log_density
 
-#: a parameter bends the manifold if its own second derivative, over a posterior standard deviation, is this share of the
-#: first; and how many may
+#: a parameter bends the manifold if its own second derivative, over a posterior standard deviation, is this share of
+#: the first; and how many may
 _BENT, _MOST = 0.15, 8
 _STEP = 0.02  # of the second differences, in standard deviations
 #: share of v's mixture that the prior has; the rest are components about known places, as wide as the posterior seems
@@ -121,8 +121,8 @@ class NestedMove(KnownDensityMove):
 
 
 def bending_parameters(target: LeastSquares, z: Array) -> NDArray[np.int64]:
-    """Which free coordinates bend the manifold most, as seen from places z (n, ndim): those whose second derivative is a
-    good share of the first, a standard deviation long; none where it is nearly flat, or where all of it bends."""
+    """Which free coordinates bend the manifold most, as seen from places z (n, ndim): those whose second derivative is
+    a good share of the first, a standard deviation long; none where it is nearly flat, or where all of it bends."""
     manifold = Manifold(target)
     known, k = manifold.places(z), len(manifold.free)
     sd = np.linalg.norm(known.back, axis=2)
