@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from bayes_iwan.inference.identify import NotConverged as NotConverged
     from bayes_iwan.inference.identify import identify_problem as identify_problem
     from bayes_iwan.inference.results.posterior import Posterior as Posterior
-    from bayes_iwan.inference.results.run_files import load as load
     from bayes_iwan.inference.setup.config import ConfigError as ConfigError
     from bayes_iwan.inference.setup.config import settings_of as settings_of
     from bayes_iwan.inference.setup.problem import Problem as Problem
@@ -45,6 +44,7 @@ if TYPE_CHECKING:
     from bayes_iwan.public import compare as compare
     from bayes_iwan.public import diagnose as diagnose
     from bayes_iwan.public import identify as identify
+    from bayes_iwan.public import load as load
     from bayes_iwan.report.batch import batch as batch
     from bayes_iwan.rig.planning import VirtualCampaign as VirtualCampaign
     from bayes_iwan.rig.planning import simulate_campaign as simulate_campaign
@@ -62,10 +62,9 @@ _FROM = {
     "inference.identify": ("NotConverged", "identify_problem"),
     "inference.results.posterior": ("Posterior",),
     "inference.setup.problem": ("Problem", "make_problem"),
-    "inference.results.run_files": ("load",),
     "inference.setup.settings": ("DiagnoseSettings", "IdentifySettings"),
     "physics": ("Model", "Motion", "Parameter", "Scales", "Simulator", "sine_motion"),
-    "public": ("Check", "check", "compare", "diagnose", "identify"),
+    "public": ("Check", "check", "compare", "diagnose", "identify", "load"),
     "report.batch": ("batch",),
     "rig.planning": ("VirtualCampaign", "simulate_campaign"),
     "rig.simulate": ("PlannedTest",),

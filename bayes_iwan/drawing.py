@@ -13,3 +13,8 @@ from typing import Any
 def draw(name: str, *arguments: Any, **options: Any) -> Any:
     """What the function `name` of :mod:`bayes_iwan.report` returns, a figure or a path."""
     return getattr(importlib.import_module("bayes_iwan.report"), name)(*arguments, **options)
+
+
+def exported(result: Any, to: str, out: Any, **options: Any) -> Any:
+    """What :func:`bayes_iwan.export.export` makes of a result, likewise."""
+    return importlib.import_module("bayes_iwan.export").export(result, to, out, **options)

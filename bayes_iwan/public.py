@@ -18,6 +18,7 @@ from bayes_iwan.drawing import draw
 from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
 from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.run_files import load as load_run
 from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
@@ -27,6 +28,7 @@ from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 if TYPE_CHECKING:  # each function imports the rooms that it needs itself: together they take a second
     from bayes_iwan.campaign.folders.inspect import Inspection
     from bayes_iwan.comparison.families import Comparison
+    from bayes_iwan.export.json_file import ExportedModel
     from bayes_iwan.gap.diagnosis import Diagnosis
 
 PathLike = str | os.PathLike[str]
@@ -406,3 +408,44 @@ def compare(
         result = chosen()
         draw("comparison_report", result, folder)
     return result
+
+
+def load(
+    folder: PathLike, campaign: PathLike | None = None, simulator: Simulator | PathLike | None = None
+) -> Posterior | ExportedModel:
+    """The posterior that :func:`identify` wrote, or the model that was exported to JSON.
+
+    Parameters
+    ----------
+    folder
+        what was given as `out`, or an isolator.json, or the folder of one.
+    campaign, simulator
+        of a posterior: the campaign's folder, if that has moved; the model of one's own that was identified, or its
+        Python file (its code is run).
+
+    Returns
+    -------
+    Posterior or ExportedModel
+        equal to the one that was written.
+
+    Raises
+    ------
+    ResultsError, ExportError
+        no result there, a damaged one, or a campaign or version that gives another problem.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder, out = tempfile.mkdtemp(), tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> model = bi.load(posterior.export("json", out, draws=3))
+    >>> model.force(bi.sine_motion(frequency_hz=10.0, amplitude_mm=0.5)).shape  # the point and three draws
+    (4, 1, 128)
+    """
+    path = Path(folder)
+    if path.is_file() or (not (path / "posterior.nc").exists() and (path / "isolator.json").exists()):
+        from bayes_iwan.export.json_file import read
+
+        return read(path if path.is_file() else path / "isolator.json")
+    return load_run(folder, campaign, simulator)

@@ -17,6 +17,7 @@ STREET = (
     "comparison",
     "effects",
     "gap",
+    "export",
     "rig",
     "validation",
     "report",

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 
 from bayes_iwan import __version__
-from bayes_iwan.cli import diagnosis, identification, recordings, withheld
+from bayes_iwan.cli import diagnosis, export, identification, recordings, withheld
 from bayes_iwan.cli.command import Command, say
 from bayes_iwan.terminal import terminate_as_interrupt
 
@@ -25,6 +25,7 @@ COMMANDS: list[Command] = [
     identification.run_report,
     identification.run_compare,
     diagnosis.run_diagnose,
+    export.run_export,
     identification.run_batch,
     withheld.run_make,
     withheld.run_answer,

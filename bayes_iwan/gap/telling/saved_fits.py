@@ -171,7 +171,7 @@ def find_shares(
         raise SavedFitsError(f"{path}: names a Python file, which is not run unasked: {own}")
     data = gap_data(read_campaign(unseen_campaign).loops(**LOOPS))
     try:
-        gap = {k: _gap_N(data, _rebuilt(stored, f, data)) for k, f in stored.fits.items()}
+        gap = {k: _gap_N(data, rebuilt(stored, f, data)) for k, f in stored.fits.items()}
         whole, before = max(gap, key=len), gap[frozenset()]
         if before <= 0.0 or not whole:
             return None, {}
@@ -187,7 +187,7 @@ def _gap_N(data: GapData, fit: Fit) -> float:
     return float(np.sqrt(max(float(gap_power_N2(residual_of(data, fit, refitted=False)).mean()), 0.0)))
 
 
-def _rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
+def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
     extra = load_effects(stored.effects_file) if stored.effects_file else ()
     scales, file = stored.scales, stored.simulator_file
     simulator = load_simulator(file) if file else base_model(stored.settings, scales)

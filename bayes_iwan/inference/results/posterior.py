@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
-from bayes_iwan.drawing import draw
+from bayes_iwan.drawing import draw, exported
 from bayes_iwan.inference.results.left_out import LeftOut, left_out_frequencies
 from bayes_iwan.inference.results.predictions import Misfit, Prediction, misfit_of, predicted_at, replicated
 from bayes_iwan.inference.results.reach import extrapolated
@@ -324,6 +324,12 @@ class Posterior:
 
         write(self, Path(folder))
         return Path(draw("identification_report", self, folder))
+
+    def export(
+        self, to: str, out: str | os.PathLike[str], *, draws: int = 20, approximate: bool = False, error: float = 1e-3
+    ) -> Path:
+        """The device as files that run elsewhere, with a model card; see :func:`bayes_iwan.export.export`."""
+        return Path(exported(self, to, out, draws=draws, approximate=approximate, error=error))
 
     def plot_loop(self, test: str | int = 0, friction: bool = True) -> Any:
         """The measured cycles of one test and the bands of the posterior.
