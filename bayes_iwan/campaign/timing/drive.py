@@ -19,6 +19,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.cycles import HYSTERESIS, crossings, cycle_shapes, phase_between
+from bayes_iwan.campaign.timing.period import period_marks, whole_period
 
 LEVEL = 0.03  # two levels further apart than this (of amplitude or frequency) are two tests
 HELD = 3  # cycles that a level lasts at least; fewer are a transition
@@ -68,6 +69,9 @@ def judge(time_s: Array, displacement: Array) -> Drive | None:
     times = crossings(
         time_s, displacement, (low + high) / 2, half, hysteresis=min(max(0.1, 8 * noise / half), HYSTERESIS)
     )
+    repeats = whole_period(time_s, displacement, times)
+    if repeats is not None:
+        times = period_marks(time_s, repeats)
     per_cycle = np.diff(np.searchsorted(time_s, times))
     if times.size <= FEWEST or per_cycle.min() < 4:
         return None
@@ -174,7 +178,7 @@ def _said(drive: Drive) -> str:
     return f"a staircase of {len(pieces)} levels ({shown} {unit}) in one record"
 
 
-def split(record: Record) -> tuple[Record, ...]:
+def split(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
     """One record for each level of a staircase of amplitudes or frequencies; the record itself where it is steady.
 
     Each piece holds the whole cycles of its level (transitions are left out), its own time from 0, and the frequency
@@ -184,10 +188,10 @@ def split(record: Record) -> tuple[Record, ...]:
     """
     drive = judge(record.time_s, record.displacement_mm)
     if drive is None or drive.kind == "steady":
-        return (record,)
+        return (record,), ()
     if drive.kind != "levels":
         refuse_unsteady(record.file, drive)
-        return (record,)
+        return (record,), ()
     out: list[Record] = []
     stem = record.file.removesuffix(".gz").removesuffix(".csv")
     ending = record.file[len(stem) :] or ".csv"
@@ -208,4 +212,4 @@ def split(record: Record) -> tuple[Record, ...]:
                 force_N=record.force_N[keep],
             )
         )
-    return tuple(out)
+    return tuple(out), tuple(dropped)
