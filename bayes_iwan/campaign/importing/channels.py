@@ -12,7 +12,7 @@ import numpy as np
 from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.units import role_of
+from bayes_iwan.campaign.importing.units import is_ratio, is_volts, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 #: words of English, German, French, Italian, Spanish and Chinese that begin a word in a channel's name
@@ -26,6 +26,8 @@ WORDS = {
     r"|forza|effort|力|载荷",
 }
 NO_TIME = "none"  # as the name of a time channel: there is none, the rate counts
+#: examples of sensitivities, by role
+TRANSDUCER = {"force": "9.55 mV/N", "displacement": "2 V/mm", "acceleration": "105 mV/g"}
 RISING = 0.9  # of the steps of a time channel go up
 
 
@@ -44,7 +46,13 @@ class Assigned:
 
 def named(name: str, role: str) -> bool:
     """Whether a name says that a channel is of a role."""
-    return bool(re.search(rf"(?<![^\W_])({WORDS[role]})(?![^\W\d_])", name, re.IGNORECASE))
+    words = WORDS[role].split("|")
+    letters = "|".join(w for w in words if len(w) == 1 and w.isascii())  # a letter alone begins a name: no "Channel A"
+    longer = "|".join(w for w in words if len(w) > 1 or not w.isascii())
+    return bool(
+        re.search(rf"(?<![^\W_])({longer})(?![^\W\d_])", name, re.IGNORECASE)
+        or re.search(rf"(^|\.)({letters or longer})(?![^\W\d_])", name, re.IGNORECASE)
+    )
 
 
 def roles_held(recording: Recording, recipe: Recipe) -> set[str]:
@@ -87,12 +95,11 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
             missing = missing and "acceleration" not in found and not candidates.get("acceleration")
         if missing:
             what = "displacement or acceleration" if role == "displacement" else role
-            questions.append(
-                Question(f"--{role}", "", "NAME", f"No channel is known as {what} among {_list(recording, left)}.")
-            )
             free = [c for c in left if role_of(c.unit) is None and not named(c.name, "time")]
-            if free and not any(c.unit for c in free) and role not in recipe.units and role not in recipe.sensitivities:
-                questions.append(Question("--unit", role, "UNIT", f"Its unit is not stated."))
+            among = _list(recording, left, numbers=not any(c.unit for c in free))
+            questions.append(Question(f"--{role}", "", "NAME", f"No channel is known as {what} among {among}."))
+            if role not in recipe.units and role not in recipe.sensitivities:
+                questions += _unit_question(free, role)
     times: list[Channel | None] = [None, None]
     motion = found.get("displacement", found.get("acceleration"))
     both = [motion, found.get("force")]
@@ -111,6 +118,19 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
     return Assigned(
         "displacement" if "displacement" in found else "acceleration", motion, both[1], times[0], times[1], tuple(notes)
     )
+
+
+def _unit_question(free: list[Channel], role: str) -> list[Question]:
+    """What must be asked of a role's unit whichever of the free channels is named for it."""
+    if not free:
+        return []
+    if all(is_volts(c.unit) for c in free):
+        return [Question("--sensitivity", role, TRANSDUCER[role], f"The {role} is in volts: of what transducer?")]
+    if all(is_ratio(c.unit) for c in free):
+        return [Question("--unit", role, "50 mm", f"{free[0].name!r} is a ratio: of what length is it, if it is meant?")]
+    if not any(c.unit for c in free):
+        return [Question("--unit", role, "UNIT", f"The unit of the {role} is not stated.")]
+    return []
 
 
 def _times(recording: Recording, channel: Channel, used: list[Channel]) -> list[Channel]:
@@ -151,9 +171,8 @@ def _rises(values: np.ndarray) -> bool:
 def _candidates(channels: list[Channel], role: str, recipe: Recipe) -> list[Channel]:
     """Channels whose unit is the role's; where none is, those whose name says so and whose unit says nothing else."""
     by_unit = [c for c in channels if role_of(c.unit) == role]
-    volts = ("V", "mV", "volt", "Volt")
     by_name = [
-        c for c in channels if named(c.name, role) and (role_of(c.unit) == role or not c.unit or c.unit in volts)
+        c for c in channels if named(c.name, role) and (role_of(c.unit) == role or not c.unit or is_volts(c.unit))
     ]
     if len(by_unit) > 1:
         both = [c for c in by_unit if c in by_name]
@@ -200,10 +219,10 @@ def _ask(recording: Recording, role: str, name: str) -> Channel:
     )
 
 
-def _list(recording: Recording, some: list[Channel]) -> str:
-    """Names with units; with their numbers where two are the same."""
+def _list(recording: Recording, some: list[Channel], numbers: bool = False) -> str:
+    """Names with units; with their numbers where two are the same, or where asked."""
     texts = [c.name + (f" ({c.unit})" if c.unit else "") for c in some]
-    if len({_plain(c.name) for c in some}) < len(some):
+    if numbers or len({_plain(c.name) for c in some}) < len(some):
         number = {id(c): k for k, c in enumerate(recording.channels, 1)}
         texts = [f"{number[id(c)]}: {text}" for c, text in zip(some, texts)]
     text = ", ".join(texts) or "none"

@@ -15,7 +15,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
-from bayes_iwan.campaign.importing.channels import NO_TIME, Assigned, assign, matching, named
+from bayes_iwan.campaign.importing.channels import NO_TIME, TRANSDUCER, Assigned, assign, matching, named
 from bayes_iwan.campaign.importing.clocks import Series, counted_on, on_rate, paired, runs
 from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats
 from bayes_iwan.campaign.importing.joining import joined
@@ -23,7 +23,7 @@ from bayes_iwan.campaign.importing.questions import ImportAsks, Question
 from bayes_iwan.campaign.importing.read import read_file
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.units import ROLES, converted, decimal_point, is_ratio, role_of
+from bayes_iwan.campaign.importing.units import ROLES, converted, decimal_point, is_ratio, is_volts, role_of
 from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_epoch, check_record, check_time, step_warnings
@@ -31,14 +31,14 @@ from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.timing.drift import without_drift
-from bayes_iwan.campaign.timing.drive import split as split_levels
+from bayes_iwan.campaign.timing.drive import judge, split_levels, staircase_said
 
 ACCELERATION_COLUMNS = {"mm": "acceleration_m_s2", "mrad": "acceleration_rad_s2"}
 SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other
 NO_FREQUENCY_HZ = 1e-9
 #: digits of what campaign.toml states; it names the test, so that 0.9962 and 1.003 mm belong together as 1 mm
 FREQUENCY_DIGITS, AMPLITUDE_DIGITS = 4, 2
-_RATE = Question("--sample-rate", "", "HZ", "There is neither a time channel nor a sample rate.")
+_RATE = Question("--sample-rate", "", "HZ", "There is neither a time channel (--time NAME) nor a sample rate.")
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,11 @@ def import_tests(
     names = [test.record.file for test in tests]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise CampaignError(f"import: two recordings would be called {twice[0]}; rename one file")
-    records = _held_out(compared([test.record for test in tests], [test.loop for test in tests]), held_out)
+    try:
+        records = compared([test.record for test in tests], [test.loop for test in tests])
+    except CampaignError as error:
+        raise CampaignError(str(error).replace("delete one [[test]]", "leave one out of the import")) from None
+    records = _held_out(records, held_out)
     return tuple(replace(test, record=record) for test, record in zip(tests, records))
 
 
@@ -241,10 +245,9 @@ def _missing(found: Assigned, recording: Recording, recipe: Recipe) -> list[Ques
                     "in mm/mm and a gauge length of 50 mm).",
                 )
             )  # fmt: skip
-        elif re.fullmatch(r"[mkuµ]?V|(milli)?volts?", unit, re.IGNORECASE):
-            like = {"force": "9.55 mV/N", "displacement": "2 V/mm", "acceleration": "105 mV/g"}[role]
+        elif is_volts(unit):
             out.append(
-                Question("--sensitivity", role, like, f"{channel.name!r} ({role}) is in {unit}: of what transducer?")
+                Question("--sensitivity", role, TRANSDUCER[role], f"{channel.name!r} ({role}) is in {unit}: of what transducer?")
             )
     return out + _rate_missing(recording, recipe, found)
 
@@ -293,7 +296,10 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         times, rate, more = _time(channel, time, recording, recipe)
         lines += more
         series.append(Series(channel.name, times, values, rate))
-    missing = [int(np.count_nonzero(~np.isfinite(c.values))) for c in (found.motion, found.force)]
+    missing = [
+        int(np.count_nonzero(np.isnan(c.values) & np.isfinite(x.time_s)))
+        for c, x in zip((found.motion, found.force), series)
+    ]
     time_s, motion_values, force_values, how = paired(*series, where)
     said += [*dict.fromkeys(lines), *found.notes]
     if any(missing):
@@ -316,10 +322,20 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         motion_values, drift = without_drift(time_s, motion_values)
         warnings += drift
     record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units)
+    drive = None if split else judge(time_s, motion_values)
+    if drive is not None and drive.kind == "levels":
+        text = f"It is {staircase_said(drive)}, which would look like one specimen that changes: make a test of each."
+        raise ImportAsks(where, [Question("--split", "", "", text)])
     pieces, dropped = split_levels(record) if split else ((record,), ())
-    out = []
+    out: list[ImportedTest] = []
     for piece in pieces:
-        checked, loop = check_record(_named(piece))
+        try:
+            checked, loop = check_record(_named(piece))
+        except CampaignError as error:
+            if len(pieces) == 1:
+                raise
+            dropped = (*dropped, f"left out: {error}")
+            continue
         columns = {
             "time_s": checked.time_s,
             column or ACCELERATION_COLUMNS[units.displacement]: checked.displacement_mm if column else acceleration,
@@ -331,9 +347,11 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             f"{loop.force_N.std():.4g} {units.force}"
         )
         out.append(
-            ImportedTest(checked, columns, rate, loop, (*said, *dropped, line) if piece is pieces[0] else (line,))
+            ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line))
         )
-    return out
+    if not out:
+        raise CampaignError(f"{where}: none of {len(pieces)} levels can be used. {dropped[-1]}")
+    return [*out[:-1], replace(out[-1], said=(*out[-1].said, *dropped))]
 
 
 def _alike(a: Channel, b: Channel) -> bool:

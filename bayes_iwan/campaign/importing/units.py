@@ -143,6 +143,11 @@ def is_ratio(text: str) -> bool:
     return found is not None and found.dimensionless and not _angular(found)
 
 
+def is_volts(text: str) -> bool:
+    """Whether a unit is that of a transducer's signal."""
+    return bool(re.fullmatch(r"[mkuµ]?V|(milli)?volts?", text.strip("[]() "), re.IGNORECASE))
+
+
 def split_name(name: str) -> tuple[str, str]:
     """Name and unit from 'Force [kN]', 'Weg in mm', 'Kraft / N', 'force_N'; the unit is "" where there is none."""
     name = name.strip()
