@@ -61,12 +61,14 @@ def runs(time: Array) -> list[slice]:
 
 def on_rate(time: Array, rate: float) -> Array:
     """The exact times of samples at `rate` where the column (n,) is only a rounded copy of them."""
-    exact = np.arange(time.size) / rate
-    positive = np.diff(time)[np.diff(time) > 0]
-    resolution = float(np.min(positive)) if positive.size else 0.0
-    off = time - time[0] - exact
-    rounded = (np.diff(time) >= 0).all() and np.ptp(off) < 0.75 / rate + 1.01 * (resolution if resolution > 1.5 / rate else 0)
-    return time[0] + exact if rounded else time
+    steps, off = np.diff(time), time - time[0] - np.arange(time.size) / rate
+    if not (steps >= 0).all() or not (steps > 0).any():
+        return time
+    if (steps == 0).any():  # rounded to more than a step: within one unit of its last place
+        rounded = np.ptp(off) <= 1.01 * float(steps[steps > 0].min())
+    else:
+        rounded = float(np.abs(off).max()) < 0.75 / rate
+    return time - off if rounded else time
 
 
 def paired(motion: Series, force: Series, where: str) -> tuple[Array, Array, Array, tuple[str, ...]]:

@@ -29,7 +29,7 @@ def read_excel(path: Path, file: str) -> list[Recording]:
     except CampaignError:
         raise
     except Exception as error:  # a damaged archive fails in zipfile, in XML and in openpyxl
-        raise CampaignError(f"{file}: cannot be read as an Excel workbook ({shown(str(error))})") from None
+        raise CampaignError(f"{file}: cannot be read as an Excel workbook ({shown(str(error))}); save the sheet as CSV") from None
     out = []
     for title, rows in sheets.items():
         lines = ["\t".join(row).rstrip() for row in rows]

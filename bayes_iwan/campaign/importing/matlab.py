@@ -125,11 +125,8 @@ def _seconds(values: np.ndarray) -> np.ndarray:
 def _recordings(file: str, arrays: list[tuple[str, np.ndarray]], what: str, otherwise: str) -> list[Recording]:
     channels: list[Channel | None] = []
     rate = None
-    rates = [
-        float(np.real(v))
-        for name, v in arrays
-        if np.size(v) == 1 and name.rsplit(".", 1)[-1].lower() in RATES and np.real(v) > 0
-    ]
+    rates = [float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1 and _leaf(k) in RATES]
+    rates = [x for x in rates if x > 0]
     if len(set(rates)) == 1:
         rate = rates[0]
     for name, values in arrays:
@@ -149,6 +146,10 @@ def _recordings(file: str, arrays: list[tuple[str, np.ndarray]], what: str, othe
     if not kept:
         raise CampaignError(f"{file}: no signals of 16 samples or more in it: {otherwise}")
     return _parts(file, kept, what)
+
+
+def _leaf(name: str) -> str:
+    return name.rpartition(".")[2].lower()
 
 
 def _parts(file: str, channels: list[Channel], what: str) -> list[Recording]:

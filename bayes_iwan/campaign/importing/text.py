@@ -112,7 +112,7 @@ def _numbers(
     """A table's columns as numbers or text, and what was left out; None where the body is several tables."""
     try:
         table = pd.read_csv(
-            io.StringIO(body), sep=style.separator, decimal=style.decimal, names=range(width), header=None,
+            io.BytesIO(body.encode("utf-8", "replace")), sep=style.separator, decimal=style.decimal, names=range(width), header=None,
             na_values=MISSING, keep_default_na=False, skipinitialspace=True, low_memory=False,
         )  # fmt: skip
         if not isinstance(table.index, pd.RangeIndex):

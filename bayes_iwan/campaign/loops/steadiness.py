@@ -57,14 +57,16 @@ def cycles_of(loop: Loop) -> Cycles:
     n_shape = int(max(1, min(6, 0.4 * cut.index.size / number.size)))
     u, f = cycle_shapes(cut.phase, number, [record.displacement_mm, record.force_N], n_shape)
     middle = np.interp(number + 0.5, cut.phase, record.time_s)
-    fundamental = u[:, 1] + 1j * u[:, 1 + n_shape]
-    ahead = np.angle(fundamental / fundamental.sum()) / (2 * np.pi)
+    # of a multisine the strongest harmonic tells: its fundamental may be nothing
+    order = 1 + int(np.argmax(np.abs(np.mean(u[:, 1 : n_shape + 1] + 1j * u[:, n_shape + 1 :], axis=0))))
+    strongest = u[:, order] + 1j * u[:, order + n_shape]
+    ahead = np.angle(strongest / strongest.sum()) / (2 * np.pi * order)
     # the phase that follows the crossings hides their wander: the clock's line is taken off the times instead
     line = np.polynomial.Polynomial.fit(number, middle, 1)
     ahead = ahead - (middle - line(number)) * cut.frequency_hz
 
     def size(rows: Array) -> Array:
-        return np.asarray(np.sqrt(2.0) * np.hypot(rows[:, 1], rows[:, 1 + n_shape]))
+        return np.asarray(np.sqrt(2.0) * np.hypot(rows[:, order], rows[:, order + n_shape]))
 
     return Cycles(number, middle, ahead, size(u), u[:, 0], size(f), f[:, 0], u, f)
 

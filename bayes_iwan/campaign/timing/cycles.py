@@ -19,6 +19,7 @@ from bayes_iwan.campaign.timing.period import period_marks, whole_period
 
 HYSTERESIS = 0.25  # of the amplitude: far above any usable noise, well inside any motion
 AT_END = 1.05  # steps that a crossing may lie beyond the first or last sample: a record cut at its crossings
+FEW_CROSSINGS = 12  # with more, a cycle at either end is not missed, and may hold the drive's start or stop
 LONG_GAP = 0.1  # of a cycle: a longer hole in the record costs the cycle it falls in
 RUN_IN_SHARE = 0.01  # of the loop's RMS: differences below this are never taken for run-in
 RUN_IN_SIGMAS = 6.0
@@ -67,7 +68,7 @@ def crossings(
     turns = np.flatnonzero((state[seen][:-1] < 0) & (state[seen][1:] > 0))
     pieces = [(seen[i], seen[i + 1] + 1) for i in turns]
     times = [_zero(time[a:b], v[a:b], 0.0) for a, b in pieces]
-    if seen.size:  # a record that was cut at a crossing begins, or ends, within the band
+    if seen.size and len(times) < FEW_CROSSINGS:  # a record that was cut at a crossing begins, or ends, within the band
         step = float(np.median(np.diff(time)))
         if state[seen[0]] > 0 and seen[0] > 0 and v[0] <= v[1]:
             at = _zero(time[: seen[0] + 1], v[: seen[0] + 1], AT_END * step)

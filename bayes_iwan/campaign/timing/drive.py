@@ -78,7 +78,9 @@ def judge(time_s: Array, displacement: Array, smallest: float = SMALLEST) -> Dri
     if times.size <= FEWEST or per_cycle.min() < 4:
         return None
     phase = phase_between(time_s, times, np.arange(float(times.size)))
-    (rows,) = cycle_shapes(phase, np.arange(times.size - 1), [displacement], 1)
+    # a multisine may have no fundamental: its size is that of all its harmonics
+    harmonics = 1 if repeats is None else max(1, min(24, int(0.4 * per_cycle.min())))
+    (rows,) = cycle_shapes(phase, np.arange(times.size - 1), [displacement], harmonics)
     size = np.sqrt(2) * np.linalg.norm(rows[:, 1:], axis=1)
     size = size * half / max(float(np.percentile(size, 95)), 1e-300)
     if not size.min() > 0:

@@ -8,6 +8,7 @@ from bayes_iwan.arrays import Array
 
 MOST = 40  # crossings in a period
 UNLIKE = 0.3  # RMS from one crossing to the next, over that of two signals without relation: no cycle ends there
+POINTS = 64  # of a cycle that is compared with the next, whatever time each takes
 ALIKE = 0.2  # the same from one period to the next
 SEARCH = 0.02  # of a period that the median of crossings may be off
 
@@ -18,7 +19,11 @@ def whole_period(time_s: Array, displacement: Array, times: Array) -> float | No
     It is the shortest lag between crossings at which the motion is like itself.
     """
     span = time_s[-1] - time_s[0]
-    if times.size < 3 or _unlike(time_s, displacement, float(np.median(np.diff(times)))) < UNLIKE:
+    if times.size < 3:
+        return None
+    places = times[:-1, None] + np.diff(times)[:, None] * np.arange(POINTS) / POINTS
+    cycles = np.interp(places, time_s, displacement)
+    if np.mean(np.diff(cycles, axis=0) ** 2) < UNLIKE**2 * 2 * np.var(cycles):
         return None
     for m in range(2, min(MOST, times.size - 1) + 1):
         lag = float(np.median(times[m:] - times[:-m]))
