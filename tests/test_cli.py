@@ -56,7 +56,7 @@ def test_ctrl_c_is_quiet(monkeypatch, capsys):
 
     monkeypatch.setattr(cli, "COMMANDS", [cli.Command("wait", "wait for ever", (), interrupted)])
     assert cli.main(["wait"]) == 130
-    assert capsys.readouterr().err.strip() == "bayes-iwan: interrupted"
+    assert capsys.readouterr().err.strip().startswith("bayes-iwan: interrupted")
 
 
 def test_groups_of_commands(monkeypatch, capsys):

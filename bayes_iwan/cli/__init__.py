@@ -16,7 +16,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from bayes_iwan import __version__
 from bayes_iwan.cli import diagnosis, identification, recordings, withheld
@@ -62,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"bayes-iwan {__version__}")
     below = top.add_subparsers(metavar="COMMAND", required=True)
-    groups: dict[str, argparse._SubParsersAction[argparse.ArgumentParser]] = {}
+    groups: dict[str, argparse._SubParsersAction[Any]] = {}
     for entry in COMMANDS:
         first, _, second = entry.name.partition(" ")
         if second and first not in groups:
@@ -96,13 +96,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     LOG.addHandler(log)
     LOG.setLevel(logging.INFO)
     LOG.propagate = False
+    source = None
     try:
         with terminate_as_interrupt():
             source = _prepared(args, log)
-            code = args.run(args) or 0
-            if source is not None and log.folder is not None:
-                note_run(log.folder, args.command, source)
-            return code
+            return args.run(args) or 0
     except ValueError as error:
         say(f"bayes-iwan: {error}", file=sys.stderr)
         if args.verbose:
@@ -122,6 +120,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(f"\nbayes-iwan: interrupted{_go_on(args, words)}", file=sys.stderr)
         return 130
     finally:
+        if source is not None and log.folder is not None:
+            note_run(log.folder, args.command, source)
         log.write()
         LOG.removeHandler(log)
 
@@ -139,7 +139,7 @@ def _parsed(parse: argparse.ArgumentParser, words: list[str]) -> argparse.Namesp
 
 
 def _prepared(args: argparse.Namespace, log: RunLog) -> str | None:
-    """Results' folder found and guarded; the campaign or folder of campaigns that the command works on, if it has one."""
+    """Results' folder found and guarded; the campaign (or folder of campaigns) that the command works on, if any."""
     source = getattr(args, "campaign", None)
     if source is not None:
         refuse_recordings(source)

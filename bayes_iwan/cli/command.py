@@ -43,9 +43,7 @@ def argument(*flags: str, **options: Any) -> Argument:
     return Argument(flags, options)
 
 
-def command(
-    name: str, help: str, *arguments: Argument, examples: Sequence[str] = ()
-) -> Callable[[Function], Command]:
+def command(name: str, help: str, *arguments: Argument, examples: Sequence[str] = ()) -> Callable[[Function], Command]:
     """Make the function below a command; it returns the exit code (None: 0)."""
     return lambda run: Command(name, help, arguments, run, tuple(examples))
 
@@ -58,10 +56,9 @@ def say(text: str, file: TextIO | None = None) -> None:
 
 
 def quoted(words: Sequence[str]) -> str:
-    """A command line as cmd.exe and bash both take it: double quotes around all but plain words, so around every ROLE=VALUE."""
+    """A command line as cmd.exe and bash both take it: double quotes around all but plain words."""
     return " ".join(
-        word if re.fullmatch(r"[\w.:@+,-]+", word, re.ASCII) else '"' + word.replace('"', '\\"') + '"'
-        for word in words
+        word if re.fullmatch(r"[\w.:@+,-]+", word, re.ASCII) else '"' + word.replace('"', '\\"') + '"' for word in words
     )
 
 
@@ -75,7 +72,9 @@ def seed(text: str) -> int:
 
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
 OUT = argument(
-    "--out", metavar="DIR", help="folder for the results; made if need be (default: named after the campaign and the command)"
+    "--out",
+    metavar="DIR",
+    help="folder for the results; made if need be (default: named after the campaign and the command)",
 )
 OVERWRITE = argument(
     "--overwrite", action="store_true", help="write over the finished results of another campaign in that folder"

@@ -160,9 +160,7 @@ def run_report(args: argparse.Namespace) -> None:
         "LOO), by whole tests left out, or by the first where its Pareto k hold (auto)",
     ),
     *ELSEWHERE,
-    examples=(
-        "bayes-iwan compare campaign --out families",
-    ),
+    examples=("bayes-iwan compare campaign --out families",),
 )
 def run_compare(args: argparse.Namespace) -> None:
     from bayes_iwan import compare

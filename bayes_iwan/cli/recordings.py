@@ -157,7 +157,12 @@ def _answer(args: argparse.Namespace, asks: ImportAsks) -> None:
             setattr(args, name, answer)
 
 
-@command("check", "read a campaign and say what was found in it, one line each", CAMPAIGN, examples=("bayes-iwan check campaign",))
+@command(
+    "check",
+    "read a campaign and say what was found in it, one line each",
+    CAMPAIGN,
+    examples=("bayes-iwan check campaign",),
+)
 def run_check(args: argparse.Namespace) -> None:
     from bayes_iwan import check
 

@@ -21,7 +21,21 @@ LOG_FILE = "log.txt"
 FINISHED = {
     "identify": "posterior.nc", "diagnose": "diagnosis.json", "compare": "compare.html", "batch": "batch.html"
 }  # fmt: skip
-RECORDINGS = (".csv", ".txt", ".dat", ".tdms", ".uff", ".unv", ".mat", ".lvm", ".xlsx", ".wav", ".parquet", ".asc", ".gz")
+RECORDINGS = (
+    ".csv",
+    ".txt",
+    ".dat",
+    ".tdms",
+    ".uff",
+    ".unv",
+    ".mat",
+    ".lvm",
+    ".xlsx",
+    ".wav",
+    ".parquet",
+    ".asc",
+    ".gz",
+)
 
 
 def refuse_recordings(path: str) -> None:
@@ -48,9 +62,10 @@ def results_folder(args: argparse.Namespace, command: str, source: str) -> Path:
     folder = Path(args.out)
     written = _record(folder).get(command)
     finished = (folder / FINISHED[command]).exists()
-    own = written is not None and identity(source) in (written.get("identity"), None)
+    own = written is not None and (identity(source) or "") == written.get("identity")
     own = own or (written is not None and written.get("source") == str(Path(source).resolve()))
-    if finished and not own and not args.overwrite:
+    # to go on from a checkpoint, which knows its campaign, is no overwriting
+    if finished and not own and not args.overwrite and not getattr(args, "resume", False):
         of = written["source"] if written else "another campaign, or of a version that did not note which"
         raise OutputError(
             f"{folder}: holds finished results of {of}; name another folder with --out, or write over them with "
@@ -63,7 +78,11 @@ def note_run(folder: Path, command: str, source: str) -> None:
     """Note in the folder whose results it holds, if it was made."""
     if folder.is_dir():
         record = _record(folder)
-        record[command] = {"source": str(Path(source).resolve()), "identity": identity(source), "version": __version__}
+        record[command] = {
+            "source": str(Path(source).resolve()),
+            "identity": identity(source) or "",
+            "version": __version__,
+        }
         write_json(folder / RECORD, record)
 
 

@@ -179,7 +179,8 @@ def test_channels_are_asked_for_where_they_cannot_be_told(table, record):
     with pytest.raises(CampaignError, match=r"No channel is known as force among 1: t \(s\), 2: ai1, 3: ai2.*--force"):
         import_tests([path])
     with pytest.raises(
-        CampaignError, match=r"a\.csv: 'ai1' \(displacement\) states no unit .*--unit \"displacement=UNIT\" --unit \"force=UNIT\"$"
+        CampaignError,
+        match=r"a\.csv: 'ai1' \(displacement\) states no unit .*--unit \"displacement=UNIT\" --unit \"force=UNIT\"$",
     ):
         import_tests([path], Recipe(channels={"displacement": "ai1", "force": "ai2"}))
     both = Recipe(channels={"displacement": "2", "force": "AI2"}, units={"displacement": "mm", "force": "N"})
@@ -220,10 +221,10 @@ def test_units_that_make_no_sense(table, record, recipe, words):
 def test_sample_rates(table, record):
     r = record()
     path = table("a.csv", {"Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N})
-    with pytest.raises(CampaignError, match="neither a time channel .* nor a sample rate"):
+    with pytest.raises(CampaignError, match=r"neither a time channel .* nor a sample rate"):
         import_tests([path])
     rounded = table("b.csv", {"t [s]": np.round(r.time_s, 3), "Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N})
-    with pytest.raises(CampaignError, match="rounded too far.*--sample-rate"):
+    with pytest.raises(CampaignError, match=r"rounded too far.*--sample-rate"):
         import_tests([rounded])
     (test,) = import_tests([rounded], Recipe(sample_rate_hz=1280))
     np.testing.assert_allclose(test.record.time_s, r.time_s, atol=1e-9)
@@ -247,7 +248,11 @@ def test_bad_channels(table, record):
     for name, columns, words in (
         ("zeros.csv", {"Weg [mm]": r.displacement_mm, "Kraft [N]": np.zeros(n)}, "'Kraft' stays at 0 N"),
         ("dead.csv", {"Weg [mm]": np.full(n, 0.3), "Kraft [N]": r.force_N}, "'Weg' stays at 0.3 mm"),
-        ("gone.csv", {"Weg [mm]": r.displacement_mm, "Kraft [N]": np.r_[np.full(n // 2, 1.0), np.full(n - n // 2, np.nan)]}, "stays at 1"),
+        (
+            "gone.csv",
+            {"Weg [mm]": r.displacement_mm, "Kraft [N]": np.r_[np.full(n // 2, 1.0), np.full(n - n // 2, np.nan)]},
+            "stays at 1",
+        ),
         ("noise.csv", {"Weg [mm]": r.displacement_mm[:200], "Kraft [N]": r.force_N[:200]}, "at least two are needed"),
     ):
         with pytest.raises(CampaignError, match=words):

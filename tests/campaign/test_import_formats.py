@@ -12,8 +12,8 @@ import scipy.io
 
 from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.importing import recordings
-from bayes_iwan.campaign.importing.read import read_file
 from bayes_iwan.campaign.importing.layout import Layout
+from bayes_iwan.campaign.importing.read import read_file
 
 N, RATE = 500, 1280.0
 T = np.arange(N) / RATE
@@ -268,4 +268,4 @@ def test_a_missing_library_is_named(tmp_path, monkeypatch, name, start, module, 
         return real(wanted, *args, **options)
 
     monkeypatch.setattr("importlib.import_module", lambda wanted: without(wanted))
-    refused(tmp_path / name, says, 'python -m pip install')
+    refused(tmp_path / name, says, "python -m pip install")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError
-from bayes_iwan.campaign.importing.read import read_file
 from bayes_iwan.campaign.importing.layout import Layout
+from bayes_iwan.campaign.importing.read import read_file
 from bayes_iwan.campaign.importing.units import is_unit
 
 N = 200

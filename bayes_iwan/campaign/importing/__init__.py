@@ -4,6 +4,5 @@ from bayes_iwan.campaign.importing.layout import Layout
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
 from bayes_iwan.campaign.importing.recipe import Recipe, read_recipe
 from bayes_iwan.campaign.importing.run import ImportedTest, import_tests, write_tests
-from bayes_iwan.campaign.importing.layout import Layout
 
 __all__ = ["ImportAsks", "ImportedTest", "Layout", "Question", "Recipe", "import_tests", "read_recipe", "write_tests"]

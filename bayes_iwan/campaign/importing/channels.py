@@ -88,7 +88,9 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
         if len(some) == 1:
             found[role] = some[0]
         elif some:
-            questions.append(Question(f"--{role}", "", "NAME", f"Which channel is the {role}: {_list(recording, some)}?"))
+            questions.append(
+                Question(f"--{role}", "", "NAME", f"Which channel is the {role}: {_list(recording, some)}?")
+            )
     for role in ("force", "displacement"):
         missing = role not in found and not candidates.get(role)
         if role == "displacement":
@@ -108,8 +110,8 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
         times = [time, time]
     elif "time" not in recipe.channels:
         used = [c for c in found.values()]
-        for k, channel in enumerate(both):
-            here = _times(recording, channel, used) if channel else []
+        for k, one in enumerate(both):
+            here = _times(recording, one, used) if one else []
             if len(here) > 1:
                 questions.append(Question("--time", "", "NAME", f"Which is the time: {_list(recording, here)}?"))
             times[k] = here[0] if here else None
@@ -127,7 +129,9 @@ def _unit_question(free: list[Channel], role: str) -> list[Question]:
     if all(is_volts(c.unit) for c in free):
         return [Question("--sensitivity", role, TRANSDUCER[role], f"The {role} is in volts: of what transducer?")]
     if all(is_ratio(c.unit) for c in free):
-        return [Question("--unit", role, "50 mm", f"{free[0].name!r} is a ratio: of what length is it, if it is meant?")]
+        return [
+            Question("--unit", role, "50 mm", f"{free[0].name!r} is a ratio: of what length is it, if it is meant?")
+        ]
     if not any(c.unit for c in free):
         return [Question("--unit", role, "UNIT", f"The unit of the {role} is not stated.")]
     return []

@@ -30,7 +30,9 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
         if 1 < n < 0.5 * known.size and others.size > 8:
             middle, span = float(np.median(others)), float(np.ptp(others))
             if span > 0 and abs(code - middle) > FAR * span:
-                notes.append(f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, left out")
+                notes.append(
+                    f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, left out"
+                )
                 values = np.where(values == code, np.nan, values)
     return values, tuple(notes)
 
@@ -81,7 +83,11 @@ def coarse_steps(values: Array, name: str, unit: str) -> tuple[str, ...]:
     step = float(gaps[gaps > 1e-9 * span].min())
     count = span / step
     place = (levels - levels[0]) / step
-    if count > FEW_LEVELS or np.mean(np.abs(place - np.rint(place)) < LATTICE) < 0.98 or levels.size > 0.9 * values.size:
+    if (
+        count > FEW_LEVELS
+        or np.mean(np.abs(place - np.rint(place)) < LATTICE) < 0.98
+        or levels.size > 0.9 * values.size
+    ):
         return ()
     share = step / np.sqrt(12) / float(np.std(values[np.isfinite(values)]))
     return (

@@ -6,8 +6,8 @@ import datetime
 import zipfile
 from pathlib import Path
 
-from bayes_iwan.campaign.importing.recordings import Recording, library
 from bayes_iwan.campaign.importing.layout import Layout
+from bayes_iwan.campaign.importing.recordings import Recording, library
 from bayes_iwan.campaign.importing.text import read_lines
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.table import FREE_EXPANSION, LARGEST_EXPANSION
@@ -24,12 +24,17 @@ def read_excel(path: Path, file: str) -> list[Recording]:
         if size > max(FREE_EXPANSION, LARGEST_EXPANSION * path.stat().st_size):
             raise CampaignError(f"{file}: unpacks to {size // 1_000_000} MB, which no workbook does; save it as CSV")
         book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
-        sheets = {sheet.title: [[_cell(x) for x in row] for row in sheet.iter_rows(values_only=True)] for sheet in book.worksheets}
+        sheets = {
+            sheet.title: [[_cell(x) for x in row] for row in sheet.iter_rows(values_only=True)]
+            for sheet in book.worksheets
+        }
         book.close()
     except CampaignError:
         raise
     except Exception as error:  # a damaged archive fails in zipfile, in XML and in openpyxl
-        raise CampaignError(f"{file}: cannot be read as an Excel workbook ({shown(str(error))}); save the sheet as CSV") from None
+        raise CampaignError(
+            f"{file}: cannot be read as an Excel workbook ({shown(str(error))}); save the sheet as CSV"
+        ) from None
     out = []
     for title, rows in sheets.items():
         lines = ["\t".join(row).rstrip() for row in rows]

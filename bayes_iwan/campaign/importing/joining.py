@@ -16,7 +16,7 @@ from bayes_iwan.campaign.recording.records import CampaignError
 def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) -> list[Recording]:
     """Recordings that lack the motion or the force, put together with those that hold it.
 
-    Parts of one file belong together, and files whose names differ in what they hold alone (f10_disp.txt, f10_load.txt).
+    Parts of one file belong together, and files whose names differ in what they hold alone (f10_disp, f10_load).
     all_in_one : all files are one test, whatever their names. Raises CampaignError where the pieces do not fit.
     """
     pieces = [_by_file(x) for x in recordings]
@@ -31,8 +31,8 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
     out: list[Recording] = list(recordings)
     gone: set[int] = set()
     for members in groups.values():
-        roles = [held[k] for k in members]
-        whole = set().union(*roles) == {"motion", "force"} and sum(map(len, roles)) == 2
+        some = [held[k] for k in members]
+        whole = set().union(*some) == {"motion", "force"} and sum(map(len, some)) == 2
         if len(members) > 1 and whole:
             out[members[0]] = _one([pieces[k] for k in members])
             gone.update(members[1:])
@@ -71,8 +71,8 @@ def _one(pieces: Sequence[Recording]) -> Recording:
     timed = all(any(named(c.name, "time") or c.rate_hz for c in x.channels) for x in pieces)
     if len(sizes) > 1 and not timed:
         raise CampaignError(
-            f"{pieces[0].where}: the channels that belong together have {', '.join(map(str, sorted(sizes)))} samples and "
-            "no times; export them with a time column"
+            f"{pieces[0].where}: channels that belong together have {', '.join(map(str, sorted(sizes)))} samples "
+            "and no times; export them with a time column"
         )
     first = pieces[0]
     others = ", ".join(x.where if x.file != first.file else repr(x.part) for x in pieces[1:])

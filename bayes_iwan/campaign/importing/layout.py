@@ -220,7 +220,9 @@ def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) 
     fitting: list[list[str]] = []
     for line in reversed([line for line in lines if line.strip()]):
         cells = style.cells(line)
-        if len(cells) == width + 1 and re.fullmatch(r"\W*(units?|einheit(en)?|unit[ée]s?|names?|channels?)\W*", cells[0], re.I):
+        if len(cells) == width + 1 and re.fullmatch(
+            r"\W*(units?|einheit(en)?|unit[ée]s?|names?|channels?)\W*", cells[0], re.I
+        ):
             cells = cells[1:]
         if len(cells) < width or (len(fitting) and len(cells) < len(fitting[0]) - 1):
             break

@@ -22,14 +22,16 @@ def read_lvm(file: str, text: str) -> list[Recording]:
     """One recording a segment, of the text of a .lvm file."""
     lines = text.split("\n")
     ends = [k for k, line in enumerate(lines) if line.startswith(_END)]
-    head = dict(line.split("\t", 1) if "\t" in line else line.partition(",")[::2] for line in lines[: (ends or [0])[0]])
-    head = {k.strip(): v.strip().strip(",") for k, v in head.items()}
-    separator = "," if head.get("Separator", "Tab").lower().startswith("comma") else "\t"
+    head = dict(line.partition("\t" if "\t" in line else ",")[::2] for line in lines[: (ends or [0])[0]])
+    head = {k.strip(): v.strip() for k, v in head.items()}
+    separator = "," if head.get("Separator", "Tab").lower().startswith((",", "comma")) else "\t"
     if len(ends) < 2:
         raise CampaignError(f"{file}: a LabVIEW file without a segment of data; write it again with headers")
     out = []
     for number, end in enumerate(ends[1:], 1):
-        stop = next((k for k in range(end + 2, len(lines)) if lines[k][:1].isalpha() or not lines[k].strip()), len(lines))
+        stop = next(
+            (k for k in range(end + 2, len(lines)) if lines[k][:1].isalpha() or not lines[k].strip()), len(lines)
+        )
         above = [line.split(separator) for line in lines[ends[number - 1] + 1 : end] if line.strip()]
         keys = {cells[0].strip(): [c.strip() for c in cells[1:]] for cells in above}
         out.append(_segment(file, number, keys, lines[end + 1 : stop], end + 2, separator, head))
@@ -86,4 +88,6 @@ def _segment(
         offset = float(began[0][place]) if began is not None else 0.0
         rate = 1 / step if step and step > 0 else None
         channels.append(channel(names[k], of("Y_Unit_Label", place), y, rate, start + offset, group))
-    return Recording(file, f"segment {number}", tuple(c for c in channels if c is not None), (f"LabVIEW, segment {number}",))
+    return Recording(
+        file, f"segment {number}", tuple(c for c in channels if c is not None), (f"LabVIEW, segment {number}",)
+    )

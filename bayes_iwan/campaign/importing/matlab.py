@@ -5,6 +5,7 @@ Arrays inside structs, struct arrays and cells are channels named by the way to 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,10 @@ from bayes_iwan.campaign.recording.records import CampaignError, shown
 MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
 DEEPEST = 20  # of structs and cells within each other
 RATES = {"fs", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "sample_rate_hz", "fsample", "srate"}
-SAVE = "in MATLAB: save(file, '-struct', 's') with numeric vectors in s (of a table T: s = table2struct(T, 'ToScalar', true))"
+SAVE = (
+    "in MATLAB: save(file, '-struct', 's') with numeric vectors in s (of a table T: s = table2struct(T, 'ToScalar', "
+    "true))"
+)
 
 
 def read_matlab(path: Path, file: str) -> list[Recording]:
@@ -36,7 +40,9 @@ def read_matlab(path: Path, file: str) -> list[Recording]:
     if "__function_workspace__" in found:
         found = _objects(path, file)
     arrays = _flat("", {k: v for k, v in found.items() if not k.startswith("__")}, 0)
-    return _recordings(file, list(arrays), "MATLAB", f"the file holds {_kinds(found)}; save numbers as vectors ({SAVE})")
+    return _recordings(
+        file, list(arrays), "MATLAB", f"the file holds {_kinds(found)}; save numbers as vectors ({SAVE})"
+    )
 
 
 def read_hdf5(path: Path, file: str) -> list[Recording]:
@@ -75,7 +81,10 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
         raise CampaignError(f"{file}: cannot be read as MATLAB v7.3 or HDF5 ({shown(str(error))})") from None
     held = ", ".join(sorted(objects)) or "no such arrays"
     return _recordings(
-        file, arrays, "MATLAB v7.3 or HDF5", f"it holds {held[:200]}; save numbers as vectors ({SAVE}), or save with -v7"
+        file,
+        arrays,
+        "MATLAB v7.3 or HDF5",
+        f"it holds {held[:200]}; save numbers as vectors ({SAVE}), or save with -v7",
     )
 
 
@@ -83,7 +92,9 @@ def _objects(path: Path, file: str) -> dict[str, Any]:
     """The variables of a file with tables, timetables or other objects, which SciPy does not open."""
     matio = library("matio", "mat-io", file, "a MATLAB table")
     try:
-        found: dict[str, Any] = matio.load_from_mat(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of pandas' options that it sets
+            found: dict[str, Any] = matio.load_from_mat(path)
     except Exception as error:
         raise CampaignError(
             f"{file}: a MATLAB table or other object that cannot be read ({shown(str(error))}); save it {SAVE}"
@@ -153,7 +164,7 @@ def _leaf(name: str) -> str:
 
 
 def _parts(file: str, channels: list[Channel], what: str) -> list[Recording]:
-    """One recording, or one for each of several groups that hold channels of the same names (run1.force, run2.force)."""
+    """One recording, or one a group where several hold channels of the same names (run1.force, run2.force)."""
     groups: dict[str, list[Channel]] = {}
     for c in channels:
         groups.setdefault(c.group, []).append(c)

@@ -34,5 +34,7 @@ class ImportAsks(CampaignError):
         unique = {(q.option, q.role): q for q in reversed(questions)}
         self.where, self.questions = where, tuple(reversed(unique.values()))
         self.facts = f"{where}: {' '.join(q.text for q in self.questions)}"
-        options = " ".join(f'{option} "{value}"' if value else option for option, value in (q.words for q in self.questions))
+        options = " ".join(
+            f'{option} "{value}"' if value else option for option, value in (q.words for q in self.questions)
+        )
         super().__init__(f"{self.facts} Say it with {options}")

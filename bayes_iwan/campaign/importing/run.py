@@ -102,21 +102,23 @@ def import_tests(
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise CampaignError(f"import: two recordings would be called {twice[0]}; rename one file")
     try:
-        records = compared([test.record for test in tests], [test.loop for test in tests])
+        joint = compared([test.record for test in tests], [test.loop for test in tests])
     except CampaignError as error:
         raise CampaignError(str(error).replace("delete one [[test]]", "leave one out of the import")) from None
-    records = _held_out(records, held_out)
+    records = _held_out(joint, held_out)
     return tuple(replace(test, record=record) for test, record in zip(tests, records))
 
 
 def expanded(files: Sequence[str | os.PathLike[str]]) -> list[Path]:
     """Files, the files of folders, and those that patterns match, each once. Raises CampaignError for none."""
     out: list[Path] = []
-    for name in map(os.fspath, files):
+    for name in (str(os.fspath(x)) for x in files):
         path = Path(name)
         if path.is_dir():
             some = [p for p in sorted(path.iterdir()) if p.is_file() and not p.name.startswith((".", "~$"))]
-            some = [p for p in some if p.suffix.lower() not in (".toml", ".md", ".html", ".json", ".tdms_index", ".png")]
+            some = [
+                p for p in some if p.suffix.lower() not in (".toml", ".md", ".html", ".json", ".tdms_index", ".png")
+            ]
             if (path / "campaign.toml").exists():
                 raise CampaignError(f'{name}: is a campaign already; run: bayes-iwan check "{name}"')
         elif not path.exists() and any(c in name for c in "*?["):
@@ -150,7 +152,9 @@ def _held_out(records: Sequence[Record], patterns: Sequence[str]) -> list[Record
             if fnmatch(r.file.removesuffix(".csv"), stem) or fnmatch(r.file.removesuffix(".csv"), Path(stem).stem)
         ]
         if not hits:
-            raise CampaignError(f"--held-out {pattern}: no test is called so; there are {', '.join(r.file for r in out)}")
+            raise CampaignError(
+                f"--held-out {pattern}: no test is called so; there are {', '.join(r.file for r in out)}"
+            )
         for k in hits:
             out[k] = replace(out[k], role="held-out")
     if all(r.role == "held-out" for r in out):
@@ -247,7 +251,12 @@ def _missing(found: Assigned, recording: Recording, recipe: Recipe) -> list[Ques
             )  # fmt: skip
         elif is_volts(unit):
             out.append(
-                Question("--sensitivity", role, TRANSDUCER[role], f"{channel.name!r} ({role}) is in {unit}: of what transducer?")
+                Question(
+                    "--sensitivity",
+                    role,
+                    TRANSDUCER[role],
+                    f"{channel.name!r} ({role}) is in {unit}: of what transducer?",
+                )
             )
     return out + _rate_missing(recording, recipe, found)
 
@@ -300,7 +309,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         int(np.count_nonzero(np.isnan(c.values) & np.isfinite(x.time_s)))
         for c, x in zip((found.motion, found.force), series)
     ]
-    time_s, motion_values, force_values, how = paired(*series, where)
+    time_s, motion_values, force_values, how = paired(series[0], series[1], where)
     said += [*dict.fromkeys(lines), *found.notes]
     if any(missing):
         said.append(f"{max(missing)} sample(s) without a number left out: the gaps are bridged")
@@ -346,9 +355,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             f"{loop.amplitude_mm:.4g} {units.displacement}, {loop.n_cycles} steady cycles, force RMS "
             f"{loop.force_N.std():.4g} {units.force}"
         )
-        out.append(
-            ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line))
-        )
+        out.append(ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line)))
     if not out:
         raise CampaignError(f"{where}: none of {len(pieces)} levels can be used. {dropped[-1]}")
     return [*out[:-1], replace(out[-1], said=(*out[-1].said, *dropped))]
@@ -400,8 +407,8 @@ def _time(
             raise CampaignError(
                 f"{where}: the file says {from_file:g} samples a second, you say {asked:g}; which is right?"
             )
-        rate = asked or from_file or 1.0
-        return np.arange(n) / rate + (channel.start_s or 0.0), rate, [f"time: {rate:.9g} samples a second"]
+        known = asked or from_file or 1.0
+        return np.arange(n) / known + (channel.start_s or 0.0), known, [f"time: {known:.9g} samples a second"]
     if clock.values.size != n:
         raise CampaignError(f"{where}: {clock.name!r} has {clock.values.size} samples, {channel.name!r} has {n}")
     unit = recipe.units.get("time", clock.unit) or "s"
@@ -415,7 +422,7 @@ def _time(
                 f"the file says {from_file:g} samples a second, its time {_usual_rate(time):.6g}: the time is used"
             )
             from_file = None
-    rate = asked or from_file
+    rate: float | None = asked or from_file
     if rate is not None:
         time = on_rate(time, rate)
     start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())

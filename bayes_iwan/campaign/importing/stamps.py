@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import re
 from collections.abc import Sequence
 
@@ -10,7 +11,7 @@ import pandas as pd
 
 from bayes_iwan.arrays import Array
 
-_DATE = r"\d{1,4}[-./ ](?:\d{1,2}|[A-Za-z]{3,9})[-./ ]\d{1,4}"
+_DATE = r"\d{1,4}[-./ ](?:\d{1,2}|[A-Za-z]{3})[-./ ]\d{1,4}"
 _TIME = r"\d{1,2}:\d{2}(?::\d{2})?(?:[.,:]\d+)?(?: ?[AaPp]\.?[Mm]\.?)?"
 STAMP = re.compile(rf"(?:{_DATE})?(?:[ T,]+)?(?:{_TIME})?(?:Z|[+-]\d\d:?\d\d)?(?<=\w\w|\w\.)")
 _DATE_ONLY = re.compile(_DATE)
@@ -18,6 +19,7 @@ _PARTS = (
     rf"^(?:(?P<date>{_DATE})[ T,]+)?(?P<a>\d{{1,2}}):(?P<b>\d{{2}})(?::(?P<c>\d{{2}}))?(?:[.,:](?P<f>\d+))?"
     r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?:Z|[+-]\d\d:?\d\d)?$"
 )
+_MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
 _DAY_S = 86_400.0
 
 
@@ -75,7 +77,9 @@ def unwrapped(values: Array, wraps: Sequence[float]) -> tuple[Array, str]:
         if (np.abs(steps[back] + wrap - usual) <= 2.0 * usual).all():
             jumps = np.zeros(values.size)
             jumps[back + 1] = wrap
-            return values + np.cumsum(jumps), f"the clock starts again after {wrap:.10g} {back.size} time(s): counted on"
+            return values + np.cumsum(
+                jumps
+            ), f"the clock starts again after {wrap:.10g} {back.size} time(s): counted on"
     return values, ""
 
 
@@ -85,13 +89,26 @@ def _days(dates: Sequence[object]) -> Array | None:
         return None
     unique = sorted({str(x).strip() for x in dates})
     found = []
-    for day_first in (True, False):
-        try:
-            days = [pd.to_datetime(x, dayfirst=day_first).toordinal() for x in unique]
-        except (ValueError, OverflowError):
-            continue
-        found.append(dict(zip(unique, days)))
+    for order in ("ymd", "dmy", "mdy"):
+        days = [_ordinal(x, order) for x in unique]
+        if all(days):
+            found.append(dict(zip(unique, days)))
     if not found:
         return None
     best = min(found, key=lambda x: max(x.values()) - min(x.values()))
     return np.array([best[str(x).strip()] for x in dates], dtype=float)
+
+
+def _ordinal(date: str, order: str) -> int:
+    """Number of a day; 0 for what is none in this order of year, month and day."""
+    cells = re.split(r"[-./ ]", date)
+    if len(cells) != 3:
+        return 0
+    part = dict(zip(order, cells))
+    month = part["m"].lower()[:3]
+    try:
+        year, day = int(part["y"]), int(part["d"])
+        number = _MONTHS.index(month) + 1 if month in _MONTHS else int(month)
+        return datetime.date(year + 2000 if year < 100 else year, number, day).toordinal()
+    except ValueError:
+        return 0

@@ -37,7 +37,7 @@ def _starts(properties: list[Mapping[str, Any]]) -> list[float | None]:
     """Seconds from the earliest start of all waveforms to each one's; None where it states none."""
     stamps = [np.datetime64(p["wf_start_time"], "ns") if "wf_start_time" in p else None for p in properties]
     known = [s for s in stamps if s is not None and not np.isnat(s)]
-    first = min(known) if known else None
+    first: Any = min(known) if known else None
     out: list[float | None] = []
     for p, stamp in zip(properties, stamps):
         offset = float(p.get("wf_start_offset", 0.0) or 0.0)

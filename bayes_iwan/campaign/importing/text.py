@@ -56,7 +56,9 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
     names, units = names_and_units(above, style, width, layout)
     if names and is_unit(names[0]) and all(is_unit(x) for x in names):
         names = [f"column {k + 1}" for k in range(len(names))]
-    said = f"text: {SEPARATORS.get(style.separator, style.separator)}, decimal {style.decimal}, {how}, numbers from line "
+    said = (
+        f"text: {SEPARATORS.get(style.separator, style.separator)}, decimal {style.decimal}, {how}, numbers from line "
+    )
     start = len("\n".join(head[:first])) + (1 if first else 0)
     body, remarks = _without_remarks(text[start:])
     table, notes = _numbers(file, body, style, max(width, len(names)), first)
@@ -73,9 +75,7 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
             continue
         label = f"{part} table {k}".strip()
         note = (said + str(first + a + 1), *notes)
-        out.append(
-            _recording(file, label, table, own or names, own_units or units, over or above, note, style)
-        )
+        out.append(_recording(file, label, table, own or names, own_units or units, over or above, note, style))
     out = _continued(out)
     return out if len(out) != 1 else [replace(out[0], part=part)]
 
@@ -111,8 +111,9 @@ def _numbers(
 ) -> tuple[pd.DataFrame | None, tuple[str, ...]]:
     """A table's columns as numbers or text, and what was left out; None where the body is several tables."""
     try:
+        raw = io.BytesIO(body.encode("utf-8", "replace"))
         table = pd.read_csv(
-            io.BytesIO(body.encode("utf-8", "replace")), sep=style.separator, decimal=style.decimal, names=range(width), header=None,
+            raw, sep=style.separator, decimal=style.decimal, names=range(width), header=None,
             na_values=MISSING, keep_default_na=False, skipinitialspace=True, low_memory=False,
         )  # fmt: skip
         if not isinstance(table.index, pd.RangeIndex):
@@ -195,9 +196,7 @@ def _is_header(cells: list[str], style: Style) -> bool:
     return len(words) > 1 and not any(style.is_number(c) for c in cells)
 
 
-def _blocks(
-    file: str, lines: list[str], style: Style, width: int, first: int
-) -> list[tuple[int, int, list[str]]]:
+def _blocks(file: str, lines: list[str], style: Style, width: int, first: int) -> list[tuple[int, int, list[str]]]:
     """Tables within one file: first line and one past the last of each, and the lines above it."""
     blocks: list[tuple[int, int, list[str]]] = []
     between: list[str] = []
@@ -268,7 +267,7 @@ def _clock(columns: dict[int, pd.Series], names: list[str]) -> tuple[Channel | N
 
 def _labels(lines: Sequence[str]) -> dict[str, str]:
     """What lines above or beside a table say, by what they say it of: "vertical units" -> "V"."""
-    found = {}
+    found: dict[str, str] = {}
     for line in lines:
         m = re.match(r"[^\w]*([^\d\W][^:=;,\t]*?)\s*[:=;,\t]\s*\"?([^;,\t\"]+)", line)
         if m:

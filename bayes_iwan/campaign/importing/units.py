@@ -39,7 +39,27 @@ _UPPER = {
 }  # fmt: skip
 _RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
 #: units that stand after a blank or a comma ("Force, N"): others are more often words
-_BARE = {"mm", "um", "µm", "in", "inch", "N", "kN", "lbf", "s", "ms", "sec", "g", "deg", "rad", "Nm", "kPa", "MPa", "bar", "psi"}
+_BARE = {
+    "mm",
+    "um",
+    "µm",
+    "in",
+    "inch",
+    "N",
+    "kN",
+    "lbf",
+    "s",
+    "ms",
+    "sec",
+    "g",
+    "deg",
+    "rad",
+    "Nm",
+    "kPa",
+    "MPa",
+    "bar",
+    "psi",
+}
 _RATES = {"mm": "mm/s", "m": "m/s", "in": "in/s", "um": "um/s", "rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s"}
 _THOUSANDS = re.compile(r"[1-9]\d{0,2}(,\d{3})+")
 

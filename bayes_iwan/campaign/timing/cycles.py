@@ -216,9 +216,13 @@ def cut_cycles(file: str, time_s: Array, displacement: Array, force: Array | Non
     n_check = int(max(1, min(24, 0.4 * per_cycle)))
     order = n_check if repeats is not None else min(n_check, 8)
     steady_phase, frequency = _constant(time_s, signal, times, numbers, kept, order)
-    constant = repeats is not None or force is None or not all(
-        _rms_off(free_phase, kept, y, n_check) < better * _rms_off(steady_phase, kept, y, n_check)
-        for y, better in zip((signal, force), BETTER_PHASE)
+    constant = (
+        repeats is not None
+        or force is None
+        or not all(
+            _rms_off(free_phase, kept, y, n_check) < better * _rms_off(steady_phase, kept, y, n_check)
+            for y, better in zip((signal, force), BETTER_PHASE)
+        )
     )
     phase = steady_phase if constant else free_phase
     if not constant:

@@ -36,7 +36,8 @@ def without_drift(time_s: Array, displacement: Array) -> tuple[Array, tuple[str,
     line = slope * (time_s - time_s.mean())
     moved = float(np.ptp(np.percentile(displacement - line, [1, 99]))) / 2
     said = (
-        f"the displacement drifts by {slope * span:.3g} mm over the record, {abs(slope) * span / moved:.2g} amplitudes: "
-        "the straight line was taken off. Creep or a sensor that walks? What depends on the mean position is not seen"
+        f"the displacement drifts by {slope * span:.3g} mm over the record, {abs(slope) * span / moved:.2g} "
+        "amplitudes: the straight line was taken off. Creep or a sensor that walks? What depends on the mean position "
+        "is not seen"
     )
     return displacement - line, (said,)

@@ -245,6 +245,6 @@ def _left_out(record: Record, drive: Drive) -> list[str]:
     for a, b in ((record.time_s[0], drive.start_s[0]), (drive.start_s[-1], record.time_s[-1])):
         if b - a > longest:
             said.append(
-                f"left out: {a:.4g} to {b:.4g} s: no whole cycle of more than {SMALLEST_SPLIT:.0%} of the largest stroke"
+                f"left out: {a:.4g} to {b:.4g} s: no cycle of more than {SMALLEST_SPLIT:.0%} of the largest stroke"
             )
     return said

@@ -27,7 +27,7 @@ def whole_period(time_s: Array, displacement: Array, times: Array) -> float | No
         return None
     for m in range(2, min(MOST, times.size - 1) + 1):
         lag = float(np.median(times[m:] - times[:-m]))
-        if 2 * lag > span * 1.001 + 2 * np.median(np.diff(time_s)):
+        if 2 * lag > span * 1.001 + 2 * float(np.median(np.diff(time_s))):
             return None
         lags = lag * (1 + np.linspace(-SEARCH, SEARCH, 41))
         off = np.array([_unlike(time_s, displacement, x) for x in lags])
@@ -56,4 +56,4 @@ def _unlike(time_s: Array, values: Array, lag: float) -> float:
     if n < 8:
         return np.inf
     later = np.interp(time_s[:n] + lag, time_s, values)
-    return float(np.sqrt(np.mean((later - values[:n]) ** 2) / max(2 * np.var(values), 1e-300)))
+    return float(np.sqrt(np.mean((later - values[:n]) ** 2) / max(2 * float(np.var(values)), 1e-300)))
