@@ -110,7 +110,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
             f"campaign.toml states {record.frequency_hz:.4g} Hz, which counts samples as if their steps were even; by "
             f"the time column it is {loop.frequency_hz:.4g} Hz, which is used"
         )
-    else:
+    elif record.clock:
         _near(record, "frequency_hz", loop.frequency_hz, record.frequency_hz, "Hz")
     unit = record.units.displacement
     swing = float(np.ptp(loop.force_N)) / 2
@@ -160,7 +160,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         spikes = np.flatnonzero(np.abs(values - (mean.max() + mean.min()) / 2) > SPIKE * np.ptp(mean))
         if spikes.size:
             notes.append(
-                f"{spikes.size} spike(s) in the {name}, the first at {record.time_s[index[spikes[0]]]:.6g} s, are "
+                f"{spikes.size} spike(s) in the {name}, the first in row {index[spikes[0]] + 2}, are "
                 "averaged in: delete their lines, the gaps will be bridged"
             )
     return replace(record, warnings=tuple(notes)), loop
@@ -225,7 +225,9 @@ def _angle(loop: Loop) -> list[str]:
         )
         if loss < -LATE:
             raise CampaignError(f"{loop.file}: {what}. Shift the force column back by its delay, and record both alike")
-        return [f"{what}. Stiffness and slip forces take the delay up: `diagnose` looks for it, a calibration settles it"]
+        return [
+            f"{what}. Stiffness and slip forces take the delay up: `diagnose` looks for it, a calibration settles it"
+        ]
     top, bottom = int(np.argmax(loop.displacement_mm)), int(np.argmin(loop.displacement_mm))
     fallen = (loop.force_N.max() - loop.force_N[top] + loop.force_N[bottom] - loop.force_N.min()) / 2
     scatter = float(np.median(loop.force_scatter_N)) / math.sqrt(loop.n_cycles)

@@ -82,7 +82,9 @@ def _suspected(record: Record, loop: Loop) -> list[Limit]:
             if share:
                 out.append(Limit(record.file, channel, side, float(side * np.max(side * values)), True, share))
             elif channel == "force" and (top := _top(loop, side)) is not None and _cornered(top):
-                out.append(Limit(record.file, channel, side, float(side * np.max(side * loop.force_N)), False, top.stroke))
+                out.append(
+                    Limit(record.file, channel, side, float(side * np.max(side * loop.force_N)), False, top.stroke)
+                )
     return out
 
 
@@ -122,7 +124,9 @@ def _cornered(top: Top) -> bool:
     return top.stroke > FLAT_STROKE and top.slope > CORNER and (top.through or top.stroke < LONG_STROKE)
 
 
-def _as_an_amplifier(one: Limit, all_of_them: Sequence[Limit], records: Sequence[Record], loops: Sequence[Loop]) -> bool:
+def _as_an_amplifier(
+    one: Limit, all_of_them: Sequence[Limit], records: Sequence[Record], loops: Sequence[Loop]
+) -> bool:
     """Is this level the same in every test that reaches it and at both signs, and does no record go on beyond it (where
     it is exact, which a range set for this test explains: not this one)?"""
     same = [x for x in all_of_them if x.channel == one.channel and x.side == one.side]

@@ -140,7 +140,9 @@ def level_record(record: Record, loop: Loop, line_mm: float) -> tuple[Record, li
         if follows:
             path = drift.path_mm if drifts else line_mm * (_unit(record.time_s))
             record = replace(record, force_N=record.force_N - slope * path)
-        what = f"the mean displacement drifts by {total:+.3g} mm ({abs(total) / loop.amplitude_mm:.0%} of the amplitude)"
+        what = (
+            f"the mean displacement drifts by {total:+.3g} mm ({abs(total) / loop.amplitude_mm:.0%} of the amplitude)"
+        )
         if follows:
             said.append(
                 f"{what}, and the mean force follows by {slope:.3g} N/mm as a spring does: the specimen moved. Both "
@@ -199,8 +201,10 @@ def level_means(records: Sequence[Record], loops: Sequence[Loop]) -> tuple[Recor
             mean_force_error_N=error,
             warnings=(
                 *r.warnings,
-                f"mean force {m:.4g} N ({m / level:+.0%} of the friction force): {d:+.3g} N of it is taken off, for the "
-                f"tests' means differ by {np.ptp(mean):.3g} N in a way that amplitude and frequency do not explain (the "
+                f"mean force {m:.4g} N ({m / level:+.0%} of the friction force): {d:+.3g} N of it is taken off, for "
+                "the "
+                f"tests' means differ by {np.ptp(mean):.3g} N in a way that amplitude and frequency do not explain "
+                "(the "
                 "force channel's zero, a preload, or a mid-position)",
             ),
         )

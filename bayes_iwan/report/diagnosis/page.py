@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.recording.units import Units
-from bayes_iwan.gap.telling.words import listed, title
+from bayes_iwan.gap.telling.words import few, listed, plain, title
 from bayes_iwan.report.diagnosis.answer import diagnosis_answer, put_figures
 from bayes_iwan.report.diagnosis.cells import digits, force_range, newton, percent
 from bayes_iwan.report.page import Page, Section
@@ -84,7 +84,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
     rows += [
         (
             t["file"],
-            f"{t['frequency_hz']:.3g}",
+            "–" if t["frequency_hz"] is None else f"{t['frequency_hz']:.3g}",
             f"{t['amplitude_mm']:.3g}",
             newton(t["gap_rms_N"]),
             force_range(t.get("interval_N")),
@@ -174,8 +174,8 @@ def _which(
         section.text("No effect of the catalogue is named.")
     for one in d["verdict"].get("one_of") or []:
         section.text(
-            f"One of {listed(one['names'], 'or')} contributes (probability {one['probability']:.2f}) and removes "
-            f"{percent(one['share'])} of the gap; each of them alone is too improbable to be named."
+            f"One of {few(one['names'])} contributes (probability {one['probability']:.2f}) and removes "
+            f"{percent(one['share'])} of the gap. Each of them alone is too improbable to be named."
         )
     rows = [
         (
@@ -260,16 +260,45 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
     section.text(
         *(f"These tests do not separate {title(c['name'])} from {listed(c['cannot_tell_apart'])}." for c in tied),
         *(f"One of {listed(x['names'], 'or')} contributes; these tests cannot tell which." for x in some),
-        *(() if tied or some else ("No named cause has a rival that explains these tests nearly as well.",)),
+        *(() if tied or some else ("No named effect has a rival that explains these tests nearly as well.",)),
     )
+    rows = [
+        (
+            x["what"],
+            title(e["name"]),
+            "yes" if e["name"] in x["tied"] else "no",
+            percent(x["without"]),
+            percent(e["share"]),
+        )
+        for x in d["imitations"]
+        for e in x["explanations"]
+    ]
+    if rows:
+        section.table(
+            ("dependence", "explained by", "possible", "gap without, of friction", "gap with, of friction"),
+            rows,
+            "What the base model's own freedoms can imitate",
+        )
+    far = [
+        (x["name"], digits(x["value"]), x["unit"], f"{x['deviations']:+.1f}", x["prior"])
+        for x in d["far_from_plausible"]
+    ]
+    if far:
+        section.table(
+            ("parameter", "value", "unit", "prior sd from the median", "prior"),
+            far,
+            "Base parameters far from plausible",
+        )
     section.heading_below("Next test")
     if verdict["kind"] == "drive":
         section.note("Run these tests again with sines.")
     elif following is None:
-        section.text("None is needed to settle which of the catalogue's effects contribute.")
+        section.text("No further test would separate these effects better.")
     else:
         pair = " from ".join(title(x) for x in following["separates"])
-        test = f"{following['frequency_hz']:.3g} Hz at {following['amplitude_mm']:.3g} mm"
+        at = following["frequency_hz"]
+        test = "" if at is None else f"{plain(at)} Hz at "
+        test += f"{plain(following['amplitude_mm'])} mm"
         test += f" for {following['cycles']} cycles" if following.get("cycles") else ""
         odds = f"{following['expected_log_odds']:.1f} expected log odds (5 is strong evidence)"
         if following.get("bench"):
@@ -278,7 +307,9 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
         else:
             section.note(f"Run {test}: it separates {pair}, with {odds}.")
     section.heading_below("Not testable with these data")
-    hidden = verdict["not_testable"]
+    hidden, clocked = verdict["not_testable"], verdict["needs_clock"]
+    if clocked:
+        section.text(f"Without a clock nothing can be said of: {listed(clocked)}.")
     section.text(
         f"Had one of these been there, these tests would not have shown it: {listed(hidden)}. They are not ruled out."
         if hidden
