@@ -95,7 +95,7 @@ def drift_of(loop: Loop) -> Drift | None:
 
 def _fitted(basis: Array, values: Array) -> tuple[Array, float]:
     """Coefficients of a path through the cycles' means, and the standard error of one of them."""
-    found = np.linalg.lstsq(basis, values, rcond=None)[0]
+    found: Array = np.linalg.lstsq(basis, values, rcond=None)[0].astype(float)
     left = values - basis @ found
     spare = max(values.size - basis.shape[1], 1)
     return found, float(np.sqrt(left @ left / spare / values.size * 3.0))
@@ -139,7 +139,8 @@ def level_record(record: Record, loop: Loop, line_mm: float) -> tuple[Record, li
         follows = slope > SIGMAS * error and slope < SPRING * stiffness and forced
         if follows:
             path = drift.path_mm if drifts else line_mm * (_unit(record.time_s))
-            record = replace(record, force_N=record.force_N - slope * path)
+            # the mean displacement is no datum either: what the spring makes of it goes with it
+            record = replace(record, force_N=record.force_N - slope * (path + loop.offset_mm))
         what = (
             f"the mean displacement drifts by {total:+.3g} mm ({abs(total) / loop.amplitude_mm:.0%} of the amplitude)"
         )

@@ -182,7 +182,7 @@ def _one_of(d: Diagnosis) -> list[str]:
 
 def _probable(d: Diagnosis, text: str) -> list[str]:
     """Effects that are more probable than not, yet neither named nor said so far."""
-    left = [n for n in not_excluded(d) if d.verdict.probabilities[n] >= MUST_NAME and title(n) not in text.lower()]
+    left = [n for n in not_excluded(d) if d.verdict.probabilities[n] >= MUST_NAME and title(n).lower() not in text.lower()]
     if not left:
         return []
     some = ", ".join(f"{title(n)} ({probability(d.verdict.probabilities[n])})" for n in left)
@@ -210,13 +210,15 @@ def _imitations(d: Diagnosis) -> list[str]:
 def _imitation(x: Imitation, d: Diagnosis) -> str:
     share = {e.name: e.share for e in x.explanations}
     least, most = min(share[n] for n in x.tied), max(share[n] for n in x.tied)
+    without, within = ("it", "it") if len(x.tied) == 1 else ("any of them", "one of them")
     left = percent(least) if percent(least) == percent(most) else f"{percent(least)} to {percent(most)}"
     text = f"{capital(x.what)}: {few(x.tied)}."
     if len(x.tied) > 1:
         text += " These tests do not tell which."
     elif x.name not in x.tied:
         text += f" It fits better than {title(x.name)}."
-    text += f" Without it the model would miss {percent(x.without)} of the friction force, with it {left}."
+    text += f" Without {without} the model would miss {percent(x.without)} of the friction force, with {within} "
+    text += f"{left}."
     f = [loop.frequency_hz for loop in d.data.loops]
     if x.what == "speed dependence" and max(f) < FREQUENCIES_DIFFER * min(f):
         text += " The tests' frequencies hardly differ, so a dependence on amplitude would look alike."

@@ -15,6 +15,7 @@ MOST_NAMES = 3
 TITLES = {
     "channel_delay": "a delay between the channels",
     "mains_hum": "mains interference",
+    "maxwell_branch": "a Maxwell branch",
     "force_highpass": "a high-pass in the force channel",
     "force_lowpass": "a low-pass in the force channel",
     "integration_highpass": "a high-pass of the integration",

@@ -171,7 +171,7 @@ def _which(
         if told.get("reference"):
             section.text(f"Source: {told['reference']}.")
     if not d["effects"]:
-        section.text("No effect of the catalogue is named.")
+        section.text("No effect is named.")
     for one in d["verdict"].get("one_of") or []:
         section.text(
             f"One of {few(one['names'])} contributes (probability {one['probability']:.2f}) and removes "
@@ -218,21 +218,21 @@ def _sampled(section: Section, d: Mapping[str, Any]) -> None:
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     gap = d["gap"]
     section.text(
-        f"The gap before is {newton(gap['before_rms_N'])} RMS, with all named causes {newton(gap['after_rms_N'])}. "
-        "What a cause does on the tests that it was fitted to flatters it; the tests left out of the fit judge it. "
-        f"The ceiling is {100 * gap['ceiling_shrink']:.0f} %: so far a smooth rest, free of any "
-        "cause, closes the gap, and no added effect can be expected to close it further."
+        f"The gap is {newton(gap['before_rms_N'])} RMS without and {newton(gap['after_rms_N'])} with all named effects. "
+        "On the tests that it was fitted to an effect looks better than it is. The held-out tests count. "
+        f"A smooth discrepancy of any shape would remove {100 * gap['ceiling_shrink']:.0f} % of the gap. No effect can be "
+        "expected to remove more."
     )
     put_figures(section, figures, "budget", "shares", "before_after")
 
 
 def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure], meanings: Mapping[str, str]) -> None:
     if not d["moved"]:
-        section.text("No cause is named, so the identified values stand as they are.")
+        section.text("No effect is named, so the identified values stay as they are.")
         return
     section.text(
-        "A model without the causes bends its own parameters to imitate them. These are the specimen's without and "
-        "with them."
+        "Without the named effects the base model changes its own parameters to imitate them. These are the values "
+        "without and with the effects."
     )
     put_figures(section, figures, "moved")
     section.table(
@@ -248,7 +248,7 @@ def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
             )
             for n, m in d["moved"].items()
         ],
-        "Identified parameters without and with the causes",
+        "Identified parameters without and with the named effects",
     )
 
 
@@ -326,7 +326,7 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
     asked |= {n for x in some for n in x["names"]}
     benches = [(title(n), a["bench"]) for n, a in about.items() if a.get("bench") and n in asked]
     if benches:
-        section.table(("cause", "what on the bench would show it"), benches, "At the bench")
+        section.table(("effect", "what on the bench would show it"), benches, "At the bench")
 
 
 def _settings(section: Section, d: Mapping[str, Any]) -> None:
@@ -334,11 +334,10 @@ def _settings(section: Section, d: Mapping[str, Any]) -> None:
     section.text(
         "Residual: measured − predicted force. Gap: its RMS with the records' own repeatability taken off, so "
         "that a perfect model reads zero within its interval; as a share it is divided by the RMS friction "
-        "force. The mean force of a test is left out: it hangs on where the specimen rests, which a dynamic "
+        "force. The mean force of a test is left out: it depends on the rest position, which a dynamic "
         "displacement channel does not tell.",
-        "A place “stands out” when it misses more than a right model would leave there, so much that no "
-        "such finding at all is expected in 19 of 20 campaigns; "
-        f"{d['where'].get('statistics', 'all')} statistics are allowed for.",
+        "A part “stands out” when its gap is significant at 5 %, corrected for "
+        f"{d['where'].get('statistics', 'all')} statistics.",
     )
     rows = [("seed", str(d["seed"])), ("quick run", "yes" if d.get("quick") else "no")]
     rows += [
@@ -348,7 +347,7 @@ def _settings(section: Section, d: Mapping[str, Any]) -> None:
             ("noise_rms_N", "noise, RMS"),
             ("averaged_loop_rms_N", "gap in the averaged loops"),
             ("along_record_rms_N", "gap along the records"),
-            ("mains_rms_N", "gap at the mains' lines"),
+            ("mains_rms_N", "gap by mains interference"),
             ("mean_force_rms_N", "gap of the mean forces (not counted)"),
         )
         if gap.get(key) is not None
