@@ -136,7 +136,10 @@ def test_beside_a_cause_that_explains_little_the_rest_has_suspects_but_not_the_n
     assert verdict.kind is Kind.PARTLY and verdict.names == ("viscous_damping",)
     shares = {x.name: x.share for x in verdict.suspects}
     assert shares and min(shares.values()) >= 0.5 and "viscous_damping" not in shares
-    assert any(s.startswith("Each of these would reduce the gap") for s in to_dict(replace(viscous, verdict=verdict))["sentences"])
+    assert any(
+        s.startswith("Each of these would reduce the gap")
+        for s in to_dict(replace(viscous, verdict=verdict))["sentences"]
+    )
 
 
 def test_one_record_is_said_to_judge_nothing(kit):

@@ -136,11 +136,12 @@ def _tests(recording: Recording, recipe: Recipe, split: bool) -> list[ImportedTe
     pieces = split_levels(record) if split else (record,)
     out = []
     for piece in pieces:
-        checked, loop = check_record(_named(piece))
+        named = _named(piece)  # what is written is as it was recorded: drifts are taken off when it is read
+        checked, loop = check_record(named)
         columns = {
-            "time_s": checked.time_s,
-            column or ACCELERATION_COLUMNS[units.displacement]: checked.displacement_mm if column else acceleration,
-            FORCE_COLUMNS[units.force]: checked.force_N,
+            "time_s": named.time_s,
+            column or ACCELERATION_COLUMNS[units.displacement]: named.displacement_mm if column else acceleration,
+            FORCE_COLUMNS[units.force]: named.force_N,
         }
         found = (
             f"found{f' in {checked.file}' if len(pieces) > 1 else ''}: {loop.frequency_hz:.4g} Hz, "

@@ -40,7 +40,6 @@ class Drift:
     path_mm : (n,) slow path of the displacement on the record's samples, of mean zero over the kept cycles
     displacement_mm, force_N : change of the means over the kept cycles, and the standard error of that
     slope_N_mm, slope_error : of mean force over mean displacement, 0 and inf where the displacement does not drift
-    span : time from the first kept cycle to the last over the record's
     """
 
     path_mm: Array
@@ -48,7 +47,6 @@ class Drift:
     force_N: tuple[float, float]
     slope_N_mm: float
     slope_error: float
-    span: float
 
 
 def without_line(record: Record) -> tuple[Record, float]:
@@ -70,27 +68,28 @@ def without_line(record: Record) -> tuple[Record, float]:
     return replace(record, displacement_mm=u - slope * (time - centre)), drift
 
 
-def drift_of(loop: Loop) -> Drift | None:
-    """How the means of a loop's cycles drift; None with too few cycles to tell."""
+def drift_of(loop: Loop, line_mm: float = 0.0) -> Drift | None:
+    """How the means of a loop's cycles drift, with a straight drift that was taken off before; None with too few cycles
+    to tell."""
     if loop.n_cycles < LINE_CYCLES:
         return None
     each, time = cycles_of(loop), loop.record.time_s
     degree = 3 if loop.n_cycles >= BENT_CYCLES else 1
     centre, half = 0.5 * (each.time_s[0] + each.time_s[-1]), 0.5 * (each.time_s[-1] - each.time_s[0])
     basis = np.polynomial.legendre.legvander((each.time_s - centre) / half, degree)
-    (u, u_error), (f, f_error) = (_fitted(basis, x) for x in (each.mean_mm, each.force_mean_N))
+    line = line_mm * (each.time_s - centre) / (time[-1] - time[0])
+    (u, u_error), (f, f_error) = (_fitted(basis, x) for x in (each.mean_mm + line, each.force_mean_N))
     at = np.clip((time - centre) / half, -1.0, 1.0)
     beyond = (time - centre) / half - at
     path = np.polynomial.legendre.legval(at, np.r_[0.0, u[1:]])
     ends = np.polynomial.legendre.legval(np.array([-1.0, 1.0]), np.polynomial.legendre.legder(np.r_[0.0, u[1:]]))
     path = path + np.where(beyond < 0, ends[0], ends[1]) * beyond
-    span = float(2.0 * half / (time[-1] - time[0]))
     power = float(u[1:] @ u[1:])
     slope = float(f[1:] @ u[1:]) / power if power > 0 else 0.0
     error = float(f_error / np.sqrt(power)) if power > 0 else np.inf
     moved = basis[:, 1:] @ u[1:]
     pushed = basis[:, 1:] @ f[1:]
-    return Drift(path, (_largest(moved), u_error), (_largest(pushed), f_error), slope, error, span)
+    return Drift(path, (_largest(moved), u_error), (_largest(pushed), f_error), slope, error)
 
 
 def _fitted(basis: Array, values: Array) -> tuple[Array, float]:
@@ -118,31 +117,26 @@ def friction_N(loop: Loop) -> float:
 def level_record(record: Record, loop: Loop, line_mm: float) -> tuple[Record, list[str]]:
     """The record with the drift of its displacement taken off, and one line on its means and their drifts where that
     is more than noise and changes anything. line_mm : what :func:`without_line` took off before."""
-    drift = drift_of(loop)
+    drift = drift_of(loop, line_mm)
     if drift is None:
         return record, []
     moved, moved_error = drift.displacement_mm
     drifts = abs(moved) > max(SIGMAS * moved_error, CHANGES * loop.amplitude_mm)
-    if drifts:
-        record = replace(record, displacement_mm=record.displacement_mm - drift.path_mm)
-    said = []
-    total = moved + line_mm
-    slope, error = drift.slope_N_mm, drift.slope_error
     friction = friction_N(loop)
     stiffness = float(np.polyfit(loop.displacement_mm, loop.force_N, 1)[0])
     pushed, pushed_error = drift.force_N
     forced = abs(pushed) > max(SIGMAS * pushed_error, CHANGES * friction)
-    if line_mm and not drifts:  # the line alone was the drift: what the force does is asked of the line
-        over = line_mm * drift.span
-        slope, error = pushed / over, pushed_error / abs(over)
-    if drifts or line_mm:
-        follows = slope > SIGMAS * error and slope < SPRING * stiffness and forced
+    said = []
+    if drifts:
+        time, slope = record.time_s, drift.slope_N_mm
+        line = line_mm * (time - 0.5 * (time[0] + time[-1])) / (time[-1] - time[0])
+        record = replace(record, displacement_mm=record.displacement_mm - (drift.path_mm - line))
+        follows = forced and SIGMAS * drift.slope_error < slope < SPRING * stiffness
         if follows:
-            path = drift.path_mm if drifts else line_mm * (_unit(record.time_s))
             # the mean displacement is no datum either: what the spring makes of it goes with it
-            record = replace(record, force_N=record.force_N - slope * (path + loop.offset_mm))
+            record = replace(record, force_N=record.force_N - slope * (drift.path_mm + loop.offset_mm))
         what = (
-            f"the mean displacement drifts by {total:+.3g} mm ({abs(total) / loop.amplitude_mm:.0%} of the amplitude)"
+            f"the mean displacement drifts by {moved:+.3g} mm ({abs(moved) / loop.amplitude_mm:.0%} of the amplitude)"
         )
         if follows:
             said.append(
@@ -159,11 +153,6 @@ def level_record(record: Record, loop: Loop, line_mm: float) -> tuple[Record, li
     elif forced:
         said.append(_force_drifts(pushed, friction))
     return record, said
-
-
-def _unit(time: Array) -> Array:
-    """Time over the record, from -1/2 to 1/2."""
-    return (time - 0.5 * (time[0] + time[-1])) / (time[-1] - time[0])
 
 
 def _force_drifts(pushed: float, friction: float) -> str:

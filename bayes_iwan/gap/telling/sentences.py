@@ -37,6 +37,8 @@ SUBHARMONIC_SAID = 20.0
 NO_MODEL = 0.8
 #: ratio of the largest to the smallest frequency from which speed is told from amplitude
 FREQUENCIES_DIFFER = 1.3
+#: effects that a record itself shows, whatever its frequency
+NO_TIME_CONSTANT = frozenset({"force_drift", "mains_hum"})
 #: dependences that the base can imitate, and base parameters at the edge, that the text holds; the page holds all
 IMITATIONS_SAID, EDGES_SAID = 2, 3
 
@@ -162,6 +164,8 @@ def _cause(c: Cause, d: Diagnosis) -> str:
         text += " Its share may be nothing."
     if c.cannot_tell_apart:
         text += f" These tests cannot tell it from {few(c.cannot_tell_apart)}."
+    if d.search.effects[c.name][0].needs_clock and c.name not in NO_TIME_CONSTANT and not _frequencies_differ(d):
+        text += " The tests' frequencies hardly differ, so its dependence on time is not told from one on amplitude."
     said = remedy(d, c.name)
     return f"{text} {said.rstrip('.')}." if said else text
 
@@ -182,7 +186,9 @@ def _one_of(d: Diagnosis) -> list[str]:
 
 def _probable(d: Diagnosis, text: str) -> list[str]:
     """Effects that are more probable than not, yet neither named nor said so far."""
-    left = [n for n in not_excluded(d) if d.verdict.probabilities[n] >= MUST_NAME and title(n).lower() not in text.lower()]
+    left = [
+        n for n in not_excluded(d) if d.verdict.probabilities[n] >= MUST_NAME and title(n).lower() not in text.lower()
+    ]
     if not left:
         return []
     some = ", ".join(f"{title(n)} ({probability(d.verdict.probabilities[n])})" for n in left)
@@ -219,10 +225,14 @@ def _imitation(x: Imitation, d: Diagnosis) -> str:
         text += f" It fits better than {title(x.name)}."
     text += f" Without {without} the model would miss {percent(x.without)} of the friction force, with {within} "
     text += f"{left}."
-    f = [loop.frequency_hz for loop in d.data.loops]
-    if x.what == "speed dependence" and max(f) < FREQUENCIES_DIFFER * min(f):
+    if x.what == "speed dependence" and not _frequencies_differ(d):
         text += " The tests' frequencies hardly differ, so a dependence on amplitude would look alike."
     return text
+
+
+def _frequencies_differ(d: Diagnosis) -> bool:
+    f = [loop.frequency_hz for loop in d.data.loops]
+    return max(f) >= FREQUENCIES_DIFFER * min(f)
 
 
 def _unexplained(d: Diagnosis) -> str:

@@ -218,9 +218,11 @@ def _sampled(section: Section, d: Mapping[str, Any]) -> None:
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     gap = d["gap"]
     section.text(
-        f"The gap is {newton(gap['before_rms_N'])} RMS without and {newton(gap['after_rms_N'])} with all named effects. "
+        f"The gap is {newton(gap['before_rms_N'])} RMS without and {newton(gap['after_rms_N'])} with all named "
+        "effects. "
         "On the tests that it was fitted to an effect looks better than it is. The held-out tests count. "
-        f"A smooth discrepancy of any shape would remove {100 * gap['ceiling_shrink']:.0f} % of the gap. No effect can be "
+        f"A smooth discrepancy of any shape would remove {100 * gap['ceiling_shrink']:.0f} % of the gap. No effect "
+        "can be "
         "expected to remove more."
     )
     put_figures(section, figures, "budget", "shares", "before_after")
