@@ -15,7 +15,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.drift import level_record, without_line
-from bayes_iwan.campaign.loops.steadiness import disturbances
+from bayes_iwan.campaign.loops.steadiness import disturbances, when
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.drive import judge, refuse_unsteady
 
@@ -160,7 +160,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         spikes = np.flatnonzero(np.abs(values - (mean.max() + mean.min()) / 2) > SPIKE * np.ptp(mean))
         if spikes.size:
             notes.append(
-                f"{spikes.size} spike(s) in the {name}, the first in row {index[spikes[0]] + 2}, are "
+                f"{spikes.size} spike(s) in the {name}, the first at {when(loop, record.time_s[index[spikes[0]]])}, are "
                 "averaged in: delete their lines, the gaps will be bridged"
             )
     return replace(record, warnings=tuple(notes)), loop

@@ -119,6 +119,17 @@ def _top(loop: Loop, side: int) -> Top | None:
     return Top(stroke, slope, through)
 
 
+def _rail(record: Record, loop: Loop, limit: Limit) -> Top:
+    """The same of the samples that rest on one value."""
+    index, phase = loop.cut.index, loop.averager.phase
+    u = limit.side * np.interp(phase % 1.0, loop.phase, loop.displacement_mm, period=1.0)
+    falls = limit.side * np.interp(phase % 1.0, loop.phase, loop.velocity_m_s, period=1.0) < 0.0
+    at = record.force_N[index] == limit.level
+    whole = float(np.ptp(loop.displacement_mm))
+    lowest = float(np.min(u[at & falls], initial=np.inf))
+    return Top(float(np.ptp(u[at])) / whole, np.inf, float(u.max()) - lowest > THROUGH * whole)
+
+
 def _cornered(top: Top) -> bool:
     """Does the force rise steeply and then not at all, without letting go when the motion turns?"""
     return top.stroke > FLAT_STROKE and top.slope > CORNER and (top.through or top.stroke < LONG_STROKE)
@@ -127,14 +138,18 @@ def _cornered(top: Top) -> bool:
 def _as_an_amplifier(
     one: Limit, all_of_them: Sequence[Limit], records: Sequence[Record], loops: Sequence[Loop]
 ) -> bool:
-    """Is this level the same in every test that reaches it and at both signs, and does no record go on beyond it (where
-    it is exact, which a range set for this test explains: not this one)?"""
+    """Is this level the same in every test that reaches it and at both signs, and does no record go on beyond
+    it? Where it is exact, or lasts after the motion has turned, only this record is asked."""
     same = [x for x in all_of_them if x.channel == one.channel and x.side == one.side]
     if max(abs(x.level - one.level) for x in same) > ONE_LEVEL * abs(one.level):
         return False
+    own = next((r, x) for r, x in zip(records, loops) if r.file == one.file)
+    top = None
+    if one.channel == "force":
+        top = _rail(*own, one) if one.exact else _top(own[1], one.side)
     for record, loop in zip(records, loops):
-        if one.exact and record.file != one.file:
-            continue
+        if record.file != one.file and (one.exact or (top is not None and top.through)):
+            continue  # no friction does that: the range was set for this test alone
         values = (record.force_N if one.channel == "force" else record.displacement_mm)[loop.cut.index]
         step = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / np.sqrt(6)
         if np.max(one.side * values) > one.side * one.level + max(BEYOND * float(np.ptp(values)), 5.0 * step):
@@ -142,5 +157,4 @@ def _as_an_amplifier(
     other = [x.level for x in all_of_them if x.channel == one.channel and x.file == one.file and x.side != one.side]
     if other and not one.exact and abs(abs(other[0]) - abs(one.level)) > ONE_SIZE * abs(one.level):
         return False
-    top = _top(next(x for x in loops if x.file == one.file), one.side) if one.channel == "force" else None
     return top is None or top.through or top.stroke < LONG_STROKE

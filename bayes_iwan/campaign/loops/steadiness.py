@@ -173,7 +173,7 @@ def _white(loop: Loop, values: Array) -> float:
     return float(noise * np.sqrt(2 / per_cycle) / max(np.std(values) * np.sqrt(2), 1e-300))
 
 
-def _when(loop: Loop, time_s: float) -> str:
+def when(loop: Loop, time_s: float) -> str:
     """A place in a record: its time, or its cycle where there is no clock."""
     return f"{time_s:.6g} s" if loop.record.clock else f"cycle {time_s:.0f}"
 
@@ -185,7 +185,7 @@ def _force_amplitude(loop: Loop, each: Cycles) -> list[str]:
     k, jump = _outlying(own, FORCE)
     if k > 0:
         return [
-            f"the force's amplitude changes by {100 * jump:+.2g} % at once near {_when(loop, each.time_s[k])}: a "
+            f"the force's amplitude changes by {100 * jump:+.2g} % at once near {when(loop, each.time_s[k])}: a "
             "gain was "
             "switched, or "
             "something slipped; the loop is a mixture. List the parts as two records"
@@ -206,7 +206,7 @@ def _step(loop: Loop, name: str, unit: str, each: Cycles, mean: Array, height: f
     if k < 0:
         return []
     return [
-        f"the {name}'s mean steps by {step:+.3g} {unit} near {_when(loop, each.time_s[k])}: a mount that slipped, or a "
+        f"the {name}'s mean steps by {step:+.3g} {unit} near {when(loop, each.time_s[k])}: a mount that slipped, or a "
         "channel that "
         "jumped; the mean of the loop is of neither part. List the parts as two records"
     ]
@@ -261,15 +261,15 @@ def _stretches(loop: Loop, name: str, values: Array, height: float) -> list[str]
         if _longest(at_rest) + 1 >= FLAT_SAMPLES:
             raise CampaignError(
                 f"{loop.file}: the {name} stands still where it moves in other cycles, near "
-                f"{_when(loop, time[index[a]])} to "
-                f"{_when(loop, time[index[b - 1]])} ({len(runs)} such stretch(es)): dead, frozen or dropped out. "
+                f"{when(loop, time[index[a]])} to "
+                f"{when(loop, time[index[b - 1]])} ({len(runs)} such stretch(es)): dead, frozen or dropped out. "
                 "Delete these "
                 "lines (a short gap is bridged), or mend the channel"
             )
     share = float(bad.mean())
     return [
         f"the {name} is off the other cycles in {len(runs)} stretch(es), {share:.2g} of the record, the first at "
-        f"{_when(loop, time[index[runs[0][0]]])}: it is averaged in; a drop-out or knock? Delete these lines, the "
+        f"{when(loop, time[index[runs[0][0]]])}: it is averaged in; a drop-out or knock? Delete these lines, the "
         "gaps are "
         "bridged"
     ]
