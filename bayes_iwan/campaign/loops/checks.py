@@ -160,7 +160,8 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         spikes = np.flatnonzero(np.abs(values - (mean.max() + mean.min()) / 2) > SPIKE * np.ptp(mean))
         if spikes.size:
             notes.append(
-                f"{spikes.size} spike(s) in the {name}, the first at {when(loop, record.time_s[index[spikes[0]]])}, are "
+                f"{spikes.size} spike(s) in the {name}, the first at "
+                f"{when(loop, record.time_s[index[spikes[0]]])}, are "
                 "averaged in: delete their lines, the gaps will be bridged"
             )
     return replace(record, warnings=tuple(notes)), loop

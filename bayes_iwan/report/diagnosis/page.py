@@ -70,35 +70,26 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         items = Markup("").join(Markup("<li>{}</li>").format(x) for x in found)
         section.html(Markup("<ul>{}</ul>").format(items))
     put_figures(section, figures, *(n for n in WHERE_FIGURES if "headline" in figures or n != "gap_loops"))
-    rows = [
-        (
-            "all tests",
-            "",
-            "",
-            newton(gap["before_rms_N"]),
-            force_range(gap["before_interval_N"]),
-            percent(gap["before_share"]),
-            "",
-        )
-    ]
+    clock = d.get("clock", True)
+    frequencies = [f"{t['frequency_hz']:.3g}" if clock else "" for t in w["tests"]]
+    whole = {"rms": gap["before_rms_N"], "interval": gap["before_interval_N"], "share": gap["before_share"]}
+    rows = [("all tests", "", "", newton(whole["rms"]), force_range(whole["interval"]), percent(whole["share"]), "")]
     rows += [
         (
             t["file"],
-            "–" if t["frequency_hz"] is None else f"{t['frequency_hz']:.3g}",
+            f,
             f"{t['amplitude_mm']:.3g}",
             newton(t["gap_rms_N"]),
             force_range(t.get("interval_N")),
             percent(t["share"]),
             "yes" if t["significant"] else "no",
         )
-        for t in w["tests"]
+        for t, f in zip(w["tests"], frequencies)
     ]
-    section.table(
-        ("test", "frequency, Hz", "amplitude, mm", "gap (RMS)", "90 % interval", "share of friction", "stands out"),
-        rows,
-        "The gap of each test",
-        fold=len(rows) > 16,
-    )
+    head = ("test", "frequency, Hz", "amplitude, mm", "gap (RMS)", "90 % interval", "share of friction", "stands out")
+    if not clock:
+        head, rows = (head[0], *head[2:]), [(row[0], *row[2:]) for row in rows]
+    section.table(head, rows, "The gap of each test", fold=len(rows) > 16)
     section.table(
         ("part of the loop", "gap (RMS)", "share of the gap", "share of the time", "stands out"),
         [
