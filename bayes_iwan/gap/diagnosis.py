@@ -290,7 +290,7 @@ def _reported(
     hidden = tuple(n for n, v in nats.items() if v < TESTABLE_NATS and n not in named and n not in NO_CAUSE)
     report("what the base can imitate")
     friction_N = float(np.sqrt(np.mean(gap.size.friction_N**2)))
-    imitated = imitations(found.search, named, friction_N, gap.campaign.limits)
+    imitated = imitations(found.search, found.fits, named, friction_N, gap.campaign.limits)
     if verdict.kind is Kind.DRIVE:
         imitated = ()
     report("next test")

@@ -205,7 +205,7 @@ def test_a_rest_without_a_name_is_said_with_where_it_sits(tmp_path, found):
 
 @pytest.mark.parametrize("kind, mark", [("none", "good"), ("unknown", "warning")])
 def test_page_without_a_named_cause(tmp_path, found, nothing, kind, mark):
-    d = answer(nothing) if kind == "none" else answer(found, kind)
+    d = answer(replace(nothing, edges=(), imitations=())) if kind == "none" else answer(found, kind)
     d["next_test"] = None
     assert d["verdict"]["kind"] == kind
     text, parts = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))

@@ -137,15 +137,18 @@ def edges_of(fit: Fit) -> tuple[Edge, ...]:
     return tuple(sorted(found, key=lambda x: -abs(x.deviations)))
 
 
-def imitations(search: Search, named: frozenset[str], friction_N: float, limits: RigLimits) -> tuple[Imitation, ...]:
-    """Every dependence that the base can imitate and that these tests show beside the named effects. friction_N : what
-    gaps are a share of."""
-    known = search.fits.get(named, search.base)
-    own = {p.name for p in known.problem.prior.free if not p.owner}
+def imitations(
+    search: Search, fits: Mapping[frozenset[str], Fit], named: frozenset[str], friction_N: float, limits: RigLimits
+) -> tuple[Imitation, ...]:
+    """Every dependence that the base can imitate and that these tests show beside the named effects. fits : of sets of
+    these; friction_N : what gaps are a share of."""
+    known = dict(search.fits) | dict(fits)
+    own = {p.name for p in search.base.problem.prior.free if not p.owner}
     out = []
     for freedom in FREEDOMS:
-        if set(freedom.neutral) <= own and not named & {*freedom.effects}:
-            found = _imitation(search, known, freedom, friction_N, limits)
+        if set(freedom.neutral) <= own:
+            free = known.get(named - {*freedom.effects}, search.base)
+            found = _imitation(search, free, freedom, friction_N, limits)
             out += [found] if found is not None else []
     return tuple(out)
 

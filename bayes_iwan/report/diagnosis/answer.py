@@ -36,13 +36,14 @@ CAPTIONS = {
         "it one of several effects removes, where these tests cannot tell which. Right: what the model misses "
         "in the test where it misses most, along one cycle (where most of the gap is change along the record: in the "
         "first and the last cycles); the grey band is the expected residual.",
-        "Waterfall of the gap and the residual force of one test with and without the named causes",
+        "Waterfall of the gap and the residual force of one test with and without the named effects",
     ),
     "budget": (
-        "The gap as a sum: how much of it each named cause makes and what is left. What several remove together is "
+        "The gap as a sum: how much of it each named effect removes and what stays unexplained. What several remove "
+        "together is "
         "shared among them by Shapley values, the mean of two ways: each put into the model, and what it makes taken "
         "out of the records.",
-        "Waterfall from the gap down to the rest",
+        "Waterfall from the gap down to the unexplained part",
     ),
     "gap_loops": (
         "Measured loops of every test. Red and thick: the measured force is above the model's there; blue: "
@@ -61,8 +62,8 @@ CAPTIONS = {
         "Points with intervals: gap in each part of the loop",
     ),
     "gap_harmonics": (
-        "Harmonics of what is missed, test by test. Left: in step with the displacement, where a missing "
-        "stiffness or mass shows; right: in step with the velocity, where missing damping shows.",
+        "Harmonics of what is missed, test by test. Left: in phase with displacement, where a missing "
+        "stiffness or mass shows; right: in phase with velocity, where missing damping shows.",
         "Stems of residual harmonics for all tests, in phase and in quadrature",
     ),
     "gap_growth": (
@@ -80,16 +81,17 @@ CAPTIONS = {
         "Bar chart of the probability that each effect contributes",
     ),
     "before_after": (
-        "What is missed along the cycle by the model alone and with the named causes, everything fitted anew.",
-        "Residual force along the cycle of every test with and without the causes",
+        "What is missed along the cycle by the model alone and with the named effects, everything fitted anew.",
+        "Residual force along the cycle of every test with and without the effects",
     ),
     "shares": (
         "Share of the gap that each named cause removes. The diamond counts: tests that the fit has not seen.",
         "Share of the gap by cause with intervals, on fitted and on unseen tests",
     ),
     "moved": (
-        "Change of the specimen's own parameters once the causes are in the model. Long stems: these had been bent to "
-        "imitate them.",
+        "Change of the specimen's own parameters once the named effects are in the model. Long stems: these had "
+        "changed "
+        "to imitate them.",
         "Change of each parameter in standard deviations",
     ),
 }
