@@ -295,7 +295,8 @@ def _reported(
         imitated = ()
     report("next test")
     following = _next(data, found, verdict, constants, gap.campaign)
-    following = following or next((x.next_test for x in imitated if x.said and x.next_test), None)
+    if following is None or not named:  # what is said to be tied comes before what is only possible
+        following = next((x.next_test for x in imitated if x.said and x.next_test), following)
     return Diagnosis(
         gap.campaign,
         seed,

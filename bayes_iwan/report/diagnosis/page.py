@@ -87,9 +87,8 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         for t, f in zip(w["tests"], frequencies)
     ]
     head = ("test", "frequency, Hz", "amplitude, mm", "gap (RMS)", "90 % interval", "share of friction", "stands out")
-    if not clock:
-        head, rows = (head[0], *head[2:]), [(row[0], *row[2:]) for row in rows]
-    section.table(head, rows, "The gap of each test", fold=len(rows) > 16)
+    shown = [tuple(row) if clock else (row[0], *row[2:]) for row in (head, *rows)]
+    section.table(shown[0], shown[1:], "The gap of each test", fold=len(rows) > 16)
     section.table(
         ("part of the loop", "gap (RMS)", "share of the gap", "share of the time", "stands out"),
         [
