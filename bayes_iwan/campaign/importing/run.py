@@ -327,11 +327,13 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     if found.role == "acceleration":
         motion_values, more_warnings = displacement_from_acceleration(file, time_s, acceleration)
         warnings += more_warnings
-    else:
-        motion_values, drift = without_drift(time_s, motion_values)
-        warnings += drift
+    level = motion_values
+    if found.role == "displacement":
+        level, drift = without_drift(time_s, motion_values)
+        if split and drift:  # levels are told by crossings, which a drift moves; else it is for who reads the campaign
+            motion_values, warnings = level, (*warnings, *drift)
     record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units)
-    drive = None if split else judge(time_s, motion_values)
+    drive = None if split else judge(time_s, level)
     if drive is not None and drive.kind == "levels":
         text = f"It is {staircase_said(drive)}, which would look like one specimen that changes: make a test of each."
         raise ImportAsks(where, [Question("--split", "", "", text)])
@@ -339,16 +341,17 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     out: list[ImportedTest] = []
     for piece in pieces:
         try:
-            checked, loop = check_record(_named(piece))
+            named = _named(piece)  # what is written is as it was recorded: drifts are taken off when it is read
+            checked, loop = check_record(named)
         except CampaignError as error:
             if len(pieces) == 1:
                 raise
             dropped = (*dropped, f"left out: {error}")
             continue
         columns = {
-            "time_s": checked.time_s,
-            column or ACCELERATION_COLUMNS[units.displacement]: checked.displacement_mm if column else acceleration,
-            FORCE_COLUMNS[units.force]: checked.force_N,
+            "time_s": named.time_s,
+            column or ACCELERATION_COLUMNS[units.displacement]: named.displacement_mm if column else acceleration,
+            FORCE_COLUMNS[units.force]: named.force_N,
         }
         line = (
             f"found{f' in {checked.file}' if len(pieces) > 1 else ''}: {loop.frequency_hz:.4g} Hz, "
@@ -370,7 +373,8 @@ def _alike(a: Channel, b: Channel) -> bool:
 
 def _named(record: Record) -> Record:
     """The record with the frequency and amplitude that it shows, rounded to what names a test."""
-    found = average(record, n_phase=64, n_harmonics=8, n_blocks=1)
+    level, _ = without_drift(record.time_s, record.displacement_mm)
+    found = average(replace(record, displacement_mm=level), n_phase=64, n_harmonics=8, n_blocks=1)
     return replace(
         record,
         frequency_hz=float(f"{found.frequency_hz:.{FREQUENCY_DIGITS}g}"),
