@@ -66,20 +66,28 @@ class Check:
     def __repr__(self) -> str:
         c = self.campaign
         head = (
-            f"{'f, Hz':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} {'noise, N':>9s}  role"
+            f"{'f, Hz' if c.clock else '':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} "
+            f"{'mean, N':>9s} {'mean, mm':>9s} {'noise, N':>9s}  role"
         )
         lines = [c.name + (f": {c.description}" if c.description else ""), f"{'test':24s} {c.units.text(head)}"]
         for test in self.tests:
             x = test.loop
             lines.append(
-                f"{x.file:24s} {x.frequency_hz:8.4g} {x.amplitude_mm:8.4g} {x.n_cycles:6d} {x.record.time_s.size:8d} "
-                f"{x.force_N.std():12.4g} {test.noise_N:9.2g}  {x.role}"
+                f"{x.file:24s} {f'{x.frequency_hz:.4g}' if c.clock else '':>8s} {x.amplitude_mm:8.4g} {x.n_cycles:6d} "
+                f"{x.record.time_s.size:8d} {x.force_N.std():12.4g} "
+                f"{_shown(x.harmonics_N[0].real, x.force_N.std())} {_shown(x.offset_mm, x.amplitude_mm)} "
+                f"{test.noise_N:9.2g}  {x.role}"
             )
             lines += [f"    {note}" for note in test.notes]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
+
+
+def _shown(mean: float, size: float) -> str:
+    """A mean to three digits, none where it is no more than rounding."""
+    return f"{mean if abs(mean) > 1e-6 * size else 0.0:9.3g}"
 
 
 def check(campaign: Campaign | PathLike) -> Check:

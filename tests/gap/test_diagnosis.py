@@ -13,7 +13,7 @@ from bayes_iwan.effects.base import EffectError
 from bayes_iwan.effects.catalogue import NAMES
 from bayes_iwan.effects.friction import FrictionFade
 from bayes_iwan.files import finite, write_json
-from bayes_iwan.gap.diagnosis import BASES, EffectParameter, _parameters, diagnose_loops
+from bayes_iwan.gap.diagnosis import BASES, _parameters, diagnose_loops
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import base_problem, extended, fit_model, in_newtons
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
@@ -23,7 +23,7 @@ from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.gap.judging.verdict import verdict_of
 from bayes_iwan.gap.telling.answer import effects_described, to_dict, write_answer
 from bayes_iwan.gap.telling.saved_fits import LOOPS, SavedFitsError, find_shares
-from bayes_iwan.gap.telling.words import _strength
+from bayes_iwan.gap.telling.words import strength
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.setup.problem import iwan_model, make_problem
 from bayes_iwan.inference.setup.scales import scales_of
@@ -106,7 +106,7 @@ def test_the_answers_sentence_names_the_cause_with_its_number_and_shares(viscous
     sentence = to_dict(viscous)["sentences"][1]
     c = viscous.verdict.causes[0]
     assert not any("one frequency and one amplitude" in s for s in to_dict(viscous)["sentences"])
-    assert "iscous damping" in sentence and "±" in sentence and "on tests left out" in sentence
+    assert "iscous damping" in sentence and "±" in sentence and "on held-out tests" in sentence
     assert f"{100 * c.share.value:.0f} %" in sentence
 
 
@@ -121,7 +121,7 @@ def test_a_gap_without_a_name_has_suspects(viscous):
     assert list(shares.values()) == sorted(shares.values(), reverse=True)
     said = to_dict(replace(viscous, verdict=verdict))
     assert said["verdict"]["suspects"][0]["name"] in shares
-    assert any("viscous damping (" in s for s in said["sentences"])
+    assert any("viscous damping (by " in s for s in said["sentences"])
 
 
 def test_beside_a_cause_that_explains_little_the_rest_has_suspects_but_not_the_named(viscous):
@@ -136,7 +136,10 @@ def test_beside_a_cause_that_explains_little_the_rest_has_suspects_but_not_the_n
     assert verdict.kind is Kind.PARTLY and verdict.names == ("viscous_damping",)
     shares = {x.name: x.share for x in verdict.suspects}
     assert shares and min(shares.values()) >= 0.5 and "viscous_damping" not in shares
-    assert any(s.startswith("Alone in the model") for s in to_dict(replace(viscous, verdict=verdict))["sentences"])
+    assert any(
+        s.startswith("Each of these would reduce the gap")
+        for s in to_dict(replace(viscous, verdict=verdict))["sentences"]
+    )
 
 
 def test_one_record_is_said_to_judge_nothing(kit):
@@ -190,7 +193,7 @@ def test_a_fade_is_told_as_what_is_lost_within_the_records(kit):
     "lost, said", [(0.05, " (lost in records 0.05 ± 0.01)"), (-0.03, " (regained in records 0.03 ± 0.01)")]
 )
 def test_what_is_regained_is_not_called_a_negative_loss(lost, said):
-    assert _strength({"lost_in_records": EffectParameter(lost, 0.01, lost - 0.02, lost + 0.02, "-")}) == said
+    assert strength({"lost_in_records": (lost, 0.01, "-")}) == said
 
 
 WHERE_ROUNDING_DECIDES = {

@@ -12,9 +12,9 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.inference.setup.discrepancy import Correlated
+from bayes_iwan.inference.setup.loop_error import friction_rms_N
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.physics.interface.motion import sine_motion
-from bayes_iwan.physics.interface.simulator import straight_part
 
 #: an amplitude or peak speed within this factor of the tested ones is tested, and a frequency, which the model knows by
 #: the speed alone, within FREQUENCY_MARGIN; beyond REFUSED times what was tested nothing is predicted
@@ -115,8 +115,8 @@ def _beyond(problem: Problem, frequency_hz: float, amplitude_mm: float) -> str:
 
 @dataclass(frozen=True)
 class Misfit:
-    """rms_N : RMS residual of the median prediction over the fitted tests; share : the same over the friction force's,
-    tests weighing alike."""
+    """rms_N : RMS residual of the median prediction over the fitted tests; share : the same over the RMS friction force
+    of all tests (:func:`bayes_iwan.inference.setup.loop_error.friction_rms_N`), as a diagnosis has it."""
 
     rms_N: float
     share: float
@@ -124,18 +124,12 @@ class Misfit:
 
 def misfit_of(problem: Problem, z: Array) -> Misfit:
     """Misfit of the median prediction of draws z, (n, ndim); the tests' mean forces, which drift, left aside."""
-    slope = problem.model.spring_N_mm(problem.parameter_values(z))
+    values = problem.parameter_values(z)
     predicted = np.median(problem.predict(z), axis=0)
-    squares, shares = [], []
-    for t, loop in enumerate(problem.loops):
-        if slope is None:
-            friction = loop.force_N - straight_part(loop.force_N, loop.displacement_mm)
-        else:
-            friction = loop.force_N - float(np.median(slope)) * loop.displacement_mm
-            friction = friction - friction.mean()
-        squares.append(np.var(loop.force_N - predicted[t]))
-        shares.append(squares[-1] / np.mean(friction**2))
-    return Misfit(float(np.sqrt(np.mean(squares))), float(np.sqrt(np.mean(shares))))
+    friction = friction_rms_N(np.median(problem.friction_force(values), axis=0), problem.loops)
+    squares = [np.var(loop.force_N - predicted[t]) for t, loop in enumerate(problem.loops)]
+    rms = float(np.sqrt(np.mean(squares)))
+    return Misfit(rms, rms / float(np.sqrt(np.mean(friction**2))))
 
 
 def replicated(
