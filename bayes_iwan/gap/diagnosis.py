@@ -31,7 +31,8 @@ from bayes_iwan.gap.judging.verdict import verdict_of
 from bayes_iwan.gap.judging.weighing import Weighed, weighed
 from bayes_iwan.gap.searching.explored import Report, silent
 from bayes_iwan.gap.searching.found import Search
-from bayes_iwan.gap.searching.search import MOST_EFFECTS, search
+from bayes_iwan.gap.constants import MOST_EFFECTS
+from bayes_iwan.gap.searching.search import search
 from bayes_iwan.gap.telling.findings import where_sentences
 from bayes_iwan.gap.telling.located import Located, Watcher, located
 from bayes_iwan.gap.telling.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
