@@ -9,8 +9,9 @@ from typing import Final
 
 # ---- the score of a set of effects (searching/found.py)
 
-#: nats: an effect must gain so much to be in a set; the logarithm of how many effects and laws compete for its place
-EFFECT_NATS: Final = 3.0
+#: nats: an effect must gain so much to be in a set; the logarithm of how many effects and laws compete for its place,
+#: twice, since evidence and newtons both count what it gains
+EFFECT_NATS: Final = 8.0
 #: nats that two effects cost together that look alike: nature seldom has both
 ALIKE_NATS: Final = 12.0
 #: nats of the logarithm of the gap in newtons, for each test: two for one harmonic, twice as many since half of what
@@ -24,7 +25,7 @@ USUAL_GAP: Final = 0.004
 #: single effects are refitted if they are among so many most promising ones or promise PROMISE nats, or are sudden
 SINGLE_MOST: Final = 7
 #: nats that one Gauss–Newton step must promise for an effect to be refitted
-PROMISE: Final = 3.0
+PROMISE: Final = 6.0
 #: where this share of a gap is change along the record, all that acts there is refitted: one step of a fade that
 #: recovers leads nowhere, though it may be the whole cause
 CHANGING: Final = 0.3
@@ -37,3 +38,47 @@ MOST_EFFECTS: Final = 4
 ROUNDS: Final = 2
 #: what removes less of the friction force is not named: two sensors of one kind differ by as much
 LEAST_OF_FRICTION: Final = 0.001
+
+# ---- figures of an effect (judging/figures.py)
+
+#: sets without an effect that it is compared with on tests left out
+OTHER_SETS: Final = 2
+#: nats that a rival may be behind: beyond, no power of the score tells more
+NATS_OF_GAP: Final = 600.0
+
+# ---- numbers that no cause has (judging/plausible.py)
+
+#: prior standard deviations beyond which a number is not plausible
+LARGEST_SCORE: Final = 4.0
+#: periods of the slowest test that a time constant of a cycle's signals may last
+LONGEST_PERIODS: Final = 3.0
+#: largest over smallest frequency that tells how a force follows frequency
+CLOCK_SPREAD: Final = 1.15
+
+# ---- the verdict (judging/verdict.py)
+
+#: probability from which an effect is named: a false name costs more than a missed one
+NAMED: Final = 0.55
+#: share of the gap that an effect must remove to be named; of a cause in the base's own form, which always removes some
+LEAST_SHARE: Final = 0.02
+LEAST_OWN_FORM: Final = 0.2
+#: gap over the friction force below which no cause in the base's own form is named: so much every specimen differs
+LEAST_GAP: Final = 0.01
+#: share of what changes along the record that is reported
+LEAST_ALONG: Final = 0.2
+#: what a single record shows by itself: a line of the mains, a level that the force does not pass, a zero that moves
+SHOWN_BY_RECORD: Final = frozenset({"mains_hum", "force_clipping", "force_drift"})
+#: share of a gap, most of which has no name, that an effect must remove alone to be suspected, and how many are said
+SUSPECT: Final = 0.5
+SUSPECTS_MOST: Final = 6
+
+# ---- probabilities (judging/calibration.py; their weights are fitted, in calibration.json)
+
+#: nats for each test up to which evidence counts in full; beyond, by its logarithm
+LINEAR_NATS: Final = 2.0
+#: fewer tests than these are counted as so many: one record's nats are few, but as easily found by what merely absorbs
+LEAST_TESTS: Final = 6
+#: share of what an effect removes that counts as removed on tests left out where none can be
+UNJUDGED: Final = 0.3
+#: no answer claims more
+SUREST: Final = 0.99

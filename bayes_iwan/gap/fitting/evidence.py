@@ -88,6 +88,11 @@ class Fit:
         """Names of the effects in the model."""
         return frozenset(e.name for e in self.effects)
 
+    @property
+    def evolving(self) -> bool:
+        """Does it change along the record?"""
+        return any(e.evolving for e in self.effects)
+
     @cached_property
     def log_evidence(self) -> float:
         """ln ∫ Z(a, ℓ) p(a, ℓ), but for the constant of p, which is flat over the lengths."""

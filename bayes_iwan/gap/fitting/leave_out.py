@@ -4,7 +4,7 @@ out, or tests that were held out from the start."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,8 @@ class Unseen:
     along_N2 : the same of its part that changes along the record
     told : by set of effects and effect, (n,) did the fitted tests tell its strength? Where its parameters belong to
         single tests it is not there
+    trained : by set of effects, (3, n) of the tests that each was predicted from: ln evidence of the set, its squared
+        gap and how many tests they were; nothing for tests that were held out from the start
     """
 
     by: str
@@ -46,6 +48,7 @@ class Unseen:
     power_N2: dict[frozenset[str], Array]
     along_N2: dict[frozenset[str], Array]
     told: dict[frozenset[str], dict[str, NDArray[np.bool_]]]
+    trained: dict[frozenset[str], Array] = field(default_factory=dict)
 
     def gap_N(self, names: Iterable[str]) -> float:
         """RMS gap over these tests with a set of effects in the model."""
@@ -119,33 +122,44 @@ def parted(data: GapData) -> dict[str, list[list[int]]]:
     return {by: parts for by, parts in out.items() if len(parts) > 1}
 
 
-#: (2, n) squared gaps of tests that a fit has not seen, and their parts along the record; its strengths that are told
-_Missed = tuple[Array, dict[str, bool]]
+#: (2, n) squared gaps of tests that a fit has not seen, and their parts along the record; its strengths that are told;
+#: ln evidence, squared gap and number of the tests that it was fitted to
+_Missed = tuple[Array, dict[str, bool], Array]
 
 
 def _unseen(by: str, files: Sequence[str], missed: dict[frozenset[str], list[_Missed]]) -> Unseen:
     """What several fits of each set miss, each on tests of its own, one after another."""
-    gaps_N2 = {k: np.concatenate([gaps for gaps, _ in parts], axis=1) for k, parts in missed.items()}
+    gaps_N2 = {k: np.concatenate([gaps for gaps, _, _ in parts], axis=1) for k, parts in missed.items()}
     told = {
-        k: {name: np.concatenate([np.full(gaps.shape[1], t[name]) for gaps, t in parts]) for name in parts[0][1]}
+        k: {name: np.concatenate([np.full(gaps.shape[1], t[name]) for gaps, t, _ in parts]) for name in parts[0][1]}
+        for k, parts in missed.items()
+    }
+    trained = {
+        k: np.concatenate([np.tile(of[:, None], gaps.shape[1]) for gaps, _, of in parts], axis=1)
         for k, parts in missed.items()
     }
     whole, along = ({k: v[i] for k, v in gaps_N2.items()} for i in range(2))
-    return Unseen(by, tuple(files), whole, along, told)
+    return Unseen(by, tuple(files), whole, along, told, trained)
 
 
 def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> _Missed:
     """See :func:`_missed`, of a fit to the rest of the tests on those left out."""
     fit, rest, left = piece
-    return _missed(refitted(fit, rest), left)
+    again = refitted(fit, rest)
+    size = again.size
+    sizes = ((size.share, size.length, size.along),)
+    nats = float(again.linear.evidence(sizes).log_z[0]) + rest.layout(size.between, again.evolving).constant
+    trained_N2 = max(float(gap_power_N2(residual_of(rest, again)).mean()), 0.0)
+    return _missed(again, left, np.array([nats, trained_N2, rest.tests]))
 
 
-def _missed(fit: Fit, data: GapData) -> _Missed:
+def _missed(fit: Fit, data: GapData, trained: Array | None = None) -> _Missed:
     """What it misses on tests that it was not fitted to."""
     residual = residual_of(data, fit, refitted=False)
     variance = dict(zip(fit.problem.names, np.diag(fit.covariance)))
     told = {e.name: bool(variance[e.strength_name] <= UNTOLD) for e in fit.effects if e.strength_name in variance}
-    return np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))]), told
+    gaps_N2 = np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))])
+    return gaps_N2, told, np.full(3, np.nan) if trained is None else trained
 
 
 def halves(data: GapData) -> list[tuple[list[int], list[int]]]:

@@ -68,14 +68,14 @@ def sound_gap_N(data: GapData) -> float:
     return USUAL_GAP * float(np.sqrt(np.mean(data.level_N**2)))
 
 
-def newton_nats(data: GapData, gap_N: float) -> float:
-    """What a gap in newtons is worth beside the evidence.
+def newton_nats(gap_N: float, sound_N: float, tests: int) -> float:
+    """What a gap in newtons is worth beside the evidence; sound_N : a sound specimen's usual one.
 
     Evidence follows the harmonics that are quiet, and takes tests together for what is smooth between them: a law that
     fits what is small in newtons may win there while another halves the gap. So a gap counts as evidence would count it
     that knew one harmonic of each test and nothing of the other tests: by ln of its square, once a test.
     """
-    return -0.5 * NEWTON_NATS * data.tests * float(np.log(gap_N**2 + sound_gap_N(data) ** 2))
+    return -0.5 * NEWTON_NATS * tests * float(np.log(gap_N**2 + sound_N**2))
 
 
 def changes(data: GapData, along_N: float) -> bool:

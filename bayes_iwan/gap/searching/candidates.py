@@ -89,7 +89,8 @@ def candidate(data: GapData, smaller: Fit, alike: Fit, gap_N: float, effect: Eff
         nearest, less = promising(plain, points, plain.missed(by_model), alike, alike.size, 1)
     removes = less / max(_cost(plain, alike, alike.size), 1e-300)
     left_N = gap_N * float(np.sqrt(np.clip(1.0 - removes, 0.0, 1.0)))
-    worth = gain + newton_nats(data, left_N) - newton_nats(data, gap_N)
+    sound_N = sound_gap_N(data)
+    worth = gain + newton_nats(left_N, sound_N, data.tests) - newton_nats(gap_N, sound_N, data.tests)
     return Candidate(effect, problem, np.concatenate([starts, nearest]), gain, worth)
 
 

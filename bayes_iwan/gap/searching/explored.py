@@ -6,7 +6,7 @@ once the smaller model's own parameters may move (one Gauss–Newton step).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from itertools import islice
 
@@ -17,9 +17,9 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, extended
-from bayes_iwan.gap.searching.base import BASE_POINTS, fit_base, gap_parts_N, quick_gap_N
+from bayes_iwan.gap.searching.base import BASE_POINTS, fit_base, gap_parts_N, newton_nats, quick_gap_N, sound_gap_N
 from bayes_iwan.gap.searching.candidates import Candidate, failing, leading
-from bayes_iwan.gap.searching.found import LAST, look_alike, part, score
+from bayes_iwan.gap.searching.found import LAST, alike_pairs, look_alike, part, score
 from bayes_iwan.gap.searching.refits import ITERATIONS, Refit, Refits
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.problem import Problem
@@ -84,16 +84,29 @@ class Explored:
         """See :func:`.found.score`; gaps are found once for each fit, several side by side."""
         new = {(f.names, f.log_evidence): f for f in fits if (f.names, f.log_evidence) not in self._gaps}
         self._gaps |= zip(new, self.refits.asked(quick_gap_N, list(new.values())))
-        return [score(self.data, self.effects, f, self._gaps[f.names, f.log_evidence]) for f in fits]
+        sound_N, tests = sound_gap_N(self.data), self.data.tests
+        return [
+            score(
+                f.log_evidence,
+                newton_nats(self._gaps[f.names, f.log_evidence], sound_N, tests),
+                f.names,
+                alike_pairs(self.effects, f.names),
+            )
+            for f in fits
+        ]
 
     def score(self, fit: Fit) -> float:
         return self.scores([fit])[0]
 
-    def best(self, most: int, among: Callable[[frozenset[str]], bool]) -> list[Fit]:
+    def best(self, some: Iterable[frozenset[str]], most: int = 1) -> list[Fit]:
         """The fits of the best score among some sets, the best first."""
-        some = [f for k, f in self.fits.items() if among(k)]
-        order = sorted(zip(self.scores(some), range(len(some))), reverse=True)
-        return [some[i] for _, i in order[:most]]
+        fits = [self.fits[k] for k in some]
+        order = sorted(zip(self.scores(fits), range(len(fits))), reverse=True)
+        return [fits[i] for _, i in order[:most]]
+
+    def sets(self, size: int, beside: frozenset[str] = frozenset()) -> list[frozenset[str]]:
+        """The fitted sets of a size that have these effects and, but for them, nothing of LAST."""
+        return [k for k in self.fits if len(k) == size and beside <= k and not (k - beside) & LAST]
 
     # ---- refits
 

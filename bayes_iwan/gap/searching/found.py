@@ -12,7 +12,6 @@ from bayes_iwan.effects.catalogue import BUILT_IN, FORM
 from bayes_iwan.gap.constants import ALIKE_NATS, EFFECT_NATS
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
-from bayes_iwan.gap.searching.base import newton_nats
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -70,16 +69,14 @@ def alike_pairs(effects: Mapping[str, tuple[Effect, ...]], names: Iterable[str])
     return sum(look_alike(effects, a, b) for a, b in combinations(sorted(names), 2))
 
 
-def score(data: GapData, effects: Mapping[str, tuple[Effect, ...]], fit: Fit, gap_N: float) -> float:
-    """The score of a fitted set of effects, nats: what a search maximises.
+def score(log_evidence: float, newtons: float, names: frozenset[str], pairs: int) -> float:
+    """The score of a set of effects, nats: what a search maximises, for taking in, dropping, exchanging and ranking.
 
-        ln evidence − ½·NEWTON_NATS·tests·ln(gap² + usual²) − EFFECT_NATS·effects − ALIKE_NATS·pairs that look alike
+        ln evidence + newtons − EFFECT_NATS · effects − ALIKE_NATS · pairs that look alike
 
-    Evidence follows the harmonics that are quiet; the gap in newtons, gap_N, counts as evidence would count it that
-    knew one harmonic of each test; the last two are the prior of a set.
+    newtons : :func:`.base.newton_nats` of the gap that is left; the last two terms are the prior of a set
     """
-    prior = EFFECT_NATS * len(fit.names) + ALIKE_NATS * alike_pairs(effects, fit.names)
-    return fit.log_evidence + newton_nats(data, gap_N) - prior
+    return log_evidence + newtons - EFFECT_NATS * len(names) - ALIKE_NATS * pairs
 
 
 def part(fit: Fit, problem: Problem) -> Array:

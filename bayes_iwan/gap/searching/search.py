@@ -52,48 +52,51 @@ def fit_base_again(found: Explored) -> bool:
 
 
 def promising(offered: Sequence[Candidate], most: int) -> list[Candidate]:
-    """The candidates that promise anything, the first laws of at most so many effects."""
-    names = list(dict.fromkeys(x.name for x in offered if x.worth > PROMISE))[:most]
-    return [x for x in offered if x.name in names]
+    """The candidates that promise anything, at most so many."""
+    return [x for x in offered[:most] if x.worth > PROMISE]
 
 
-def grow(found: Explored, most: int) -> None:
-    """Fit larger and larger sets: the best few of each size, each with the effects that promise most there."""
+def grow(found: Explored, most: int) -> Fit:
+    """Fit larger and larger sets: the best few of each size, each with the effects that promise most there. The best
+    of all."""
+    best = found.best([frozenset(), *found.sets(1)])[0]
     for size in range(1, most):
-        best = found.score(found.best(1, lambda k: not k & LAST)[0])
-        for fit in found.best(BEAM, lambda k: len(k) == size and not k & LAST):
+        for fit in found.best(found.sets(size), BEAM):
             found.add(promising(found.offered(fit), BRANCH), fit)
-        larger = found.best(1, lambda k: len(k) == size + 1 and not k & LAST)
-        if not larger or found.score(larger[0]) <= best:
-            return
+        larger = found.best([best.names, *found.sets(size + 1)])[0]
+        if larger.names == best.names:
+            break
+        best = larger
+    return best
 
 
 def bend(found: Explored, current: Fit) -> Fit:
     """The set with what bends the base's own form, as much of it as scores more."""
     while True:
         found.add(promising(found.offered(current, last=True), BRANCH), current)
-        larger = found.best(1, lambda k: current.names < k and len(k) == len(current.names) + 1 and k - current.names <= LAST)
-        if not larger or found.score(larger[0]) <= found.score(current):
+        more = [k for k in found.fits if current.names < k and len(k) == len(current.names) + 1]
+        larger = found.best([current.names, *(k for k in more if k - current.names <= LAST)])[0]
+        if larger.names == current.names:
             return current
-        current = larger[0]
+        current = larger
 
 
 def settle(found: Explored, current: Fit) -> Fit:
     """Each effect in turn dropped, and exchanged for what looks alike and what promises most in its place, as long as
     that scores more."""
     for _ in range(ROUNDS):
-        before = current
-        for name in sorted(current.names):
+        before = current.names
+        for name in sorted(before):
             if name not in current.names:
                 continue
             less = found.without(current, name)
             offered = [x for last in (False, True) for x in found.offered(less, last) if x.name != name]
             alike = [x for x in offered if look_alike(found.effects, name, x.name)]
             others = promising([x for x in offered if x not in alike], BRANCH)
-            new = [x for x in (*alike, *others) if less.names | {x.name} not in found.fits]
-            found.add(new, less, current)
-            current = found.best(1, lambda k: k in (less.names, current.names) or (less.names < k and len(k) == len(current.names)))[0]
-        if current is before:
+            found.add([x for x in (*alike, *others) if less.names | {x.name} not in found.fits], less, current)
+            exchanged = [k for k in found.fits if less.names < k and len(k) == len(current.names)]
+            current = found.best([less.names, *exchanged])[0]
+        if current.names == before:
             break
     return current
 
@@ -119,11 +122,11 @@ def search(
     fit_singles(found)
     if fit_base_again(found):  # the base had missed its optimum: once more from there
         fit_singles(found)
-    grow(found, most)
-    current = settle(found, bend(found, found.best(1, lambda k: not k & LAST)[0]))
+    settle(found, bend(found, grow(found, most)))
+    current = found.best(found.fits)[0]
+    for name in current.names:  # what is judged beside it
+        found.without(current, name)
     scores = dict(zip(found.fits, found.scores(list(found.fits.values()))))
-    current = found.fits[max(scores, key=lambda k: scores[k])]
-    gain = {n: scores[current.names] - found.score(found.without(current, n)) for n in current.names}
-    scores = dict(zip(found.fits, found.scores(list(found.fits.values()))))
+    gain = {n: scores[current.names] - scores[current.names - {n}] for n in current.names}
     order = tuple(sorted(gain, key=lambda n: -gain[n]))
     return Search(data, scales, settings, found.fits, order, scores, found.effects, found.failed)
