@@ -3,8 +3,8 @@
     python analyses/study_fits.py /work/cache/draws/4101_*.pickle --out /work/cache/fits [--workers 2]
     python analyses/study_fits.py ../shared/data/mr_damper_off ... --out /work/cache/fits
 
-A case is a pickle of `study_draws.py`, or the folder of a campaign (whose truth nobody knows). With --records 1 a
-campaign is seen by the record of its largest test alone.
+A case is a pickle of `study_draws.py`, or the folder of a campaign (whose truth nobody knows). --set BEAM=1 searches
+with another value of a constant, for `ablate_diagnosis.py`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import pickle
+import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -37,8 +38,17 @@ def named(names: frozenset[str]) -> str:
     return "+".join(sorted(names))
 
 
+def changed(constants: dict[str, float]) -> None:
+    """Other values of constants wherever they have been imported."""
+    for module in [m for n, m in sys.modules.items() if n.startswith("bayes_iwan.gap")]:
+        for name, value in constants.items():
+            if hasattr(module, name):
+                setattr(module, name, value)
+
+
 def fitted(shared: dict[str, Any], path: str) -> dict[str, Any]:
     """One case: searched and weighed."""
+    changed(shared)
     if Path(path).is_dir():
         loops = [x for x in read_campaign(path).loops(**LOOPS) if x.role != "held-out"]
         case = {
@@ -100,13 +110,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="other values of constants")
     parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     pieces = {str(args.out / f"{p.stem}.json"): str(p) for p in args.cases}
     left = {k: v for k, v in pieces.items() if not Path(k).is_file()}
+    constants = {name: json.loads(value) for name, value in (x.split("=") for x in args.set)}
     with opened(workers=args.workers) as executor:
-        for path, result in finished(left, fitted, {}, executor=executor, what="fits", unit="case"):
+        for path, result in finished(left, fitted, constants, executor=executor, what="fits", unit="case"):
             if isinstance(result, Failure):
                 print(f"{path}: {result}", flush=True)
             else:

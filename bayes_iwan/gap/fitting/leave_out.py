@@ -27,6 +27,8 @@ HELD_OUT = "held-out tests"
 #: variance of an effect's strength over the prior's above which the fitted tests do not tell it: what it would do on
 #: others is a guess (a sensor that saturates at the largest amplitude alone, seen from the smaller ones)
 UNTOLD = 0.5
+#: strengths that differ by so many prior standard deviations are still called the same: nature's law is not quite ours
+LOOSE = 0.2
 _BY = {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}
 
 
@@ -41,6 +43,8 @@ class Unseen:
         single tests it is not there
     trained : by set of effects, (3, n) of the tests that each was predicted from: ln evidence of the set, its squared
         gap and how many tests they were; nothing for tests that were held out from the start
+    moved : by set of effects and effect, (parts,) by how many standard deviations its strength is another without each
+        part of the tests
     """
 
     by: str
@@ -49,6 +53,7 @@ class Unseen:
     along_N2: dict[frozenset[str], Array]
     told: dict[frozenset[str], dict[str, NDArray[np.bool_]]]
     trained: dict[frozenset[str], Array] = field(default_factory=dict)
+    moved: dict[frozenset[str], dict[str, Array]] = field(default_factory=dict)
 
     def gap_N(self, names: Iterable[str]) -> float:
         """RMS gap over these tests with a set of effects in the model."""
@@ -122,24 +127,34 @@ def parted(data: GapData) -> dict[str, list[list[int]]]:
     return {by: parts for by, parts in out.items() if len(parts) > 1}
 
 
-#: (2, n) squared gaps of tests that a fit has not seen, and their parts along the record; its strengths that are told;
-#: ln evidence, squared gap and number of the tests that it was fitted to
-_Missed = tuple[Array, dict[str, bool], Array]
+@dataclass(frozen=True)
+class _Missed:
+    """What one fit misses on tests that it was not fitted to: gaps_N2 (2, n) squared gaps and their parts along the
+    record; told : are its strengths told; moved : by how many sd each is another than that of all tests; trained (3,) :
+    ln evidence, squared gap and number of the tests that it was fitted to."""
+
+    gaps_N2: Array
+    told: dict[str, bool]
+    moved: dict[str, float]
+    trained: Array
 
 
 def _unseen(by: str, files: Sequence[str], missed: dict[frozenset[str], list[_Missed]]) -> Unseen:
     """What several fits of each set miss, each on tests of its own, one after another."""
-    gaps_N2 = {k: np.concatenate([gaps for gaps, _, _ in parts], axis=1) for k, parts in missed.items()}
+    gaps_N2 = {k: np.concatenate([x.gaps_N2 for x in parts], axis=1) for k, parts in missed.items()}
     told = {
-        k: {name: np.concatenate([np.full(gaps.shape[1], t[name]) for gaps, t, _ in parts]) for name in parts[0][1]}
+        k: {name: np.concatenate([np.full(x.gaps_N2.shape[1], x.told[name]) for x in parts]) for name in parts[0].told}
         for k, parts in missed.items()
     }
+    moved = {
+        k: {name: np.array([x.moved[name] for x in parts]) for name in parts[0].moved} for k, parts in missed.items()
+    }
     trained = {
-        k: np.concatenate([np.tile(of[:, None], gaps.shape[1]) for gaps, _, of in parts], axis=1)
+        k: np.concatenate([np.tile(x.trained[:, None], x.gaps_N2.shape[1]) for x in parts], axis=1)
         for k, parts in missed.items()
     }
     whole, along = ({k: v[i] for k, v in gaps_N2.items()} for i in range(2))
-    return Unseen(by, tuple(files), whole, along, told, trained)
+    return Unseen(by, tuple(files), whole, along, told, trained, moved)
 
 
 def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> _Missed:
@@ -150,23 +165,19 @@ def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> _Missed:
     sizes = ((size.share, size.length, size.along),)
     nats = float(again.linear.evidence(sizes).log_z[0]) + rest.layout(size.between, again.evolving).constant
     trained_N2 = max(float(gap_power_N2(residual_of(rest, again)).mean()), 0.0)
-    return _missed(again, left, np.array([nats, trained_N2, rest.tests]))
+    moved = {}
+    for effect in again.effects:
+        if (name := effect.strength_name) in again.problem.names:
+            at, before = again.problem.names.index(name), fit.problem.names.index(name)
+            sd = float(np.sqrt(again.covariance[at, at] + LOOSE**2))
+            moved[effect.name] = abs(float(again.z[at] - fit.z[before])) / sd
+    return replace(_missed(again, left), moved=moved, trained=np.array([nats, trained_N2, rest.tests]))
 
 
-def _missed(fit: Fit, data: GapData, trained: Array | None = None) -> _Missed:
+def _missed(fit: Fit, data: GapData) -> _Missed:
     """What it misses on tests that it was not fitted to."""
     residual = residual_of(data, fit, refitted=False)
     variance = dict(zip(fit.problem.names, np.diag(fit.covariance)))
     told = {e.name: bool(variance[e.strength_name] <= UNTOLD) for e in fit.effects if e.strength_name in variance}
     gaps_N2 = np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))])
-    return gaps_N2, told, np.full(3, np.nan) if trained is None else trained
-
-
-def halves(data: GapData) -> list[tuple[list[int], list[int]]]:
-    """The tests in two halves, by frequency and by amplitude, where there are several."""
-    out = []
-    for parts in parted(data).values():
-        sizes = np.cumsum([len(p) for p in parts])
-        cut = int(np.argmin(np.abs(sizes[:-1] - 0.5 * data.tests))) + 1
-        out.append(([i for p in parts[:cut] for i in p], [i for p in parts[cut:] for i in p]))
-    return out
+    return _Missed(gaps_N2, told, {}, np.full(3, np.nan))

@@ -38,6 +38,7 @@ class Figures:
     unseen : mean over tests left out of the share of the gap that it removes there, 0 where the other tests would not
         have chosen it; nan where no test can judge it
     fixed : the same with the best set, whatever the other tests would have chosen
+    differs : by how many standard deviations its strength is another without a part of the tests, at most
     left : share of the gap that the best set leaves
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
@@ -52,6 +53,7 @@ class Figures:
     alone: float
     unseen: float
     fixed: float
+    differs: float
     left: float
     moved: float
     gap: float
@@ -111,6 +113,7 @@ def figures_of(
                 alone=1.0 - sizes[frozenset({name})].all.rms_N / before,
                 unseen=_mean([_chosen_share(search, u, effect) for u in unseen]) if predicts else float("nan"),
                 fixed=_mean([_share(u, less, whole, effect) for u in unseen]) if predicts else float("nan"),
+                differs=max((float(u.moved[whole][name].max()) for u in unseen), default=0.0) if predicts else 0.0,
                 left=left / before,
                 moved=moved[name],
                 gap=sizes[less].all.rms_N / level,
