@@ -2,7 +2,7 @@
 
     python analyses/ablate_diagnosis.py judging /work/cache/fits/*.json --out analyses/ablation_judging.csv
     python analyses/study_fits.py CASES --set BEAM=1 --out /work/cache/BEAM=1          (searched anew)
-    python analyses/ablate_diagnosis.py searching /work/cache/fits /work/cache/BEAM=1 --out analyses/ablation_searching.csv
+    python analyses/ablate_diagnosis.py searching FITS /work/cache/BEAM=1 --out analyses/ablation_searching.csv
 
 `judging` takes seconds: the constants of the probabilities are fitted anew without the rule, families of foreign causes
 left out in turn, and every case is answered. `searching` compares folders of cases that were searched with another
@@ -17,6 +17,7 @@ import csv
 import json
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -62,14 +63,10 @@ def refused_but(reason: str) -> Callable[..., str]:
 
 def judged_without_choice(case: Case) -> Case:
     """Tests are left out of the fit alone, the set stays that of all tests."""
-    from dataclasses import replace
-
     return replace(case, figures=tuple(replace(f, unseen=f.fixed) for f in case.figures))
 
 
 def not_odd(case: Case) -> Case:
-    from dataclasses import replace
-
     return replace(case, figures=tuple(replace(f, odd="") for f in case.figures))
 
 

@@ -62,7 +62,9 @@ def read_cases(paths: Iterable[Path]) -> list[Case]:
 def case_of(stored: Mapping[str, Any]) -> Case:
     truth = stored["truth"]
     sets = {frozenset(k.split("+")) if k else frozenset(): v for k, v in stored["gap_resolved"].items()}
-    some = [{k: float("nan") if v is None else v for k, v in f.items() if k in FIGURES} for f in stored["figures"]]
+    some: list[dict[str, Any]] = [
+        {k: float("nan") if v is None else v for k, v in f.items() if k in FIGURES} for f in stored["figures"]
+    ]
     return Case(
         path=stored["path"],
         kind=stored["kind"],

@@ -92,7 +92,6 @@ def fitted(shared: dict[str, Any], path: str) -> dict[str, Any]:
                 "power_N2": {named(k): v.tolist() for k, v in u.power_N2.items()},
                 "along_N2": {named(k): v.tolist() for k, v in u.along_N2.items()},
                 "trained": dict(zip(map(named, ranked[0]), ranked[1].tolist())),
-                "told": {named(k): {n: v.tolist() for n, v in t.items()} for k, t in u.told.items()},
             }
             for u in found.unseen
             for ranked in [ranked_by_training(search, u)]

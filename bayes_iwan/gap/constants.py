@@ -7,6 +7,21 @@ from __future__ import annotations
 
 from typing import Final
 
+# ---- what the records are compared with (fitting)
+
+#: share of the friction level by which a contrast along the record may differ without a cause, per harmonic
+TREND_FLOOR: Final = 0.002
+#: power over white noise's at which a line of the mains stands out
+LINE_STANDS: Final = 25.0
+#: share of the friction level beyond which a rest is the less likely, p(ln a) ∝ 1/(1 + (a/LARGE_REST)²): else one
+#: record's rest, of few harmonics, grows to the friction force itself and leaves nothing to tell
+LARGE_REST: Final = 0.1
+#: sd of the logarithm of a harmonic's variance over the smooth rest's
+SPECTRUM_SD: Final = 1.4
+#: share of the friction level beside which, at most, the least gap in newtons is sought: beside a larger rest priors
+#: hold a model where it misses far more than it must
+LARGEST_REST: Final = 0.05
+
 # ---- the score of a set of effects (searching/found.py)
 
 #: nats: an effect must gain so much to be in a set; the logarithm of how many effects and laws compete for its place,
@@ -29,6 +44,8 @@ PROMISE: Final = 6.0
 #: where this share of a gap is change along the record, all that acts there is refitted: one step of a fade that
 #: recovers leads nowhere, though it may be the whole cause
 CHANGING: Final = 0.3
+#: laws of one effect that are refitted, the most promising first
+LAWS_MOST: Final = 2
 #: sets of each size that grow, and effects that each is tried with
 BEAM: Final = 2
 BRANCH: Final = 4
@@ -45,6 +62,9 @@ LEAST_OF_FRICTION: Final = 0.001
 OTHER_SETS: Final = 2
 #: nats that a rival may be behind: beyond, no power of the score tells more
 NATS_OF_GAP: Final = 600.0
+
+#: strengths that differ by so many prior standard deviations are still called the same: nature's law is not quite ours
+LOOSE: Final = 0.2
 
 # ---- numbers that no cause has (judging/plausible.py)
 

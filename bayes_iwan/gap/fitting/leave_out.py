@@ -7,12 +7,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.effects.base import effects_of
+from bayes_iwan.gap.constants import LOOSE
 from bayes_iwan.gap.fitting.data import GapData, gap_data
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
@@ -24,11 +24,6 @@ from bayes_iwan.threads import alongside
 #: iterations of a refit that starts at the optimum of all tests
 ITERATIONS = 8
 HELD_OUT = "held-out tests"
-#: variance of an effect's strength over the prior's above which the fitted tests do not tell it: what it would do on
-#: others is a guess (a sensor that saturates at the largest amplitude alone, seen from the smaller ones)
-UNTOLD = 0.5
-#: strengths that differ by so many prior standard deviations are still called the same: nature's law is not quite ours
-LOOSE = 0.2
 _BY = {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}
 
 
@@ -39,8 +34,6 @@ class Unseen:
     by : "one frequency left out", "one amplitude left out" or "held-out tests"; files (n,) of these tests
     power_N2 : by set of effects, (n,) squared gap of each test, noise taken off (may be negative)
     along_N2 : the same of its part that changes along the record
-    told : by set of effects and effect, (n,) did the fitted tests tell its strength? Where its parameters belong to
-        single tests it is not there
     trained : by set of effects, (3, n) of the tests that each was predicted from: ln evidence of the set, its squared
         gap and how many tests they were; nothing for tests that were held out from the start
     moved : by set of effects and effect, (parts,) by how many standard deviations its strength is another without each
@@ -51,18 +44,8 @@ class Unseen:
     files: tuple[str, ...]
     power_N2: dict[frozenset[str], Array]
     along_N2: dict[frozenset[str], Array]
-    told: dict[frozenset[str], dict[str, NDArray[np.bool_]]]
     trained: dict[frozenset[str], Array] = field(default_factory=dict)
     moved: dict[frozenset[str], dict[str, Array]] = field(default_factory=dict)
-
-    def gap_N(self, names: Iterable[str]) -> float:
-        """RMS gap over these tests with a set of effects in the model."""
-        return float(np.sqrt(max(self.power_N2[frozenset(names)].mean(), 0.0)))
-
-    def shrink(self, smaller: Iterable[str], larger: Iterable[str]) -> float:
-        """1 − gap with the larger set / gap with the smaller one, in −1 … 1; nan where there is no gap."""
-        before, after = self.gap_N(smaller), self.gap_N(larger)
-        return float(np.clip(1.0 - after / before, -1.0, 1.0)) if before > 0.0 else float("nan")
 
     def by_test(self, smaller: Iterable[str], larger: Iterable[str], along: bool = False) -> Array:
         """(n,) 1 − gap with the larger set / gap with the smaller one, test by test, each in −1 … 1, so that one test
@@ -71,10 +54,6 @@ class Unseen:
         before, after = (np.sqrt(np.maximum(power_N2[frozenset(k)], 0.0)) for k in (smaller, larger))
         top = np.maximum(before, after)
         return np.asarray(np.where(top > 0.0, (before - after) / np.maximum(top, 1e-300), 0.0))
-
-    def tells(self, names: Iterable[str], name: str) -> NDArray[np.bool_]:
-        """(n,) was the strength of one of these effects told by the tests that the set was fitted to?"""
-        return self.told[frozenset(names)].get(name, np.ones(len(self.files), bool))
 
 
 def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem:
@@ -130,11 +109,10 @@ def parted(data: GapData) -> dict[str, list[list[int]]]:
 @dataclass(frozen=True)
 class _Missed:
     """What one fit misses on tests that it was not fitted to: gaps_N2 (2, n) squared gaps and their parts along the
-    record; told : are its strengths told; moved : by how many sd each is another than that of all tests; trained (3,) :
+    record; moved : by how many sd each is another than that of all tests; trained (3,) :
     ln evidence, squared gap and number of the tests that it was fitted to."""
 
     gaps_N2: Array
-    told: dict[str, bool]
     moved: dict[str, float]
     trained: Array
 
@@ -142,10 +120,6 @@ class _Missed:
 def _unseen(by: str, files: Sequence[str], missed: dict[frozenset[str], list[_Missed]]) -> Unseen:
     """What several fits of each set miss, each on tests of its own, one after another."""
     gaps_N2 = {k: np.concatenate([x.gaps_N2 for x in parts], axis=1) for k, parts in missed.items()}
-    told = {
-        k: {name: np.concatenate([np.full(x.gaps_N2.shape[1], x.told[name]) for x in parts]) for name in parts[0].told}
-        for k, parts in missed.items()
-    }
     moved = {
         k: {name: np.array([x.moved[name] for x in parts]) for name in parts[0].moved} for k, parts in missed.items()
     }
@@ -154,7 +128,7 @@ def _unseen(by: str, files: Sequence[str], missed: dict[frozenset[str], list[_Mi
         for k, parts in missed.items()
     }
     whole, along = ({k: v[i] for k, v in gaps_N2.items()} for i in range(2))
-    return Unseen(by, tuple(files), whole, along, told, trained, moved)
+    return Unseen(by, tuple(files), whole, along, trained, moved)
 
 
 def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> _Missed:
@@ -177,7 +151,5 @@ def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> _Missed:
 def _missed(fit: Fit, data: GapData) -> _Missed:
     """What it misses on tests that it was not fitted to."""
     residual = residual_of(data, fit, refitted=False)
-    variance = dict(zip(fit.problem.names, np.diag(fit.covariance)))
-    told = {e.name: bool(variance[e.strength_name] <= UNTOLD) for e in fit.effects if e.strength_name in variance}
     gaps_N2 = np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))])
-    return _Missed(gaps_N2, told, {}, np.full(3, np.nan))
+    return _Missed(gaps_N2, {}, np.full(3, np.nan))

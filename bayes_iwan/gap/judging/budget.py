@@ -14,6 +14,7 @@ from enum import StrEnum
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.catalogue import UNLISTED
@@ -207,13 +208,13 @@ def gaps_of(names: Iterable[str], power_N2: Mapping[frozenset[str], Array]) -> d
     it and it alone."""
     whole = frozenset(names)
 
-    def of(keep: Array) -> dict[str, tuple[float, float, float]]:
+    def of(keep: NDArray[np.int64]) -> dict[str, tuple[float, float, float]]:
         rms = {k: float(np.sqrt(max(float(p[keep].mean()), 0.0))) for k, p in power_N2.items()}
         before = max(rms[frozenset()], 1e-300)
-        return {n: tuple(rms[k] / before for k in (whole, whole - {n}, frozenset({n}))) for n in whole}
+        return {n: (rms[whole] / before, rms[whole - {n}] / before, rms[frozenset({n})] / before) for n in whole}
 
     tests = len(power_N2[whole])
-    every = np.arange(tests)
+    every = np.arange(tests, dtype=np.int64)
     value = of(every)
     less = [of(np.delete(every, t)) for t in every] if tests > 1 else []
     out = {}
