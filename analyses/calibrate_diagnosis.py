@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from bayes_iwan.gap.judging.budget import NO_CAUSE
+from bayes_iwan.gap.judging.budget import NO_CAUSE, Gaps, Share
 from bayes_iwan.gap.judging.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
@@ -41,6 +41,7 @@ from study_cases import (
     place_is_true,
     read_cases,
     rest_is_real,
+    share_pairs,
     summed,
     table,
 )
@@ -81,6 +82,27 @@ def within_fit(cases: Sequence[Case]) -> float:
     return float(grid[np.argmin([cost(p) for p in grid])]) if places else calibration().within
 
 
+def law_fit(cases: Sequence[Case], old: Calibration) -> float:
+    """Sd of a share by nature's law, at most, such that nine of ten shares on tests left out lie in the interval that
+    is said on the fitted ones."""
+    pairs = [pair for case in cases for pair in share_pairs(case)]
+    for law in np.arange(0.01, 0.4, 0.005):
+        held = [held_in(*pair, replace(old, law=float(law))) for pair in pairs]
+        if np.mean(held or [True]) >= 0.9:
+            return float(law)
+    return old.law
+
+
+def held_in(fitted: Gaps, found: Gaps, c: Calibration) -> bool:
+    """Does the interval of a share on the fitted tests hold the share on tests left out?"""
+    said = interval(fitted, c)
+    return said.low <= 0.5 * (found.first + found.last) <= said.high
+
+
+def interval(gaps: Gaps, c: Calibration) -> Share:
+    return gaps.share(c.law_sd(0.5 * (gaps.first + gaps.last)))
+
+
 def fitted(cases: Sequence[Case]) -> Calibration:
     """Constants of maximum likelihood: places first, then rivals, then the rest beside what they name."""
     old = calibration()
@@ -88,7 +110,7 @@ def fitted(cases: Sequence[Case]) -> Calibration:
     x = np.array([effect_figures(f) for _, f in some]).reshape(-1, len(EFFECT_FIGURES))
     y = np.array([float(place_is_true(case, f, old.apart)) for case, f in some])
     effect, bias = logistic_fit(x, y)
-    half = replace(old, effect=effect, effect_bias=bias, within=within_fit(cases))
+    half = replace(old, effect=effect, effect_bias=bias, within=within_fit(cases), law=law_fit(cases, old))
     rows, real = [], []
     for case in cases:
         if case.kind.startswith("one_record"):
@@ -111,7 +133,8 @@ def answers(cases: Sequence[Case], constants: Sequence[Calibration]) -> list[Ans
     return [answer(case, c) for case, c in zip(cases, constants)]
 
 
-def print_score(title: str, cases: Sequence[Case], given: Sequence[Answer]) -> None:
+def print_score(title: str, cases: Sequence[Case], constants: Sequence[Calibration]) -> list[Answer]:
+    given = answers(cases, constants)
     print(title)
     print(*table([counts(case, a) for case, a in zip(cases, given)]), sep="\n")
     losses = [x for case, a in zip(cases, given) for x in log_loss(case, a)]
@@ -122,6 +145,12 @@ def print_score(title: str, cases: Sequence[Case], given: Sequence[Answer]) -> N
     for k in np.unique(bins):
         at = bins == k
         print(f"  stated {stated[at].mean():.2f}: found {right[at].mean():.2f} ({int(right[at].sum())} of {at.sum()})")
+    pairs = [(*pair, c) for case, c in zip(cases, constants) for pair in share_pairs(case)]
+    held, widths = [held_in(*x) for x in pairs], [interval(x[0], x[2]).high - interval(x[0], x[2]).low for x in pairs]
+    if pairs:
+        print(f"  share on tests left out in the 90 % interval: {sum(held)} of {len(held)}; ", end="")
+        print(f"median width of the interval {100 * np.median(widths):.0f} points")
+    return given
 
 
 def main() -> None:
@@ -134,15 +163,14 @@ def main() -> None:
     cases = [c for c in read_cases(args.cases) if c.kind != "measured"]
     print(f"{len(cases)} cases, {summed([{c.kind: (1, 1)} for c in cases])}")
     if args.what == "score":
-        given = answers(cases, [calibration()] * len(cases))
-        print_score("shipped constants", cases, given)
+        given = print_score("shipped constants", cases, [calibration()] * len(cases))
     else:
         c = fitted(cases)
         print("effect:", dict(zip(EFFECT_FIGURES, np.round(c.effect, 3))), "bias", round(c.effect_bias, 3))
         print("rest:", dict(zip(REST_FIGURES, np.round(c.rest, 3))), "bias", round(c.rest_bias, 3), "within", c.within)
-        print_score("in sample", cases, answers(cases, [c] * len(cases)))
-        given = answers(cases, left_out_in_turn(cases))
-        print_score("families left out in turn", cases, given)
+        print(f"law {c.law:.3f}")
+        print_score("in sample", cases, [c] * len(cases))
+        given = print_score("families left out in turn", cases, left_out_in_turn(cases))
         if args.write:
             c.save()
             print(f"written: {CALIBRATION}")

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_iwan.gap.constants import USUAL_GAP
+from bayes_iwan.gap.constants import LEAST_OF_FRICTION, USUAL_GAP
 from bayes_iwan.gap.judging import verdict
-from bayes_iwan.gap.judging.budget import NO_CAUSE
+from bayes_iwan.gap.judging.budget import NO_CAUSE, Gaps, gaps_of
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
 from bayes_iwan.gap.judging.figures import Figures
 from bayes_iwan.gap.searching.found import OWN_FORM
 from bayes_iwan.rig.faults import OUTSIDE
+from bayes_iwan.validation.true_gaps import by_set
 
 FIGURES = tuple(f.name for f in fields(Figures))
 
@@ -42,7 +43,10 @@ class Case:
 
     @property
     def visible(self) -> frozenset[str]:
-        """Effects whose part that no parameter imitates is larger than noise and a sound specimen's usual gap."""
+        """Effects whose part that no parameter imitates is larger than noise and a sound specimen's usual gap; none
+        where the base leaves no gap (bursts of noise are the records' own scatter)."""
+        if self.gap_resolved[frozenset()] < LEAST_OF_FRICTION:
+            return frozenset()
         least = max(self.noise, USUAL_GAP)
         return frozenset(e["name"] for e in self.effects if e["size"] * e["visible_share"] > least)
 
@@ -61,7 +65,6 @@ def read_cases(paths: Iterable[Path]) -> list[Case]:
 
 def case_of(stored: Mapping[str, Any]) -> Case:
     truth = stored["truth"]
-    sets = {frozenset(k.split("+")) if k else frozenset(): v for k, v in stored["gap_resolved"].items()}
     some: list[dict[str, Any]] = [
         {k: float("nan") if v is None else v for k, v in f.items() if k in FIGURES} for f in stored["figures"]
     ]
@@ -73,7 +76,7 @@ def case_of(stored: Mapping[str, Any]) -> Case:
         effects=tuple(truth["effects"]),
         noise=float(truth.get("noise", {}).get("share_of_friction", 0.0)),
         figures=tuple(Figures(**f) for f in some),
-        gap_resolved=sets,
+        gap_resolved=by_set(stored["gap_resolved"]),
         subharmonic=stored["subharmonic"],
         stored=stored,
     )
@@ -166,6 +169,21 @@ def place_is_true(case: Case, f: Figures, apart: float) -> bool:
     if f.name in NO_CAUSE:
         return bool(case.foreign)
     return f.name in case.true or any(v > -apart and n in case.true for n, v in f.rivals.items())
+
+
+def share_pairs(case: Case) -> list[tuple[Gaps, Gaps]]:
+    """Of each true effect of the best set: its gaps on the fitted tests (sd: how they vary between tests left out), and
+    on tests left out."""
+    names = frozenset(case.stored["chosen"])
+    keys = [frozenset(), names, *(names - {n} for n in names), *(frozenset({n}) for n in names)]
+    some = [by_set(u["power_N2"]) for u in case.stored.get("unseen", ())]
+    if not names or not some or any(k not in x for k in keys for x in some):
+        return []
+    found = gaps_of(names, {k: np.concatenate([np.array(x[k]) for x in some]) for k in keys})
+    gap_N = by_set(case.stored["gap_N"])
+    fitted = gaps_of(names, {k: np.array([gap_N[k] ** 2]) for k in keys})
+    judged = {f.name for f in case.figures if f.judged}
+    return [(replace(fitted[n], sd=found[n].sd), found[n]) for n in sorted(names & case.true & judged - OWN_FORM)]
 
 
 def rest_is_real(case: Case, named: frozenset[str]) -> bool:

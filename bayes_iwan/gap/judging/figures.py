@@ -18,7 +18,7 @@ from bayes_iwan.gap.constants import LEAST_OF_FRICTION, OTHER_SETS
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import GapSize, moved_shares
 from bayes_iwan.gap.fitting.leave_out import Unseen
-from bayes_iwan.gap.judging.plausible import implausible
+from bayes_iwan.gap.judging.plausible import implausible, replaced
 from bayes_iwan.gap.searching.base import newton_nats, sound_gap_N
 from bayes_iwan.gap.searching.found import Search, alike_pairs, score
 
@@ -119,7 +119,7 @@ def figures_of(
                 gap=sizes[less].all.rms_N / level,
                 before=before / level,
                 tests=data.tests,
-                odd=implausible(effect, whole_in_newtons, data),
+                odd=implausible(effect, whole_in_newtons, data) or replaced(search.fit(less), best),
             )
         )
     return tuple(out)

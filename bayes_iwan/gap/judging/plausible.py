@@ -38,6 +38,16 @@ def implausible(effect: Effect, fit: Fit, data: GapData) -> str:
     return ""
 
 
+def replaced(less: Fit, whole: Fit) -> str:
+    """Why an effect, which a larger fit has, only stands for a number of the base: that is at the edge of its prior
+    without the effect and is not with it; "" where none is."""
+    after = dict(zip(whole.problem.names, whole.z))
+    for name, z in zip(less.problem.names, less.z):
+        if abs(z) > LARGEST_SCORE and abs(after[name]) < LARGEST_SCORE - 1.0:
+            return f"it replaces {name}, which is at the edge of its prior without it"
+    return ""
+
+
 def of_time(effect: Effect) -> bool:
     """Does an effect act by a time constant or a corner frequency, on signals that repeat with the cycle?"""
     return not effect.evolving and any(p.unit in ("s", "Hz") for p in effect.parameters)
