@@ -374,7 +374,7 @@ def test_a_set_that_only_scores_together_is_found_from_either_effect(kit, monkey
 
     def scores(fits):
         both = frozenset({"viscous_damping", "moving_mass"})
-        return [100.0 if both <= f.names else sum(nats[n] for n in f.names) for f in fits]
+        return [sum(nats[n] for n in f.names) + 100.0 * (both <= f.names) for f in fits]
 
     for n in kinds:
         found.fits[frozenset({n})] = fit(n)

@@ -20,7 +20,7 @@ from bayes_iwan.gap.fitting.gap_size import GapSize, moved_shares
 from bayes_iwan.gap.fitting.leave_out import Unseen
 from bayes_iwan.gap.judging.plausible import implausible, replaced
 from bayes_iwan.gap.searching.base import newton_nats, sound_gap_N
-from bayes_iwan.gap.searching.found import Search, alike_pairs, score
+from bayes_iwan.gap.searching.found import Search, alike_pairs, look_alike, score
 
 Names = frozenset[str]
 
@@ -36,7 +36,7 @@ class Figures:
         where it acts there and removes more of that
     alone : share of the gap that it removes as the only effect
     unseen : mean over tests left out of the share of the gap that it removes there, 0 where the other tests would not
-        have chosen it; nan where no test can judge it
+        have chosen it or what looks like it; nan where no test can judge it
     fixed : the same with the best set, whatever the other tests would have chosen
     differs : by how many standard deviations its strength is another without a part of the tests, at most
     left : share of the gap that the best set leaves
@@ -152,9 +152,10 @@ def ranked_by_training(search: Search, unseen: Unseen) -> tuple[tuple[Names, ...
 
 
 def _chosen_share(search: Search, unseen: Unseen, effect: Effect) -> float:
-    """Mean over the tests left out of the share that an effect removes there, of sets that the other tests chose."""
+    """Mean over the tests left out of the share that an effect removes there, of sets that the other tests chose: the
+    best with it, or with what looks like it, over the best without. Fewer tests may take one for the other."""
     sets, scores = ranked_by_training(search, unseen)
-    has = np.array([effect.name in k for k in sets])
+    has = np.array([any(look_alike(search.effects, effect.name, n) for n in k) for k in sets])
     out = []
     for t in range(scores.shape[1]):
         top = int(np.argmax(scores[:, t]))
