@@ -148,9 +148,10 @@ def counts(case: Case, a: Answer) -> Counts:
 
 def log_loss(case: Case, a: Answer) -> list[float]:
     """Of each effect with a probability, and each true one without."""
-    out = [-np.log(p if n in case.true else 1.0 - p) for n, p in a.probabilities.items()]
-    clipped = [min(float(x), 4.6) for x in out]
-    return clipped + [4.6 for n in case.visible - case.foreign if n not in a.probabilities]
+    right = [p if n in case.true else 1.0 - p for n, p in a.probabilities.items()]
+    return [-float(np.log(max(p, 0.01))) for p in right] + [
+        4.6 for n in case.visible - case.foreign if n not in a.probabilities
+    ]
 
 
 def summed(some: Sequence[Counts]) -> dict[str, tuple[float, float]]:

@@ -60,8 +60,6 @@ LEAST_OF_FRICTION: Final = 0.001
 
 #: sets without an effect that it is compared with on tests left out
 OTHER_SETS: Final = 2
-#: nats that a rival may be behind: beyond, no power of the score tells more
-NATS_OF_GAP: Final = 600.0
 
 #: strengths that differ by so many prior standard deviations are still called the same: nature's law is not quite ours
 LOOSE: Final = 0.2
@@ -98,7 +96,5 @@ SUSPECTS_MOST: Final = 6
 LINEAR_NATS: Final = 2.0
 #: fewer tests than these are counted as so many: one record's nats are few, but as easily found by what merely absorbs
 LEAST_TESTS: Final = 6
-#: share of what an effect removes that counts as removed on tests left out where none can be
-UNJUDGED: Final = 0.3
 #: no answer claims more
 SUREST: Final = 0.99

@@ -13,7 +13,6 @@ from bayes_iwan.gap.constants import (
     LEAST_TESTS,
     NAMED,
     SUREST,
-    UNJUDGED,
     USUAL_GAP,
 )
 from bayes_iwan.gap.judging.budget import Gaps, gaps_of, shares_of, subsets
@@ -112,6 +111,7 @@ SURE = replace(PLACE, gain=500.0, fitted=0.8, alone=0.8, unseen=0.8, fixed=0.8, 
         ({"tests": 1, "unseen": np.nan}, "one record"),
         ({"unseen": -0.01}, "left out"),
         ({"unseen": 0.0}, "left out"),
+        ({"fixed": -0.1}, "left out"),
         ({"fitted": 0.01}, "too little"),
         ({"before": 0.001, "fitted": 0.5}, "too little"),
         ({"odd": "mass of 9 t is beyond what is possible"}, "9 t"),
@@ -129,7 +129,7 @@ def test_a_name_is_refused_however_probable(change, why):
 
 
 def test_what_the_record_itself_shows_is_named_from_one_record():
-    hum = replace(SURE, name="mains_hum", rivals={"mains_hum": 0.0}, tests=1, unseen=float("nan"))
+    hum = replace(SURE, name="mains_hum", rivals={"mains_hum": 0.0}, tests=1, unseen=float("nan"), fixed=float("nan"))
     assert refused(hum) == "" and named_by([hum], calibration()) == ("mains_hum",)
 
 
@@ -139,11 +139,10 @@ def test_one_record_says_one_of_these():
     assert set(said.names) == {"moving_mass", "free_play"}
 
 
-def test_what_no_test_left_out_can_judge_counts_less():
+def test_what_no_test_left_out_can_judge_counts_as_it_is_fitted():
     c, unjudged = calibration(), replace(PLACE, unseen=float("nan"))
-    assert not unjudged.judged
-    assert c.contributes(unjudged) == pytest.approx(c.contributes(replace(PLACE, unseen=UNJUDGED * PLACE.fitted)))
-    assert c.contributes(unjudged) <= c.contributes(PLACE)
+    assert not unjudged.judged and PLACE.judged
+    assert c.contributes(unjudged) == pytest.approx(c.contributes(replace(PLACE, unseen=PLACE.fitted)))
 
 
 OTHERS = ("viscous_damping", "end_stop", "free_play", "force_lowpass")

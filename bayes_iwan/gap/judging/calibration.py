@@ -17,7 +17,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
-from bayes_iwan.gap.constants import LEAST_TESTS, LINEAR_NATS, NATS_OF_GAP, SUREST, UNJUDGED, USUAL_GAP
+from bayes_iwan.gap.constants import LEAST_TESTS, LINEAR_NATS, SUREST, USUAL_GAP
 from bayes_iwan.gap.judging.figures import Figures
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
@@ -57,7 +57,7 @@ class Calibration:
 
     def among(self, f: Figures) -> dict[str, float]:
         """Probability of each rival for one place, given that something contributes there."""
-        weight = {n: np.exp(self.within * max(min(v, 0.0), -NATS_OF_GAP)) for n, v in f.rivals.items()}
+        weight = {n: np.exp(self.within * min(v, 0.0)) for n, v in f.rivals.items()}
         total = sum(weight.values())
         return {n: float(w / total) for n, w in weight.items()}
 
@@ -75,12 +75,11 @@ def effect_figures(f: Figures) -> Array:
 
     Its evidence counts by test, and the more the larger the gap is beside a sound specimen's: what absorbs finds the
     same to take in every test, but little more than such a specimen's difference from the model. Then the share of the
-    gap that it removes as the last effect, on the fitted tests and on tests left out (UNJUDGED of the former where none
-    can be), and the share that the whole set explains: a true set leaves little.
+    gap that it removes as the last effect, on the fitted tests and on tests left out (the former where none can be), and the share that the whole set explains: a true set leaves little.
     """
     gain = np.log1p(max(f.gain, 0.0) / (LINEAR_NATS * max(f.tests, LEAST_TESTS))) * np.log1p(f.gap / USUAL_GAP)
     fitted = float(np.clip(f.fitted, -1.0, 1.0))
-    return np.array([gain, fitted, f.unseen if f.judged else UNJUDGED * fitted, 1.0 - min(f.left, 1.0)])
+    return np.array([gain, fitted, f.unseen if f.judged else fitted, 1.0 - min(f.left, 1.0)])
 
 
 def rest_figures(left: float, subharmonic: float) -> Array:

@@ -37,7 +37,8 @@ class Figures:
     alone : share of the gap that it removes as the only effect
     unseen : mean over tests left out of the share of the gap that it removes there, 0 where the other tests would not
         have chosen it or what looks like it; nan where no test can judge it
-    fixed : the same with the best set, whatever the other tests would have chosen
+    fixed : share of the gap of all tests left out together that it removes with the best set, whatever the other tests
+        would have chosen
     differs : by how many standard deviations its strength is another without a part of the tests, at most
     left : share of the gap that the best set leaves
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
@@ -112,7 +113,7 @@ def figures_of(
                 fitted=float(fitted),
                 alone=1.0 - sizes[frozenset({name})].all.rms_N / before,
                 unseen=_mean([_chosen_share(search, u, effect) for u in unseen]) if predicts else float("nan"),
-                fixed=_mean([_share(u, less, whole, effect) for u in unseen]) if predicts else float("nan"),
+                fixed=_pooled_share(unseen, whole, name) if predicts else float("nan"),
                 differs=max((float(u.moved[whole][name].max()) for u in unseen), default=0.0) if predicts else 0.0,
                 left=left / before,
                 moved=moved[name],
@@ -167,8 +168,17 @@ def _chosen_share(search: Search, unseen: Unseen, effect: Effect) -> float:
     return float(np.mean(out))
 
 
-def _share(unseen: Unseen, less: Names, whole: Names, effect: Effect) -> float:
-    return float(np.mean(unseen.by_test(less, whole, along=_along(unseen, effect))))
+def _pooled_share(unseen: Sequence[Unseen], whole: Names, name: str) -> float:
+    """Share of the gap of all tests left out that an effect removes: the mean of what it removes as the only one, where
+    that was fitted, and as the last one."""
+    gap_N = {
+        k: float(np.sqrt(max(np.mean(np.concatenate([u.power_N2[k] for u in unseen])), 0.0)))
+        for k in (Names(), frozenset({name}), whole - {name}, whole)
+        if k in unseen[0].power_N2
+    }
+    before, last = gap_N[Names()], gap_N[whole - {name}] - gap_N[whole]
+    first = before - gap_N[frozenset({name})] if frozenset({name}) in gap_N else last
+    return 0.5 * (first + last) / before if before > 0.0 else 0.0
 
 
 def _along(unseen: Unseen, effect: Effect) -> bool:

@@ -44,7 +44,7 @@ def refused(f: Figures) -> str:
     if f.name not in SHOWN_BY_RECORD:
         if f.tests < 2:
             return "one record tells no cause"
-        if f.judged and f.unseen <= 0.0:
+        if f.judged and min(f.unseen, f.fixed) <= 0.0:
             return "on tests left out it removes nothing"
     if f.fitted < least_share(f.name, f.before):
         return "it removes too little"
@@ -79,7 +79,7 @@ def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tu
         if {f.name, *some} & {*named, *NO_CAUSE} or OWN_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
             continue
         p = c.contributes(f) * sum(v for n, v in c.among(f).items() if n not in NO_CAUSE)
-        if len(some) > 1 and p >= NAMED and (not f.judged or f.unseen > 0.0):
+        if len(some) > 1 and p >= NAMED and not (f.judged and f.unseen <= 0.0):
             out.append(OneOf(some, p, f.fitted))
     return tuple(out)
 
@@ -128,8 +128,14 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         n: v for n, v in p.items() if n not in NO_CAUSE
     }
     unnamed = np.prod([1.0 - v for n, v in places.items() if n not in NO_CAUSE])
-    probabilities |= {"none": float(unnamed * (1.0 - rest)), "unknown": rest}
     causes = _causes(found, named, probabilities, c, held_out)
+    while idle := [x for x in causes if x.held_out is not None and x.held_out.value <= 0.0]:
+        worst = min(idle, key=lambda x: x.held_out.value if x.held_out else 0.0).name
+        probabilities[worst] = min(probabilities[worst], 1.0 - NAMED)
+        named = tuple(n for n in named if n != worst)
+        causes = _causes(found, named, probabilities, c, held_out)
+        rest = unknown_rest(found, named, c)
+    probabilities |= {"none": float(unnamed * (1.0 - rest)), "unknown": rest}
     flagged = rest >= 0.5
     kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
     loops = found.search.data.loops
