@@ -5,9 +5,9 @@
     python analyses/calibrate_diagnosis.py fit /work/cache/fits/*.json [--write]
     python analyses/calibrate_diagnosis.py score /work/cache/fits/*.json
 
-`fit` finds the constants by maximum likelihood with a pull to those of an earlier study, scores every case with constants fitted
-without its family of foreign causes (a sound or listed case: without every fifth of those), and prints that. --write
-replaces the package's calibration.json. `score` counts what the shipped constants say. Both take seconds.
+`fit` finds the constants by maximum likelihood with a pull to those of an earlier study, scores every case with
+constants fitted without its family of foreign causes (a sound or listed case: without every fifth of those), and prints
+that. --write replaces the package's calibration.json. `score` counts what the shipped constants say. Both take seconds.
 """
 
 from __future__ import annotations

@@ -37,7 +37,8 @@ USUAL_GAP: Final = 0.004
 
 # ---- how far the search looks (searching/search.py)
 
-#: single effects are refitted if they are among so many most promising ones or promise PROMISE nats, or are sudden
+#: single effects are refitted if they promise PROMISE nats or, where the gap is more than a sound specimen's, are among
+#: so many most promising ones or sudden
 SINGLE_MOST: Final = 7
 #: nats that one Gauss–Newton step must promise for an effect to be refitted
 PROMISE: Final = 6.0

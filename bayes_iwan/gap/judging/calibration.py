@@ -75,7 +75,8 @@ def effect_figures(f: Figures) -> Array:
 
     Its evidence counts by test, and the more the larger the gap is beside a sound specimen's: what absorbs finds the
     same to take in every test, but little more than such a specimen's difference from the model. Then the share of the
-    gap that it removes as the last effect, on the fitted tests and on tests left out (the former where none can be), and the share that the whole set explains: a true set leaves little.
+    gap that it removes as the last effect, on the fitted tests and on tests left out (the former where none can be),
+    and the share that the whole set explains: a true set leaves little.
     """
     gain = np.log1p(max(f.gain, 0.0) / (LINEAR_NATS * max(f.tests, LEAST_TESTS))) * np.log1p(f.gap / USUAL_GAP)
     fitted = float(np.clip(f.fitted, -1.0, 1.0))

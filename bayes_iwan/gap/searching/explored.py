@@ -56,6 +56,7 @@ class Explored:
         self.data, self.rng, self.report = data, rng, report
         self.fits: dict[frozenset[str], Fit] = {}
         self._gaps: dict[tuple[frozenset[str], float], float] = {}
+        self._parts: dict[tuple[frozenset[str], float], tuple[float, float]] = {}
         self._left: set[tuple[frozenset[str], str, float]] = set()
         self._offers: dict[tuple[frozenset[str], float, bool], list[Candidate]] = {}  # found once for each fit
         self.failed: dict[str, str] = {}
@@ -107,6 +108,13 @@ class Explored:
     def sets(self, size: int, beside: frozenset[str] = frozenset()) -> list[frozenset[str]]:
         """The fitted sets of a size that have these effects and, but for them, nothing of LAST."""
         return [k for k in self.fits if len(k) == size and beside <= k and not (k - beside) & LAST]
+
+    def gap_parts_N(self, fit: Fit) -> tuple[float, float]:
+        """See :func:`.base.gap_parts_N`; once for each fit."""
+        at = (fit.names, fit.log_evidence)
+        if at not in self._parts:
+            self._parts[at] = gap_parts_N(self.data, fit)
+        return self._parts[at]
 
     # ---- refits
 
@@ -162,7 +170,7 @@ class Explored:
                 for e in some
                 if e.possible(self.data)
             ]
-            found = self.refits.candidates(smaller, tried, gap_parts_N(self.data, smaller)[0])
+            found = self.refits.candidates(smaller, tried, self.gap_parts_N(smaller)[0])
             self._offers[at] = leading(sorted(found, key=lambda c: -c.worth))
         return self._offers[at]
 

@@ -19,7 +19,7 @@ from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.gap.constants import BEAM, BRANCH, CHANGING, MOST_EFFECTS, PROMISE, ROUNDS, SINGLE_MOST
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
-from bayes_iwan.gap.searching.base import gap_parts_N, missed, sound_gap_N
+from bayes_iwan.gap.searching.base import missed, sound_gap_N
 from bayes_iwan.gap.searching.candidates import Candidate
 from bayes_iwan.gap.searching.explored import Explored, Report, silent
 from bayes_iwan.gap.searching.found import LAST, Search, look_alike, part
@@ -29,15 +29,16 @@ from bayes_iwan.physics import Simulator
 
 
 def fit_singles(found: Explored) -> None:
-    """Refit every single effect that promises anything."""
+    """Refit every single effect that promises anything; where the base misses more than it does of a sound specimen,
+    the first ones anyway, and those of which a first step tells little."""
     ranked: dict[str, int] = {}
-    gap_N, along_N = gap_parts_N(found.data, found.base)
-    changing = along_N > max(CHANGING * gap_N, sound_gap_N(found.data))
+    gap_N, along_N = found.gap_parts_N(found.base)
+    changing = along_N > CHANGING * gap_N
     chosen = []
     for one in found.offered(found.base):
         rank = ranked.setdefault(one.name, len(ranked))
-        asked = one.effect.sudden or (changing and one.effect.evolving)
-        if rank < SINGLE_MOST or one.gain > PROMISE or asked:
+        asked = rank < SINGLE_MOST or one.effect.sudden or (changing and one.effect.evolving)
+        if one.gain > PROMISE or (asked and not as_sound(found)):
             chosen.append(one)
     found.add(chosen, found.base)
 
@@ -51,6 +52,11 @@ def fit_base_again(found: Explored) -> bool:
     return better is not None and better.log_evidence > before + 1.0
 
 
+def as_sound(found: Explored) -> bool:
+    """Does the base miss no more than it does of a sound specimen?"""
+    return found.gap_parts_N(found.base)[0] <= sound_gap_N(found.data)
+
+
 def promising(offered: Sequence[Candidate], most: int) -> list[Candidate]:
     """The candidates that promise anything, at most so many."""
     return [x for x in offered[:most] if x.worth > PROMISE]
@@ -60,6 +66,8 @@ def grow(found: Explored, most: int) -> Fit:
     """Fit larger and larger sets: the best few of each size, each with the effects that promise most there. The best
     of all."""
     best = found.best([frozenset(), *found.sets(1)])[0]
+    if not best.effects and as_sound(found):  # only what helps alone grows
+        return best
     for size in range(1, most):
         for fit in found.best(found.sets(size), BEAM):
             found.add(promising(found.offered(fit), BRANCH), fit)
@@ -122,7 +130,9 @@ def search(
     fit_singles(found)
     if fit_base_again(found):  # the base had missed its optimum: once more from there
         fit_singles(found)
-    settle(found, bend(found, grow(found, most)))
+    grown = grow(found, most)
+    if grown.effects or not as_sound(found):
+        settle(found, bend(found, grown))
     current = found.best(found.fits)[0]
     for name in current.names:  # what is judged beside it
         found.without(current, name)
