@@ -163,9 +163,10 @@ def test_of_two_slow_changes_of_one_record_each_is_credited_with_what_the_other_
     (told,) = campaign.loops(**kit.small)
     assert told.noise_N[0] < 1e-3  # the drift itself is none
     found = diagnose_loops(campaign, (told,), seed=1, quick=True, settings=kit.settings)
-    figures = {f.name: f for f in found.found.figures if f.name in found.verdict.names}
+    assert found.verdict.names == ("force_drift",)  # the record itself shows a drift; why friction falls it does not
+    figures = {f.name: f for f in found.found.figures}
     drift = figures.pop("force_drift")
-    (friction,) = figures.values()
+    (friction,) = (f for f in figures.values() if f.name in ("friction_fade", "normal_force_lag", "spring_softening"))
     assert friction.name in ("friction_fade", "normal_force_lag")  # a slow state's start is a fade as well
     assert drift.fitted > 0.2 and friction.fitted > 0.2
 

@@ -129,8 +129,8 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     }
     unnamed = np.prod([1.0 - v for n, v in places.items() if n not in NO_CAUSE])
     causes = _causes(found, named, probabilities, c, held_out)
-    while idle := [x for x in causes if x.held_out is not None and x.held_out.value <= 0.0]:
-        worst = min(idle, key=lambda x: x.held_out.value if x.held_out else 0.0).name
+    while idle := [x for x in causes if _idle(x)]:
+        worst = idle[-1].name  # the least share
         probabilities[worst] = min(probabilities[worst], 1.0 - NAMED)
         named = tuple(n for n in named if n != worst)
         causes = _causes(found, named, probabilities, c, held_out)
@@ -148,6 +148,11 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
     left = found.gap_N[frozenset(named)] / max(found.gap_N[frozenset()], 1e-300)
     alone = suspects(found, named, c) if flagged and not some and left > SUSPECT else ()
     return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)
+
+
+def _idle(x: Cause) -> bool:
+    """Does a cause remove nothing on tests left out? Tests with role "held-out" do not change what is named."""
+    return x.held_out is not None and x.held_out_by != HELD_OUT and x.held_out.value <= 0.0
 
 
 def suspects(found: Weighed, named: Sequence[str], c: Calibration) -> tuple[Suspect, ...]:
