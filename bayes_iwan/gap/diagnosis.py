@@ -21,6 +21,7 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.conditions import conditions_of
 from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.effects.user_file import load_effects
+from bayes_iwan.gap.constants import MOST_EFFECTS
 from bayes_iwan.gap.fitting.data import GapData, gap_data
 from bayes_iwan.gap.fitting.evidence import Fit, base_model
 from bayes_iwan.gap.fitting.gap_size import GapSize
@@ -32,7 +33,7 @@ from bayes_iwan.gap.judging.verdict import verdict_of
 from bayes_iwan.gap.judging.weighing import Weighed, weighed
 from bayes_iwan.gap.searching.explored import Report, silent
 from bayes_iwan.gap.searching.found import Search
-from bayes_iwan.gap.searching.search import MOST_EFFECTS, search
+from bayes_iwan.gap.searching.search import search
 from bayes_iwan.gap.telling.findings import where_sentences
 from bayes_iwan.gap.telling.imitation import Edge, Imitation, edges_of, imitations
 from bayes_iwan.gap.telling.located import Located, Watcher, located
