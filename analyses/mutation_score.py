@@ -134,6 +134,15 @@ def run_tests(copy_of: Path, tests: list[str], limit_s: float) -> tuple[bool, fl
     return passed, time.perf_counter() - started
 
 
+def near(path: Path, copied: Path, tests: list[str]) -> list[str]:
+    """The tests that name a file of the package by its module."""
+    module = ".".join(path.relative_to(copied).with_suffix("").parts)
+    package, _, stem = module.rpartition(".")
+    named = (module, f"from {package} import {stem}", f"test_{stem}")
+    files = [f for t in tests for f in ([copied / t] if t.endswith(".py") else sorted((copied / t).rglob("test_*.py")))]
+    return [str(f) for f in files if any(n in f"{f.stem}\n{f.read_text(encoding='utf-8')}" for n in named)]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", choices=sorted(TESTS))
@@ -141,6 +150,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--tests", nargs="+", help="files or folders of tests in the place of the folder's own")
     parser.add_argument("--files", nargs="+", help="mutate these files of the folder only (parts of their paths)")
+    parser.add_argument(
+        "--near", action="store_true", help="only those tests that name the file: a lower bound, sooner"
+    )
+    parser.add_argument("--minutes", type=float, default=60.0, help="start no further mutant after so many")
     parser.add_argument("--out", type=Path, help="JSON with every mutant and what became of it")
     args = parser.parse_args()
     tests = args.tests or TESTS[args.folder]
@@ -156,15 +169,21 @@ def main() -> None:
         passed, usual_s = run_tests(copied, tests, 3600.0)
         if not passed:
             sys.exit(f"the tests of {args.folder} fail on the unchanged code: {' '.join(tests)}")
-        _, usual_s = run_tests(copied, tests, 3600.0)  # kernels are compiled now
         done: list[Mutant] = []
+        until = time.monotonic() + 60.0 * args.minutes
         for i in chosen:
+            if time.monotonic() > until:
+                break
             path, mutant, k = found[int(i)]
             text = path.read_text(encoding="utf-8")
             path.write_text(_text(text, k), encoding="utf-8")
             if "jit(" in text or "_jit" in text:
                 shutil.rmtree(copied / "numba", ignore_errors=True)
-            passed, seconds = run_tests(copied, tests, 10.0 * usual_s + 300.0)
+            first = near(path, copied, tests)
+            passed, seconds = run_tests(copied, first or tests, 10.0 * usual_s + 300.0)
+            if passed and first and not args.near:
+                passed, more = run_tests(copied, tests, 10.0 * usual_s + 300.0)
+                seconds += more
             path.write_text(text, encoding="utf-8")
             where = str(path.relative_to(copied))
             done.append(
@@ -178,9 +197,8 @@ def main() -> None:
                 args.out.parent.mkdir(parents=True, exist_ok=True)
                 args.out.write_text(json.dumps([asdict(m) for m in done], indent=1), encoding="utf-8")
     caught = sum(m.status == "caught" for m in done)
-    print(
-        f"{args.folder}: {caught} of {len(done)} mutants caught, {100 * caught / len(done):.0f} %, of {len(found)} possible"
-    )
+    share = f"{100 * caught / max(len(done), 1):.0f} %"
+    print(f"{args.folder}: {caught} of {len(done)} mutants caught, {share}; {len(found)} are possible")
 
 
 if __name__ == "__main__":
