@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bayes_iwan.sampling.common.checkpoint import NAME
 
 import bayes_iwan as bi
 from bayes_iwan.cli import main
-from bayes_iwan.sampling.common.checkpoint import NAME
 
 ONE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
 

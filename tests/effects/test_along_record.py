@@ -1,4 +1,4 @@
-"""What runs along whole records and does not repeat with the cycle: drifts and the mains, against their laws in time."""
+"""What runs along whole records and does not repeat with the cycle: drifts and the mains against their laws in time."""
 
 from __future__ import annotations
 

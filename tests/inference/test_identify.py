@@ -9,6 +9,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+from bayes_iwan.sampling.common.checkpoint import CheckpointError
 
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.inference.identify import (
@@ -27,7 +28,8 @@ from bayes_iwan.inference.setup.settings import SamplingSettings, SearchSettings
 from bayes_iwan.inference.solving import chains
 from bayes_iwan.inference.solving.point import find_point, goal_share, starting_population
 from bayes_iwan.physics import Model
-from bayes_iwan.sampling.common.checkpoint import CheckpointError
+
+pytestmark = pytest.mark.usefixtures("no_figure_files")
 
 SMALL = {
     "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},

@@ -28,6 +28,8 @@ from bayes_iwan.report.diagnosis.page import write_diagnosis_page
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import Batch, Renderer
 
+pytestmark = pytest.mark.usefixtures("no_figure_files")
+
 T, N = 4, 64
 PHASE = np.arange(N) / N
 
