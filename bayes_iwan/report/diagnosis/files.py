@@ -25,6 +25,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis.budget_figures import Missed
 from bayes_iwan.report.diagnosis.page import order_ahead, write_diagnosis_page
+from bayes_iwan.report.effect_loops import effect_viewer_data
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import Renderer, shared
 from bayes_iwan.report.style import relabel
@@ -203,6 +204,7 @@ def _write(
         provenance(found.campaign, found.seed),
         {p.name: p.description for p in found.fit.problem.prior.free},
         ahead.renderer,
+        effect_viewer_data(found) if found.verdict.causes else None,
     )
     write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
     return page

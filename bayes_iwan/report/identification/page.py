@@ -15,12 +15,13 @@ from bayes_iwan.inference.results.remarks import LARGE_MISFIT, searches_said
 from bayes_iwan.inference.results.rows import ConvergenceRow
 from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.physics import Model
+from bayes_iwan.report.browser import print_pdf, require_browser
 from bayes_iwan.report.identification import checks, frequencies, laws, loops, sampling, tables, trends
 from bayes_iwan.report.identification.answer import determined, identification_answer
 from bayes_iwan.report.identification.compared_loops import LoopRow, compared_loops
 from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.identification.viewer import add_viewer
+from bayes_iwan.report.identification.viewer import add_viewer, viewer_data
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import shared
@@ -37,9 +38,11 @@ def identification_report(
     """Write report.html, and CSV tables and parameters.tex below tables/, into out_dir; returns the page's path.
 
     by_frequency : each frequency alone; taken from out_dir/per_test where `identify(..., per_test=True)` has been.
-    pdf : also report.pdf, the figures with their captions, one a page.
+    pdf : also report.pdf, the page as a browser prints it (:mod:`bayes_iwan.report.browser`).
     """
     out = Path(out_dir)
+    if pdf:
+        require_browser()
     by_frequency = compare_frequencies(posterior, out) if by_frequency is None else by_frequency
     p = predict(posterior, n=400, seed=seed)
     convergence, tests = tables.convergence_rows(posterior), compared_loops(posterior, p)
@@ -71,9 +74,10 @@ def identification_report(
     if not posterior.quick:
         _sampling(page.section("Sampling"), posterior, convergence, sampling.history(posterior, out))
     _priors(page.section("Priors and derived quantities"), posterior)
+    written = page.write(out / "report.html")
     if pdf:
-        page.write_pdf(out / "report.pdf")
-    return page.write(out / "report.html")
+        print_pdf(written, out / "report.pdf")
+    return written
 
 
 def report_run(
@@ -90,6 +94,8 @@ def report_run(
     identified; its code is run. per_frequency : identify each frequency alone by short runs
     where the folder has no per_test results; else quick estimates stand in.
     """
+    if pdf:
+        require_browser()
     posterior = load(folder, campaign, simulator)
     with owned(folder) as out:
         found = compare_frequencies(posterior, out, run=per_frequency)
@@ -117,7 +123,7 @@ def _footer(posterior: Posterior) -> str:
 
 def _loops(page: Page, posterior: Posterior, p: Predictive) -> None:
     section = page.section("Loops, measured and predicted")
-    add_viewer(page, section, p)
+    add_viewer(page, section, viewer_data(p))
     section.figure(
         loops.loops_figure(posterior, friction=True, predictive=p),
         "Friction force (force less the median parallel spring) of every test: measured cycles and the "
