@@ -71,6 +71,11 @@ class Picture:
         )
 
 
+def anchor_of(heading: str) -> str:
+    """The name by which links find a section."""
+    return re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-") or "section"
+
+
 @dataclass
 class Section:
     """A heading and what stands below it, in order. Text is escaped; pass Markup for HTML."""
@@ -94,6 +99,21 @@ class Section:
     def note(self, text: str | Markup, kind: str = "note") -> Section:
         """A paragraph that stands out; kind is "note", "good" or "warning"."""
         self.body.append(Markup(f'<p class="{escape(kind)}">{escape(self._said(text))}</p>'))
+        return self
+
+    def status(self, found: Sequence[tuple[str, bool, str]]) -> Section:
+        """The checks behind an answer, (what it says, whether all is well, heading of the section that shows it or "")
+        each: one box in amber if any is not well, green only when all are."""
+        well = all(good for _, good, _ in found)
+        items = Markup("").join(
+            Markup("<li>{}{}{}</li>").format(
+                "" if good or well else Markup("<strong>Check: </strong>"),
+                self.units.said(text),
+                Markup(' <a href="#{}">{}</a>').format(anchor_of(heading), heading) if heading else "",
+            )
+            for text, good, heading in sorted(found, key=lambda x: x[1])
+        )
+        self.body.append(Markup('<ul class="{}">{}</ul>').format("good" if well else "warning", items))
         return self
 
     def heading_below(self, text: str) -> Section:
@@ -192,7 +212,7 @@ class Page:
 
     def section(self, heading: str) -> Section:
         """A new section at the end of the page."""
-        anchor = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-") or "section"
+        anchor = anchor_of(heading)
         taken = {s.anchor for s in self.sections}
         unique = anchor if anchor not in taken else f"{anchor}-{len(taken)}"
         self.sections.append(Section(heading, unique, units=self.units, renderer=self.renderer))

@@ -16,8 +16,8 @@ class Provenance:
     """What stands below a page's title.
 
     date : when the page was written, local time; version : of the package; seed : of all random numbers, None where
-    none were drawn. folder : name of the campaign's folder, without where it lies: pages go to customers; files : of it that were read; source : as it states itself;
-    counted : what the files are.
+    none were drawn. folder : name of the campaign's folder, without where it lies, for pages go to customers; files :
+    of it that were read; source : as it states itself; counted : what the files are.
     """
 
     date: str

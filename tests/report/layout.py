@@ -108,8 +108,8 @@ def printed(pdf: Path) -> list[list[tuple[str, float, float]]]:
 
 
 def _squeezed(text: str) -> str:
-    """Without spaces, ligatures and combining signs, which a PDF spells in its own way."""
-    return "".join(c for c in unicodedata.normalize("NFKD", text) if not c.isspace() and not unicodedata.combining(c))
+    """Letters, digits and brackets alone: a PDF spells spaces, ligatures and rarer signs in its own way."""
+    return re.sub(r"[^A-Za-z0-9_\[\]]", "", unicodedata.normalize("NFKD", text))
 
 
 def torn(page: Path, pdf: Path) -> list[str]:

@@ -6,8 +6,6 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
 from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.results.posterior import Posterior
@@ -19,7 +17,9 @@ from bayes_iwan.report.browser import print_pdf, require_browser
 from bayes_iwan.report.identification import checks, frequencies, laws, loops, sampling, tables, trends
 from bayes_iwan.report.identification.answer import determined, identification_answer
 from bayes_iwan.report.identification.compared_loops import LoopRow, compared_loops
+from bayes_iwan.report.identification.findings import DISAGREE, findings, regions_finding
 from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
+from bayes_iwan.report.identification.methods import methods
 from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.identification.viewer import add_viewer, viewer_data
 from bayes_iwan.report.page import Page, Section
@@ -63,17 +63,20 @@ def identification_report(
         provenance(posterior.campaign, posterior.seed),
         shared(busy=55),
     )
-    identification_answer(page.section("Answer"), posterior, tests)
+    regions = checks.region_checks(posterior, p)
+    found = findings(posterior, regions, by_frequency)
+    identification_answer(page.section("Answer"), posterior, tests, p, found)
     determined(page.section("What the loops determine"), posterior)
     _loops(page, posterior, p)
     if isinstance(posterior.problem.model, Model):
         _laws(page.section("Slip forces, stiffness and normal force"), posterior, posterior.problem.model)
     _frequencies(page.section("Each frequency alone"), by_frequency, out)
     _trends(page.section("Energy, stiffness and loss factor"), posterior, p, tests)
-    _checks(page.section("Is the model enough?"), posterior, p, tests)
+    _checks(page.section("Is the model enough?"), posterior, regions, tests)
     if not posterior.quick:
         _sampling(page.section("Sampling"), posterior, convergence, sampling.history(posterior, out))
     _priors(page.section("Priors and derived quantities"), posterior)
+    page.section("Methods").text(methods(posterior))
     written = page.write(out / "report.html")
     if pdf:
         print_pdf(written, out / "report.pdf")
@@ -183,7 +186,7 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
     if len(found.groups) < 2:
         section.note(found.statement())
         return
-    section.note(found.statement(), "good" if found.overall >= 0.05 else "warning")
+    section.note(found.statement(), "good" if found.overall >= DISAGREE else "warning")
     missing = [name for name in found.groups if name not in found.alone]
     text = (
         "Band: all tests together, 50 and 90 %. Points with bars: each frequency alone. p: how often loops drawn "
@@ -262,7 +265,7 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, tests: Sequen
     )
 
 
-def _checks(section: Section, posterior: Posterior, p: Predictive, tests: Sequence[LoopRow]) -> None:
+def _checks(section: Section, posterior: Posterior, result: checks.RegionChecks, tests: Sequence[LoopRow]) -> None:
     share = max(x.residual_share for x in tests)
     if share > LARGE_MISFIT:
         section.note(
@@ -271,15 +274,8 @@ def _checks(section: Section, posterior: Posterior, p: Predictive, tests: Sequen
             "not whether it is small.",
             "warning",
         )
-    result = checks.region_checks(posterior, p)
-    fitted = [t for t, x in enumerate(p.loops) if x.role != "held-out"]
-    low = int(np.sum(result.p_value[fitted] < 0.05))
-    cells = result.p_value[fitted].size
-    section.note(
-        f"{low} of {cells} loop regions miss by more than 95 % of the model's own replicates would "
-        f"(by chance about {0.05 * cells:.0f}).",
-        "good" if low <= 0.1 * cells else "warning",
-    )
+    finding = regions_finding(result)
+    section.note(finding.text, "good" if finding.good else "warning")
     section.figure(
         checks.regions_figure(posterior, result),
         "Posterior predictive p-values by test and part of the loop. Orange and bold: the model misses "
