@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 
 #: grid over μ and τ, and draws of each posterior
 GRID, DRAWS = 40, 160
@@ -30,6 +30,8 @@ class SpecimenDraws:
     name: str
     draws: Array
     prior: Array
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class Population:
     spread: tuple[float, float, float]
     next_specimen: tuple[float, float]
     surprise: tuple[float, ...]
+
+    __repr__ = brief
 
     def outliers(self, level: float = 0.01) -> tuple[str, ...]:
         """Specimens less probable than `level`, with their number allowed for."""

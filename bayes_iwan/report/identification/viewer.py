@@ -66,7 +66,7 @@ def add_viewer(page: Page, section: Section, data: dict[str, Any]) -> None:
     data : of :func:`viewer_data`, or of the same form with "effects" (names) and in each test, in the place of model,
     draws and bands, "sets": the predicted force for each set of effects, set i holding effect k where bit k of i is 1.
     """
-    names = [test["name"] for test in data["tests"]]
+    names = [page.units.said(test["name"]) for test in data["tests"]]
     section.html(template("viewer.html", tests=names, effects=data.get("effects", ())))
     page.styles.append(asset("uplot.min.css"))
     page.script(Markup("/*\n") + asset("uplot-LICENSE.txt") + Markup("*/\n") + asset("uplot.min.js"))
