@@ -60,7 +60,7 @@ kind = "gaussian"
 members = 40
 evaluations = 600
 starts = 3
-second_opinion = false
+second_search = false
 [sampling]
 ensembles = 2
 walkers = 16

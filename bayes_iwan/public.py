@@ -22,7 +22,7 @@ from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_sett
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import Simulator
-from bayes_iwan.sampling.common.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 
 if TYPE_CHECKING:  # each function imports the rooms that it needs itself: together they take a second
     from bayes_iwan.campaign.folders.inspect import Inspection
@@ -389,7 +389,7 @@ def compare(
     >>> plan = [bi.PlannedTest(f, a, cycles=6) for f, a in ((8.0, 0.4), (20.0, 0.9))]
     >>> folder = tempfile.mkdtemp()
     >>> bi.simulate_campaign(plan, seed=3).write(folder)
-    >>> short = {"search": {"members": 40, "evaluations": 400, "starts": 2, "second_opinion": False},
+    >>> short = {"search": {"members": 40, "evaluations": 400, "starts": 2, "second_search": False},
     ...          "sampling": {"ensembles": 2, "budget_s": 2.0, "draws": 200}}
     >>> ranked = bi.compare(folder, families=["uniform", "gamma1"], config=short, by="loo", seed=1, progress=False)
     >>> [row.name for row in ranked.rows()], ranked.rows()[0].difference

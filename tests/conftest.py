@@ -80,7 +80,7 @@ kind = "gaussian"
 members = 40
 evaluations = 400
 starts = 4
-second_opinion = false
+second_search = false
 [sampling]
 method = "ensembles"
 ensembles = 2

@@ -163,7 +163,7 @@ def test_an_error_of_the_disk_is_one_line(monkeypatch, capsys, tmp_path, made_up
 
 
 def test_a_run_that_did_not_converge_warns(made_up_campaign):
-    few = {"search": {"members": 40, "evaluations": 400, "second_opinion": False, "starts": 4}}
+    few = {"search": {"members": 40, "evaluations": 400, "second_search": False, "starts": 4}}
     few |= {"sampling": {"ensembles": 2, "walkers": 16, "max_steps": 40}, **ONE}
     with pytest.warns(bi.NotConverged, match="not converged: stopped at"):
         found = bi.identify(made_up_campaign, config=few, seed=1, progress=False)

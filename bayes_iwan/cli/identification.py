@@ -79,7 +79,7 @@ def run_identify(args: argparse.Namespace) -> int:
     wanted = iwan if isinstance(posterior.problem.model, Model) else posterior.problem.names
     for row in posterior.summary():
         if row.name in wanted:
-            say(f"{units.name(row.name):20s} {row.value:.4g}  ({row.low_90:.4g} to {row.high_90:.4g}) {row.unit}")
+            say(f"{units.name(row.name):20s} {row.q50:.4g}  ({row.q05:.4g} to {row.q95:.4g}) {row.unit}")
     misfit = posterior.misfit()
     say(f"{'misfit':20s} {misfit.rms_N:.3g} {units.force} RMS, {100 * misfit.share:.2g} % of the friction force")
     if posterior.left_out and all(x.holds for x in posterior.left_out):

@@ -104,7 +104,7 @@ QUESTIONS: tuple[tuple[str, str, str], ...] = (
 #: short runs: a comparison needs predictive densities to a fraction of their standard error, not tails of parameters
 SHORT = IdentifySettings(
     model=ModelSettings(embedded=False),
-    search=SearchSettings(members=100, evaluations=4000, second_opinion=False, starts=16),
+    search=SearchSettings(members=100, evaluations=4000, second_search=False, starts=16),
     sampling=SamplingSettings(ensembles=2, walkers=64, budget_s=20.0, r_hat=1.03, ess=150.0, taus=20.0, draws=4096),
 )
 

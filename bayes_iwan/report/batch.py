@@ -32,8 +32,8 @@ from bayes_iwan.report.diagnosis.files import diagnose_campaign
 from bayes_iwan.report.identification.marginals import identifiable
 from bayes_iwan.report.provenance import of_folder
 from bayes_iwan.report.table import Cell, Table
-from bayes_iwan.sampling.common.checkpoint import NAME as CHECKPOINT
-from bayes_iwan.sampling.common.checkpoint import CheckpointError
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.sampling.checkpoint import CheckpointError
 
 _SCHEMA = 1
 

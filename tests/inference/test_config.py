@@ -41,7 +41,7 @@ def test_a_file_is_read(tmp_path):
         ({"sampling": {"ess": "many"}}, "finite positive number, not 'many'"),
         ({"sampling": {"budget_s": float("inf")}}, "positive number"),
         ({"search": {"objective": "eq9"}}, "choose one of eq8, squared, likelihood"),
-        ({"search": {"second_opinion": 1}}, "true or false"),
+        ({"search": {"second_search": 1}}, "true or false"),
         ({"model": {"slip": 3}}, "text in quotes"),
         ({"model": "gamma3"}, r"write \[model\]"),
         ({"parameters": {"beta": 0.5}}, r"\[parameters.beta\] and e.g. fixed = 0.5"),

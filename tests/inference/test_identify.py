@@ -113,7 +113,7 @@ def test_files_are_what_was_promised(run):
     point = json.loads((out / "point.json").read_text())
     assert point["objective"]["kind"] == "eq8" and point["objective"]["share_of_friction_force"] < 0.02
     assert point["most_probable"]["numbers"]["kp_N_mm"] == pytest.approx(5.5, rel=0.01)
-    assert len(point["search"]["best"]) > 3 and point["second_opinion"]["method"] == "differential evolution"
+    assert len(point["search"]["best"]) > 3 and point["second_search"]["method"] == "differential evolution"
     with h5py.File(out / "posterior.nc") as file:
         for group in (
             "posterior",
@@ -240,7 +240,7 @@ def test_each_frequency_alone(run, tmp_path):
     }
     assert by_frequency([replace(x, role="held-out") for x in run[0].loops]) == {}
     loose = replace(run[0].settings.sampling, r_hat=1.2, ess=40.0, taus=5.0, draws=400)
-    search = replace(run[0].settings.search, second_opinion=False)
+    search = replace(run[0].settings.search, second_search=False)
     joint = replace(run[0], settings=replace(run[0].settings, sampling=loose, search=search), loops=run[0].loops[:3])
     identify_frequencies(joint, tmp_path, progress=False)
     with ThreadPoolExecutor(1) as executor:  # the same wherever it runs
@@ -297,7 +297,7 @@ def test_the_point_is_found_from_random_starts(known, seed):
     """Noise-free loops of the whole model: the objective ends below 0.1 % of the friction force (20 seeds:
     analyses/point_recovery.py)."""
     problem = make_problem(known.loops(noise_N=0.0))
-    settings = SearchSettings(evaluations=8000, second_opinion=False, starts=6)
+    settings = SearchSettings(evaluations=8000, second_search=False, starts=6)
     point = find_point(problem, seed, settings, progress=False)
     assert point.goal_share < 1e-3
     assert goal_share(problem, known.true_z(problem))[0] < 2e-4

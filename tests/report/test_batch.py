@@ -20,7 +20,7 @@ from bayes_iwan.report.batch import BatchError, batch
 CONFIG = {
     "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},
     "likelihood": {"kind": "gaussian"},
-    "search": {"members": 40, "evaluations": 1200, "starts": 4, "second_opinion": False},
+    "search": {"members": 40, "evaluations": 1200, "starts": 4, "second_search": False},
     "sampling": {
         "method": "ensembles",
         "ensembles": 2,

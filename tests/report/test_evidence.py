@@ -21,7 +21,7 @@ from bayes_iwan.sampling.independent.weights import smoothed_log_weights
 from .conftest import TRUTH, made_posterior, made_records
 
 TINY = {
-    "search": {"members": 40, "evaluations": 600, "second_opinion": False, "starts": 4},
+    "search": {"members": 40, "evaluations": 600, "second_search": False, "starts": 4},
     "sampling": {"ensembles": 2, "walkers": 32, "budget_s": 4.0, "r_hat": 1.1, "ess": 50.0, "taus": 5.0, "draws": 1024},
 }
 

@@ -21,6 +21,7 @@ from bayes_iwan.campaign.loops.checks import (
     on_grid_of_rate,
     step_warnings,
 )
+from bayes_iwan.campaign.loops.resolution import POINTS, points_for
 from bayes_iwan.campaign.recording.limits import RigLimits, limits_of
 from bayes_iwan.campaign.recording.records import ROLES, CampaignError, Record, shown
 from bayes_iwan.campaign.recording.stated import LARGEST_NUMBER, number_of, only, positive, read_toml
@@ -84,13 +85,13 @@ class Campaign:
         """What displacement and force are: mm and N, or the units of an angle and a torque, a stroke and a pressure."""
         return self.tests[0].units
 
-    def loops(self, n_phase: int = 128, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
+    def loops(self, n_phase: int | None = None, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
         """Each test's phase-averaged loop, harmonics that cannot be trusted left out, in the order of `tests`.
 
         Parameters
         ----------
         n_phase
-            points of a loop.
+            points of a loop (default: 128, and up to 512 where a test reverses more often than twice a cycle).
         n_harmonics
             harmonics that are kept, at most n_phase/2 − 1.
         n_blocks
@@ -106,7 +107,15 @@ class Campaign:
         CampaignError
             a record without enough whole cycles at its frequency; the message names file and mend.
         """
-        return tuple(alongside(lambda test: in_band(average(test, n_phase, n_harmonics, n_blocks)), self.tests))
+
+        def averaged(points: int) -> tuple[Loop, ...]:
+            return tuple(alongside(lambda test: in_band(average(test, points, n_harmonics, n_blocks)), self.tests))
+
+        if n_phase is not None:
+            return averaged(n_phase)
+        loops = averaged(POINTS)
+        points = points_for([loop.displacement_mm for loop in loops])
+        return loops if points == POINTS else averaged(points)
 
 
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:

@@ -21,12 +21,13 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect, effects_of
 from bayes_iwan.gap.fitting.data import GapData, predicted
 from bayes_iwan.gap.fitting.rest import ALONG_SHARES, BETWEEN, FIRST, LENGTHS, SHARES, Linear, RestSize, Sizes, Stepped
-from bayes_iwan.gap.fitting.rows import Z_BOX, Rows
+from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.inference.setup.problem import Problem, iwan_model, make_problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings, LikelihoodSettings, ParameterChange
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 from bayes_iwan.physics import Model, Simulator
+from bayes_iwan.physics.interface.parameter import Z_LIMIT
 
 #: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
 OTHER_WEIGHTS = 0.25
@@ -245,7 +246,7 @@ def _together(data: GapData, problem: Problem, z: Array) -> tuple[Rows, Linear, 
     linear = [rows.linear_of(around, z) for rows in several]
     stepped = [x.evidence(_COARSE) for x in linear]
     best = [int(np.argmax(x.log_z)) for x in stepped]
-    led = np.clip([x.z[k] for x, k in zip(stepped, best)], -Z_BOX, Z_BOX)
+    led = np.clip([x.z[k] for x, k in zip(stepped, best)], -Z_LIMIT, Z_LIMIT)
     with np.errstate(all="ignore"):
         mean, trend, lines = predicted(data, problem, led)
     log_z = np.empty(len(several))
@@ -263,7 +264,7 @@ def _borne_out(rows: Rows, linear: Linear, sizes: Sizes) -> Stepped:
     """ln evidence at sizes of the rest by what the model really misses where the linear one leads, or where it was made
     if that is better: in a bent valley a step may promise hundreds of nats that are not there."""
     stepped = linear.evidence(sizes)
-    z = np.clip(stepped.z, -Z_BOX, Z_BOX)
+    z = np.clip(stepped.z, -Z_LIMIT, Z_LIMIT)
     with np.errstate(all="ignore"):
         there = linear.at(rows.residual(z), z, sizes, stepped.precision)
     here = linear.at(linear.residual[None], linear.z[None], sizes, stepped.precision)

@@ -23,12 +23,12 @@ from bayes_iwan.inference.setup.settings import IdentifySettings
 from bayes_iwan.inference.solving.point import Point
 from bayes_iwan.optimize.genetic import GlobalOptimum
 from bayes_iwan.physics import Scales
-from bayes_iwan.sampling.common.chains import Stop
+from bayes_iwan.sampling.chains import Stop
 
 if TYPE_CHECKING:
     import xarray
 
-FORMAT = 2
+FORMAT = 3
 #: what stands behind posterior.nc's own end (HDF5 does not look there), before the SHA-256 of all before it
 SEAL = b"bayes_iwan sha256 "
 #: groups that are looked at but not gone on from: seven digits are enough
@@ -178,11 +178,11 @@ def _plain_point(point: Point) -> dict[str, Any]:
     def plain(value: Any) -> Any:
         if isinstance(value, np.ndarray):
             return value.tolist()
+        if isinstance(value, tuple):
+            return [plain(x) for x in value]
         if isinstance(value, GlobalOptimum):  # without its populations
             return {
-                k: plain(getattr(value, k))
-                for k in (f.name for f in fields(value))
-                if k not in ("population", "population_objective")
+                k: plain(getattr(value, k)) for k in (f.name for f in fields(value)) if k not in ("first", "population")
             }
         return value
 
@@ -190,15 +190,13 @@ def _plain_point(point: Point) -> dict[str, Any]:
 
 
 def _point_of(plain: Mapping[str, Any]) -> Point:
-    def search(stored: Mapping[str, Any] | None) -> GlobalOptimum | None:
-        if stored is None:
-            return None
+    def search(stored: Mapping[str, Any]) -> GlobalOptimum:
         arrays = {k: np.array(stored[k]) for k in ("x", "best", "median")}
         none = np.empty((0, len(stored["x"])))
-        return GlobalOptimum(**{**stored, **arrays}, population=none, population_objective=np.empty(0))
+        return GlobalOptimum(**{**stored, **arrays}, first=none, population=none)
 
     arrays = {k: np.array(plain[k]) for k in ("goal_z", "z", "optima", "optima_log_prob", "each_z", "each_log_prob")}
-    return Point(**{**plain, **arrays, "search": search(plain["search"]), "second": search(plain["second"])})
+    return Point(**{**plain, **arrays, "searches": tuple(search(x) for x in plain["searches"])})
 
 
 # ---- read back

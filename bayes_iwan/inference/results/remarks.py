@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
 #: share of the friction force above which a misfit is called large
 LARGE_MISFIT = 0.03
-#: probability of the bent form above which it is said to be favoured
-LIKELY_BENT = 0.5
 #: searches whose best log posteriors differ by more have not found the same maximum
 MISSED_NATS = 2.0
 #: prior standard scores beyond which a median is said to lie at the end of its prior
@@ -24,22 +22,16 @@ NEAR_THE_BOUND = 0.02
 
 
 def remarks(posterior: Posterior) -> tuple[str, ...]:
-    """One sentence each: not sampled or not converged, searches that disagree, a bent form, a large misfit, bands
+    """One sentence each: not sampled or not converged, searches that disagree, a large misfit, bands
     that do not hold a frequency that is left out, a parameter at the end of its prior."""
     out = []
     if posterior.quick:
-        out.append("Quick: Laplace's approximation about the most probable point, not sampled; a first result only.")
+        out.append("Quick: a normal approximation about the most probable point, not sampled; a first result only.")
     elif not posterior.converged:
         out.append(f"The chains have not converged ({posterior.message}); read every interval as too narrow.")
     said, agree = searches_said(posterior)
     if len(posterior.point.each_log_prob) > 1 and not agree:
         out.append(said)
-    weight = max((w.form.weight for w in posterior.widenings.values()), default=0.0)
-    if weight > LIKELY_BENT:
-        out.append(
-            f"The loops favour a model whose form bends a little (probability {min(weight, 0.999):.2g}): the values "
-            "and intervals reported count it by that, draws and their quantiles are the plain model's."
-        )
     misfit = posterior.misfit()
     if misfit.share > LARGE_MISFIT:
         out.append(

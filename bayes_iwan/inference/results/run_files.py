@@ -67,11 +67,8 @@ def point_record(posterior: Posterior) -> dict[str, Any]:
     def named(z: Array) -> dict[str, float]:
         return {name: float(q.values[0]) for name, q in sampled_and_derived(problem, z[None]).items()}
 
-    def history(search: GlobalOptimum | None) -> dict[str, Any] | None:
-        if search is None:
-            return None
+    def history(search: GlobalOptimum) -> dict[str, Any]:
         return {
-            "method": search.method,
             "objective": search.objective,
             "evaluations": search.n_evaluations,
             "stopped": search.stopped,
@@ -81,8 +78,7 @@ def point_record(posterior: Posterior) -> dict[str, Any]:
 
     return {
         "seed": posterior.seed,
-        "objective": {
-            "kind": point.objective,
+        "eq8_minimum": {
             "value": point.goal,
             "share_of_friction_force": point.goal_share,
             "numbers": named(point.goal_z),
@@ -94,8 +90,7 @@ def point_record(posterior: Posterior) -> dict[str, Any]:
             "maxima_log_prob": point.optima_log_prob.tolist(),
             "best_log_prob_of_each_search": point.each_log_prob.tolist(),
         },
-        "search": history(point.search),
-        "second_opinion": history(point.second),
+        "searches": [history(search) for search in point.searches],
         "evaluations": point.n_evaluations,
         "seconds": round(point.seconds, 3),
         "versions": dict(posterior.versions),

@@ -41,7 +41,6 @@ _TABLES: dict[str, type] = {
     "search": SearchSettings,
     "sampling": SamplingSettings,
 }
-CHOICES = {("search", "objective"): ("eq8", "squared", "likelihood"), ("sampling", "method"): ("auto", "ensembles")}
 #: the noise's own parameters, which a diagnosis takes from the records
 NOISE = ("noise_scale", "noise_N", "discrepancy_share", "discrepancy_length")
 #: a whole number beyond this is a slip of the pen, and more than arrays can hold
@@ -165,8 +164,6 @@ def _filled(kind: type[S], table: str, given: Mapping[str, Any], where: str) -> 
 
 def _checked(table: str, key: str, value: object, default: object, where: str) -> bool | float | str:
     name = f"{where} [{table}] {key}"
-    if (table, key) in CHOICES and value not in CHOICES[table, key]:
-        raise ConfigError(f"{name} = {_shown(value)} is not known; choose one of {', '.join(CHOICES[table, key])}")
     if isinstance(default, bool):
         if not isinstance(value, bool):
             raise ConfigError(f"{name} must be true or false, not {_shown(value)}")

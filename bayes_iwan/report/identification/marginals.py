@@ -50,7 +50,7 @@ def interval(draws: Array, level: float = 0.9) -> tuple[str, str, str]:
 def reported(posterior: Posterior, name: str) -> tuple[str, str, str]:
     """The reported value and 90 % interval of a quantity, as in summary.csv, with the digits that it deserves."""
     low, high = posterior.interval(name)
-    middle = posterior.centre(name)
+    middle = posterior.median(name)
     return number(middle, high - low), number(low, high - low), number(high, high - low)
 
 

@@ -243,10 +243,10 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, tests: Sequen
     for row in tests:
         cells = [row.test + (" (held out)" if row.held_out else "")]
         for x in (row.energy_mJ, row.stiffness_N_mm, row.loss_factor):
-            width = x.high_90 - x.low_90
+            width = x.q95 - x.q05
             cells += [
                 number(x.measured, width),
-                f"{number(x.value, width)} [{number(x.low_90, width)}, {number(x.high_90, width)}]",
+                f"{number(x.q50, width)} [{number(x.q05, width)}, {number(x.q95, width)}]",
             ]
         shown.append((*cells, f"{100 * row.residual_share:.2f} %"))
     section.table(

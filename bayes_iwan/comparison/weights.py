@@ -29,9 +29,3 @@ def smoothed_log_weights(log_w: Array) -> tuple[Array, Array]:
         else:
             smoothed, k = psislw(log_w)
     return np.asarray(smoothed) - logsumexp(smoothed, axis=-1, keepdims=True), np.asarray(k, dtype=float)
-
-
-def untrusted(log_w: Array) -> str:
-    """Why weights (n,) may not be trusted, in words; empty if they may."""
-    k = float(smoothed_log_weights(log_w[np.isfinite(log_w)])[1])
-    return f"Pareto's k of the weights is {k:.2f} > {TRUSTED:g}" if k > TRUSTED else ""

@@ -1,4 +1,4 @@
-"""What a run of any way of sampling ends with."""
+"""What a run ends with."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.sampling.common.convergence import Convergence
+from bayes_iwan.sampling.convergence import Convergence
 
 
 class Stop(Enum):
@@ -26,7 +26,7 @@ class Stop(Enum):
 class Chains:
     """Production draws of independent ensembles, and what they are worth.
 
-    draws[e, i, w] is walker w of ensemble e at step thin·(i + 1) of production. quantities are what the caller's
+    draws[e, i, w] is walker w of ensemble e after step i + 1 of production. quantities are what the caller's
     function makes of the same draws. convergence covers names + quantity_names (None if production is too short
     to say anything). converged says whether all targets were met; message says why the run ended and, if not
     converged, what is short of its target; stop is that reason alone. independent says that the walkers of an ensemble,
@@ -38,9 +38,7 @@ class Chains:
     draws: Array  # (ensembles, stored, walkers, ndim)
     log_prob: Array  # (ensembles, stored, walkers)
     quantities: Array  # (ensembles, stored, walkers, len(quantity_names))
-    thin: int
     n_steps: int
-    n_evaluations: int
     acceptance: float
     convergence: Convergence | None
     converged: bool

@@ -9,9 +9,10 @@ one ensemble propose from each other and are not independent; the ensembles are.
   ensemble's means over walkers, which is a scalar function of one Markov chain: correlation between walkers
   is in it. ESS = Var(draws) / Var(mean), with Var(mean) by Stan's estimator over the 2·ensembles half-runs. With
   one walker an ensemble this is exactly ArviZ's number.
-- tau, in steps, is emcee's integrated autocorrelation time: the walkers' autocorrelation functions averaged
-  over all walkers and ensembles, with Sokal's window; or that of the ensembles' means (Goodman & Weare 2010), if it is
-  longer. Walkers that change places with others forget where they were long before the ensemble does.
+- tau, in steps, is emcee's integrated autocorrelation time, of ranks, since a heavy-tailed quantity has none of its
+own: the walkers' autocorrelation functions averaged over all walkers and ensembles, with Sokal's window; or that of the
+ensembles' means (Goodman & Weare 2010), if it is longer. Walkers that change places with others forget where they were
+long before the ensemble does.
 
 Walkers that are independent of each other as well (chains on a manifold) are so many chains. Only R-hat is then of
 ensembles, as it is of "superchains" where chains are many and short (Margossian et al. 2024, arXiv 2110.13017).
@@ -81,7 +82,8 @@ def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1, independ
     tau = autocorrelation_time if independent else longest_autocorrelation_time
 
     def judged(column: Array) -> tuple[float, float, float, float]:
-        return *_ranked(column, independent), ess_tail(apart(column) if independent else column), tau(column)
+        ranks = rank_normalise(column) if _usable(column) else column
+        return *_ranked(column, independent), ess_tail(apart(column) if independent else column), tau(ranks)
 
     rows = np.array([*alongside(judged, [x[..., j] for j in range(x.shape[3])])]).reshape(len(names), 4)
     return Convergence(

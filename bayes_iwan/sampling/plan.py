@@ -1,4 +1,4 @@
-"""What every way of sampling is asked alike: of what, when to stop, and where to keep it."""
+"""What a run is asked for: of what, when to stop, and where to keep it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.sampling.common.chains import Stop
-from bayes_iwan.sampling.common.convergence import Convergence
+from bayes_iwan.sampling.chains import Stop
+from bayes_iwan.sampling.convergence import Convergence
 
 BatchFunction = Callable[[Array], Array]
 
