@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.comparison.families import Comparison
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import provenance
-from bayes_iwan.report.style import BLUE, ORANGE, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, house_style, styled, subplots
 from bayes_iwan.report.table import Table
 
 
@@ -174,6 +174,7 @@ def _answer(section: Section, comparison: Comparison) -> None:
     section.symbols(_WORDS)
 
 
+@house_style()
 def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -> Path:
     """Write compare.html and compare.csv into out_dir; returns the page's path."""
     out = Path(out_dir)

@@ -16,6 +16,7 @@ from bayes_iwan.report import inspect_figures as figures
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.style import house_style
 
 LEGEND = (
     ("u, A", "displacement and its amplitude (half the peak-to-peak of the averaged cycle)", "mm"),
@@ -74,6 +75,7 @@ def inspect_text(campaign: Campaign, tests: Sequence[Inspection]) -> str:
     return "\n".join(lines)
 
 
+@house_style()
 def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Path:
     """Write out/inspect.html and its figures (out/figures/inspect_*.png and .pdf); returns the page's path."""
     units = campaign.units

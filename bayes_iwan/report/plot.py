@@ -12,13 +12,10 @@ ax : axes of yours to draw into, an array of them for several panels.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
-from bayes_iwan.comparison.families import Comparison
 from bayes_iwan.gap.diagnosis import Diagnosis
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.comparison import ranking_figure
@@ -101,27 +98,3 @@ def specimens(batch: Batch) -> Figure:
     from bayes_iwan.report.batch_page import parameters_figure
 
     return parameters_figure(batch)
-
-
-class PosteriorPlots:
-    """`posterior.plot.loops()` for `bi.plot.loops(posterior)`, and so for every plot of a posterior."""
-
-    _NAMES = (
-        *("autocorrelation", "corner", "frequencies", "loo_pit", "loop", "loops", "normal_force", "paper_corner"),
-        *("parameters", "regions", "residuals", "slip_forces", "stiffness", "total_and_friction", "traces", "trends"),
-    )
-
-    def __init__(self, posterior: Posterior) -> None:
-        self._posterior = posterior
-
-    def __getattr__(self, name: str) -> Callable[..., Figure]:
-        if name not in self._NAMES:
-            near = difflib.get_close_matches(name, self._NAMES, 1)
-            raise AttributeError(f"no plot {name!r}; " + (f"did you mean {near[0]!r}?" if near else self.__repr__()))
-        return partial(globals()[name], self._posterior)
-
-    def __dir__(self) -> list[str]:
-        return list(self._NAMES)
-
-    def __repr__(self) -> str:
-        return f"plots: {', '.join(self._NAMES)}"

@@ -105,7 +105,8 @@ class _Wish:
     width: float | None = None
 
 
-_WISH: ContextVar[_Wish] = ContextVar("wish", default=_Wish())
+_NOTHING = _Wish()
+_WISH: ContextVar[_Wish] = ContextVar("wish", default=_NOTHING)
 
 
 def unset_rc() -> dict[str, Any]:

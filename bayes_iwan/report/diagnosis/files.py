@@ -28,7 +28,7 @@ from bayes_iwan.report.diagnosis.page import order_ahead, write_diagnosis_page
 from bayes_iwan.report.effect_loops import effect_viewer_data
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import Renderer, shared
-from bayes_iwan.report.style import relabel
+from bayes_iwan.report.style import house_style, relabel
 
 #: work of drawing (:func:`bayes_iwan.report.rendering.shared`) that takes about as long as weighing causes
 WEIGHING = 11
@@ -44,6 +44,7 @@ class Ahead(Watcher):
     def searched(self) -> None:
         self.renderer = shared(busy=WEIGHING)
 
+    @house_style()
     def located(self, found: Located) -> None:
         units = found.campaign.units
         self.figures = gap_figures.figures_of_gap(pictures(found.residual, found.where, found.size))
@@ -186,6 +187,7 @@ def write_found(found: Diagnosis, out: Path) -> Path:
         return _write(found, folder, None, None, ahead)
 
 
+@house_style()
 def _write(
     found: Diagnosis,
     folder: Path,

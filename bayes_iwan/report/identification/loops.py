@@ -102,7 +102,7 @@ def _key(figure: Figure, axes: Sequence[Axes], entries: Sequence[tuple[str, dict
         Patch(label=label, **style) if "alpha" in style else Line2D([], [], label=label, **style)
         for label, style in entries
     ]
-    most = 5 if figure.get_figwidth() > 6.5 else 3
+    most = 5 if figure.get_figwidth() > 6.5 else 3 if figure.get_figwidth() > 4.5 else 2
     if into_given_axes():
         axes[0].legend(handles=handles, loc="best", fontsize=7)
         return
@@ -126,7 +126,7 @@ def loops_figure(
     for t, ax in enumerate(axes):
         draw_loop(ax, p, t, friction, cycles)
         ax.set_title(test_name(p.loops[t]))
-        ax.locator_params(axis="x", nbins=5)
+        ax.locator_params(axis="x", nbins=5 if figure.get_figwidth() > 4.5 else 3)
     _labels(figure, axes, "displacement u (mm)", "friction force (N)" if friction else "force (N)")
     entries = [("measured cycles", {"color": "#9A9A9A", "linewidth": 0.8})] if cycles else []
     entries += [
@@ -233,5 +233,6 @@ def frequencies_figure(posterior: Posterior, predictive: Predictive | None = Non
     ax.set_xlabel("displacement u (mm)")
     ax.set_ylabel("friction force (N)")
     ax.set_title(f"amplitude {p.loops[chosen[0]].record.amplitude_mm:g} mm", loc="left")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+    ax.legend(**({"loc": "best"} if into_given_axes() else beside))
     return figure

@@ -15,11 +15,6 @@ _LIKELIHOOD = {
     "gaussian": "a Gaussian likelihood of independent samples",
     "laplace": "a Laplace likelihood of independent samples",
 }
-_OBJECTIVE = {
-    "eq8": "Eq. (8) of Rajaei, Ahmadian & Tavakoli",
-    "squared": "the sum of squared residuals",
-    "likelihood": "the log posterior",
-}
 
 
 def methods(posterior: Posterior) -> str:
@@ -49,18 +44,16 @@ def methods(posterior: Posterior) -> str:
         f"table of priors, with {_LIKELIHOOD.get(problem.likelihood.name, problem.likelihood.name)}."
     )
     search = settings.search
-    second = " and by differential evolution" if search.second_opinion else ""
-    objective = _OBJECTIVE.get(search.objective, search.objective)
     if posterior.quick:
         parts.append(
-            "The most probable point was found by least squares from several starts; intervals are Laplace's "
+            "The most probable point was found by least squares from several starts; intervals are from a normal "
             "approximation about it, and nothing was sampled."
         )
     else:
         count = len(posterior.point.each_log_prob)
         parts.append(
-            f"The most probable point was sought by a genetic algorithm with {search.members} members{second} on "
-            f"{objective}, followed by least squares ({count} independent search{'es' if count != 1 else ''})."
+            f"The most probable point was sought by a genetic algorithm with {search.members} members, followed by "
+            f"least squares, in {count} independent search{'es' if count != 1 else ''}."
         )
         chains = posterior.z.shape[0]
         way = f"{chains} independent ensembles of {posterior.walkers} walkers"

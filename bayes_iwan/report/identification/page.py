@@ -25,8 +25,10 @@ from bayes_iwan.report.identification.viewer import add_viewer, viewer_data
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import shared
+from bayes_iwan.report.style import house_style
 
 
+@house_style()
 def identification_report(
     posterior: Posterior,
     out_dir: str | os.PathLike[str],
