@@ -192,7 +192,7 @@ def load(
 
 def _campaign_of(folder: Path, stored: Stored) -> str | Path:
     """Where the campaign is: where the run left it, else where it lies as seen from the run's folder."""
-    moved = folder / stored.campaign_relative
+    moved = (folder / stored.campaign_relative).resolve()
     if stored.campaign_relative and not Path(stored.campaign_path).is_dir() and moved.is_dir():
         return moved
     return stored.campaign_path
