@@ -31,7 +31,7 @@ INNER = {
     "gap": ("fitting", "searching", "judging", "telling"),
 }
 #: what every room may use, and what the two rooms that know no friction, and the independent rig, may use besides
-OPEN = {"arrays", "drawing", "executors", "files", "terminal", "threads"}
+OPEN = {"arrays", "executors", "files", "terminal", "threads"}
 ALONE = {"optimize": set(), "sampling": set(), "rig": {"campaign"}}
 FILES = sorted(p.relative_to(PACKAGE) for p in PACKAGE.rglob("*.py"))
 

@@ -100,8 +100,8 @@ def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
     assert np.sqrt(np.mean((measured - middle) ** 2)) < 0.05
     assert posterior.misfit().share < 0.03
     with pytest.raises(ValueError, match="there is no test"):
-        posterior.plot_loop("nothing.csv")
-    for figure in (posterior.plot_loop("f10_a1.csv"), posterior.plot_corner()):
+        posterior.plot.loop("nothing.csv")
+    for figure in (posterior.plot.loop("f10_a1.csv"), bi.plot.corner(posterior)):
         assert figure.axes
 
 

@@ -14,7 +14,6 @@ from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
-from bayes_iwan.drawing import draw
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.conditions import conditions_of
@@ -143,14 +142,6 @@ class Diagnosis:
     def sentences(self) -> list[str]:
         """The answer in plain words."""
         return list(self.to_dict()["sentences"])
-
-    def plot_gap(self) -> Any:
-        """The budget of the gap, and what is missed where it shows most, as a figure."""
-        return draw("headline_of", self)
-
-    def write(self, folder: str | Path) -> Path:
-        """diagnosis.json, fits.json, the figures and the page into a folder; returns the page."""
-        return Path(draw("write_found", self, Path(folder)))
 
     @property
     def search(self) -> Search:

@@ -6,7 +6,6 @@ import csv
 
 import numpy as np
 import pytest
-from bayes_iwan.sampling.independent.weights import smoothed_log_weights
 from scipy import stats
 
 from bayes_iwan.comparison import frequencies as per_frequency
@@ -17,6 +16,7 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.report.comparison import comparison_report, ranking_figure
 from bayes_iwan.report.identification.checks import loo_pit
 from bayes_iwan.report.identification.frequencies import frequencies_table, wander_figure, wander_rows
+from bayes_iwan.comparison.weights import smoothed_log_weights
 
 from .conftest import TRUTH, made_posterior, made_records
 

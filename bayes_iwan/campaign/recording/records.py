@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.units import Units
 
 ROLES = ("fit", "held-out")
@@ -62,6 +62,8 @@ class Record:
     force_N: Array
     warnings: tuple[str, ...] = field(default=())
     units: Units = field(default=Units())
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         n = np.shape(self.time_s)

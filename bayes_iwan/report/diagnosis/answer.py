@@ -12,8 +12,8 @@ from bayes_iwan.gap.telling.words import listed, title
 from bayes_iwan.report.diagnosis.cells import percent, percent_range
 from bayes_iwan.report.page import Section
 
-#: colour of the verdict's box
-_BOX = {"none": "good", "explained": "good", "unknown": "warning", "drive": "warning"}
+#: colour of the verdict's box: green only where nothing is missed
+_BOX = {"none": "good"}
 _WORDS = (
     ("gap", "the misfit: RMS of measured − predicted force beyond the records' noise (a stop has a clearance)", "N"),
     ("share", "part of the gap that a cause removes; all causes and the rest make the whole", ""),
@@ -105,7 +105,7 @@ def put_figures(section: Section, figures: Mapping[str, Figure], *names: str) ->
 
 def diagnosis_answer(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     """The verdict in words, the waterfall, the gap as a sum, where the rest sits, and the words that follow."""
-    section.note(Markup("<br>").join(d["sentences"]), _BOX.get(d["verdict"]["kind"], "note"))
+    section.note(Markup("<br>").join(d["sentences"]), _BOX.get(d["verdict"]["kind"], "warning"))
     put_figures(section, figures, *(("headline",) if "headline" in figures else ("gap_loops",)))
     if d["verdict"]["causes"]:
         section.table(
