@@ -11,16 +11,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bayes_iwan.sampling.common.checkpoint import NAME
 
 import bayes_iwan as bi
 from bayes_iwan.cli import main
+from bayes_iwan.sampling.checkpoint import NAME
 
 ONE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _words_alone(no_pictures, short_adaptation):
+def _words_alone(no_pictures, short_pilot):
     """For every page and run here."""
 
 
@@ -75,7 +75,7 @@ def test_quick_finds_the_numbers_that_made_the_loops_and_says_what_it_is(quick):
         table = {r["name"]: r for r in csv.DictReader(file)}
     for name, row in table.items():  # no diagnostics of a sampler, and every other number under its own name
         assert row["method"] == "laplace" and row["ess_bulk"] == row["ess_tail"] == row["r_hat"] == ""
-        assert float(row["low_90"]) == pytest.approx(rows[name].low_90, rel=1e-6)
+        assert float(row["q05"]) == pytest.approx(rows[name].q05, rel=1e-6)
     assert "Quick: Laplace" in (out / "report.html").read_text() and posterior.quick and not posterior.converged
     again = bi.load(out)
     assert again.quick and np.array_equal(again.z, posterior.z)
@@ -100,8 +100,8 @@ def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
     assert np.sqrt(np.mean((measured - middle) ** 2)) < 0.05
     assert posterior.misfit().share < 0.03
     with pytest.raises(ValueError, match="there is no test"):
-        posterior.plot.loop("nothing.csv")
-    for figure in (posterior.plot.loop("f10_a1.csv"), bi.plot.corner(posterior)):
+        posterior.plot_loop("nothing.csv")
+    for figure in (posterior.plot_loop("f10_a1.csv"), posterior.plot_corner()):
         assert figure.axes
 
 

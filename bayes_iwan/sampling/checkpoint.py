@@ -154,7 +154,7 @@ class _Journal:
             draws = {s: together("draws", s, n) for s in stages}
             log_prob = {s: together("log_prob", s) for s in stages}
         except (KeyError, ValueError, TypeError) as error:
-            raise CheckpointError(f"{self.path}: {_NOT_OURS} ({_line(error)}); delete it to start anew") from None
+            raise not_ours(self.path, error) from None
         if any(len(draws[s]) != len(log_prob[s]) for s in stages):
             raise CheckpointError(f"{self.path}: {_NOT_OURS} (draws without their log_prob); delete it to start anew")
         return Snapshot(self.state, draws, log_prob, self.damaged)
@@ -187,7 +187,7 @@ def _read(path: Path) -> _Journal:
     except CheckpointError:
         raise
     except Exception as error:  # a file whose checksums somebody made anew can hold whatever breaks numpy's readers
-        raise CheckpointError(f"{path}: {_NOT_OURS} ({_line(error)}); delete it to start anew") from None
+        raise not_ours(path, error) from None
     return journal
 
 
@@ -227,8 +227,10 @@ def _same(a: NDArray, b: NDArray) -> bool:
     return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
 
 
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:120] or type(error).__name__
+def not_ours(path: Path, error: Exception) -> CheckpointError:
+    """What to raise of a checkpoint that an error says makes no sense."""
+    line = " ".join(str(error).split())[:120] or type(error).__name__
+    return CheckpointError(f"{path}: {_NOT_OURS} ({line}); delete it to start anew")
 
 
 def _short(value: object) -> str:

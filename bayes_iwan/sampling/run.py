@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import emcee
@@ -28,7 +29,7 @@ from tqdm.auto import tqdm
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Rounds
 from bayes_iwan.sampling.chains import Chains, Stop
-from bayes_iwan.sampling.checkpoint import Checkpoint
+from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, Snapshot, not_ours
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
 from bayes_iwan.sampling.moves.differential import DifferentialMove
 from bayes_iwan.sampling.moves.manifold import LEAST, ManifoldMove
@@ -152,6 +153,10 @@ class _Run:
         self._checked = _Checked(log_prob)
         self.target, self.plan, self._executor = target, plan, executor
         self.n_ensembles, self.n_walkers = n_ensembles, max(n_walkers, 2 * target.ndim + 2)
+        if n_ensembles < 2:
+            raise SamplingError(f"n_ensembles is {n_ensembles}; R-hat compares at least two")
+        if starts.ndim != 2 or starts.shape[1] != target.ndim:
+            raise SamplingError(f"starts have shape {starts.shape}; it must be (members, {target.ndim})")
         levels = self._checked(starts)
         if not np.isfinite(levels).any():
             raise SamplingError(
@@ -261,6 +266,10 @@ class _Run:
     def chains(self) -> Chains:
         """The whole run."""
         plan = self.plan
+        if plan.checkpoint is not None and plan.checkpoint.exists() and not plan.resume:
+            raise CheckpointError(
+                f"{plan.checkpoint}: a checkpoint exists already; resume it, delete it, or name another folder"
+            )
         stamp = {**plan.fingerprint, "seed": str(plan.seed), "ensembles": str(self.n_ensembles)}
         file: Checkpoint | None = None
         stop: Stop | None = None
@@ -271,7 +280,7 @@ class _Run:
             try:
                 if plan.resumed is not None:
                     file, found = Checkpoint.resume(plan.resumed, stamp, plan.names, (STAGE,))
-                    self.restore(found.state)
+                    self._restored(found, plan.resumed)
                     z, log_prob = found.draws[STAGE], found.log_prob[STAGE]
                     other = plan.evaluated(z)
                 else:
@@ -349,6 +358,15 @@ class _Run:
                 own = move.target.nuisance
                 out |= {"bent": move.bent, "known": move.known, "own_centre": own.centre, "own_root": own.root}
         return out
+
+    def _restored(self, found: Snapshot, path: Path) -> None:
+        """Be as the run was that wrote a checkpoint. Raises CheckpointError where its state makes no sense."""
+        try:
+            self.restore(found.state)
+            if self.z.shape != found.draws[STAGE].shape[1:] or not np.isfinite(self.z).all():
+                raise ValueError(f"walkers of shape {self.z.shape}")
+        except (KeyError, ValueError, TypeError, IndexError, np.linalg.LinAlgError) as error:
+            raise not_ours(path, error) from None
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Be as an earlier run was."""

@@ -245,7 +245,7 @@ def test_uniform_ranks_pass_and_bent_ones_do_not(study):
     assert max(bent.values()) < 0.01
 
 
-@pytest.mark.usefixtures("short_adaptation")
+@pytest.mark.usefixtures("short_pilot")
 @pytest.mark.parametrize("way", [["--budget", "2"], ["--from-truth"]])
 def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch, way):
     monkeypatch.chdir(ROOT)
@@ -258,7 +258,7 @@ def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch, way):
     assert (tmp_path / "sbc.png").stat().st_size > 5000
 
 
-@pytest.mark.usefixtures("small_design", "short_adaptation")
+@pytest.mark.usefixtures("small_design", "short_pilot")
 def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["coverage_rig.py", "--cases", "1", "--budget", "2", "--out", str(tmp_path)])
     study("coverage_rig").main()

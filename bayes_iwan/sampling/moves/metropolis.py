@@ -61,8 +61,11 @@ class LeastSquares:
         return replace(self, nuisance=self.nuisance.fitted(z[:, self.nuisance.columns]))
 
     def with_nuisance(self, centre: Array, root: Array) -> LeastSquares:
-        """The same with the nuisance parameters about this centre."""
-        return replace(self, nuisance=replace(self.nuisance, centre=centre, root=root))
+        """The same with the nuisance parameters about this centre. Raises ValueError for other shapes."""
+        own = self.nuisance
+        if centre.shape != own.centre.shape or root.shape != own.root.shape:
+            raise ValueError(f"nuisance parameters of shapes {centre.shape} and {root.shape}")
+        return replace(self, nuisance=replace(own, centre=centre, root=root))
 
 
 @dataclass(frozen=True)
