@@ -92,9 +92,10 @@ def build_site(out: Path) -> Path:
         source = Path(temporary) / "pages"
         source.mkdir()
         for page in pages():
-            (source / page.name).write_text(with_mathml(page.read_text(encoding="utf-8")), encoding="utf-8")
-        for folder in ("pictures", "notebooks"):
-            shutil.copytree(GUIDE / folder, source / folder)
+            text = page.read_text(encoding="utf-8").replace("](../pictures/", "](pictures/")
+            (source / page.name).write_text(with_mathml(text), encoding="utf-8")
+        for folder in (GUIDE / "pictures", GUIDE / "notebooks", GUIDE.parent / "pictures"):
+            shutil.copytree(folder, source / folder.name, dirs_exist_ok=True)
         write_api(source / "api")
         config: dict[str, Any] = {
             "site_name": "bayes_iwan",

@@ -56,7 +56,10 @@ def test_the_prior_of_each_specimen_does_not_pull_the_population():
 def test_a_specimen_that_stands_out_is_named_and_others_are_not():
     """Populations without one name something in few of 60, those with one name it."""
     by_chance = sum(
-        any(x.notable for x in rank_unusual({"k": population(drawn(np.random.default_rng([4, k]), 15, 1.5, 0.05, 0.02))}))
+        any(
+            x.notable
+            for x in rank_unusual({"k": population(drawn(np.random.default_rng([4, k]), 15, 1.5, 0.05, 0.02))})
+        )
         for k in range(60)
     )
     assert by_chance <= 8
