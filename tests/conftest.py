@@ -115,12 +115,16 @@ def short_pilot():
 os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
 
 
-# figures as files cost more than most tests that write a page: those about files ask for them
-page.FILES = ()
+@pytest.fixture(scope="module")
+def no_figure_files():
+    """Pages without the files of their figures, which cost more than most tests of what else is on a page."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "FILES", ())
+        yield
 
 
 @pytest.fixture(scope="module")
-def no_pictures():
+def no_pictures(no_figure_files):
     """Pages with their words and tables, figures made but not drawn: half a page's time, for tests of other things.
     Gives the line that does it in a child."""
     with pytest.MonkeyPatch.context() as patch:

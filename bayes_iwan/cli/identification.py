@@ -124,7 +124,7 @@ def run_identify(args: argparse.Namespace) -> int:
         help="identify each frequency alone by short runs, where identify --per-test has not",
     ),
     argument("--simulator", metavar="FILE", help="Python file of the model that was identified; its code is run"),
-    argument("--pdf", action="store_true", help="also report.pdf: the figures with their captions"),
+    argument("--pdf", action="store_true", help="also report.pdf: the page, printed by Chromium, Chrome or Edge"),
     examples=(
         "bayes-iwan report results",
         "bayes-iwan report results --campaign moved/campaign --pdf",

@@ -15,7 +15,6 @@ from tqdm.auto import tqdm
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.loops.clipping import Limit, limits_of_loops
-from bayes_iwan.drawing import draw, exported
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.conditions import conditions_of
@@ -158,20 +157,6 @@ class Diagnosis:
     def sentences(self) -> list[str]:
         """The answer in plain words."""
         return list(self.to_dict()["sentences"])
-
-    def plot_gap(self) -> Any:
-        """The budget of the gap, and what is missed where it shows most, as a figure."""
-        return draw("headline_of", self)
-
-    def write(self, folder: str | Path) -> Path:
-        """diagnosis.json, fits.json, the figures and the page into a folder; returns the page."""
-        return Path(draw("write_found", self, Path(folder)))
-
-    def export(
-        self, to: str, out: str | Path, *, draws: int = 20, approximate: bool = False, error: float = 1e-3
-    ) -> Path:
-        """The device as files that run elsewhere, with a model card; see :func:`bayes_iwan.export.export`."""
-        return Path(exported(self, to, out, draws=draws, approximate=approximate, error=error))
 
     @property
     def search(self) -> Search:

@@ -16,7 +16,7 @@ from bayes_iwan.physics.models.sampled import default_parameters
 from bayes_iwan.report.identification.answer import QUANTILES
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import Provenance
-from bayes_iwan.report.style import MEASURED, MODEL, styled, subplots
+from bayes_iwan.report.style import MEASURED, MODEL, house_style, styled, subplots
 
 if TYPE_CHECKING:
     from bayes_iwan.report.batch import Batch
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 NAMED = 40
 
 
+@house_style()
 def write_batch_page(result: Batch, out: Path, made: Provenance) -> Path:
     """The page across specimens; returns its path. made : from what and when."""
     n, failed = len(result.finished), len(result.failures)

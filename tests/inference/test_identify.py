@@ -27,6 +27,8 @@ from bayes_iwan.inference.solving.point import find_point, goal_share
 from bayes_iwan.physics import Model
 from bayes_iwan.sampling.checkpoint import CheckpointError
 
+pytestmark = pytest.mark.usefixtures("no_figure_files")
+
 SMALL = {
     "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},
     "parameters": {"force_zero_N": {"fixed": 0.0}},

@@ -17,6 +17,8 @@ from bayes_iwan import executors
 from bayes_iwan.report import batch as room
 from bayes_iwan.report.batch import BatchError, batch
 
+pytestmark = pytest.mark.usefixtures("no_figure_files")
+
 CONFIG = {
     "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},
     "likelihood": {"kind": "gaussian"},

@@ -22,6 +22,8 @@ from bayes_iwan.report.identification.marginals import reported
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import save, subplots
 
+pytestmark = pytest.mark.usefixtures("no_figure_files")
+
 VOID = {"meta", "link", "br", "input", "img", "path", "circle", "use", "hr"}
 
 

@@ -23,6 +23,8 @@ from bayes_iwan.report.page import Page
 from bayes_iwan.report.provenance import of_folder
 from bayes_iwan.report.style import relabel
 
+pytestmark = pytest.mark.usefixtures("no_figure_files")
+
 #: newtons that are no newton metres, and millimetres; names of numbers with these units
 FOREIGN = re.compile(r"(?<![\w·])(?:[km]?N(?!·m|\w)|mm(?!\w))|\w_(?:N|mm)(?:_\w+)?(?![\w.])")
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.loops.averaging import Loop, average, in_band
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import (
@@ -80,6 +80,8 @@ class Campaign:
     tests: tuple[Record, ...]
     from_acceleration: bool = False  # the displacement was integrated from an accelerometer's channel
     limits: RigLimits = field(default_factory=RigLimits)  # what the rig can do, as [rig] states it
+
+    __repr__ = brief
 
     @property
     def units(self) -> Units:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -54,7 +55,7 @@ def write_netcdf(posterior: Posterior, path: Path) -> None:
 
     buffer = io.BytesIO()  # not the disk: HDF5 ends the whole process where a disk is full
     with h5netcdf.File(buffer, "w") as file:
-        xr.Dataset(attrs=_attributes(posterior)).dump_to_store(H5NetCDFStore(file, mode="w"))
+        xr.Dataset(attrs=_attributes(posterior, path.parent)).dump_to_store(H5NetCDFStore(file, mode="w"))
         for group, dataset in groups(posterior).items():
             few = {"dtype": "f4"} if group in _SHOWN else {}
             packed = {name: {"zlib": True, "complevel": 4, "shuffle": True, **few} for name in dataset.data_vars}
@@ -149,7 +150,15 @@ def to_arviz(posterior: Posterior) -> Any:
     return az.InferenceData(**by_name, warn_on_custom_groups=False)
 
 
-def _attributes(posterior: Posterior) -> dict[str, Any]:
+def _relative(campaign: Path, folder: Path) -> str:
+    """The campaign as seen from the run's folder, so that both can move together; "" from another drive."""
+    try:
+        return Path(os.path.relpath(campaign.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return ""
+
+
+def _attributes(posterior: Posterior, folder: Path) -> dict[str, Any]:
     campaign = posterior.campaign
     return {
         "format": FORMAT,
@@ -162,6 +171,7 @@ def _attributes(posterior: Posterior) -> dict[str, Any]:
         "stop": posterior.stop.name,
         "campaign_name": "" if campaign is None else campaign.name,
         "campaign_path": "" if campaign is None else str(campaign.path.resolve()),
+        "campaign_relative": "" if campaign is None else _relative(campaign.path, folder),
         "loops": json.dumps([x.file for x in posterior.loops]),
         "scales": json.dumps(asdict(posterior.problem.scales)),
         "config": json.dumps(posterior.settings.as_dict()),
@@ -210,6 +220,7 @@ class Stored:
     draws: dict[str, Array]
     log_prob: Array
     campaign_path: str
+    campaign_relative: str
     loops: tuple[str, ...]
     scales: Scales
     fingerprint: dict[str, str]
@@ -242,6 +253,7 @@ def read_netcdf(path: Path) -> Stored:
         draws=draws,
         log_prob=log_prob,
         campaign_path=str(stored["campaign_path"]),
+        campaign_relative=str(stored.get("campaign_relative", "")),
         loops=tuple(loops),
         scales=Scales(**json.loads(stored["scales"])),
         fingerprint=fingerprint,

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
-from bayes_iwan.drawing import draw, exported
 from bayes_iwan.inference.results.left_out import LeftOut, left_out_frequencies
 from bayes_iwan.inference.results.predictions import Misfit, Prediction, misfit_of, predicted_at, replicated
 from bayes_iwan.inference.results.reach import extrapolated
@@ -317,48 +314,6 @@ class Posterior:
         from bayes_iwan.inference.results.netcdf import to_arviz
 
         return to_arviz(self)
-
-    def write(self, folder: str | os.PathLike[str]) -> Path:
-        """summary.csv, point.json, posterior.nc and report.html with its tables into a folder; returns the page."""
-        from bayes_iwan.inference.results.run_files import write
-
-        write(self, Path(folder))
-        return Path(draw("identification_report", self, folder))
-
-    def export(
-        self, to: str, out: str | os.PathLike[str], *, draws: int = 20, approximate: bool = False, error: float = 1e-3
-    ) -> Path:
-        """The device as files that run elsewhere, with a model card; see :func:`bayes_iwan.export.export`."""
-        return Path(exported(self, to, out, draws=draws, approximate=approximate, error=error))
-
-    def plot_loop(self, test: str | int = 0, friction: bool = True) -> Any:
-        """The measured cycles of one test and the bands of the posterior.
-
-        Parameters
-        ----------
-        test
-            its file, or its place among `loops`.
-        friction
-            less the parallel spring and the force zero.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-
-        Raises
-        ------
-        ValueError
-            no test of this name.
-        """
-        files = [x.file for x in self.loops]
-        if isinstance(test, str) and test not in files:
-            raise ValueError(f"there is no test {test!r}; there are {', '.join(files)}")
-        loop = self.loops[files.index(test)] if isinstance(test, str) else self.loops[test]
-        return draw("loops_figure", self, friction=friction, loops=[loop])
-
-    def plot_corner(self) -> Any:
-        """The joint posterior of the quantities that loops determine, as a figure."""
-        return draw("identifiable_corner", self)
 
     def forces(
         self,

@@ -183,6 +183,7 @@ def _changes(given: Mapping[str, Any], where: str) -> dict[str, ParameterChange]
         raise ConfigError(f"{where}: parameters must be a table; write [parameters.NAME] and its keys below")
     out = {}
     for name, table in tables.items():
+        table = {"prior": table} if hasattr(table, "dist") else table
         if not isinstance(table, Mapping):
             raise ConfigError(f"{where}: write [parameters.{name}] and e.g. fixed = {_shown(table)} below it")
         at = f"{where} [parameters.{name}]"
@@ -200,6 +201,10 @@ def _changes(given: Mapping[str, Any], where: str) -> dict[str, ParameterChange]
 def _prior(spec: object, at: str) -> PriorChoice | None:
     if spec is None:
         return None
+    if hasattr(spec, "dist"):  # a frozen distribution of scipy.stats, as `Parameter` takes it
+        frozen: Any = spec
+        shapes = [x.strip() for x in (frozen.dist.shapes or "").split(",") if x.strip()]
+        spec = {"dist": frozen.dist.name} | dict(zip((*shapes, "loc", "scale"), frozen.args)) | dict(frozen.kwds)
     if not isinstance(spec, Mapping) or not isinstance(spec.get("dist"), str):
         raise ConfigError(
             f"{at} prior: `dist` must name a continuous scipy.stats distribution, "

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.inference.setup.loop_error import friction_level_N, goal_function, paper_weights
 from bayes_iwan.inference.setup.parameters import Z_LIMIT
 from bayes_iwan.inference.setup.problem import Problem
@@ -49,6 +49,8 @@ class Point:
     seconds: float
     each_z: Array
     each_log_prob: Array
+
+    __repr__ = brief
 
     @property
     def missed_nats(self) -> float:

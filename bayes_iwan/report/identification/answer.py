@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup, escape
 
-from bayes_iwan.inference.results.left_out import left_out_said
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.remarks import LARGE_MISFIT
 from bayes_iwan.physics import Model
 from bayes_iwan.report.identification import marginals
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
+from bayes_iwan.report.identification.findings import Finding, headline_figure
 from bayes_iwan.report.identification.marginals import OPEN, contraction, number, reported, symbol_of
+from bayes_iwan.report.identification.predictive import Predictive
 from bayes_iwan.report.page import Section
 
 #: what a customer asks of the model first, and in words that need no paper
@@ -33,8 +34,24 @@ QUANTILES = tuple(
 _OF_CONTACTS = (*QUANTILES, ("α", "relative normal force: that of the contacts over its value at rest", ""))
 
 
-def identification_answer(section: Section, posterior: Posterior, loops: Sequence[LoopRow]) -> None:
-    """Stiffness, friction, damping and misfit with their intervals; then what is not known."""
+def identification_answer(
+    section: Section,
+    posterior: Posterior,
+    loops: Sequence[LoopRow],
+    p: Predictive,
+    found: Sequence[Finding],
+) -> None:
+    """What the checks found, a picture, stiffness, friction, damping and misfit with their intervals; what is not
+    known."""
+    section.status([(x.text, x.good, x.section) for x in found])
+    section.figure(
+        headline_figure(posterior, loops, p),
+        "Left: the test that the model misses most, measured (dotted) over the bands in which 50 and 90 % of further "
+        "cycles are expected. Right: what the median prediction misses of each test's friction force; orange: more "
+        f"than {100 * LARGE_MISFIT:.0f} %.",
+        "A measured and predicted friction loop, and bars of the residual of every test.",
+        name="headline",
+    )
     misfit = posterior.misfit()
     fitted = [x for x in loops if not x.held_out]
     rows = [_number_row(posterior, name) for name in _asked(posterior)]
@@ -59,18 +76,7 @@ def identification_answer(section: Section, posterior: Posterior, loops: Sequenc
         + (f" ({held} more held out)" if held else "")
         + ". Values are medians of the posterior's draws, intervals hold 90 % of them; the same are in summary.csv."
     )
-    for text in posterior.warnings():
-        section.note(text, "warning")
-    if posterior.converged:
-        section.note("The chains have converged.", "good")
-    if misfit.share <= LARGE_MISFIT:
-        section.note(
-            f"The model leaves {100 * misfit.share:.2g} % of the friction force unexplained; bayes-iwan diagnose "
-            "says whether that has a cause.",
-            "good",
-        )
-    if posterior.left_out and all(x.holds for x in posterior.left_out):
-        section.note(left_out_said(posterior.left_out), "good")
+    section.text("bayes-iwan diagnose says whether the misfit has a cause.")
     section.heading_below("What is not known")
     items = Markup("").join(Markup("<li>{}</li>").format(section.units.said(x)) for x in _open(posterior))
     section.html(Markup("<ul>{}</ul>").format(items))

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.frequencies import determined_names
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, styled, subplots
+from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, Shown, styled, subplots
 
 #: below this contraction the data have hardly said anything of a number
 OPEN = 0.5
@@ -111,7 +111,7 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # corner's own notes on sparse contours
-        figure = Figure(figsize=(size, size))
+        figure = Shown(figsize=(size, size))
         grid = figure.add_gridspec(
             n,
             n,
