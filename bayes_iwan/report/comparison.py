@@ -200,6 +200,7 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
         f"Ranked by {how}. Differences are from the best family, with the standard error of the difference; "
         "less than two standard errors, or less than 4, decides nothing."
     )
+
     def signed(x: float) -> str:
         return "–" if not np.isfinite(x) else f"{x:+.1f}".replace("-", "−")
 

@@ -125,9 +125,7 @@ def styled(make: F) -> F:
     """
 
     @wraps(make)
-    def inner(
-        *args: Any, style: Any = None, width: str | float | None = None, ax: Any = None, **kwargs: Any
-    ) -> Figure:
+    def inner(*args: Any, style: Any = None, width: str | float | None = None, ax: Any = None, **kwargs: Any) -> Figure:
         if isinstance(width, str):
             if width not in WIDTHS:
                 raise StyleError(f"width={width!r}: not known; use {', '.join(map(repr, WIDTHS))} or inches")
