@@ -311,13 +311,13 @@ def diagnose(
         from bayes_iwan.report.diagnosis.files import write_diagnosis
 
         return write_diagnosis(
-            campaign,
-            out,
+            Path(campaign),
+            Path(out),
             settings=settings,
             seed=seed,
             quick=quick,
-            effects_file=effects_file,
-            simulator_file=simulator,
+            effects_file=None if effects_file is None else Path(effects_file),
+            simulator_file=None if simulator is None else Path(simulator),
             executor=executor,
         )
     from bayes_iwan.gap.diagnosis import Diagnosis, diagnose_folder, diagnose_loops

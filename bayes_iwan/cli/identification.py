@@ -191,6 +191,7 @@ def run_compare(args: argparse.Namespace) -> None:
     argument("--quick", action="store_true", help="identify and diagnose by their quick ways, in seconds"),
     CONFIG,
     argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
+    argument("--group", metavar="COLUMN", help="column of FOLDER/specimens.csv that names each specimen's lot"),
     *ELSEWHERE,
     examples=(
         "bayes-iwan batch specimens --out population --quick",
@@ -210,6 +211,7 @@ def run_batch(args: argparse.Namespace) -> int:
             seed=args.seed,
             config=args.config,
             keep_chains=args.keep_chains,
+            group=args.group,
             executor=executor,
         )
     for name, reason in result.failures.items():
