@@ -4,7 +4,8 @@
 
 RUN is a folder of `bayes-iwan identify` (default: data/rope_spring, identified quickly without embedded model error,
 which design_isolator.py does not know). A sine of the base is stepped from low to high; u is the isolator's stretch,
-and A of Eq. (11) the largest |u| of the last cycle, as there. design_isolator.py follows 64 stop elements, the export all.
+and A of Eq. (11) the largest |u| of the last cycle, as there. design_isolator.py follows 64 stop elements, the export
+all.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
     python analyses/export_round_trip.py [RUN ...] [--draws 20] [--cycles 1e6] [--out table.md]
 
 RUN is a folder of `bayes-iwan identify`; without one, data/rope_spring is identified quickly (Laplace's draws), once
-with the default model and once with a constant normal force (for OpenSees). Four motions (steady cycles, a random record,
-a staircase, a shock), 20, 50 and 100 steps a cycle of their highest frequency; each figure is the largest over the draws.
-Then: variable and rejected steps in the FMU, a million cycles, and the work of closed cycles.
+with the default model and once with a constant normal force (for OpenSees). Four motions (steady cycles, a random
+record, a staircase, a shock), 20, 50 and 100 steps a cycle of their highest frequency; each figure is the largest over
+the draws. Then: variable and rejected steps in the FMU, a million cycles, and the work of closed cycles.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
     python analyses/export_speed.py [RUN]
 
 RUN is a folder of `bayes-iwan identify` (default: data/rope_spring, identified quickly). Beside it a constant normal
-force with stop elements for errors of 1e-2 to 1e-5, which the step's cost must not follow. A missing simulator is named.
+force with stop elements for errors of 1e-2 to 1e-5, which the step's cost must not follow. A missing simulator is
+named.
 """
 
 from __future__ import annotations

@@ -180,8 +180,8 @@ def _values(page: Page, result: Batch) -> None:
     section = page.section("Values of every specimen")
     unusable = sum(not s.usable for found in result.shrunk.values() for s in found.values())
     others = "the others of its lot" if result.group else "all others"
-    said = f"Medians; in brackets what {others} say of a specimen beside its own loops (hierarchical shrinkage: its draws "
-    said += "are weighted by their population). Click on a column's name to sort. Intervals are in batch.csv."
+    said = f"Medians; in brackets what {others} say of a specimen beside its own loops (hierarchical shrinkage: "
+    said += "its draws are weighted by their population). Click on a column's name to sort. Intervals are in batch.csv."
     if unusable:
         said += f" {unusable} values have none: too few draws carry the weights, or they are too uneven (Pareto's k)."
     section.text(said).table(head, rows, "Values of every specimen", sortable=True)
