@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
-import subprocess
 
 import pytest
 from pypdf import PdfReader
 
 from bayes_iwan.report import predict
+from bayes_iwan.report.browser import print_pdf
 
-BROWSER = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p), None)
-pytestmark = [
-    pytest.mark.usefixtures("no_figure_files"),
-    pytest.mark.skipif(
-        BROWSER is None, reason="no Chromium here; to run these tests: apt-get update && apt-get install -y chromium"
-    ),
-]
+from .layout import BROWSER, NO_BROWSER, run_browser, unescaped
+
+pytestmark = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
 
 # runs in the page after its own scripts; what it finds goes into an element that --dump-dom brings back
 CHECK = """
@@ -43,7 +37,7 @@ CHECK = """
       one[what + " title"] = get("v-plot").getAttribute("aria-label");
       // pointed at: the reading follows the pointer
       const over = get("v-plot").querySelector(".u-over"), r = over.getBoundingClientRect();
-      const at = { bubbles: true, clientX: r.left + 0.9 * r.width, clientY: r.top + 0.2 * r.height };
+      const at = { bubbles: true, movementX: 5, movementY: 5, clientX: r.left + 0.9 * r.width, clientY: r.top + 0.2 * r.height };
       over.dispatchEvent(new MouseEvent("mouseenter", at));
       over.dispatchEvent(new MouseEvent("mousemove", at));
       one[what + " pointed"] = +get("v-phase").value;
