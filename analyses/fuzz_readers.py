@@ -13,10 +13,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from bayes_iwan.sampling.common import checkpoint
-from bayes_iwan.sampling.common.plan import Plan
-from bayes_iwan.sampling.ensemble import run as sampling_run
-from bayes_iwan.sampling.ensemble.ensembles import sample
 
 import mutations
 from bayes_iwan.campaign import Record, average, read_campaign, write_campaign
@@ -33,6 +29,11 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.report.batch import Batch, populations, stored_specimen
+from bayes_iwan.sampling import checkpoint
+from bayes_iwan.sampling import run as sampling_run
+from bayes_iwan.sampling.moves.metropolis import LeastSquares
+from bayes_iwan.sampling.nuisance import Nuisance
+from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.validation import scoring
 from bayes_iwan.validation import sealed as withheld
 from bayes_iwan.validation.answering import read_diagnosis
@@ -178,10 +179,11 @@ def _gauss(z: np.ndarray) -> np.ndarray:
 
 def _sampled(path: Path, resume: bool) -> object:
     """A short run of a normal distribution in two numbers, or what going on from its checkpoint gives."""
-    sampling_run._WARMUP_STEPS, sampling_run._ROUND_STEPS, sampling_run._ROUNDS = 20, (10, 10), (3, 3)
-    start = np.random.default_rng(0).standard_normal((80, 2))
+    sampling_run._WARM_UP = 1
+    none = Nuisance(np.empty(0, np.int64), np.empty(0), np.empty((0, 0)))
+    target = LeastSquares(lambda z: 0.0 * z, lambda z, _: _gauss(z)[:, None], none, 2, 8.0)
     plan = Plan(("a", "b"), 1, checkpoint=path, resume=resume, max_steps=40, progress=False)
-    return sample(_gauss, start, plan, n_ensembles=2, n_walkers=8)
+    return sampling_run.sample(_gauss, target, np.zeros((1, 2)), plan, n_ensembles=2, n_walkers=8)
 
 
 def _recordings(folder: Path, record: Record) -> dict[str, Path]:
