@@ -4,7 +4,8 @@
 
 Nanoseconds a sample and draw on one thread: 32 draws, nine loops of 128 samples (short calls, the best of many, so that
 other work on the machine disturbs little); the trees take turns. Normal force: Table 1 scattered by 20 %, one as
-various as its prior, and Table 1 with the embedded model error. The last columns are the times over those of the first tree.
+various as its prior, and Table 1 with the embedded model error. The last columns are the times over those of the first
+tree.
 """
 
 from __future__ import annotations
