@@ -84,7 +84,8 @@ def coverage(
     """Which intervals held the truth, (campaigns, wanted) booleans by likelihood."""
     loops = known_loops(0.02)
     templates = {
-        kind: make_problem(loops, {"model": {"slip": "gamma1"}, "likelihood": {"kind": kind}}) for kind in kinds
+        kind: make_problem(loops, {"model": {"slip": "gamma1", "embedded": False}, "likelihood": {"kind": kind}})
+        for kind in kinds
     }
     out: dict[str, list] = {kind: [] for kind in kinds}
     first = templates[kinds[0]]

@@ -27,6 +27,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from bayes_iwan.sampling.common.checkpoint import NAME as CHECKPOINT
 from matplotlib.figure import Figure
 
 import bayes_iwan
@@ -40,8 +41,7 @@ from bayes_iwan.physics import Model, Reference, sine_motion
 from bayes_iwan.report.diagnosis import files as diagnosis_room
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import subplots
-from bayes_iwan.sampling.common.checkpoint import NAME as CHECKPOINT
-from bayes_iwan.sampling.ensemble import run as sampling_run
+from bayes_iwan.sampling import run as sampling_run
 from bayes_iwan.validation import answering
 from bayes_iwan.validation import sealed as withheld
 
@@ -60,7 +60,7 @@ kind = "gaussian"
 members = 40
 evaluations = 600
 starts = 3
-second_opinion = false
+second_search = false
 [sampling]
 ensembles = 2
 walkers = 16

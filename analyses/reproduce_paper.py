@@ -23,6 +23,7 @@ import numpy as np
 import bayes_iwan as bi
 from bayes_iwan.campaign import Record, average
 from bayes_iwan.comparison.families import SHORT
+from bayes_iwan.inference.setup.scales import loop_energy_mJ
 from bayes_iwan.physics import Model, Reference, sine_motion
 from bayes_iwan.physics.interface import motion
 from bayes_iwan.physics.kernels.elements import element_force, equal_probability_sliders
@@ -44,12 +45,6 @@ def printed_alpha(u, speed_m_s, amplitude):
 def printed_stiffness(alpha):
     """Eq. (12)."""
     return TABLE_1["ku_N_mm"] * (1.0 - np.exp(-TABLE_1["ki_N_mm"] * alpha / TABLE_1["ku_N_mm"]))
-
-
-def loop_areas(force, loops):
-    """∮ F du in N·mm, (draws, loops)."""
-    u = loops.displacement_mm
-    return np.sum(0.5 * (force + np.roll(force, -1, axis=-1)) * (np.roll(u, -1, axis=-1) - u), axis=-1)
 
 
 def save(figure, folder: Path, name: str) -> None:
@@ -134,7 +129,7 @@ def figure_12(model: Model, parameter_values, folder: Path) -> None:
     loops = sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM)
     friction = model.friction_force(parameter_values, loops)
     total = model.force(parameter_values, loops)
-    area = loop_areas(friction, loops)[0]
+    area = loop_energy_mJ(loops.displacement_mm, friction)[0]
     order = np.append(np.arange(loops.samples), 0)
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.0), layout="constrained")
     for j, (f, colour) in enumerate(zip(FREQUENCIES_HZ, COLOURS)):
@@ -153,7 +148,7 @@ def figure_12(model: Model, parameter_values, folder: Path) -> None:
 def text(model: Model, parameter_values) -> str:
     """What Table 1 gives in figures, what breaks, and what the mend costs."""
     loops = sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM, samples=512)
-    area = loop_areas(model.friction_force(parameter_values, loops), loops)[0]
+    area = loop_energy_mJ(loops.displacement_mm, model.friction_force(parameter_values, loops))[0]
     alpha = model.alpha(parameter_values, loops)[0]
     at_end = float(printed_alpha(AMPLITUDE_MM, 0.0, AMPLITUDE_MM))
     fastest = 2e-3 * np.pi * AMPLITUDE_MM * FREQUENCIES_HZ[-1]
@@ -182,9 +177,8 @@ def text(model: Model, parameter_values) -> str:
     for floor in (1e-4, 1e-3, 1e-2, 3e-2, 1e-1):
         motion.Y_FLOOR = floor
         fresh = sine_motion(frequency_hz=15.0, amplitude_mm=AMPLITUDE_MM, samples=512)
-        lines.append(
-            f"  floor {floor:7.4f}: {loop_areas(model.friction_force(parameter_values, fresh), fresh)[0, 0]:.3f} N·mm"
-        )
+        friction = model.friction_force(parameter_values, fresh)
+        lines.append(f"  floor {floor:7.4f}: {loop_energy_mJ(fresh.displacement_mm, friction)[0, 0]:.3f} N·mm")
     motion.Y_FLOOR = kept
     return "\n".join(lines)
 

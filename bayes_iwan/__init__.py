@@ -7,10 +7,12 @@ In a notebook (each command line's answer is an object here):
     posterior                                               # values, intervals and misfit on one screen
     posterior.predict(frequency_hz=12.0, amplitude_mm=0.5)  # loops with bands
     bi.diagnose("data/rope_spring", quick=True)             # what the model misses, and why
+    bi.plot.loops(posterior, width="column")                # figures; bi.demo() gives data to try all this on
 """
 
 from __future__ import annotations
 
+import difflib
 import importlib
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +29,6 @@ if TYPE_CHECKING:
     from bayes_iwan.inference.identify import NotConverged as NotConverged
     from bayes_iwan.inference.identify import identify_problem as identify_problem
     from bayes_iwan.inference.results.posterior import Posterior as Posterior
-    from bayes_iwan.inference.results.run_files import load as load
     from bayes_iwan.inference.setup.config import ConfigError as ConfigError
     from bayes_iwan.inference.setup.config import settings_of as settings_of
     from bayes_iwan.inference.setup.problem import Problem as Problem
@@ -43,9 +44,14 @@ if TYPE_CHECKING:
     from bayes_iwan.public import Check as Check
     from bayes_iwan.public import check as check
     from bayes_iwan.public import compare as compare
+    from bayes_iwan.public import demo as demo
     from bayes_iwan.public import diagnose as diagnose
     from bayes_iwan.public import identify as identify
+    from bayes_iwan.public import load as load
+    from bayes_iwan.public import write as write
+    from bayes_iwan.report import plot as plot
     from bayes_iwan.report.batch import batch as batch
+    from bayes_iwan.report.cite import cite as cite
     from bayes_iwan.rig.planning import VirtualCampaign as VirtualCampaign
     from bayes_iwan.rig.planning import simulate_campaign as simulate_campaign
     from bayes_iwan.rig.simulate import PlannedTest as PlannedTest
@@ -62,21 +68,26 @@ _FROM = {
     "inference.identify": ("NotConverged", "identify_problem"),
     "inference.results.posterior": ("Posterior",),
     "inference.setup.problem": ("Problem", "make_problem"),
-    "inference.results.run_files": ("load",),
     "inference.setup.settings": ("DiagnoseSettings", "IdentifySettings"),
     "physics": ("Model", "Motion", "Parameter", "Scales", "Simulator", "sine_motion"),
-    "public": ("Check", "check", "compare", "diagnose", "identify"),
+    "public": ("Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"),
     "report.batch": ("batch",),
+    "report.cite": ("cite",),
     "rig.planning": ("VirtualCampaign", "simulate_campaign"),
     "rig.simulate": ("PlannedTest",),
 }
 _WHERE = {name: module for module, names in _FROM.items() for name in names}
-__all__ = sorted([*_WHERE, "__version__"])
+__all__ = sorted([*_WHERE, "__version__", "plot"])
 
 
 def __getattr__(name: str) -> Any:
+    if name == "plot":  # a module of functions of a result
+        return importlib.import_module("bayes_iwan.report.plot")
     if name not in _WHERE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        near = difflib.get_close_matches(name, __all__, 1)
+        raise AttributeError(
+            f"module {__name__!r} has no attribute {name!r}" + (f"; did you mean {near[0]!r}?" if near else "")
+        )
     return getattr(importlib.import_module(f".{_WHERE[name]}", __name__), name)
 
 

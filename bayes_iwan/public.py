@@ -14,20 +14,26 @@ from typing import TYPE_CHECKING
 
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.folders.folder import read_checked
-from bayes_iwan.drawing import draw
+from bayes_iwan.export.accessors import register as register_export  # gives posteriors their export
 from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
 from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.run_files import load as load_run
+from bayes_iwan.inference.results.run_files import write as write_run
 from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import Simulator
-from bayes_iwan.sampling.common.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.report import accessors as accessors  # gives posteriors their plots
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 
 if TYPE_CHECKING:  # each function imports the rooms that it needs itself: together they take a second
     from bayes_iwan.campaign.folders.inspect import Inspection
     from bayes_iwan.comparison.families import Comparison
+    from bayes_iwan.export.json_file import ExportedModel
     from bayes_iwan.gap.diagnosis import Diagnosis
+
+__all__ = ["Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"]
 
 PathLike = str | os.PathLike[str]
 
@@ -205,6 +211,8 @@ def identify(
         )
         _warn(posterior)
         return posterior
+    from bayes_iwan.report.identification.page import identification_report
+
     with owned(out) as folder:
         if not resume and (folder / CHECKPOINT).exists():
             raise ConfigError(
@@ -225,10 +233,10 @@ def identify(
         _warn(posterior)
         if posterior.interrupted:
             return posterior
-        draw("identification_report", posterior, folder)  # stands should the runs of single frequencies be cut short
+        identification_report(posterior, folder)  # stands should the runs of single frequencies be cut short
         if per_test:
             identify_frequencies(posterior, folder, resume=resume, progress=progress, executor=executor)
-            draw("identification_report", posterior, folder)
+            identification_report(posterior, folder)
         if posterior.converged and not keep_chains:
             alone = (p.parent.name for p in folder.glob(f"per_test/*/{CHECKPOINT}"))
             clear(folder, CHECKPOINT, *(f"per_test/{name}/{CHECKPOINT}" for name in alone))
@@ -300,18 +308,21 @@ def diagnose(
     if out is not None:
         if isinstance(campaign, Campaign) or isinstance(simulator, Simulator):
             raise ConfigError("to write a diagnosis name the campaign's folder and the simulator's file, not objects")
-        return draw(
-            "write_diagnosis",
-            campaign,
-            out,
+        from bayes_iwan.report.diagnosis.files import write_diagnosis
+
+        return write_diagnosis(
+            Path(campaign),
+            Path(out),
             settings=settings,
             seed=seed,
             quick=quick,
-            effects_file=effects_file,
-            simulator_file=simulator,
+            effects_file=None if effects_file is None else Path(effects_file),
+            simulator_file=None if simulator is None else Path(simulator),
             executor=executor,
         )
-    from bayes_iwan.gap.diagnosis import diagnose_folder, diagnose_loops
+    from bayes_iwan.gap.diagnosis import Diagnosis, diagnose_folder, diagnose_loops
+
+    register_export(Diagnosis)
 
     if not isinstance(campaign, Campaign) and not isinstance(simulator, Simulator):
         found = diagnose_folder(
@@ -397,7 +408,7 @@ def compare(
     >>> plan = [bi.PlannedTest(f, a, cycles=6) for f, a in ((8.0, 0.4), (20.0, 0.9))]
     >>> folder = tempfile.mkdtemp()
     >>> bi.simulate_campaign(plan, seed=3).write(folder)
-    >>> short = {"search": {"members": 40, "evaluations": 400, "starts": 2, "second_opinion": False},
+    >>> short = {"search": {"members": 40, "evaluations": 400, "starts": 2, "second_search": False},
     ...          "sampling": {"ensembles": 2, "budget_s": 2.0, "draws": 200}}
     >>> ranked = bi.compare(folder, families=["uniform", "gamma1"], config=short, by="loo", seed=1, progress=False)
     >>> [row.name for row in ranked.rows()], ranked.rows()[0].difference
@@ -410,7 +421,135 @@ def compare(
     )
     if out is None:
         return chosen()
+    from bayes_iwan.report.comparison import comparison_report
+
     with owned(out) as folder:
         result = chosen()
-        draw("comparison_report", result, folder)
+        comparison_report(result, folder)
     return result
+
+
+def load(
+    folder: PathLike, campaign: PathLike | None = None, simulator: Simulator | PathLike | None = None
+) -> Posterior | ExportedModel:
+    """The posterior that :func:`identify` wrote, or the model that was exported to JSON.
+
+    Parameters
+    ----------
+    folder
+        what was given as `out`, or an isolator.json, or the folder of one.
+    campaign, simulator
+        of a posterior: the campaign's folder, if that has moved; the model of one's own that was identified, or its
+        Python file (its code is run).
+
+    Returns
+    -------
+    Posterior or ExportedModel
+        equal to the one that was written.
+
+    Raises
+    ------
+    ResultsError, ExportError
+        no result there, a damaged one, or a campaign or version that gives another problem.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder, out = tempfile.mkdtemp(), tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> model = bi.load(posterior.export("json", out, draws=3))
+    >>> model.force(bi.sine_motion(frequency_hz=10.0, amplitude_mm=0.5)).shape  # the point and three draws
+    (4, 1, 128)
+    """
+    path = Path(folder)
+    if path.is_file() or (not (path / "posterior.nc").exists() and (path / "isolator.json").exists()):
+        from bayes_iwan.export.json_file import read
+
+        return read(path if path.is_file() else path / "isolator.json")
+    return load_run(folder, campaign, simulator)
+
+
+def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
+    """Write a result with its page, tables and figures into a folder, as the command line does.
+
+    Parameters
+    ----------
+    result
+        of :func:`identify`, :func:`diagnose` or :func:`compare`.
+    folder
+        is made where it does not exist.
+
+    Returns
+    -------
+    Path
+        of the page: report.html, diagnosis.html or compare.html.
+
+    Raises
+    ------
+    OutputError, TypeError
+        a folder that cannot be written to; something that is no result.
+    """
+    if isinstance(result, Posterior):
+        from bayes_iwan.report.identification.page import identification_report
+
+        with owned(folder) as out:
+            write_run(result, out)
+            return identification_report(result, out)
+    from bayes_iwan.comparison.families import Comparison
+    from bayes_iwan.gap.diagnosis import Diagnosis
+
+    if isinstance(result, Diagnosis):
+        from bayes_iwan.report.diagnosis.files import write_found
+
+        return write_found(result, Path(folder))
+    if isinstance(result, Comparison):
+        from bayes_iwan.report.comparison import comparison_report
+
+        with owned(folder) as out:
+            return comparison_report(result, out)
+    raise TypeError(f"{type(result).__name__} is no result of identify, diagnose or compare")
+
+
+#: frequency (Hz) and amplitude (mm) of the demonstration's tests, and what is wrong with its rig
+_DEMO_PLAN = tuple((f, a) for f in (8.0, 20.0) for a in (0.3, 0.6, 1.0))
+_DEMO_FAULT = ("viscous_damping", 0.15)
+
+
+def demo(folder: PathLike | None = None, seed: int = 1) -> Campaign:
+    """A campaign to try things on: six tests of a virtual rope spring with a dashpot that the model does not know.
+
+    Parameters
+    ----------
+    folder
+        where to write it, for commands that ask for a folder; None writes it into a new temporary one.
+    seed
+        of the noise.
+
+    Returns
+    -------
+    Campaign
+        its records; `.path` is the folder.
+
+    Raises
+    ------
+    OutputError
+        a folder that cannot be written to.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> campaign = bi.demo()
+    >>> len(campaign.tests), campaign.path.is_dir()
+    (6, True)
+    """
+    import tempfile
+
+    from bayes_iwan.rig.planning import simulate_campaign
+    from bayes_iwan.rig.simulate import PlannedTest
+
+    where = Path(tempfile.mkdtemp(prefix="bayes_iwan_demo_") if folder is None else folder)
+    plan = [PlannedTest(f, a, cycles=8) for f, a in _DEMO_PLAN]
+    fault, size = _DEMO_FAULT
+    simulate_campaign(plan, fault=fault, size=size, seed=seed).write(where)
+    return read_campaign(where)

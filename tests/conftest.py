@@ -17,7 +17,7 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.physics.laws import paper
+from bayes_iwan.physics.laws import embedded, paper
 from bayes_iwan.physics.laws.normal_force import from_paper_hunt_crossley
 from bayes_iwan.physics.laws.stiffness import from_paper_stiffness
 from bayes_iwan.report import page, rendering
@@ -80,9 +80,8 @@ kind = "gaussian"
 members = 40
 evaluations = 400
 starts = 4
-second_opinion = false
+second_search = false
 [sampling]
-method = "ensembles"
 ensembles = 2
 walkers = 24
 r_hat = 1.2
@@ -101,14 +100,14 @@ def short_config(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def short_adaptation():
-    """The ensembles' adaptation at its shortest, in this process: else it is nine tenths of a run on these small
-    problems. It has tests of its own in tests/sampling. Gives the line that makes it short in a child."""
-    from bayes_iwan.sampling.ensemble import run
+def short_pilot():
+    """The sampler's pilot at its shortest, in this process: else it is most of a run on these small problems. Gives the
+    line that makes it short in a child."""
+    from bayes_iwan.sampling import run
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "_ROUNDS", (3, 4))
-        yield "from bayes_iwan.sampling.ensemble import run; run._ROUNDS = (3, 4)"
+        patch.setattr(run, "_WARM_UP", 1)
+        yield "from bayes_iwan.sampling import run; run._WARM_UP = 1"
 
 
 # the analyses' scripts give their workers one thread through the environment; run inside this process they must not
@@ -116,12 +115,16 @@ def short_adaptation():
 os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
 
 
-# figures as files cost more than most tests that write a page: those about files ask for them
-page.FILES = ()
+@pytest.fixture(scope="module")
+def no_figure_files():
+    """Pages without the files of their figures, which cost more than most tests of what else is on a page."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "FILES", ())
+        yield
 
 
 @pytest.fixture(scope="module")
-def no_pictures():
+def no_pictures(no_figure_files):
     """Pages with their words and tables, figures made but not drawn: half a page's time, for tests of other things.
     Gives the line that does it in a child."""
     with pytest.MonkeyPatch.context() as patch:
@@ -310,6 +313,7 @@ def true_z(problem, values=None, **noise):
         n["grip_rate"] = n["grip_rate"] * length ** n["beta"] * s.speed_m_s / REFERENCE.speed_m_s
     default = {"noise_scale": 1.0, "discrepancy_share": 1e-4, "discrepancy_length": 0.06, "noise_N": 0.02}
     default |= {"discrepancy_odd": 1e-4, "discrepancy_even": 1e-4, "discrepancy_slope": 2.0}
+    default |= dict.fromkeys(embedded.NAMES, 0.0)
     return problem.prior.scores(problem.model.values(n) | default | noise)
 
 

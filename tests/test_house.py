@@ -1,6 +1,7 @@
 """The rooms' order: data walks down one street and never back (design: campaign → … → report)."""
 
 import ast
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ STREET = (
     "comparison",
     "effects",
     "gap",
+    "export",
     "rig",
     "validation",
     "report",
@@ -30,7 +32,7 @@ INNER = {
     "gap": ("fitting", "searching", "judging", "telling"),
 }
 #: what every room may use, and what the two rooms that know no friction, and the independent rig, may use besides
-OPEN = {"arrays", "drawing", "executors", "files", "terminal", "threads"}
+OPEN = {"arrays", "executors", "files", "terminal", "threads"}
 ALONE = {"optimize": set(), "sampling": set(), "rig": {"campaign"}}
 FILES = sorted(p.relative_to(PACKAGE) for p in PACKAGE.rglob("*.py"))
 
@@ -97,3 +99,16 @@ def test_no_file_that_is_read_can_run_as_code():
         if any(name.endswith("exec_module") for name in names):
             loaders.add(str(path))
     assert loaders == {"inference/setup/user_file.py"}
+
+
+def test_extra_and_dependency_groups_for_development_are_the_same():
+    root = Path(__file__).parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    groups = project["dependency-groups"]
+    wanted = [x for entry in groups["dev"] for x in groups[entry["include-group"]]]
+    assert sorted(project["project"]["optional-dependencies"]["dev"]) == sorted(wanted)
+
+
+def test_citation_states_the_version():
+    citation = (Path(__file__).parents[1] / ".github" / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"version: {bayes_iwan.__version__}\n" in citation

@@ -14,13 +14,13 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.cli import main
-from bayes_iwan.sampling.common.checkpoint import NAME
+from bayes_iwan.sampling.checkpoint import NAME
 
 ONE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _words_alone(no_pictures, short_adaptation):
+def _words_alone(no_pictures, short_pilot):
     """For every page and run here."""
 
 
@@ -75,7 +75,7 @@ def test_quick_finds_the_numbers_that_made_the_loops_and_says_what_it_is(quick):
         table = {r["name"]: r for r in csv.DictReader(file)}
     for name, row in table.items():  # no diagnostics of a sampler, and every other number under its own name
         assert row["method"] == "laplace" and row["ess_bulk"] == row["ess_tail"] == row["r_hat"] == ""
-        assert float(row["low_90"]) == pytest.approx(rows[name].low_90, rel=1e-6)
+        assert float(row["q05"]) == pytest.approx(rows[name].q05, rel=1e-6)
     assert "Quick: Laplace" in (out / "report.html").read_text() and posterior.quick and not posterior.converged
     again = bi.load(out)
     assert again.quick and np.array_equal(again.z, posterior.z)
@@ -163,7 +163,7 @@ def test_an_error_of_the_disk_is_one_line(monkeypatch, capsys, tmp_path, made_up
 
 
 def test_a_run_that_did_not_converge_warns(made_up_campaign):
-    few = {"search": {"members": 40, "evaluations": 400, "second_opinion": False, "starts": 4}}
+    few = {"search": {"members": 40, "evaluations": 400, "second_search": False, "starts": 4}}
     few |= {"sampling": {"ensembles": 2, "walkers": 16, "max_steps": 40}, **ONE}
     with pytest.warns(bi.NotConverged, match="not converged: stopped at"):
         found = bi.identify(made_up_campaign, config=few, seed=1, progress=False)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from bayes_iwan import __version__
-from bayes_iwan.cli import diagnosis, identification, recordings, withheld
+from bayes_iwan.cli import diagnosis, export, identification, recordings, withheld
 from bayes_iwan.cli.command import LOG, Command, quoted, say
 from bayes_iwan.cli.runs import RunLog, note_run, refuse_recordings, results_folder
 from bayes_iwan.terminal import terminate_as_interrupt
@@ -33,6 +33,7 @@ COMMANDS: list[Command] = [
     identification.run_report,
     identification.run_compare,
     diagnosis.run_diagnose,
+    export.run_export,
     identification.run_batch,
     withheld.run_make,
     withheld.run_answer,

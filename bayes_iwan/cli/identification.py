@@ -97,7 +97,7 @@ def run_identify(args: argparse.Namespace) -> int:
     wanted = iwan if isinstance(posterior.problem.model, Model) else posterior.problem.names
     for row in posterior.summary():
         if row.name in wanted:
-            say(f"{units.name(row.name):20s} {row.value:.4g}  ({row.low_90:.4g} to {row.high_90:.4g}) {row.unit}")
+            say(f"{units.name(row.name):20s} {row.q50:.4g}  ({row.q05:.4g} to {row.q95:.4g}) {row.unit}")
     misfit = posterior.misfit()
     say(f"{'misfit':20s} {misfit.rms_N:.3g} {units.force} RMS, {100 * misfit.share:.2g} % of the friction force")
     if posterior.left_out and all(x.holds for x in posterior.left_out):
@@ -124,7 +124,7 @@ def run_identify(args: argparse.Namespace) -> int:
         help="identify each frequency alone by short runs, where identify --per-test has not",
     ),
     argument("--simulator", metavar="FILE", help="Python file of the model that was identified; its code is run"),
-    argument("--pdf", action="store_true", help="also report.pdf: the figures with their captions"),
+    argument("--pdf", action="store_true", help="also report.pdf: the page, printed by Chromium, Chrome or Edge"),
     examples=(
         "bayes-iwan report results",
         "bayes-iwan report results --campaign moved/campaign --pdf",
@@ -191,6 +191,7 @@ def run_compare(args: argparse.Namespace) -> None:
     argument("--quick", action="store_true", help="identify and diagnose by their quick ways, in seconds"),
     CONFIG,
     argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
+    argument("--group", metavar="COLUMN", help="column of FOLDER/specimens.csv that names each specimen's lot"),
     *ELSEWHERE,
     examples=(
         "bayes-iwan batch specimens --out population --quick",
@@ -210,6 +211,7 @@ def run_batch(args: argparse.Namespace) -> int:
             seed=args.seed,
             config=args.config,
             keep_chains=args.keep_chains,
+            group=args.group,
             executor=executor,
         )
     for name, reason in result.failures.items():

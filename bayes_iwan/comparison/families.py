@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
 from html import escape
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from bayes_iwan import executors
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
-from bayes_iwan.drawing import draw
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import Config, settings_of
@@ -104,7 +102,7 @@ QUESTIONS: tuple[tuple[str, str, str], ...] = (
 #: short runs: a comparison needs predictive densities to a fraction of their standard error, not tails of parameters
 SHORT = IdentifySettings(
     model=ModelSettings(embedded=False),
-    search=SearchSettings(members=100, evaluations=4000, second_opinion=False, starts=16),
+    search=SearchSettings(members=100, evaluations=4000, second_search=False, starts=16),
     sampling=SamplingSettings(ensembles=2, walkers=64, budget_s=20.0, r_hat=1.03, ess=150.0, taus=20.0, draws=4096),
 )
 
@@ -172,10 +170,6 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
-
-    def write(self, folder: str | os.PathLike[str]) -> Path:
-        """compare.html and compare.csv into a folder; returns the page."""
-        return Path(draw("comparison_report", self, folder))
 
     def _pointwise(self, entry: Entry) -> Array:
         return entry.loo.pointwise if self.by == "loo" or entry.tests is None else entry.tests.pointwise

@@ -30,7 +30,7 @@ from bayes_iwan.inference.setup.settings import IdentifySettings, SamplingSettin
 
 #: settings of the short runs for one frequency alone; results of `identify(..., per_test=True)` come first
 SHORT = IdentifySettings(
-    search=SearchSettings(members=60, evaluations=1500, second_opinion=False, starts=8),
+    search=SearchSettings(members=60, evaluations=1500, second_search=False, starts=8),
     sampling=SamplingSettings(ensembles=2, walkers=64, budget_s=20.0, r_hat=1.05, ess=100.0, taus=15.0, draws=2048),
 )
 #: in a linear refit a step of z beyond this is cut: the linearisation means nothing there

@@ -11,10 +11,10 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.comparison.weights import TRUSTED, smoothed_log_weights
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.sampling.independent.weights import TRUSTED, smoothed_log_weights
 
 
 @dataclass(frozen=True)

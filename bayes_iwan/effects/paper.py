@@ -8,22 +8,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion
 from bayes_iwan.physics import Model, Simulator
 from bayes_iwan.physics.laws import normal_force
 from bayes_iwan.physics.laws import stiffness as laws
+from bayes_iwan.physics.models.sampled import EXPONENT_PRIOR
 
 #: below this d ln k / d ln α the stiffness is taken as constant: Eq. (12) then follows only an all but vanishing grip
 LEAST_ELASTICITY = 1e-6
 
 
 def _beta() -> ExtraParameter:
-    return ExtraParameter(
-        "β", "-", "exponent of the Hunt–Crossley normal force", stats.lognorm(s=1.2, scale=0.7), 0.004, 5.0
-    )
+    return ExtraParameter("β", "-", "exponent of the Hunt–Crossley normal force", EXPONENT_PRIOR, 0.004, 5.0)
 
 
 class VaryingNormalForce(Effect):

@@ -15,12 +15,12 @@ from tqdm.auto import tqdm
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.loops.clipping import Limit, limits_of_loops
-from bayes_iwan.drawing import draw
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.conditions import conditions_of
 from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.effects.user_file import load_effects
+from bayes_iwan.gap.constants import MOST_EFFECTS
 from bayes_iwan.gap.fitting.data import GapData, gap_data
 from bayes_iwan.gap.fitting.evidence import Fit, base_model
 from bayes_iwan.gap.fitting.gap_size import GapSize
@@ -32,7 +32,7 @@ from bayes_iwan.gap.judging.verdict import verdict_of
 from bayes_iwan.gap.judging.weighing import Weighed, weighed
 from bayes_iwan.gap.searching.explored import Report, silent
 from bayes_iwan.gap.searching.found import Search
-from bayes_iwan.gap.searching.search import MOST_EFFECTS, search
+from bayes_iwan.gap.searching.search import search
 from bayes_iwan.gap.telling.findings import where_sentences
 from bayes_iwan.gap.telling.imitation import Edge, Imitation, edges_of, imitations
 from bayes_iwan.gap.telling.located import Located, Watcher, located
@@ -157,14 +157,6 @@ class Diagnosis:
     def sentences(self) -> list[str]:
         """The answer in plain words."""
         return list(self.to_dict()["sentences"])
-
-    def plot_gap(self) -> Any:
-        """The budget of the gap, and what is missed where it shows most, as a figure."""
-        return draw("headline_of", self)
-
-    def write(self, folder: str | Path) -> Path:
-        """diagnosis.json, fits.json, the figures and the page into a folder; returns the page."""
-        return Path(draw("write_found", self, Path(folder)))
 
     @property
     def search(self) -> Search:

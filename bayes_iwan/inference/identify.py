@@ -27,16 +27,17 @@ from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.setup.frequencies import by_frequency
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
+from bayes_iwan.inference.setup.simulator_check import check_simulator
 from bayes_iwan.inference.setup.user_file import load_simulator
+from bayes_iwan.inference.solving.approximation import approximate_draws
 from bayes_iwan.inference.solving.chains import Run, sampled
-from bayes_iwan.inference.solving.point import Point, find_point, laplace_scale
+from bayes_iwan.inference.solving.point import Point, find_point
 from bayes_iwan.physics import Scales, Simulator
-from bayes_iwan.physics.interface.parameter import Z_LIMIT
-from bayes_iwan.sampling.common.chains import Chains, Stop
-from bayes_iwan.sampling.common.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.sampling.chains import Chains, Stop
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 
 #: `quick`: the search unless the configuration has its own, and the draws of the normal distribution
-QUICK_SEARCH = SearchSettings(members=100, evaluations=4000, second_opinion=False, starts=8)
+QUICK_SEARCH = SearchSettings(members=100, evaluations=4000, second_search=False, starts=8)
 QUICK_DRAWS = 2000
 _VERSIONED = ("bayes-iwan", "numpy", "scipy", "numba", "emcee", "arviz")
 
@@ -60,7 +61,7 @@ def identify_campaign(
     out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.ckpt; None writes nothing.
     per_test : identify each frequency alone as well (:func:`identify_frequencies`). resume : go on from a checkpoint.
     simulator : a model of your own in the place of the Iwan model, or the Python file that defines it.
-    quick : the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
+    quick : the most probable point and a normal approximation about it, in seconds, instead of sampling.
     executor : from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
@@ -76,8 +77,11 @@ def identify_campaign(
     if isinstance(simulator, str | os.PathLike):
         simulator_file, simulator = str(Path(simulator).resolve()), load_simulator(simulator)
     loops = campaign.loops(**asdict(settings.loops))
+    problem = make_problem(loops, settings, simulator)
+    if simulator is not None:
+        check_simulator(problem, seed)
     posterior = identify_problem(
-        make_problem(loops, settings, simulator),
+        problem,
         seed,
         config=settings,
         campaign=campaign,
@@ -205,7 +209,7 @@ def identify_problem(
     progress
         show a bar.
     quick
-        Laplace's approximation instead of sampling.
+        a normal approximation instead of sampling.
     executor
         from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
 
@@ -236,7 +240,7 @@ def identify_problem(
     with threadpool_limits(limits=1, user_api="blas"):
         point = find_point(problem, seed, search, progress)
         if quick:
-            found = _laplace(problem, point, settings, seed, campaign, loops, time.monotonic() - began)
+            found = _approximation(problem, point, settings, seed, campaign, loops, time.monotonic() - began)
             return replace(found, simulator_file=simulator_file)
         checkpoint = None if out is None else Path(out) / CHECKPOINT
         located = time.monotonic()
@@ -253,7 +257,7 @@ class NotConverged(UserWarning):
     """A run that ended before its chains had converged."""
 
 
-def _laplace(
+def _approximation(
     problem: Problem,
     point: Point,
     settings: IdentifySettings,
@@ -262,23 +266,23 @@ def _laplace(
     loops: Sequence[Loop] | None,
     seconds: float,
 ) -> Posterior:
-    """Draws of the normal distribution about the most probable point, four chains of independent ones."""
-    rng = np.random.default_rng([seed, 14])
-    root = laplace_scale(problem, point.z)
-    z = point.z + rng.standard_normal((QUICK_DRAWS, problem.ndim)) @ root.T
-    z = np.clip(z, -0.95 * Z_LIMIT, 0.95 * Z_LIMIT)
+    """A posterior of the normal approximation, four chains of independent draws."""
+    z = approximate_draws(problem, point.z, QUICK_DRAWS, (seed, 14))
+    log_prob = problem.log_prob(z)
+    possible = np.resize(np.flatnonzero(np.isfinite(log_prob)), QUICK_DRAWS)  # a simulator may have no force there
+    z, log_prob = z[possible], log_prob[possible]
     return Posterior(
         problem=problem,
         campaign=campaign,
         loops=problem.loops if loops is None else tuple(loops),
         z=z.reshape(4, -1, problem.ndim),
-        log_prob=problem.log_prob(z).reshape(4, -1),
+        log_prob=log_prob.reshape(4, -1),
         walkers=1,
         thin=1,
         point=point,
         seed=seed,
         converged=False,
-        message="quick: the most probable point and Laplace's intervals, not sampled",
+        message="quick: a normal approximation about the most probable point, not sampled",
         settings=settings,
         versions=versions(),
         timings={"point_s": seconds, "sampling_s": 0.0, "steps": 0.0, "evaluations": float(point.n_evaluations)},
@@ -320,7 +324,7 @@ def _posterior(
         log_prob=log_prob,
         walkers=walkers,
         independent=chains.independent,
-        thin=chains.thin * every,
+        thin=every,
         point=point,
         seed=seed,
         converged=chains.converged,
@@ -328,7 +332,7 @@ def _posterior(
         stop=chains.stop,
         settings=settings,
         versions=versions(),
-        timings=dict(timings) | {"steps": float(chains.n_steps), "evaluations": float(chains.n_evaluations)},
+        timings=dict(timings) | {"steps": float(chains.n_steps)},
         convergence=rows,
     )
 

@@ -1,6 +1,6 @@
-"""Global search: a real-coded genetic algorithm and, as a second opinion, scipy's differential evolution.
+"""Global search: a real-coded genetic algorithm.
 
-Both work on whole populations through a batch objective, which is minimised; +inf (or NaN) marks an x where the model
+It works on whole populations through a batch objective, which is minimised; +inf (or NaN) marks an x where the model
 does not exist.
 """
 
@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import differential_evolution
-from scipy.stats import qmc
 from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
@@ -29,17 +27,16 @@ class SearchError(ValueError):
 class GlobalOptimum:
     """What a global search found.
 
-    x is the best vector of all, objective its value; population and population_objective hold the last
-    population sorted from best to worst (a sampler may start from it); best and median are the history, one
-    value a generation; stopped says which rule ended the search ("stall", "evaluations" or "time").
+    x is the best vector of all, objective its value; first and population hold the first and the last population,
+    sorted from best to worst; best and median are the history, one value a generation; stopped says which rule ended
+    the search ("stall", "evaluations" or "time").
     """
 
-    method: str
     seed: int
     x: Array  # (ndim,)
     objective: float
+    first: Array  # (members, ndim)
     population: Array  # (members, ndim)
-    population_objective: Array  # (members,)
     best: Array  # (generations,)
     median: Array  # (generations,)
     n_evaluations: int
@@ -49,6 +46,7 @@ class GlobalOptimum:
 def genetic_search(
     objective: BatchObjective,
     bounds: ArrayLike,
+    first: ArrayLike,
     *,
     seed: int,
     members: int = 200,
@@ -70,8 +68,10 @@ def genetic_search(
         maps (n, ndim) to (n,), lower is better.
     bounds
         (ndim, 2), finite.
+    first
+        (n, ndim), within the bounds: the best `members` of these are the first population.
     members
-        size of the population. The first one is drawn as a Sobol' sequence of four times as many points.
+        size of the population.
     stall, stall_tolerance
         stop when the best objective fell by less than this share of itself (or by less
         than this share of its distance to the median, if that is less) over so many generations.
@@ -93,16 +93,16 @@ def genetic_search(
     call = _Objective(objective, ndim)
     began = time.monotonic()
 
-    first = qmc.Sobol(ndim, rng=rng).random_base2(int(np.ceil(np.log2(4 * members))))
-    x = lower + first * (upper - lower)
+    x = np.asarray(first, float)
     f = call(x)
     if not np.isfinite(f).any():
         raise SearchError(
-            f"the objective is not finite at any of {len(x)} points spread over the bounds; "
-            "narrow the bounds to where the model exists"
+            f"the objective is not finite at any of the {len(x)} members of the first population; "
+            "narrow the priors to where the model exists"
         )
     order = np.argsort(f, kind="stable")[:members]
     x, f = x[order], f[order]
+    founders = x
     best, median = [f[0]], [np.median(f)]
     stopped = "evaluations"
     with tqdm(total=max_evaluations, desc="genetic search", disable=None if progress else True) as bar:
@@ -124,73 +124,15 @@ def genetic_search(
                 stopped = "time"
                 break
     return GlobalOptimum(
-        method="genetic",
         seed=seed,
         x=x[0].copy(),
         objective=float(f[0]),
+        first=founders,
         population=x,
-        population_objective=f,
         best=np.array(best),
         median=np.array(median),
         n_evaluations=call.count,
         stopped=stopped,
-    )
-
-
-def differential_evolution_search(
-    objective: BatchObjective,
-    bounds: ArrayLike,
-    *,
-    seed: int,
-    members: int = 150,
-    max_evaluations: int = 60_000,
-    progress: bool = True,
-) -> GlobalOptimum:
-    """The same search by `scipy.optimize.differential_evolution`, over whole populations ("best1bin" there)."""
-    lower, upper = _box(bounds)
-    ndim = len(lower)
-    call = _Objective(objective, ndim)
-    best: list[float] = []
-    median: list[float] = []
-    rng = np.random.default_rng(seed)
-    first = qmc.Sobol(ndim, rng=rng).random_base2(int(np.ceil(np.log2(members))))[:members]
-    first = lower + first * (upper - lower)
-    generations = max(1, max_evaluations // members - 1)
-    with tqdm(total=generations, desc="differential evolution", disable=None if progress else True) as bar:
-
-        def note(intermediate_result) -> None:  # scipy passes its result by this very name
-            values = np.asarray(intermediate_result.population_energies)
-            best.append(float(values.min()))
-            median.append(float(np.median(values)))
-            bar.update(1)
-
-        outcome = differential_evolution(
-            lambda columns: call(columns.T),
-            np.column_stack([lower, upper]),
-            maxiter=generations,
-            init=first,
-            rng=rng,
-            vectorized=True,
-            updating="deferred",
-            polish=False,
-            tol=1e-6,
-            callback=note,
-        )
-    values = np.asarray(outcome.population_energies)
-    if not np.isfinite(values).any():
-        raise SearchError("the objective is not finite anywhere that was tried; narrow the bounds")
-    order = np.argsort(values, kind="stable")
-    return GlobalOptimum(
-        method="differential evolution",
-        seed=seed,
-        x=np.asarray(outcome.x, dtype=float),
-        objective=float(outcome.fun),
-        population=np.asarray(outcome.population)[order],
-        population_objective=values[order],
-        best=np.array(best),
-        median=np.array(median),
-        n_evaluations=call.count,
-        stopped="stall" if outcome.success else "evaluations",
     )
 
 

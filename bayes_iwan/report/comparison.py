@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.comparison.families import Comparison
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import provenance
-from bayes_iwan.report.style import BLUE, ORANGE, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, house_style, styled, subplots
 from bayes_iwan.report.table import Table
 
 
@@ -160,12 +160,21 @@ def _answer(section: Section, comparison: Comparison) -> None:
         said += f" Not to be told from it by these tests: {', '.join(tied)}."
     elif others:
         said += f" Every other one predicts worse, the next ({others[0].label}) by {-others[0].difference:.0f} nats."
-    section.note(said, "note" if tied else "good")
+    found = [(said, True, "")]
     if short := [r.label for r in rows if not r.converged]:
-        section.note(f"Not converged, so that their density is some nats off: {', '.join(short)}.", "warning")
+        found.append((f"Not converged, so that their density is some nats off: {', '.join(short)}.", False, ""))
+    section.status(found)
+    section.figure(
+        ranking_figure(comparison),
+        "Left: difference from the best family (more negative: predicts worse). "
+        "Right: what the median prediction misses.",
+        "Ranking of families with standard errors, and bars of residual share.",
+        name="ranking",
+    )
     section.symbols(_WORDS)
 
 
+@house_style()
 def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -> Path:
     """Write compare.html and compare.csv into out_dir; returns the page's path."""
     out = Path(out_dir)
@@ -190,13 +199,6 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
     section.text(
         f"Ranked by {how}. Differences are from the best family, with the standard error of the difference; "
         "less than two standard errors, or less than 4, decides nothing."
-    )
-    section.figure(
-        ranking_figure(comparison),
-        "Left: difference from the best family (more negative: predicts worse). "
-        "Right: what the median prediction misses.",
-        "Ranking of families with standard errors, and bars of residual share.",
-        name="ranking",
     )
 
     def signed(x: float) -> str:

@@ -14,8 +14,9 @@ from bayes_iwan.campaign.folders.inspect import LEVEL, Inspection, inspect_loop
 from bayes_iwan.campaign.timing.accelerometer import STATED
 from bayes_iwan.report import inspect_figures as figures
 from bayes_iwan.report.identification.loops import test_name
-from bayes_iwan.report.page import Page
+from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.style import house_style
 
 LEGEND = (
     ("u, A", "displacement and its amplitude (half the peak-to-peak of the averaged cycle)", "mm"),
@@ -74,6 +75,7 @@ def inspect_text(campaign: Campaign, tests: Sequence[Inspection]) -> str:
     return "\n".join(lines)
 
 
+@house_style()
 def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Path:
     """Write out/inspect.html and its figures (out/figures/inspect_*.png and .pdf); returns the page's path."""
     units = campaign.units
@@ -84,22 +86,12 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
         units,
         provenance(campaign),
     )
-    _answer(page, campaign, tests)
+    _answer(page.section("Answer"), campaign, tests)
 
     def figure(heading: str, name: str, drawing: figures.Figure, text: str, caption: str, alt: str) -> None:
         section = page.section(heading).text(units.text(text))
         section.figure(drawing, units.text(caption), alt, name=name)
 
-    figure(
-        "Loops",
-        "loops",
-        figures.loops(tests, units),
-        "Force over displacement. Grey: single cycles, spread over the record; black: their average. Grey that is "
-        "wider "
-        "than the line is noise or change from cycle to cycle.",
-        "Measured loops, and up to twelve single cycles of each test.",
-        "One panel a test: closed loops of force over displacement.",
-    )
     figure(
         "Loops less the straight part",
         "friction",
@@ -160,8 +152,19 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
     return page.write(out / "inspect.html")
 
 
-def _answer(page: Page, campaign: Campaign, tests: Sequence[Inspection]) -> None:
-    section = page.section("Answer")
+def _answer(section: Section, campaign: Campaign, tests: Sequence[Inspection]) -> None:
+    noted = [(test, note) for test in tests for note in test.notes]
+    said = f"{len(noted)} remark(s) on the records: read them before anything is identified."
+    section.status([(said, False, "") if noted else ("Nothing stands in the way of an identification.", True, "")])
+    section.figure(
+        figures.loops(tests, campaign.units),
+        campaign.units.text(
+            "Force over displacement. Grey: up to twelve single cycles of each test, spread over the record; black: "
+            "their average. Grey that is wider than the line is noise or change from cycle to cycle."
+        ),
+        "One panel a test: closed loops of force over displacement.",
+        name="loops",
+    )
     rows = [
         ("tests", f"{len(tests)}"),
         ("frequency", _between([t.loop.frequency_hz for t in tests], "Hz")),
@@ -172,16 +175,12 @@ def _answer(page: Page, campaign: Campaign, tests: Sequence[Inspection]) -> None
         ("noise over the force's RMS", _between([100 * t.noise_N / float(np.std(t.loop.force_N)) for t in tests], "%")),
     ]
     section.table(("what", "from smallest to largest of the tests"), rows, "The answer, before any model")
-    noted = [(test, note) for test in tests for note in test.notes]
     if noted:
-        section.note(f"{len(noted)} remark(s) on the records: read them before anything is identified.", "warning")
         section.table(
             ("test", "what, what it does, what to do"),
             [(test.loop.file, note) for test, note in noted],
             "Remarks on the records",
         )
-    else:
-        section.note("Nothing stands in the way of an identification.", "good")
     section.text("Symbols of this page:").symbols(LEGEND)
     section.table(
         COLUMNS, _rows(tests), f"Tests; intervals in brackets: {100 * LEVEL:.0f} %, from the scatter of the cycles"

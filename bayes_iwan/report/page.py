@@ -6,28 +6,23 @@ import base64
 import hashlib
 import os
 import re
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.recording.units import Units
-from bayes_iwan.files import replacing, write_whole
+from bayes_iwan.files import write_whole
 from bayes_iwan.report.provenance import Provenance
 from bayes_iwan.report.rendering import Order, Rendered, Renderer
-from bayes_iwan.report.style import RC, literal, relabel
+from bayes_iwan.report.style import relabel
 
 #: pixels an inch of a figure takes on a screen: its smallest letters are then as large as small print
 PIXELS = 112
-#: inches from which on a figure has its caption below instead of beside it
-BROAD = 8.6
 #: what every figure is written as beside the page
 FILES = ("png", "pdf")
 
@@ -73,9 +68,12 @@ class Picture:
             caption=self.caption,
             file=self.name,
             width=round(PIXELS * width),
-            wide=width > 5.5,
-            beside=width < BROAD,
         )
+
+
+def anchor_of(heading: str) -> str:
+    """The name by which links find a section."""
+    return re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-") or "section"
 
 
 @dataclass
@@ -101,6 +99,21 @@ class Section:
     def note(self, text: str | Markup, kind: str = "note") -> Section:
         """A paragraph that stands out; kind is "note", "good" or "warning"."""
         self.body.append(Markup(f'<p class="{escape(kind)}">{escape(self._said(text))}</p>'))
+        return self
+
+    def status(self, found: Sequence[tuple[str, bool, str]]) -> Section:
+        """The checks behind an answer, (what it says, whether all is well, heading of the section that shows it or "")
+        each: one box in amber if any is not well, green only when all are."""
+        well = all(good for _, good, _ in found)
+        items = Markup("").join(
+            Markup("<li>{}{}{}</li>").format(
+                "" if good or well else Markup("<strong>Check: </strong>"),
+                self.units.said(text),
+                Markup(' <a href="#{}">{}</a>').format(anchor_of(heading), heading) if heading else "",
+            )
+            for text, good, heading in sorted(found, key=lambda x: x[1])
+        )
+        self.body.append(Markup('<ul class="{}">{}</ul>').format("good" if well else "warning", items))
         return self
 
     def heading_below(self, text: str) -> Section:
@@ -139,8 +152,13 @@ class Section:
         caption: str,
         row_heads: bool = True,
         fold: bool = False,
+        sortable: bool = False,
     ) -> Section:
-        """A table; the first column heads its row. fold : closed until the reader opens it."""
+        """A table; the first column heads its row.
+
+        fold : closed until the reader opens it. sortable : a click on a column's name sorts by it, where the page has
+        the script for it (:meth:`Page.sorting`).
+        """
         columns, caption = self.units.everywhere(list(columns)), self.units.said(caption)
         rows = [[self._said(cell) if isinstance(cell, str) else cell for cell in row] for row in rows]
         numeric = [bool(rows) and all(_numeric(row[i]) for row in rows) for i in range(len(columns))]
@@ -153,6 +171,7 @@ class Section:
                 row_heads=row_heads,
                 fold=fold,
                 numeric=numeric,
+                sortable=sortable,
             )
         )
         return self
@@ -187,12 +206,13 @@ class Page:
         self.subtitle = self.units.said(subtitle)
         self.sections: list[Section] = []
         self.scripts: list[Markup] = []
+        self.styles: list[Markup] = []
         self.data: list[tuple[str, Markup]] = []
         self.renderer = renderer or Renderer()
 
     def section(self, heading: str) -> Section:
         """A new section at the end of the page."""
-        anchor = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-") or "section"
+        anchor = anchor_of(heading)
         taken = {s.anchor for s in self.sections}
         unique = anchor if anchor not in taken else f"{anchor}-{len(taken)}"
         self.sections.append(Section(heading, unique, units=self.units, renderer=self.renderer))
@@ -203,6 +223,10 @@ class Page:
         self.scripts.append(source)
         if data_id is not None and data_json is not None:
             self.data.append((data_id, Markup(data_json.replace("<", "\\u003c"))))
+
+    def sorting(self) -> None:
+        """Let readers sort the page's sortable tables."""
+        self.script(asset("sort.js"))
 
     @property
     def policy(self) -> Markup:
@@ -239,22 +263,3 @@ class Page:
             if picture.order.name in pdfs:
                 write_whole(folder / f"{name}.pdf", pdfs[picture.order.name])
         return write_whole(path, self.html(path.stem).translate(_CONTROL))
-
-    def write_pdf(self, path: str | os.PathLike[str]) -> Path:
-        """The page's figures with their captions, one a page; tables are in the HTML page and the CSV files."""
-        path = Path(path)
-        with (
-            mpl.rc_context(RC),
-            replacing(path) as temporary,
-            PdfPages(temporary, metadata={"Title": self.title, "CreationDate": None}) as pdf,
-        ):
-            for section in self.sections:
-                for picture in section.figures.values():
-                    figure = picture.figure
-                    width = figure.get_size_inches()[0]
-                    text = textwrap.fill(f"{section.heading}. {picture.caption}", int(17 * width))
-                    note = figure.text(0.0, -0.02, text, va="top", ha="left", fontsize=8)
-                    note.set_in_layout(True)
-                    pdf.savefig(literal(figure), bbox_inches="tight", pad_inches=0.4)
-                    note.remove()
-        return path

@@ -16,8 +16,8 @@ class Provenance:
     """What stands below a page's title.
 
     date : when the page was written, local time; version : of the package; seed : of all random numbers, None where
-    none were drawn. folder : of the campaign or campaigns; files : of it that were read; source : as it states itself;
-    counted : what the files are.
+    none were drawn. folder : name of the campaign's folder, without where it lies, for pages go to customers; files :
+    of it that were read; source : as it states itself; counted : what the files are.
     """
 
     date: str
@@ -46,4 +46,4 @@ def provenance(campaign: Campaign | None, seed: int | None = None) -> Provenance
 def of_folder(folder: str | Path, seed: int | None = None, files: Sequence[str] = (), source: str = "") -> Provenance:
     """That of a page about files in a folder."""
     date = f"{datetime.now().astimezone():%Y-%m-%d %H:%M %Z}"
-    return Provenance(date, __version__, seed, str(Path(folder).absolute()), tuple(files), source)
+    return Provenance(date, __version__, seed, Path(folder).absolute().name, tuple(files), source)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import matplotlib as mpl
+import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -73,18 +78,81 @@ RC: Any = {
 #: and labels that fit there would be cut off in every file
 DPI = 150
 
+#: widths of figures in inches, by name: one and two columns of a journal's page
+WIDTHS = {"column": 3.5, "page": 7.2}
+
 F = TypeVar("F", bound=Callable[..., Figure])
 
 
+class StyleError(ValueError):
+    """A style, width or axes that a figure cannot be drawn with; the message says what fits."""
+
+
+class Shown(Figure):
+    """A figure that shows itself in a notebook, whatever backend matplotlib has there."""
+
+    def _repr_png_(self) -> bytes:
+        content = io.BytesIO()
+        self.savefig(content, format="png", dpi=110, bbox_inches="tight")
+        return content.getvalue()
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What the caller of a figure function asked for: axes to draw into, and a width in inches."""
+
+    axes: tuple[Axes, ...] | None = None
+    width: float | None = None
+
+
+_NOTHING = _Wish()
+_WISH: ContextVar[_Wish] = ContextVar("wish", default=_NOTHING)
+
+
+def unset_rc() -> Any:
+    """This module's settings where the user's rcParams are still matplotlib's own; what a user has set stands."""
+    default = mpl.rcParamsDefault
+    return {key: value for key, value in RC.items() if mpl.rcParams[key] == default[key]}
+
+
 def styled(make: F) -> F:
-    """A figure function that draws with this module's settings, whatever the caller's are."""
+    """A figure function that also takes
+
+    style : None for this package's, with whatever the user's rcParams say; else a style of matplotlib (a name, a dict
+        of rcParams or a list of them) put on top of that;
+    width : "column" (3.5 in), "page" (7.2 in) or inches;
+    ax : the axes to draw into, an array of them for a figure with several panels.
+    """
 
     @wraps(make)
-    def inner(*args: Any, **kwargs: Any) -> Figure:
-        with mpl.rc_context(RC):
-            return make(*args, **kwargs)
+    def inner(*args: Any, style: Any = None, width: str | float | None = None, ax: Any = None, **kwargs: Any) -> Figure:
+        if isinstance(width, str):
+            if width not in WIDTHS:
+                raise StyleError(f"width={width!r}: not known; use {', '.join(map(repr, WIDTHS))} or inches")
+            width = WIDTHS[width]
+        given = None if ax is None else tuple(np.asarray(ax, dtype=object).ravel())
+        outer = _WISH.get()
+        token = _WISH.set(_Wish(given, width) if (given or width) else outer)
+        try:
+            with mpl.rc_context(unset_rc()):
+                if style is None:
+                    return make(*args, **kwargs)
+                with mpl.style.context(style):
+                    return make(*args, **kwargs)
+        except OSError as error:  # of a style that there is not
+            raise StyleError(f"style={style!r}: {error}") from None
+        finally:
+            _WISH.reset(token)
 
     return inner  # type: ignore[return-value]
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Figures as every page has them, whatever the user's rcParams are."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        yield
 
 
 def series(index: int) -> dict[str, Any]:
@@ -98,9 +166,31 @@ def points(index: int) -> dict[str, Any]:
 
 
 def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any) -> tuple[Figure, NDArray[Any]]:
-    """A figure that no global state keeps, and its axes (rows, columns); width and height in inches."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    """A figure that no global state keeps, and its axes (rows, columns); width and height in inches, the width that
+    the caller asked for before these; or the caller's own axes.
+
+    Raises StyleError for another number of axes than the figure has panels.
+    """
+    wish = _WISH.get()
+    if wish.axes is not None:
+        if len(wish.axes) != rows * columns:
+            raise StyleError(f"ax: this figure has {rows * columns} panels, {len(wish.axes)} axes were given")
+        figure = wish.axes[0].figure
+        while not isinstance(figure, Figure):  # of a SubFigure
+            figure = figure.figure
+        return figure, np.array(wish.axes, dtype=object).reshape(rows, columns)
+    figure = Shown(figsize=(wish.width or width, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
+
+
+def into_given_axes() -> bool:
+    """Is it drawn into axes of the caller's? Labels and keys then belong to these, not to the figure."""
+    return _WISH.get().axes is not None
+
+
+def asked_width(default: float) -> float:
+    """Inches of the figure that is being made."""
+    return _WISH.get().width or default
 
 
 def decimal_ticks(axis: Axis, low: float, high: float, most: int = 6) -> None:
@@ -197,10 +287,15 @@ def _told(units: Units, plain: FuncFormatter, x: float, at: int | None) -> str:
 
 
 def save(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Path:
-    """Write a figure as .svg, .pdf or .png, by the path's ending; whole or not at all."""
+    """Write a figure as .svg, .pdf or .png, by the path's ending; whole or not at all.
+
+    Raises StyleError for another ending.
+    """
     path = Path(path)
+    if path.suffix not in (".svg", ".pdf", ".png"):
+        raise StyleError(f"{path}: a figure is written as .svg, .pdf or .png")
     path.parent.mkdir(parents=True, exist_ok=True)
     metadata = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
-    with mpl.rc_context(RC), replacing(path) as temporary:
+    with mpl.rc_context({"svg.fonttype": "none", "pdf.fonttype": 42}), replacing(path) as temporary:
         settle(figure).savefig(temporary, dpi=dpi, metadata=metadata)
     return path

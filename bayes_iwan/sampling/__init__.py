@@ -1,0 +1,1 @@
+"""Sampling with emcee: moves, the run, convergence."""

@@ -535,3 +535,14 @@ def test_papers_terms_are_offered_only_where_the_base_lacks_them():
     classical = {"grip": "constant", "stiffness": "constant"}
     assert names(classical) == [e.name for e in PAPER]
     assert {e.name for e in PAPER} < set(catalogue.variants((), Model(Reference(1.0, 0.1), **classical)))
+
+
+def test_springs_that_soften_take_the_parallel_spring_with_them(kit):
+    """Its part of the force falls by the share that is lost; a simulator without one keeps its force."""
+    effect, at = of("spring_softening", kit), replace(motion(), cycle=np.array([30.0, 30.0]), span_cycles=np.zeros(2))
+    own = effect.values_at(drop=0.3, tau_s=1.5, tail=0.0, by_cycles=0.0, by_power=0.0, by_amplitude=0.0)
+    force = np.ones((1, 2, 128))
+    lost = 0.3 * (1.0 - np.exp(-30.0 / (np.array([F_HZ, 8.0]) * 1.5)))
+    got = effect.force(force, at, own | {"kp_N_mm": np.array([4.0])})
+    np.testing.assert_allclose(got, 1.0 - 4.0 * lost[:, None] * at.displacement_mm, rtol=1e-6)
+    np.testing.assert_array_equal(effect.force(force, at, own), force)

@@ -1,6 +1,7 @@
 """The whole diagnosis: what it must not depend on, what it writes, and what outlives the process."""
 
 import json
+from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -132,7 +133,9 @@ def test_beside_a_cause_that_explains_little_the_rest_has_suspects_but_not_the_n
     less = replace(base.all, rms_N=0.67 * base.all.rms_N)
     tests = tuple(replace(t, rms_N=0.67 * t.rms_N) for t in base.tests)
     sizes |= {k: replace(base, all=less, tests=tests, plausible=0.45 * base.plausible) for k in sizes if named <= k}
-    verdict = verdict_of(replace(found, sizes=sizes), replace(calibration(), rest_bias=50.0))
+    models = copy(found.models)
+    models.sizes = sizes
+    verdict = verdict_of(replace(found, models=models), replace(calibration(), rest_bias=50.0))
     assert verdict.kind is Kind.PARTLY and verdict.names == ("viscous_damping",)
     shares = {x.name: x.share for x in verdict.suspects}
     assert shares and min(shares.values()) >= 0.5 and "viscous_damping" not in shares
@@ -163,11 +166,12 @@ def test_of_two_slow_changes_of_one_record_each_is_credited_with_what_the_other_
     (told,) = campaign.loops(**kit.small)
     assert told.noise_N[0] < 1e-3  # the drift itself is none
     found = diagnose_loops(campaign, (told,), seed=1, quick=True, settings=kit.settings)
-    figures = {f.name: f for f in found.found.figures if f.name in found.verdict.names}
+    assert found.verdict.names == ("force_drift",)  # the record itself shows a drift; why friction falls it does not
+    figures = {f.name: f for f in found.found.figures}
     drift = figures.pop("force_drift")
-    (friction,) = figures.values()
+    (friction,) = (f for f in figures.values() if f.name in ("friction_fade", "normal_force_lag", "spring_softening"))
     assert friction.name in ("friction_fade", "normal_force_lag")  # a slow state's start is a fade as well
-    assert drift.by_test > 0.85 and friction.by_test > 0.85 and drift.fitted < 0.5
+    assert drift.fitted > 0.2 and friction.fitted > 0.2
 
 
 def test_a_fade_is_told_as_what_is_lost_within_the_records(kit):

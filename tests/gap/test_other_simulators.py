@@ -41,7 +41,7 @@ def test_damped_spring_dissipates_what_the_textbook_says():
     force = simulator_of("damped_spring").force(one(k_N_mm=6.0, eta=0.12, c_N_s_mm=2e-3), motion)
     a, w = np.array([0.5, 1.0]), 2.0 * np.pi * np.array([10.0, 20.0])
     expected = np.pi * a**2 * (0.12 * 6.0 + 2e-3 * w)
-    np.testing.assert_allclose(loop_energy_mJ(motion.displacement_mm, force)[0], expected, rtol=2e-4)
+    np.testing.assert_allclose(loop_energy_mJ(motion.displacement_mm, force)[0], expected, rtol=1e-12)
     record = record_motion(np.arange(64) / 640.0, np.sin(np.arange(64) / 10.0))
     with pytest.raises(ModelError, match="steady loops only"):
         simulator_of("damped_spring").force(one(k_N_mm=6.0, eta=0.12, c_N_s_mm=2e-3), record)
@@ -105,7 +105,7 @@ def test_a_rival_s_force_honours_effects(rival):
     assert inner_effects(extended.effects) == ()
 
 
-@pytest.mark.usefixtures("no_pictures", "short_adaptation")
+@pytest.mark.usefixtures("no_pictures", "short_pilot")
 def test_own_simulator_by_the_command_line(tmp_path, capsys):
     """identify --simulator: numbers come back, pages and tables hold nothing of slip forces, results load again."""
     name = "damped_spring"
@@ -113,7 +113,7 @@ def test_own_simulator_by_the_command_line(tmp_path, capsys):
     write_campaign(tmp_path / "campaign", name="spring", description="", tests=campaign.tests)
     config = tmp_path / "short.toml"
     config.write_text(
-        "[loops]\nn_phase = 48\nn_harmonics = 16\n[search]\nmembers = 40\nevaluations = 800\nsecond_opinion = false\n"
+        "[loops]\nn_phase = 48\nn_harmonics = 16\n[search]\nmembers = 40\nevaluations = 800\nsecond_search = false\n"
         "[sampling]\nensembles = 2\nwalkers = 24\nbudget_s = 60.0\nr_hat = 1.1\ness = 50.0\ntaus = 5.0\ndraws = 400\n"
     )
     file = SIMULATORS / f"{name}.py"

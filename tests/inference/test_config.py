@@ -40,8 +40,7 @@ def test_a_file_is_read(tmp_path):
         ({"sampling": {"walkers": 6.5}}, "whole number"),
         ({"sampling": {"ess": "many"}}, "finite positive number, not 'many'"),
         ({"sampling": {"budget_s": float("inf")}}, "positive number"),
-        ({"search": {"objective": "eq9"}}, "choose one of eq8, squared, likelihood"),
-        ({"search": {"second_opinion": 1}}, "true or false"),
+        ({"search": {"second_search": 1}}, "true or false"),
         ({"model": {"slip": 3}}, "text in quotes"),
         ({"model": "gamma3"}, r"write \[model\]"),
         ({"parameters": {"beta": 0.5}}, r"\[parameters.beta\] and e.g. fixed = 0.5"),
@@ -96,7 +95,7 @@ def test_what_a_command_would_not_use_is_refused():
 def test_a_problem_with_nothing_to_fit_is_refused(known):
     loops = known.loops()
     fixed = {n: {"fixed": 1.0} for n in ("kp_N_mm", "force_zero_N", "k1_N_mm", "mean_slip_force_N", "slip_width")}
-    model = {"slip": "uniform", "grip": "constant", "stiffness": "constant"}
+    model = {"slip": "uniform", "grip": "constant", "stiffness": "constant", "embedded": False}
     with pytest.raises(ParameterError, match="every parameter of the model is fixed"):
         make_problem(loops, {"model": model, "parameters": fixed})
     with pytest.raises(ParameterError, match="lies outside"):

@@ -6,7 +6,9 @@ from scipy import stats
 
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.quantities import loop_quantities, quantities, slip_quantiles
-from bayes_iwan.physics import sine_motion
+from bayes_iwan.inference.setup.scales import loop_energy_mJ
+from bayes_iwan.physics import Model, Reference, sine_motion
+from bayes_iwan.physics.laws.paper import table_1
 from bayes_iwan.physics.laws.slip_force import Gammas
 
 
@@ -16,9 +18,9 @@ def test_energy_stiffness_and_loss_of_a_viscoelastic_loop():
     omega = 2 * np.pi * motion.frequency_hz[:, None]
     force = 7.0 * motion.displacement_mm + 0.01 * 1e3 * motion.velocity_m_s
     energy, stiffness, loss = loop_quantities(motion.displacement_mm, force)
-    np.testing.assert_allclose(energy[0], np.pi * 0.01 * omega[:, 0] * np.array([0.25, 1.0]), rtol=2e-3)
+    np.testing.assert_allclose(energy[0], np.pi * 0.01 * omega[:, 0] * np.array([0.25, 1.0]), rtol=1e-12)
     np.testing.assert_allclose(stiffness[0], 7.0, rtol=1e-9)
-    np.testing.assert_allclose(loss[0], 0.01 * omega[:, 0] / 7.0, rtol=2e-3)
+    np.testing.assert_allclose(loss[0], 0.01 * omega[:, 0] / 7.0, rtol=1e-9)
 
 
 def test_energy_of_a_friction_rectangle():
@@ -26,6 +28,18 @@ def test_energy_of_a_friction_rectangle():
     motion = sine_motion(frequency_hz=5.0, amplitude_mm=0.3, samples=4096)
     force = 2.0 * np.sign(motion.velocity_m_s) + 3.0 * motion.displacement_mm
     assert loop_quantities(motion.displacement_mm, force)[0][0, 0] == pytest.approx(2.4, rel=1e-3)
+
+
+@pytest.mark.parametrize("samples", [128, 129])
+def test_energy_at_few_samples_is_that_of_many(samples):
+    """Table 1: within 5e-5 at 128 samples, where central differences lose 4e-4."""
+    model = Model(Reference(1.0, 0.126))
+
+    def energy(samples):
+        motion = sine_motion(frequency_hz=[10.0, 20.0], amplitude_mm=[1.0, 0.3], samples=samples)
+        return loop_energy_mJ(motion.displacement_mm, model.force(table_1(model.reference), motion))
+
+    np.testing.assert_allclose(energy(samples), energy(8192), rtol=5e-5)
 
 
 def test_slip_quantiles_are_scipys():
@@ -46,8 +60,7 @@ def test_every_quantity_at_known_numbers(problem, known):
     assert n["kn_1_mm"] == pytest.approx(0.6, rel=1e-3) and n["lambda_s_m"] == pytest.approx(1.1, rel=1e-3)
     assert n["mean_slip_force_N"] == pytest.approx(0.41 * 0.24 * 0.95 + 0.53 * 0.36 * 5.1 + 0.06 * 0.5 * 4.4, rel=1e-4)
     for loop in problem.loops:
-        step = np.roll(loop.displacement_mm, -1) - np.roll(loop.displacement_mm, 1)
-        measured = 0.5 * np.sum(loop.force_N * step)
+        measured = loop_energy_mJ(loop.displacement_mm, loop.force_N)
         assert n[f"dissipated_energy_mJ[{loop.file}]"] == pytest.approx(measured, rel=0.01)
         ends = {p: n[f"alpha_{p}[{loop.file}]"] for p in ("minus_A", "0_up", "plus_A", "0_down")}
         a, f = loop.amplitude_mm, loop.frequency_hz

@@ -1,4 +1,4 @@
-"""How fine is fine enough: elements, samples a cycle, run-in. Errors are RMS over RMS of the friction force."""
+"""How fine is fine enough: elements, samples a cycle. Errors are RMS over RMS of the friction force."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ import pytest
 from bayes_iwan.physics import Model, sine_motion
 from bayes_iwan.physics.interface.motion import Motion
 from bayes_iwan.physics.kernels.elements import element_force, equal_probability_sliders
-from bayes_iwan.physics.kernels.sliders import friction
 from bayes_iwan.physics.laws.normal_force import ALPHA_FLOOR
 
 AMPLITUDES, FREQUENCIES = np.repeat([0.03, 0.1, 0.3, 0.6, 1.0], 2), np.tile([10.0, 20.0], 5)
@@ -94,21 +93,6 @@ def test_missed_turning_points_would_be_first_order_news(truth, reference):
     ours = model.friction_force(parameter_values, motion)[0]
     assert np.max(rms(literal - exact) / rms(exact)) > 5e-4
     assert np.max(rms(ours - exact)) < 0.05 * np.max(rms(literal - exact))
-
-
-def test_run_in_is_as_good_as_a_whole_cycle(truth, reference):
-    """16 samples and both ends, against a whole cycle walked first: nothing is lost while α varies smoothly."""
-    model = Model(reference)
-    for how in ("Table 1", "strongly varying"):
-        parameter_values, motion = draws(truth, reference, how), shifted(128, 0.2 / 128)
-        alpha = model.alpha(parameter_values, motion)
-        k = model.stiffness_law.k(parameter_values, alpha)
-        table, top = model.slip_family.table(parameter_values)
-        out, zero = np.empty((24, motion.loops, 384)), np.zeros(24)
-        thrice = (np.tile(x, 3) for x in (motion.displacement_mm, alpha, k))
-        friction(*thrice, zero, False, table, top, zero, out)
-        force = model.friction_force(parameter_values, motion)
-        assert np.max(rms(force - out[..., 128:256]) / rms(force)) < 1e-9
 
 
 @pytest.mark.parametrize("amplitude", [0.1, 0.3, 1.0])

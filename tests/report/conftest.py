@@ -14,7 +14,7 @@ from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import Point, laplace_scale, most_probable
 from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.sampling.common.convergence import convergence_of
+from bayes_iwan.sampling.convergence import convergence_of
 
 RATE = 1280.0
 TRUTH = {

@@ -17,12 +17,13 @@ from bayes_iwan import executors
 from bayes_iwan.report import batch as room
 from bayes_iwan.report.batch import BatchError, batch
 
+pytestmark = pytest.mark.usefixtures("no_figure_files")
+
 CONFIG = {
     "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},
     "likelihood": {"kind": "gaussian"},
-    "search": {"members": 40, "evaluations": 1200, "starts": 4, "second_opinion": False},
+    "search": {"members": 40, "evaluations": 1200, "starts": 4, "second_search": False},
     "sampling": {
-        "method": "ensembles",
         "ensembles": 2,
         "walkers": 24,
         "r_hat": 1.1,
@@ -34,7 +35,7 @@ CONFIG = {
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _quick(no_pictures, short_adaptation):
+def _quick(no_pictures, short_pilot):
     """For every batch here."""
 
 
@@ -158,13 +159,13 @@ if __name__ == "__main__":
 
 
 def test_killed_half_way_in_two_processes_it_goes_on_to_the_same_answer(
-    done, folder, tmp_path, short_adaptation, no_pictures
+    done, folder, tmp_path, short_pilot, no_pictures
 ):
     _, whole = done
     out, script, two = tmp_path / "out", tmp_path / "run.py", tmp_path / "two"
     # above `if __name__`: its worker processes read it too
     files = "from bayes_iwan.report import page; page.FILES = ()"
-    script.write_text("\n".join((short_adaptation, no_pictures, files, RUN)))
+    script.write_text("\n".join((short_pilot, no_pictures, files, RUN)))
     for name in "ab":
         shutil.copytree(folder / name, two / name)
     env = {**os.environ, "PYTHONPATH": str(Path(bayes_iwan.__file__).parents[1])}

@@ -14,9 +14,12 @@ from pypdf import PdfReader
 from bayes_iwan.report import predict
 
 BROWSER = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p), None)
-pytestmark = pytest.mark.skipif(
-    BROWSER is None, reason="no Chromium here; to run these tests: apt-get update && apt-get install -y chromium"
-)
+pytestmark = [
+    pytest.mark.usefixtures("no_figure_files"),
+    pytest.mark.skipif(
+        BROWSER is None, reason="no Chromium here; to run these tests: apt-get update && apt-get install -y chromium"
+    ),
+]
 
 # runs in the page after its own scripts; what it finds goes into an element that --dump-dom brings back
 CHECK = """

@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+import bayes_iwan as bi
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.files import finite
@@ -28,6 +29,8 @@ from bayes_iwan.report.diagnosis.files import diagnosis_figures
 from bayes_iwan.report.diagnosis.page import write_diagnosis_page
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import Batch, Renderer
+
+pytestmark = pytest.mark.usefixtures("no_figure_files")
 
 T, N = 4, 64
 PHASE = np.arange(N) / N
@@ -353,14 +356,14 @@ def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found, 
     """The same numbers as a torque in N·m over an angle in mrad: no text of page, figures or answer says N or mm."""
     records = tuple(replace(r, units=Units("mrad", "N·m")) for r in found.campaign.tests)
     torsion = replace(found, campaign=replace(found.campaign, tests=records))
-    page = torsion.write(tmp_path / "out").read_text()
+    page = bi.write(torsion, tmp_path / "out").read_text()
     page = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.S)
     texts = [html.unescape(re.sub(r"<[^>]+>", " ", page)), "\n".join(torsion.sentences())]
     for text in texts:
         foreign = re.search(r"(?<![\w·])(?:[km]?N(?!·m|\w)|mm(?!\w))|\w_(?:N|mm)(?:_\w+)?(?![\w.])", text)
         assert foreign is None, text[max(foreign.start() - 60, 0) : foreign.end() + 40]
     assert "N·m RMS" in texts[1] and "N·m·s/mrad" in texts[1]
-    assert torsion.plot_gap().axes[1].get_ylabel() == "measured − model (N·m)"
+    assert bi.plot.gap(torsion).axes[1].get_ylabel() == "measured − model (N·m)"
     assert sorted(x.name for x in (tmp_path / "out").iterdir()) == [
         "diagnosis.html",
         "diagnosis.json",
@@ -372,7 +375,7 @@ def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found, 
 def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_page(tmp_path, found, monkeypatch):
     monkeypatch.setattr(files, "diagnosis_figures", lambda found, ahead: {})
     out = tmp_path / "out"
-    found.write(out)
+    bi.write(found, out)
     assert {"diagnosis.json", "diagnosis.html", "fits.json"} <= {x.name for x in out.iterdir()}
 
     def killed(*a, **k):
@@ -380,7 +383,7 @@ def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_
 
     monkeypatch.setattr(files, "write_diagnosis_page", killed)
     with pytest.raises(KeyboardInterrupt):
-        found.write(out)
+        bi.write(found, out)
     assert not [x.name for x in out.iterdir() if x.suffix in (".json", ".html")]
 
 
@@ -388,7 +391,7 @@ def test_what_is_drawn_ahead_of_the_verdict_changes_no_file(tmp_path, found, mon
     """The gap's own figures are ordered while causes are weighed, and drawn once: as the page would have had them."""
     made = files.provenance(found.campaign, found.seed)
     monkeypatch.setattr(files, "provenance", lambda *a: made)  # the minute may turn between the two pages
-    found.write(tmp_path / "after")
+    bi.write(found, tmp_path / "after")
     drawn, draw = [], Batch.draw
     monkeypatch.setattr(
         Batch, "draw", lambda batch, order, figure: drawn.append(order.name) or draw(batch, order, figure)

@@ -12,16 +12,16 @@ from bayes_iwan.comparison import frequencies as per_frequency
 from bayes_iwan.comparison import loo
 from bayes_iwan.comparison.families import SHORT, CompareError, compare_families
 from bayes_iwan.comparison.frequencies import compare_frequencies
+from bayes_iwan.comparison.weights import smoothed_log_weights
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.report.comparison import comparison_report, ranking_figure
 from bayes_iwan.report.identification.checks import loo_pit
 from bayes_iwan.report.identification.frequencies import frequencies_table, wander_figure, wander_rows
-from bayes_iwan.sampling.independent.weights import smoothed_log_weights
 
 from .conftest import TRUTH, made_posterior, made_records
 
 TINY = {
-    "search": {"members": 40, "evaluations": 600, "second_opinion": False, "starts": 4},
+    "search": {"members": 40, "evaluations": 600, "second_search": False, "starts": 4},
     "sampling": {"ensembles": 2, "walkers": 32, "budget_s": 4.0, "r_hat": 1.1, "ess": 50.0, "taus": 5.0, "draws": 1024},
 }
 
@@ -85,7 +85,7 @@ def test_left_out_tests_by_weights_and_by_moves(posterior, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def comparison(posterior, short_adaptation):
+def comparison(posterior, short_pilot):
     return compare_families(
         posterior.problem.loops, ["constant_grip", "gamma1"], config=TINY, seed=2, by="tests", progress=False
     )

@@ -4,11 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from bayes_iwan import cli
 from bayes_iwan.campaign import read_campaign, write_campaign
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.report.inspect_page import inspect_to
+
+pytestmark = pytest.mark.usefixtures("no_figure_files")
 
 ROOT = Path(__file__).parents[2]
 

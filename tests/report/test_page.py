@@ -22,6 +22,8 @@ from bayes_iwan.report.identification.marginals import reported
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import save, subplots
 
+pytestmark = pytest.mark.usefixtures("no_figure_files")
+
 VOID = {"meta", "link", "br", "input", "img", "path", "circle", "use", "hr"}
 
 
@@ -218,8 +220,8 @@ def test_one_set_of_numbers(page, text, posterior):
     with (page / "tables" / "parameters.csv").open() as file:
         for r in csv.DictReader(file):
             row = rows[r["name"]]
-            assert tuple(float(r[x]) for x in ("value", "low_90", "high_90")) == pytest.approx(
-                (row.value, row.low_90, row.high_90), rel=1e-7
+            assert tuple(float(r[x]) for x in ("q50", "q05", "q95")) == pytest.approx(
+                (row.q50, row.q05, row.q95), rel=1e-7
             )
             assert float(r["median"]) == pytest.approx(row.q50, rel=1e-7, abs=1e-12)
     with (page / "tables" / "convergence.csv").open() as file:
@@ -229,8 +231,8 @@ def test_one_set_of_numbers(page, text, posterior):
         loops = list(csv.DictReader(file))
     for r in loops:
         row = rows[f"dissipated_energy_mJ[{r['file']}]"]
-        found = [float(r[f"energy_mJ_{x}"]) for x in ("value", "low_90", "high_90")]
-        assert found == pytest.approx([row.value, row.low_90, row.high_90], rel=1e-7)
+        found = [float(r[f"energy_mJ_{x}"]) for x in ("q50", "q05", "q95")]
+        assert found == pytest.approx([row.q50, row.q05, row.q95], rel=1e-7)
     misfit = posterior.misfit()
     fitted = [float(r["rms_residual_N"]) for r in loops if r["role"] != "held-out"]
     assert np.sqrt(np.mean(np.square(fitted))) == pytest.approx(misfit.rms_N, rel=1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bayes_iwan.sampling.common.convergence import (
+from bayes_iwan.sampling.convergence import (
     autocorrelation_time,
     convergence_of,
     ess_bulk,

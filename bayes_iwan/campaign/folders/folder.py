@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.loops.averaging import Loop, average, in_band
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import (
@@ -22,6 +22,7 @@ from bayes_iwan.campaign.loops.checks import (
     on_grid_of_rate,
     step_warnings,
 )
+from bayes_iwan.campaign.loops.resolution import POINTS, points_for
 from bayes_iwan.campaign.recording.limits import RigLimits, limits_of
 from bayes_iwan.campaign.recording.records import ROLES, CampaignError, Record, shown
 from bayes_iwan.campaign.recording.stated import LARGEST_NUMBER, number_of, only, positive, read_toml
@@ -80,6 +81,8 @@ class Campaign:
     from_acceleration: bool = False  # the displacement was integrated from an accelerometer's channel
     limits: RigLimits = field(default_factory=RigLimits)  # what the rig can do, as [rig] states it
 
+    __repr__ = brief
+
     @property
     def units(self) -> Units:
         """What displacement and force are: mm and N, or the units of an angle and a torque, a stroke and a pressure."""
@@ -90,13 +93,13 @@ class Campaign:
         """Whether the records have real times; without, nothing that needs them can be said."""
         return self.tests[0].clock
 
-    def loops(self, n_phase: int = 128, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
+    def loops(self, n_phase: int | None = None, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
         """Each test's phase-averaged loop, harmonics that cannot be trusted left out, in the order of `tests`.
 
         Parameters
         ----------
         n_phase
-            points of a loop.
+            points of a loop (default: 128, and up to 512 where a test reverses more often than twice a cycle).
         n_harmonics
             harmonics that are kept, at most n_phase/2 − 1.
         n_blocks
@@ -112,7 +115,15 @@ class Campaign:
         CampaignError
             a record without enough whole cycles at its frequency; the message names file and mend.
         """
-        return tuple(alongside(lambda test: in_band(average(test, n_phase, n_harmonics, n_blocks)), self.tests))
+
+        def averaged(points: int) -> tuple[Loop, ...]:
+            return tuple(alongside(lambda test: in_band(average(test, points, n_harmonics, n_blocks)), self.tests))
+
+        if n_phase is not None:
+            return averaged(n_phase)
+        loops = averaged(POINTS)
+        points = points_for([loop.displacement_mm for loop in loops])
+        return loops if points == POINTS else averaged(points)
 
 
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:

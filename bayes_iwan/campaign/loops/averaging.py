@@ -15,7 +15,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.special import spherical_jn
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.corners import CORNERS_GAP, CORNERS_SAMPLES, LEAST_GAP, cornered_motion, has_corners
 from bayes_iwan.campaign.timing.cycles import Cut, cut_cycles
@@ -215,6 +215,8 @@ class Loop:
     record: Record
     cut: Cut
     averager: Averager
+
+    __repr__ = brief
 
     @cached_property
     def corners_gap(self) -> float:

@@ -193,7 +193,8 @@ def _force_amplitude(loop: Loop, each: Cycles) -> list[str]:
             "something slipped; the loop is a mixture. List the parts as two records"
         ]
     noise = 1.4826 * float(np.median(np.abs(np.diff(own)))) / np.sqrt(2)
-    spread = float(np.ptp(np.percentile(own, [5, 95])))
+    # what the drive does, the force need not follow: it changes by itself where it does so with and without the drive
+    spread = min(float(np.ptp(np.percentile(x, [5, 95]))) for x in (own, size))
     if spread <= max(FORCE, 5 * noise):
         return []
     return [

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.units import Units
 
 ROLES = ("fit", "held-out")
@@ -68,6 +68,8 @@ class Record:
     units: Units = field(default=Units())
     clock: bool = True
     mean_force_error_N: float = 0.0
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         n = np.shape(self.time_s)

@@ -4,7 +4,7 @@ rest that stands beside every model.
 measured = simulator(base + effects) + rest + noise. The rest is Gaussian, smooth along the loop and between tests, of
 share a of the friction force (:class:`bayes_iwan.inference.setup.discrepancy.Correlated`), and changes along the
 record by a share b. Its sizes are inferred for every set of effects and need not be small: the prior over a is flat
-in ln a up to a tenth (:data:`bayes_iwan.gap.fitting.rest.LARGE_REST`), so a cause may explain a part of the gap and
+in ln a up to a tenth (:data:`bayes_iwan.gap.constants.LARGE_REST`), so a cause may explain a part of the gap and
 leave the rest without a name. So is how it hangs together between tests, in one of a few ways that are as likely as
 each other beforehand (:data:`bayes_iwan.gap.fitting.rest.BETWEEN`).
 """
@@ -19,20 +19,19 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect, effects_of
+from bayes_iwan.gap.constants import LARGEST_REST
 from bayes_iwan.gap.fitting.data import GapData, predicted
 from bayes_iwan.gap.fitting.rest import ALONG_SHARES, BETWEEN, FIRST, LENGTHS, SHARES, Linear, RestSize, Sizes, Stepped
-from bayes_iwan.gap.fitting.rows import Z_BOX, Rows
+from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.inference.setup.problem import Problem, iwan_model, make_problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings, LikelihoodSettings, ParameterChange
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 from bayes_iwan.physics import Model, Simulator
+from bayes_iwan.physics.interface.parameter import Z_LIMIT
 
 #: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
 OTHER_WEIGHTS = 0.25
-#: the least gap in newtons is sought beside no larger rest: there priors hold a model where it misses far more than it
-#: must
-LARGEST_REST = 0.05
 #: rounds in which a model is fitted again, each with the weights of the rest that the last one left, while it gains so
 #: many nats
 ROUNDS, GAINED = 4, 0.5
@@ -86,6 +85,11 @@ class Fit:
     def names(self) -> frozenset[str]:
         """Names of the effects in the model."""
         return frozenset(e.name for e in self.effects)
+
+    @property
+    def evolving(self) -> bool:
+        """Does it change along the record?"""
+        return any(e.evolving for e in self.effects)
 
     @cached_property
     def log_evidence(self) -> float:
@@ -245,7 +249,7 @@ def _together(data: GapData, problem: Problem, z: Array) -> tuple[Rows, Linear, 
     linear = [rows.linear_of(around, z) for rows in several]
     stepped = [x.evidence(_COARSE) for x in linear]
     best = [int(np.argmax(x.log_z)) for x in stepped]
-    led = np.clip([x.z[k] for x, k in zip(stepped, best)], -Z_BOX, Z_BOX)
+    led = np.clip([x.z[k] for x, k in zip(stepped, best)], -Z_LIMIT, Z_LIMIT)
     with np.errstate(all="ignore"):
         mean, trend, lines = predicted(data, problem, led)
     log_z = np.empty(len(several))
@@ -263,7 +267,7 @@ def _borne_out(rows: Rows, linear: Linear, sizes: Sizes) -> Stepped:
     """ln evidence at sizes of the rest by what the model really misses where the linear one leads, or where it was made
     if that is better: in a bent valley a step may promise hundreds of nats that are not there."""
     stepped = linear.evidence(sizes)
-    z = np.clip(stepped.z, -Z_BOX, Z_BOX)
+    z = np.clip(stepped.z, -Z_LIMIT, Z_LIMIT)
     with np.errstate(all="ignore"):
         there = linear.at(rows.residual(z), z, sizes, stepped.precision)
     here = linear.at(linear.residual[None], linear.z[None], sizes, stepped.precision)

@@ -10,9 +10,8 @@ from bayes_iwan.gap.fitting.data import GapData, predicted
 from bayes_iwan.gap.fitting.rest import BETWEEN, Between, Linear, RestSize
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.optimize.descent import Descent, descend
+from bayes_iwan.physics.interface.parameter import Z_LIMIT
 
-#: z of every parameter stays within these prior standard deviations
-Z_BOX = 5.0
 #: step of central differences
 STEP = 1e-4
 
@@ -82,8 +81,8 @@ class Rows:
             with np.errstate(all="ignore"):
                 return np.concatenate([self.residual(z) / sd, z], axis=1)
 
-        box = np.tile([-Z_BOX, Z_BOX], (starts.shape[1], 1))
+        box = np.tile([-Z_LIMIT, Z_LIMIT], (starts.shape[1], 1))
         known = None
-        if first is not None and np.all(np.abs(first.z) <= Z_BOX):
+        if first is not None and np.all(np.abs(first.z) <= Z_LIMIT):
             known = np.concatenate([-first.jacobian / sd[:, None], np.eye(len(first.z))])
         return descend(rows, starts, box, iterations, known=known)

@@ -1,8 +1,7 @@
-"""A leading model sampled along its manifold, its discrepancy with it, in place of Laplace's approximation."""
+"""A leading model sampled, its discrepancy with it, in place of Laplace's approximation."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -17,12 +16,10 @@ from bayes_iwan.gap.fitting.rest import LENGTHS
 from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging.calibration import calibration
 from bayes_iwan.inference.setup.parameters import Z_LIMIT
-from bayes_iwan.sampling.common.chains import Chains
-from bayes_iwan.sampling.common.held import log_mean_exp
-from bayes_iwan.sampling.common.plan import Plan
-from bayes_iwan.sampling.independent.branches import Optimum
-from bayes_iwan.sampling.independent.importance import sample_independently
-from bayes_iwan.sampling.manifold.on_manifold import sample_on_manifold
+from bayes_iwan.sampling.moves.metropolis import LeastSquares
+from bayes_iwan.sampling.nuisance import Nuisance, log_mean_exp
+from bayes_iwan.sampling.plan import Plan
+from bayes_iwan.sampling.run import sample
 
 #: seconds that one model may be sampled for
 BUDGET_S = 45.0
@@ -60,10 +57,6 @@ class Target:
         """Residuals (n, m) in units of the noise at z (n, ndim)."""
         return self.residuals.residual(z[:, :-2])
 
-    def sd(self, z: Array) -> Array:
-        """(m,) what they are divided by, so that they are white, at z (ndim,)."""
-        return np.sqrt(self._variance(z[None, -2:])[0])
-
     def rows(self, z: Array) -> Array:
         """Whitened residuals (n, m) at z (n, ndim)."""
         return self.residual(z) / np.sqrt(self._variance(z[:, -2:]))
@@ -100,8 +93,16 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
     starts = np.concatenate([z, np.tile(mean, (len(z), 1))], axis=1)
     log_prob = target.log_prob_of_held(starts, starts[:, None, -2:])[:, 0]
     order = np.argsort(-log_prob)
-    chains = _drawn(target, starts[order], log_prob[order], root, Plan(target.names, seed, budget_s=BUDGET_S))
-    if chains is None:
+    posterior = LeastSquares(
+        target.rows, target.log_prob_of_held, Nuisance(target.held, mean, root), target.ndim, Z_LIMIT
+    )
+    chains = sample(
+        lambda z: target.log_prob_of_held(z, z[:, None, -2:])[:, 0],
+        posterior,
+        starts[order],
+        Plan(target.names, seed, budget_s=BUDGET_S, progress=False),
+    )
+    if len(chains.draws[0]) == 0:
         none = f"no draws within {BUDGET_S:.0f} s: Laplace's approximation stands"
         return replace(fit, converged=False), Sampling(False, none, None, None)
     draws = chains.flat(4000)[:, : len(fit.z)]
@@ -114,17 +115,3 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
     worth = chains.convergence
     least, worst = (None, None) if worth is None else (worth.least_ess, worth.worst_r_hat)
     return drawn, Sampling(chains.converged, chains.message, least, worst)
-
-
-def _drawn(target: Target, starts: Array, log_prob: Array, root: Array, plan: Plan) -> Chains | None:
-    """Independent proposals where they fit, else chains along the manifold in the time that is left."""
-    began = time.monotonic()
-    whiten = np.diag(1.0 / target.sd(starts[0]))
-    optima = [Optimum(z, float(p), whiten, root) for z, p in zip(starts, log_prob)]
-    chains = sample_independently(target.residual, target.log_prob_of_held, optima, target.held, plan, limit=Z_LIMIT)
-    if chains is not None:
-        return chains
-    left = replace(plan, budget_s=max(BUDGET_S - (time.monotonic() - began), 0.0))
-    return sample_on_manifold(
-        target.rows, target.log_prob_of_held, starts, log_prob, target.held, root, left, limit=Z_LIMIT
-    )

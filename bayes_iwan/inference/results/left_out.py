@@ -1,10 +1,9 @@
 """Do the bands hold tests of a frequency that was not fitted? Each frequency left out in turn, and predicted.
 
 The model of the other frequencies, fitted anew from the whole's optima with its noise, predicts the tests of the one
-left out: to first order in its normal approximation (normal draws of the parameters would leave the thin bent sheet
-that the posterior is, and with it the loops), with the variance between the tests, with noise, and with the misfit as
-the likelihood carries it over from the others. A second or two for a campaign; what a sampler says of the same is in
-analyses/predict_untested.py. It is the one check of the bands that does not use the tests which it checks.
+left out: by its normal approximation along the posterior's manifold (:mod:`.approximation`), with noise, and with the
+misfit as the likelihood carries it over from the others. A second or two for a campaign; what a sampler says of the
+same is in analyses/predict_untested.py. It is the one check of the bands that does not use the tests which it checks.
 """
 
 from __future__ import annotations
@@ -20,14 +19,13 @@ from bayes_iwan.inference.results.predictions import resolved
 from bayes_iwan.inference.setup.frequencies import by_frequency
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
-from bayes_iwan.inference.solving.intervals import between_draws
-from bayes_iwan.inference.solving.jackknife import left_out_optima
-from bayes_iwan.inference.solving.point import laplace_scale, most_probable
+from bayes_iwan.inference.solving.approximation import approximate_draws
+from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.physics.interface.motion import motion_of
 
 #: share of a left-out frequency's points that 90 % bands must hold, or it is said that they do not hold there
 HELD = 0.75
-_DRAWS, _STEP = 400, 1e-4
+_DRAWS = 400
 _STARTS = 3  # of the whole's optima that the others' fit starts from
 
 
@@ -86,21 +84,11 @@ def _held(value: Array, draws: Array, level: float) -> float:
 def predicted(problem: Problem, z: Array, loops: Sequence[Loop], seed: int) -> tuple[Array, Array]:
     """Loops as measured again (draws, tests, samples), N, about a problem's optimum z (ndim,), and the measured ones
     (tests, samples), both less their means, which drift."""
-    rng, n, fitted = np.random.default_rng([seed, 33]), problem.ndim, len(problem.loops)
-    motion = motion_of((*problem.loops, *loops))
-    root = laplace_scale(problem, z)
-    moved = rng.standard_normal((_DRAWS, n)) @ root.T
-    eye = _STEP * np.eye(n)
-    near = problem.predict(np.concatenate([z[None], z + eye, z - eye]), motion)
-    slope = (near[1 : n + 1] - near[n + 1 :]) / (2.0 * _STEP)
-    force = near[0] + np.tensordot(moved, slope, axes=1)
-    if fitted > 1:
-        without = problem.predict(left_out_optima(problem, z), motion)
-        force += between_draws(without, [x.amplitude_mm for x in problem.loops], _DRAWS, rng)
-    noisy = np.tile(z, (_DRAWS, 1))
-    noisy[:, problem.noise_columns] += moved[:, problem.noise_columns]
+    rng, fitted = np.random.default_rng([seed, 33]), len(problem.loops)
+    drawn = approximate_draws(problem, z, _DRAWS, (seed, 33))
+    force = problem.predict(drawn, motion_of((*problem.loops, *loops)))
     missed, force = problem.measured_N - force[:, :fitted], force[:, fitted:]
-    noise = problem.likelihood.carried_over(missed, problem.parameter_values(noisy), loops, rng)
+    noise = problem.likelihood.carried_over(missed, problem.parameter_values(drawn), loops, rng)
     force = force - force.mean(axis=-1, keepdims=True) + resolved(noise, loops)
     measured = np.stack([x.force_N for x in loops])
     return force, measured - measured.mean(axis=-1, keepdims=True)

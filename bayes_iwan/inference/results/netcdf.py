@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -23,12 +24,12 @@ from bayes_iwan.inference.setup.settings import IdentifySettings
 from bayes_iwan.inference.solving.point import Point
 from bayes_iwan.optimize.genetic import GlobalOptimum
 from bayes_iwan.physics import Scales
-from bayes_iwan.sampling.common.chains import Stop
+from bayes_iwan.sampling.chains import Stop
 
 if TYPE_CHECKING:
     import xarray
 
-FORMAT = 2
+FORMAT = 3
 #: what stands behind posterior.nc's own end (HDF5 does not look there), before the SHA-256 of all before it
 SEAL = b"bayes_iwan sha256 "
 #: groups that are looked at but not gone on from: seven digits are enough
@@ -54,7 +55,7 @@ def write_netcdf(posterior: Posterior, path: Path) -> None:
 
     buffer = io.BytesIO()  # not the disk: HDF5 ends the whole process where a disk is full
     with h5netcdf.File(buffer, "w") as file:
-        xr.Dataset(attrs=_attributes(posterior)).dump_to_store(H5NetCDFStore(file, mode="w"))
+        xr.Dataset(attrs=_attributes(posterior, path.parent)).dump_to_store(H5NetCDFStore(file, mode="w"))
         for group, dataset in groups(posterior).items():
             few = {"dtype": "f4"} if group in _SHOWN else {}
             packed = {name: {"zlib": True, "complevel": 4, "shuffle": True, **few} for name in dataset.data_vars}
@@ -149,7 +150,15 @@ def to_arviz(posterior: Posterior) -> Any:
     return az.InferenceData(**by_name, warn_on_custom_groups=False)
 
 
-def _attributes(posterior: Posterior) -> dict[str, Any]:
+def _relative(campaign: Path, folder: Path) -> str:
+    """The campaign as seen from the run's folder, so that both can move together; "" from another drive."""
+    try:
+        return Path(os.path.relpath(campaign.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return ""
+
+
+def _attributes(posterior: Posterior, folder: Path) -> dict[str, Any]:
     campaign = posterior.campaign
     return {
         "format": FORMAT,
@@ -162,6 +171,7 @@ def _attributes(posterior: Posterior) -> dict[str, Any]:
         "stop": posterior.stop.name,
         "campaign_name": "" if campaign is None else campaign.name,
         "campaign_path": "" if campaign is None else str(campaign.path.resolve()),
+        "campaign_relative": "" if campaign is None else _relative(campaign.path, folder),
         "loops": json.dumps([x.file for x in posterior.loops]),
         "scales": json.dumps(asdict(posterior.problem.scales)),
         "config": json.dumps(posterior.settings.as_dict()),
@@ -178,11 +188,11 @@ def _plain_point(point: Point) -> dict[str, Any]:
     def plain(value: Any) -> Any:
         if isinstance(value, np.ndarray):
             return value.tolist()
+        if isinstance(value, tuple):
+            return [plain(x) for x in value]
         if isinstance(value, GlobalOptimum):  # without its populations
             return {
-                k: plain(getattr(value, k))
-                for k in (f.name for f in fields(value))
-                if k not in ("population", "population_objective")
+                k: plain(getattr(value, k)) for k in (f.name for f in fields(value)) if k not in ("first", "population")
             }
         return value
 
@@ -190,15 +200,13 @@ def _plain_point(point: Point) -> dict[str, Any]:
 
 
 def _point_of(plain: Mapping[str, Any]) -> Point:
-    def search(stored: Mapping[str, Any] | None) -> GlobalOptimum | None:
-        if stored is None:
-            return None
+    def search(stored: Mapping[str, Any]) -> GlobalOptimum:
         arrays = {k: np.array(stored[k]) for k in ("x", "best", "median")}
         none = np.empty((0, len(stored["x"])))
-        return GlobalOptimum(**{**stored, **arrays}, population=none, population_objective=np.empty(0))
+        return GlobalOptimum(**{**stored, **arrays}, first=none, population=none)
 
     arrays = {k: np.array(plain[k]) for k in ("goal_z", "z", "optima", "optima_log_prob", "each_z", "each_log_prob")}
-    return Point(**{**plain, **arrays, "search": search(plain["search"]), "second": search(plain["second"])})
+    return Point(**{**plain, **arrays, "searches": tuple(search(x) for x in plain["searches"])})
 
 
 # ---- read back
@@ -212,6 +220,7 @@ class Stored:
     draws: dict[str, Array]
     log_prob: Array
     campaign_path: str
+    campaign_relative: str
     loops: tuple[str, ...]
     scales: Scales
     fingerprint: dict[str, str]
@@ -244,6 +253,7 @@ def read_netcdf(path: Path) -> Stored:
         draws=draws,
         log_prob=log_prob,
         campaign_path=str(stored["campaign_path"]),
+        campaign_relative=str(stored.get("campaign_relative", "")),
         loops=tuple(loops),
         scales=Scales(**json.loads(stored["scales"])),
         fingerprint=fingerprint,

@@ -1,10 +1,12 @@
-"""A population of specimens from the posteriors of single ones: mean and spread of each quantity, and who stands out.
+"""A population of specimens from the posteriors of single ones: typical value, spread, and a band for further ones.
 
-Hierarchical model of one quantity: θᵢ ~ Normal(μ, τ²) over specimens (of its logarithm where it is positive), with flat
-priors on μ and τ. What specimen i's loops say of θᵢ is in its posterior's draws, less the prior that these were drawn
-under: the likelihood of (μ, τ) is the product over i of Σ w(θ)·Normal(θ; μ, τ²) over the draws, w = 1/prior (importance
-reweighting of single posteriors: Hogg, Myers & Bovy 2010, doi:10.1088/0004-637X/725/2/2166). Draws are smoothed by a
-narrow kernel that leaves their mean and variance as they are, so that a τ far below their spacing has a likelihood too.
+Hierarchical model of one quantity: zᵢ ~ Normal(μ, τ²) over specimens, with flat priors on μ and τ. z is the quantity on
+the scale on which the specimens' common prior is standard normal, so bands stay within what the prior allows, and a
+quantity that no specimen determines has the prior's band. What specimen i's loops say of zᵢ is in its posterior's
+draws, less the prior that these were drawn under: the likelihood of (μ, τ) is the product over i of Σ w(z)·Normal(z; μ,
+τ²) over the draws, w = 1/prior (importance reweighting of single posteriors: Hogg, Myers & Bovy 2010,
+doi:10.1088/0004-637X/725/2/2166). Draws are smoothed by a narrow kernel that leaves their mean and variance as they
+are, so that a τ far below their spacing has a likelihood too.
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
+from scipy.interpolate import PchipInterpolator
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 
 #: grid over μ and τ, and draws of each posterior
 GRID, DRAWS = 40, 160
@@ -31,14 +34,62 @@ class SpecimenDraws:
     draws: Array
     prior: Array
 
+    __repr__ = brief
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A monotone scale z of a quantity on which draws of its prior are standard normal; beyond these it is linear in
+    the quantity (in its logarithm where it is positive).
+
+    at_z, at_x : (knots,) increasing, x the quantity or its logarithm.
+    """
+
+    positive: bool
+    at_z: Array
+    at_x: Array
+
+    def z(self, value: Array) -> Array:
+        """Scores of values."""
+        return _linear(np.log(value) if self.positive else np.asarray(value), self.at_x, self.at_z)
+
+    def value(self, z: Array) -> Array:
+        """Values of scores."""
+        x = _linear(np.asarray(z), self.at_z, self.at_x)
+        return np.exp(x) if self.positive else x
+
+
+def coordinate_of(prior: Array, positive: bool) -> Coordinate | None:
+    """The scale from draws of the prior (n,); None where they do not vary."""
+    x = np.log(prior) if positive else prior
+    z = np.linspace(-2.0, 2.0, 9)
+    with np.errstate(over="ignore", invalid="ignore"):
+        knots = np.quantile(x, stats.norm.cdf(z))
+        if not np.all(np.isfinite(knots)) or not np.all(np.isfinite(np.diff(knots))) or np.min(np.diff(knots)) <= 0.0:
+            return None
+    fine = np.linspace(z[0], z[-1], 401)
+    return Coordinate(positive, fine, PchipInterpolator(z, knots)(fine))
+
+
+def _linear(x: Array, from_: Array, to: Array) -> Array:
+    """Interpolation, linear beyond the ends too."""
+    out = np.interp(x, from_, to)
+    for end, inner, beyond in ((0, 1, x < from_[0]), (-1, -2, x > from_[-1])):
+        slope = (to[end] - to[inner]) / (from_[end] - from_[inner])
+        out = np.where(beyond, to[end] + slope * (x - from_[end]), out)
+    return out
+
 
 @dataclass(frozen=True)
 class Population:
     """One quantity over specimens: median and 90 % interval of the typical value and of the spread.
 
-    typical : the median specimen, in the quantity's unit. spread : standard deviation between specimens, as a share of
-    the typical value if `relative`, else in the quantity's unit. next_specimen : interval for a specimen not yet seen.
-    surprise : for each specimen the two-sided probability of a value as far out, learnt from the others alone.
+    typical : the median specimen, in the quantity's unit; typical_draws (n,) of it. spread : standard deviation between
+    specimens, as a share of the typical value if `relative`, else in the quantity's unit. next_specimen : 90 % interval
+    for a specimen not yet seen. pit : for each specimen the probability of a smaller value, learnt from the others
+    alone, with its own posterior's error; uniform where the population is as the model says.
+    centre, error : (specimens,) of each on the scale z, the prior taken off.
+    from_others : (specimens, μ, τ) probability of mean and tau, (μ,) and (τ,), from all others.
     """
 
     names: tuple[str, ...]
@@ -46,11 +97,20 @@ class Population:
     typical: tuple[float, float, float]
     spread: tuple[float, float, float]
     next_specimen: tuple[float, float]
-    surprise: tuple[float, ...]
+    pit: tuple[float, ...]
+    typical_draws: Array
+    coordinate: Coordinate
+    centre: Array
+    error: Array
+    mean: Array
+    tau: Array
+    from_others: Array
 
-    def outliers(self, level: float = 0.01) -> tuple[str, ...]:
-        """Specimens less probable than `level`, with their number allowed for."""
-        return tuple(n for n, p in zip(self.names, self.surprise) if p * len(self.names) < level)
+    __repr__ = brief
+
+    def fits(self) -> float:
+        """p-value of the population model: do specimens lie where the others say (Kolmogorov–Smirnov on `pit`)?"""
+        return float(stats.kstest(self.pit, "uniform").pvalue)
 
 
 def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population | None:
@@ -59,13 +119,18 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
     if len(specimens) < LEAST:
         return None
     every = np.concatenate([s.draws for s in specimens])
+    before = np.concatenate([s.prior for s in specimens])
     if not np.all(np.isfinite(every)) or any(np.ptp(s.draws) == 0.0 for s in specimens):
         return None
-    relative = bool(np.all(every > 0.0) and all(np.all(s.prior > 0.0) for s in specimens))
-    scale = np.log if relative else np.asarray
+    relative = bool(np.all(every > 0.0) and np.all(before > 0.0))
+    coordinate = coordinate_of(before, relative)
+    if coordinate is None:
+        return None
     rng = np.random.default_rng([seed, 61])
-    draws = [scale(s.draws if len(s.draws) <= DRAWS else rng.choice(s.draws, DRAWS, replace=False)) for s in specimens]
-    weights = [_weights(d, scale(s.prior)) for d, s in zip(draws, specimens)]
+    draws = [
+        coordinate.z(s.draws if len(s.draws) <= DRAWS else rng.choice(s.draws, DRAWS, replace=False)) for s in specimens
+    ]
+    weights = [prior_weights(d, coordinate.z(s.prior)) for d, s in zip(draws, specimens)]
     centre = np.array([np.average(d, weights=w) for d, w in zip(draws, weights)])
     error = np.array([np.sqrt(np.average((d - c) ** 2, weights=w)) for d, w, c in zip(draws, weights, centre)])
 
@@ -78,25 +143,34 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
     posterior = _normalised(log_like.sum(axis=0) + measure)
     if not np.all(np.isfinite(posterior)):
         return None
-    middle = _quantiles(mean, posterior.sum(axis=1))
-    between = _quantiles(tau, posterior.sum(axis=0))
     flat = rng.choice(posterior.size, 4000, p=posterior.ravel())
-    at, width = mean[flat // GRID], tau[flat % GRID]
-    unseen = np.quantile(at + width * rng.standard_normal(flat.size), [0.05, 0.95])
-    surprise = []
-    for i in range(n):
-        others = _normalised(log_like.sum(axis=0) - log_like[i] + measure)
-        sd = np.sqrt(tau**2 + error[i] ** 2)
-        tail = float(np.sum(others * stats.norm.cdf((centre[i] - mean[:, None]) / sd)))
-        surprise.append(2.0 * min(tail, 1.0 - tail))
-    back = np.exp if relative else np.asarray
+    step = mean[1] - mean[0]
+    at, width = mean[flat // GRID] + step * (rng.random(flat.size) - 0.5), tau[flat % GRID]
+    typical = coordinate.value(at)
+    middle = coordinate.value(_quantiles(mean, posterior.sum(axis=1)))
+    small = 0.01 * max(wide, 1e-9)
+    steep = float((coordinate.value(at.mean() + small) - coordinate.value(at.mean() - small)) / (2.0 * small))
+    between = _quantiles(tau, posterior.sum(axis=0)) * steep / (float(middle[1]) if relative else 1.0)
+    unseen = coordinate.value(np.quantile(at + width * rng.standard_normal(flat.size), [0.05, 0.95]))
+    whole = np.concatenate([every, before])  # a bounded quantity stays within its bounds
+    unseen = np.clip(unseen, whole.min(), whole.max())
+    from_others = np.stack([_normalised(log_like.sum(axis=0) - log_like[i] + measure) for i in range(n)])
+    sd = np.sqrt(tau**2 + error[:, None, None] ** 2)
+    pit = np.sum(from_others * stats.norm.cdf((centre[:, None, None] - mean[:, None]) / sd), axis=(1, 2))
     return Population(
         tuple(s.name for s in specimens),
         relative,
-        _three(back(middle)),
+        _three(middle),
         _three(between),
-        (float(back(unseen[0])), float(back(unseen[1]))),
-        tuple(surprise),
+        (float(unseen[0]), float(unseen[1])),
+        tuple(float(x) for x in pit),
+        typical,
+        coordinate,
+        centre,
+        error,
+        mean,
+        tau,
+        from_others,
     )
 
 
@@ -105,7 +179,7 @@ def _three(x: Array) -> tuple[float, float, float]:
     return float(x[1]), float(x[0]), float(x[2])
 
 
-def _weights(draws: Array, prior: Array) -> Array:
+def prior_weights(draws: Array, prior: Array) -> Array:
     """1 / prior density of each draw, normalised; the prior as the normal distribution of its draws, and never so thin
     that one draw at its edge outweighs the rest."""
     z = (draws - np.mean(prior)) / max(float(np.std(prior)), 1e-12)

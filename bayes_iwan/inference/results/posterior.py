@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
-from bayes_iwan.drawing import draw
 from bayes_iwan.inference.results.left_out import LeftOut, left_out_frequencies
-from bayes_iwan.inference.results.predictions import Misfit, Prediction, misfit_of, replicated
+from bayes_iwan.inference.results.predictions import Misfit, Prediction, misfit_of, predicted_at, replicated
+from bayes_iwan.inference.results.reach import extrapolated
 from bayes_iwan.inference.results.remarks import remarks
 from bayes_iwan.inference.results.rows import ConvergenceRow, SummaryRow
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import IdentifySettings
-from bayes_iwan.inference.solving.intervals import Widening, widenings
 from bayes_iwan.inference.solving.point import Point
-from bayes_iwan.physics.interface.motion import motion_of, sine_motion
+from bayes_iwan.physics.interface.motion import motion_of
 from bayes_iwan.physics.interface.simulator import FORCE_ZERO, Derived, straight_part
-from bayes_iwan.sampling.common.chains import Stop
-from bayes_iwan.sampling.common.convergence import Convergence, convergence_of
+from bayes_iwan.sampling.chains import Stop
+from bayes_iwan.sampling.convergence import Convergence, convergence_of
 
 if TYPE_CHECKING:
     import pandas
@@ -67,7 +64,7 @@ class Posterior:
     >>> bi.simulate_campaign(plan, seed=1).write(folder)
     >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
     >>> spring = next(row for row in posterior.summary() if row.name == "kp_N_mm")
-    >>> spring.unit, bool(spring.low_90 < spring.value < spring.high_90)
+    >>> spring.unit, bool(spring.q05 < spring.q50 < spring.q95)
     ('N/mm', True)
     >>> posterior.to_dataframe()["kp_N_mm"].shape == (posterior.flat_z().shape[0],)
     True
@@ -176,9 +173,9 @@ class Posterior:
         return quantities(self.problem, self.flat_z(), self.loops)
 
     @cached_property
-    def widenings(self) -> dict[str, Widening]:
-        """What adds to the posterior's interval of each quantity: a bent form, between-test variance, reach."""
-        return widenings(self.problem, self.point.z, self.loops)
+    def extrapolated(self) -> dict[str, str]:
+        """Why a quantity is extrapolated, by name, for those that the loops do not reach."""
+        return extrapolated(self.problem, self.point.z)
 
     @cached_property
     def left_out(self) -> tuple[LeftOut, ...]:
@@ -186,7 +183,7 @@ class Posterior:
         return left_out_frequencies(self.problem, self.point.optima)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
-        """The interval that is reported of a quantity: with a bent form, between-test variance and reach.
+        """The central interval of a quantity: quantiles of its draws.
 
         Parameters
         ----------
@@ -205,21 +202,17 @@ class Posterior:
         KeyError
             no quantity of this name.
         """
-        kept, widening = self._reported(name)
-        return widening.interval(kept, level) if len(kept) else (float("nan"), float("nan"))
+        low, high = self._quantiles(name, 0.5 * (1.0 - level), 0.5 * (1.0 + level))
+        return low, high
 
-    def centre(self, name: str) -> float:
-        """The value that is reported of a quantity: the median, moved as far as a bent form moves it."""
-        kept, widening = self._reported(name)
-        return widening.centre(kept) if len(kept) else float("nan")
+    def median(self, name: str) -> float:
+        """The median of a quantity's draws. Raises KeyError where there is no quantity of this name."""
+        return self._quantiles(name, 0.5)[0]
 
-    def _reported(self, name: str) -> tuple[Array, Widening]:
-        """A quantity's finite draws (n,), and what widens their interval; nothing where logarithms cannot be taken."""
+    def _quantiles(self, name: str, *levels: float) -> tuple[float, ...]:
         values = self.quantities()[name].values
-        kept, widening = values[np.isfinite(values)], self.widenings[name]
-        if widening.relative and np.any(kept <= 0.0):
-            widening = replace(widening.alone(), relative=False)
-        return kept, widening
+        kept = values[np.isfinite(values)]
+        return tuple(map(float, np.quantile(kept, levels))) if len(kept) else (float("nan"),) * len(levels)
 
     def by_steps(self, values: Array) -> Array:
         """Values (n,) in the order of flat_z() as (chains, steps, walkers), as the diagnostics take them."""
@@ -239,12 +232,11 @@ class Posterior:
         Returns
         -------
         tuple of SummaryRow
-            name, unit, mean, sd, q05, q50, q95 of the draws; value, low_90, high_90, which also count what a bent form
-            says and what differs between tests (:mod:`bayes_iwan.inference.solving.intervals`); R-hat and effective
-            sizes, nan for what is fixed.
+            name, unit, mean, sd, q05, q50, q95 of the draws; R-hat and effective sizes, nan for what is fixed and for
+            draws of a normal approximation; why the quantity is extrapolated, if it is.
         """
         rows = []
-        d = self.diagnostics
+        d = None if self.quick else self.diagnostics  # a normal approximation has no chains
         for i, (name, quantity) in enumerate(self.quantities().items()):
             x = quantity.values
             low, middle, high = np.quantile(x, [0.05, 0.5, 0.95])
@@ -257,13 +249,8 @@ class Posterior:
                     float(low),
                     float(middle),
                     float(high),
-                    float(d.ess_bulk[i]),
-                    float(d.ess_tail[i]),
-                    float(d.r_hat[i]),
-                    self.widenings[name].between_sd * (float(middle) if self.widenings[name].relative else 1.0),
-                    self.centre(name),
-                    *self.interval(name),
-                    self.widenings[name].reach,
+                    *((np.nan,) * 3 if d is None else (float(d.ess_bulk[i]), float(d.ess_tail[i]), float(d.r_hat[i]))),
+                    self.extrapolated.get(name, ""),
                 )
             )
         return tuple(rows)
@@ -304,12 +291,15 @@ class Posterior:
         Returns
         -------
         Prediction
-            force_N (n, loops, samples), without noise; `.band(level)` gives lower end, median and upper end.
+            force_N (n, loops, samples), without noise; `.band(level)` gives lower end, median and upper end;
+            `.extrapolated` says what no test was near.
+
+        Raises
+        ------
+        PredictionError
+            not positive, or an amplitude or speed of more than 5 times the largest tested.
         """
-        f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
-        motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=samples)
-        force = self.problem.predict(self.flat_z(n), motion)
-        return Prediction(f, a, motion.displacement_mm[0], force, self.problem.units)
+        return predicted_at(self.problem, self.flat_z(n), frequency_hz, amplitude_mm, samples)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Every reported quantity in each draw: a column each, rows by chain and draw."""
@@ -324,42 +314,6 @@ class Posterior:
         from bayes_iwan.inference.results.netcdf import to_arviz
 
         return to_arviz(self)
-
-    def write(self, folder: str | os.PathLike[str]) -> Path:
-        """summary.csv, point.json, posterior.nc and report.html with its tables into a folder; returns the page."""
-        from bayes_iwan.inference.results.run_files import write
-
-        write(self, Path(folder))
-        return Path(draw("identification_report", self, folder))
-
-    def plot_loop(self, test: str | int = 0, friction: bool = True) -> Any:
-        """The measured cycles of one test and the bands of the posterior.
-
-        Parameters
-        ----------
-        test
-            its file, or its place among `loops`.
-        friction
-            less the parallel spring and the force zero.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-
-        Raises
-        ------
-        ValueError
-            no test of this name.
-        """
-        files = [x.file for x in self.loops]
-        if isinstance(test, str) and test not in files:
-            raise ValueError(f"there is no test {test!r}; there are {', '.join(files)}")
-        loop = self.loops[files.index(test)] if isinstance(test, str) else self.loops[test]
-        return draw("loops_figure", self, friction=friction, loops=[loop])
-
-    def plot_corner(self) -> Any:
-        """The joint posterior of the quantities that loops determine, as a figure."""
-        return draw("identifiable_corner", self)
 
     def forces(
         self,

@@ -20,10 +20,8 @@ class ConvergenceRow:
 class SummaryRow:
     """One line of summary.csv.
 
-    q05, q50, q95 : the posterior's own quantiles. between_sd : standard deviation between tests, each left out in turn.
-    value, low_90, high_90 : median and 90 % interval that are reported, with what a bent form says, the between-test
-    variance and what no smooth law has; reach : why a number is extrapolated, and what determines it
-    (see :mod:`.intervals`).
+    q05, q50, q95 : quantiles of the draws: median and 90 % interval. reach : why a number is extrapolated, and what
+    range determines it; empty where the loops reach it (see :mod:`.reach`).
     """
 
     name: str
@@ -36,8 +34,4 @@ class SummaryRow:
     ess_bulk: float
     ess_tail: float
     r_hat: float
-    between_sd: float
-    value: float
-    low_90: float
-    high_90: float
     reach: str

@@ -67,11 +67,8 @@ def point_record(posterior: Posterior) -> dict[str, Any]:
     def named(z: Array) -> dict[str, float]:
         return {name: float(q.values[0]) for name, q in sampled_and_derived(problem, z[None]).items()}
 
-    def history(search: GlobalOptimum | None) -> dict[str, Any] | None:
-        if search is None:
-            return None
+    def history(search: GlobalOptimum) -> dict[str, Any]:
         return {
-            "method": search.method,
             "objective": search.objective,
             "evaluations": search.n_evaluations,
             "stopped": search.stopped,
@@ -81,8 +78,7 @@ def point_record(posterior: Posterior) -> dict[str, Any]:
 
     return {
         "seed": posterior.seed,
-        "objective": {
-            "kind": point.objective,
+        "eq8_minimum": {
             "value": point.goal,
             "share_of_friction_force": point.goal_share,
             "numbers": named(point.goal_z),
@@ -94,8 +90,7 @@ def point_record(posterior: Posterior) -> dict[str, Any]:
             "maxima_log_prob": point.optima_log_prob.tolist(),
             "best_log_prob_of_each_search": point.each_log_prob.tolist(),
         },
-        "search": history(point.search),
-        "second_opinion": history(point.second),
+        "searches": [history(search) for search in point.searches],
         "evaluations": point.n_evaluations,
         "seconds": round(point.seconds, 3),
         "versions": dict(posterior.versions),
@@ -109,7 +104,8 @@ def load(
 ) -> Posterior:
     """The posterior that :func:`bayes_iwan.identify` wrote.
 
-    The campaign is read again from where it was. Where a simulator of one's own was identified, name it: what a result
+    The campaign is read again from where it was; if it is gone from there, from where it lies as seen from the run's
+    folder, so both can be moved together. Where a simulator of one's own was identified, name it: what a result
     names is data, and is never run.
 
     Parameters
@@ -152,7 +148,7 @@ def load(
         raise
     except Exception as error:  # whatever HDF5 and its readers make of damaged bytes, and a hostile file of its numbers
         raise ResultsError(f"{path}: damaged ({_line(error)}); identify again") from None
-    where = campaign or stored.campaign_path
+    where = campaign or _campaign_of(Path(folder), stored)
     if not where:
         raise ResultsError(f"{path}: its loops came from no campaign folder, so it cannot be loaded without them")
     file = stored.simulator_file
@@ -192,6 +188,14 @@ def load(
         simulator_file=file,
         stop=stored.stop,
     )
+
+
+def _campaign_of(folder: Path, stored: Stored) -> str | Path:
+    """Where the campaign is: where the run left it, else where it lies as seen from the run's folder."""
+    moved = (folder / stored.campaign_relative).resolve()
+    if stored.campaign_relative and not Path(stored.campaign_path).is_dir() and moved.is_dir():
+        return moved
+    return stored.campaign_path
 
 
 def _line(error: Exception) -> str:

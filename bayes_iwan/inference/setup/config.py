@@ -41,7 +41,6 @@ _TABLES: dict[str, type] = {
     "search": SearchSettings,
     "sampling": SamplingSettings,
 }
-CHOICES = {("search", "objective"): ("eq8", "squared", "likelihood"), ("sampling", "method"): ("auto", "ensembles")}
 #: the noise's own parameters, which a diagnosis takes from the records
 NOISE = ("noise_scale", "noise_N", "discrepancy_share", "discrepancy_length")
 #: a whole number beyond this is a slip of the pen, and more than arrays can hold
@@ -165,8 +164,6 @@ def _filled(kind: type[S], table: str, given: Mapping[str, Any], where: str) -> 
 
 def _checked(table: str, key: str, value: object, default: object, where: str) -> bool | float | str:
     name = f"{where} [{table}] {key}"
-    if (table, key) in CHOICES and value not in CHOICES[table, key]:
-        raise ConfigError(f"{name} = {_shown(value)} is not known; choose one of {', '.join(CHOICES[table, key])}")
     if isinstance(default, bool):
         if not isinstance(value, bool):
             raise ConfigError(f"{name} must be true or false, not {_shown(value)}")
@@ -186,6 +183,7 @@ def _changes(given: Mapping[str, Any], where: str) -> dict[str, ParameterChange]
         raise ConfigError(f"{where}: parameters must be a table; write [parameters.NAME] and its keys below")
     out = {}
     for name, table in tables.items():
+        table = {"prior": table} if hasattr(table, "dist") else table
         if not isinstance(table, Mapping):
             raise ConfigError(f"{where}: write [parameters.{name}] and e.g. fixed = {_shown(table)} below it")
         at = f"{where} [parameters.{name}]"
@@ -203,6 +201,10 @@ def _changes(given: Mapping[str, Any], where: str) -> dict[str, ParameterChange]
 def _prior(spec: object, at: str) -> PriorChoice | None:
     if spec is None:
         return None
+    if hasattr(spec, "dist"):  # a frozen distribution of scipy.stats, as `Parameter` takes it
+        frozen: Any = spec
+        shapes = [x.strip() for x in (frozen.dist.shapes or "").split(",") if x.strip()]
+        spec = {"dist": frozen.dist.name} | dict(zip((*shapes, "loc", "scale"), frozen.args)) | dict(frozen.kwds)
     if not isinstance(spec, Mapping) or not isinstance(spec.get("dist"), str):
         raise ConfigError(
             f"{at} prior: `dist` must name a continuous scipy.stats distribution, "

@@ -8,6 +8,7 @@ logarithm. Least squares sees the prior as rows of residuals, z itself.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.inference.setup.settings import ParameterChange, PriorChoice
 from bayes_iwan.physics.interface.parameter import Z_LIMIT, Distribution, Parameter, ParameterError, Together
 
@@ -25,6 +26,8 @@ class Prior:
     """The joint prior: independent over the parameters, standard normal over the free coordinates z (draws, free)."""
 
     parameters: tuple[Parameter, ...]
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         names = [p.name for p in self.parameters]
@@ -85,7 +88,9 @@ def configured(parameters: Sequence[Parameter], changes: Mapping[str, ParameterC
     by_name = {p.name: p for p in parameters}
     for name, change in changes.items():
         if name not in by_name:
-            raise ParameterError(f"[parameters.{name}]: no such parameter; there are {', '.join(by_name)}")
+            near = difflib.get_close_matches(name, by_name, 1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            raise ParameterError(f"[parameters.{name}]: no such parameter; {hint}there are {', '.join(by_name)}")
         new = by_name[name]
         if change.prior is not None:
             new = replace(new, prior=_frozen(name, change.prior), lower=-np.inf, upper=np.inf)

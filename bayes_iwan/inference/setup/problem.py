@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.inference.setup.config import Config, settings_of
@@ -86,6 +86,8 @@ class Problem:
     prior: Prior
     likelihood: Likelihood
     effects: tuple[Station, ...] = ()
+
+    __repr__ = brief
 
     @property
     def names(self) -> tuple[str, ...]:

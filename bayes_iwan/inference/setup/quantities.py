@@ -93,7 +93,7 @@ def loop_quantities(displacement_mm: Array, force_N: Array) -> LoopQuantities:
     """The quantities of periodic loops on a uniform phase grid: displacement ([1,] tests, samples), force (…, tests,
     samples)."""
     samples = force_N.shape[-1]
-    energy = loop_energy_mJ(np.broadcast_to(displacement_mm, force_N.shape), force_N)
+    energy = loop_energy_mJ(displacement_mm, force_N)
     turn = np.exp(-2j * np.pi * np.arange(samples) / samples)
     u1 = displacement_mm @ turn * (2.0 / samples)
     ratio = (force_N @ turn * (2.0 / samples)) / u1

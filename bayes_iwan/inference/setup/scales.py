@@ -12,9 +12,17 @@ from bayes_iwan.physics.interface.scales import Scales
 
 
 def loop_energy_mJ(displacement_mm: Array, force_N: Array) -> Array:
-    """Dissipated energy ∮F du in mJ (N·mm) along the last axis of periodic samples (…, samples)."""
-    step = np.roll(displacement_mm, -1, axis=-1) - np.roll(displacement_mm, 1, axis=-1)
-    return 0.5 * np.sum(force_N * step, axis=-1)
+    """Dissipated energy ∮F du in mJ (N·mm), (…,): periodic force (…, samples), displacement broadcast to it.
+
+    The displacement's slope is that of its own Fourier series. Central differences lose 4.0e-4 of a sine's energy at
+    128 samples, more than good intervals are wide.
+    """
+    samples = displacement_mm.shape[-1]
+    harmonics = np.fft.rfft(displacement_mm, axis=-1) * (2j * np.pi * np.arange(samples // 2 + 1))
+    if samples % 2 == 0:
+        harmonics[..., -1] = 0.0  # the slope of what alternates from sample to sample is not known
+    slope = np.fft.irfft(harmonics, samples, axis=-1)
+    return np.einsum("...s,...s->...", force_N, np.broadcast_to(slope, force_N.shape)) / samples
 
 
 def scales_of(loops: Sequence[Loop]) -> Scales:

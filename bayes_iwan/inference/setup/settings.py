@@ -35,13 +35,14 @@ class ModelSettings:
     slip, grip, stiffness
         names as :class:`bayes_iwan.Model` takes them.
     embedded
-        whether the model's own form may bend a little (see :mod:`bayes_iwan.physics.laws.embedded`).
+        whether the model error is embedded: parameters inside the model let its laws deviate a little (see
+        :mod:`bayes_iwan.physics.laws.embedded`).
     """
 
     slip: str = "gamma3"
     grip: str = "hunt_crossley"
     stiffness: str = "saturating"
-    embedded: bool = False
+    embedded: bool = True
 
     @property
     def without_speed(self) -> ModelSettings:
@@ -68,23 +69,19 @@ class SearchSettings:
 
     Parameters
     ----------
-    objective
-        what the genetic algorithm minimises: "eq8" (Eq. (8) of Rajaei, Ahmadian & Tavakoli), "squared" or
-        "likelihood".
     members, evaluations
         of the genetic algorithm: size of its population, and evaluations at most.
-    second_opinion
-        whether differential evolution looks at the same objective.
+    second_search
+        whether a second search with a population of its own says what the first one missed.
     reach
         the search box is ± so many prior standard deviations.
     starts
-        prior draws that least squares starts from, beside the searches' best members.
+        best members of a search's first population that least squares starts from, beside those of its last one.
     """
 
-    objective: str = "eq8"
     members: int = 200
     evaluations: int = 20_000
-    second_opinion: bool = True
+    second_search: bool = True
     reach: float = 4.0
     starts: int = 12
 
@@ -95,12 +92,11 @@ class SamplingSettings:
 
     Parameters
     ----------
-    method
-        "auto", independent proposals where they fit, elsewhere chains along the manifold, or "ensembles" of walkers.
     ensembles
-        their number, or that of the independent chains.
+        their number; R-hat compares them.
     walkers
-        of each ensemble, at least; twice the sampled parameters and two where that is more.
+        of each ensemble where walkers move by each other, at least; twice the sampled parameters and two where that is
+        more. Walkers that are independent of each other are sixteen.
     budget_s, max_steps
         time (s) and steps after which sampling ends, converged or not.
     r_hat, ess, taus
@@ -110,7 +106,6 @@ class SamplingSettings:
         kept in the posterior.
     """
 
-    method: str = "auto"
     ensembles: int = 4
     walkers: int = 40
     budget_s: float = 240.0
@@ -203,7 +198,7 @@ class IdentifySettings:
 class DiagnoseSettings:
     """Everything that :func:`bayes_iwan.diagnose` takes from a configuration file: the base model and its priors.
 
-    The model is never embedded here, whatever `model.embedded` says: the gap's effects are what bends it.
+    The model error is never embedded here: the effects are what lets the model deviate.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
-"""The point estimate: the paper's own way (a genetic algorithm on Eq. 8), and the most probable point.
+"""The point estimate: the paper's own (a genetic algorithm on Eq. 8), and the most probable point.
 
-Both start from populations, not from a guess. The genetic algorithm and, as a second opinion, differential
-evolution minimise the goal over the model's parameters; least squares polishes. The most probable point is then sought
-by least squares from many of their members and from the prior, first with the noise held, then all parameters together.
+The genetic algorithm's first population is drawn from the prior; it minimises Eq. (8) over the parameters of the
+paper's model, with the embedded model error at none, and least squares polishes its result. The most probable point is
+then sought by least squares from the best of its first and of its last population, first with the noise held, then with
+all parameters free. A second search with a population of its own says whether the first one missed a maximum.
 """
 
 from __future__ import annotations
@@ -14,31 +15,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.inference.setup.loop_error import friction_level_N, goal_function, paper_weights
 from bayes_iwan.inference.setup.parameters import Z_LIMIT
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import SearchSettings
-from bayes_iwan.optimize.genetic import BatchObjective, GlobalOptimum, differential_evolution_search, genetic_search
+from bayes_iwan.optimize.genetic import BatchObjective, GlobalOptimum, genetic_search
 from bayes_iwan.optimize.least_squares import BatchResiduals, least_squares_batch
-
-_SPREAD = 1.3  # of the sampler's starts, in posterior standard deviations
+from bayes_iwan.physics.laws.embedded import NAMES as EMBEDDED
 
 
 @dataclass(frozen=True)
 class Point:
-    """What was found. z arrays are coordinates of the problem; where the goal ignores a number, its z is 0.
+    """What was found. z arrays are coordinates of the problem; where Eq. (8) ignores a parameter, its z is 0.
 
-    goal_z, goal : best point of the search's objective and its value; goal_share : Eq. (8) there, over Eq. (8) of
-    the friction level itself: how far the loops are missed, as a share of the friction force.
-    z, log_prob : the most probable point; goal_at_z : Eq. (8) there.
-    optima, optima_log_prob : the different maxima that least squares ended in, best first (k, ndim).
-    search, second : histories of the genetic algorithm and of differential evolution (None if it was not asked for).
-    each_z, each_log_prob : (searches, ndim), (searches,) the most probable point that each search found by itself, from
-        its own population and its own draws of the prior. The sampler's starts come from the maxima of all of them.
+    goal_z, goal : the minimum of Eq. (8) and its value; goal_share : that over Eq. (8) of the friction level itself:
+    how far the loops are missed, as a share of the friction force. z, log_prob : the most probable point; goal_at_z :
+    Eq. (8) there. optima, optima_log_prob : the different maxima that least squares ended in, best first (k, ndim).
+    searches : histories of the genetic algorithm, one or two. each_z, each_log_prob : (searches, ndim), (searches,) the
+    most probable point that each search found by itself. The sampler's walkers start from the maxima of all of them.
     """
 
-    objective: str
     goal_z: Array
     goal: float
     goal_share: float
@@ -47,12 +44,13 @@ class Point:
     goal_at_z: float
     optima: Array
     optima_log_prob: Array
-    search: GlobalOptimum
-    second: GlobalOptimum | None
+    searches: tuple[GlobalOptimum, ...]
     n_evaluations: int
     seconds: float
     each_z: Array
     each_log_prob: Array
+
+    __repr__ = brief
 
     @property
     def missed_nats(self) -> float:
@@ -70,56 +68,62 @@ def goal_share(problem: Problem, z: Array) -> Array:
 def find_point(problem: Problem, seed: int, settings: SearchSettings, progress: bool = True) -> Point:
     """The point estimate; `settings` say how it is searched for."""
     began = time.monotonic()
-    objective, ladder, columns = _objective(problem, settings.objective)
+    columns = _searched(problem)
     box = np.tile([-settings.reach, settings.reach], (len(columns), 1))
-    found = genetic_search(
-        objective, box, seed=seed, members=settings.members, max_evaluations=settings.evaluations, progress=progress
-    )
-    second = None
-    if settings.second_opinion:
-        second = differential_evolution_search(
-            objective, box, seed=seed, members=settings.members, max_evaluations=settings.evaluations, progress=progress
-        )
-    searches = [s for s in (found, second) if s is not None]
 
-    members_of = [_some(s, 6) for s in searches]
-    polished_of = [_polished(objective, ladder, m, box) for m in members_of]
-    members, polished = np.concatenate(members_of), np.concatenate([p for p, _ in polished_of])
-    polishing = sum(n for _, n in polished_of)
-    reached = np.concatenate([polished, members])
-    values = objective(reached)
-    best = int(np.argmin(values))
-    goal_z = _embedded(problem, columns, reached[best : best + 1])[0]
+    def objective(x: Array) -> Array:
+        return problem.goal(_embedded(problem, columns, x))
 
-    # each search seeks the most probable point by itself: what one of them misses shows beside the other
-    share = -(-settings.starts // len(searches))
-    each = []
-    for k in range(len(searches)):
-        own = polished_of[k][0]
-        own = own[_different(own, -objective(own), tolerance=0.1, depth=np.inf)]
-        starts = np.concatenate([_embedded(problem, columns, own), _prior_starts(problem, share, seed, k)])
-        each.append(most_probable(problem, starts))
+    searches, goal_ends, each, used = [], [], [], 0
+    for k in range(2 if settings.second_search else 1):
+        rng = np.random.default_rng([seed, 11, k])
+        first = np.clip(rng.standard_normal((4 * settings.members, len(columns))), -settings.reach, settings.reach)
+        found = genetic_search(
+            objective, box, first, seed=int(rng.integers(2**31)), members=settings.members,
+            max_evaluations=settings.evaluations, progress=progress,
+        )  # fmt: skip
+        members = np.concatenate([found.population[_even(found.population)], found.first[: settings.starts]])
+        polished, n = _polished(objective, _goal_rows(problem, columns), members, box)
+        goal_ends.append(np.concatenate([polished, found.x[None]]))
+        starts = np.concatenate([polished, members])
+        starts = starts[_different(starts, -objective(starts), tolerance=0.1, depth=np.inf)]
+        each.append(most_probable(problem, _embedded(problem, columns, starts)))
+        searches.append(found)
+        used += found.n_evaluations + n + each[-1][2]
+    ends = np.concatenate(goal_ends)
+    values = objective(ends)
+    goal_z = _embedded(problem, columns, ends[np.argmin(values)][None])
     optima, log_prob = np.concatenate([e[0] for e in each]), np.concatenate([e[1] for e in each])
     order = np.argsort(-log_prob)
     order = order[_different(optima[order], log_prob[order], tolerance=0.3)]
-    optima, log_prob, used = optima[order], log_prob[order], sum(e[2] for e in each)
+    optima, log_prob = optima[order], log_prob[order]
     return Point(
-        objective=settings.objective,
-        goal_z=goal_z,
-        goal=float(values[best]),
-        goal_share=float(goal_share(problem, goal_z[None])[0]),
+        goal_z=goal_z[0],
+        goal=float(values.min()),
+        goal_share=float(goal_share(problem, goal_z)[0]),
         z=optima[0],
         log_prob=float(log_prob[0]),
         goal_at_z=float(problem.goal(optima[:1])[0]),
         optima=optima,
         optima_log_prob=log_prob,
-        search=found,
-        second=second,
-        n_evaluations=sum(s.n_evaluations for s in searches) + polishing + used,
+        searches=tuple(searches),
+        n_evaluations=used,
         seconds=time.monotonic() - began,
         each_z=np.stack([e[0][0] for e in each]),
         each_log_prob=np.array([e[1][0] for e in each]),
     )
+
+
+def _searched(problem: Problem) -> NDArray[np.int64]:
+    """Coordinates that Eq. (8) is minimised over: those of the paper's model, without noise and embedded model
+    error."""
+    others = _noise_names(problem) | set(EMBEDDED)
+    return np.array([i for i, name in enumerate(problem.names) if name not in others], dtype=np.int64)
+
+
+def _even(population: Array, count: int = 6) -> NDArray[np.int64]:
+    """Places spread over a population, its best member first."""
+    return np.linspace(0, len(population) - 1, count).astype(np.int64)
 
 
 def _noise_names(problem: Problem) -> set[str]:
@@ -133,35 +137,21 @@ def _embedded(problem: Problem, columns: NDArray[np.int64], x: Array) -> Array:
     return z
 
 
-def _objective(problem: Problem, kind: str) -> tuple[BatchObjective, Sequence[BatchResiduals], NDArray[np.int64]]:
-    """The batch objective, the least-squares rows that lead to its minimum one after the other, and the coordinates
-    it depends on."""
-    if kind == "likelihood":
-        return (lambda z: -problem.log_prob(z)), (lambda z: joint_rows(problem, z),), np.arange(problem.ndim)
-    noise = _noise_names(problem)
-    columns = np.array([i for i, name in enumerate(problem.names) if name not in noise])
+def _goal_rows(problem: Problem, columns: NDArray[np.int64]) -> Sequence[BatchResiduals]:
+    """Rows whose squares lead to the minimum of Eq. (8): its squared form, then itself, rounded off near zero."""
     motion = problem.motion
     w = paper_weights(motion.displacement_mm[0], motion.amplitude_mm) / motion.amplitude_mm[:, None] / motion.samples
     bend = 1e-3 * friction_level_N(problem.loops)[:, None]
 
-    def goal(x: Array) -> Array:
-        return problem.goal(_embedded(problem, columns, x), squared=kind == "squared")
-
     def squared(x: Array) -> Array:
         return (np.sqrt(w) * problem.residual(_embedded(problem, columns, x))).reshape(len(x), -1)
 
-    def absolute(x: Array) -> Array:  # |r|, rounded off below `bend`, as a square
+    def absolute(x: Array) -> Array:
         r = problem.residual(_embedded(problem, columns, x))
         r = np.sign(r) * np.sqrt(bend * (np.hypot(bend, r) - bend))
         return (np.sqrt(w) * r).reshape(len(x), -1)
 
-    return goal, ((squared,) if kind == "squared" else (squared, absolute)), columns
-
-
-def _some(search: GlobalOptimum, count: int) -> Array:
-    """The best member of a search and others spread over its last population, (count + 1, columns)."""
-    even = np.linspace(0, len(search.population) - 1, count).astype(int)
-    return np.concatenate([search.x[None], search.population[even]])
+    return squared, absolute
 
 
 def _polished(objective: BatchObjective, ladder: Sequence[BatchResiduals], x: Array, box: Array) -> tuple[Array, int]:
@@ -188,13 +178,6 @@ def joint_rows(problem: Problem, z: Array) -> Array:
     )
     last = np.sqrt(2.0 * np.maximum(50.0 * whitened.shape[1] + rest, 0.0))
     return np.concatenate([whitened, z, last[:, None]], axis=1)
-
-
-def _prior_starts(problem: Problem, count: int, seed: int, search: int) -> Array:
-    """The best by Eq. (8) of 32 times as many draws from the prior, noise at its median, (count, ndim)."""
-    z = problem.prior.draw(np.random.default_rng([seed, 11, search]), 32 * count)
-    z[:, [name in _noise_names(problem) for name in problem.names]] = 0.0
-    return z[np.argsort(problem.goal(z))[:count]]
 
 
 def most_probable(problem: Problem, starts: Array) -> tuple[Array, Array, int]:
@@ -260,40 +243,3 @@ def laplace_scale(problem: Problem, z: Array) -> Array:
     # the prior alone contributes 1 to each direction, so nothing less is meant
     root = vectors / np.sqrt(np.maximum(values, 1.0))
     return np.linalg.cholesky(root @ root.T + 1e-12 * np.eye(problem.ndim))
-
-
-def starting_population(problem: Problem, point: Point, seed: int, count: int) -> Array:
-    """Dispersed starts (≤ count, ndim) for the sampler: "randomise, then optimise" (Bardsley et al. 2014), spread wide.
-
-    Each is a fit to loops and priors that were shifted by `_SPREAD` times their own noise, started from a Laplace draw
-    about one of the maxima found. For a linear model such fits would be draws of the posterior with `_SPREAD` times its
-    standard deviation; for this one they lie along its bent sheets and in its lesser branches, which draws of a normal
-    distribution miss. Lesser maxima get the same share as the best: a sampler that ends in one agreement was not led.
-    """
-    rng = np.random.default_rng([seed, 12])
-    reach = point.optima_log_prob > point.optima_log_prob[0] - 30.0
-    centres = point.optima[reach][:16]
-    draws = []
-    for k, centre in enumerate(centres):
-        n = count // len(centres) + (k < count % len(centres))
-        draws.append(centre + rng.standard_normal((n, problem.ndim)) @ laplace_scale(problem, centre).T)
-    starts = np.clip(np.concatenate(draws), -0.95 * Z_LIMIT, 0.95 * Z_LIMIT)
-    rows = joint_rows(problem, starts[:1]).shape[1]
-    box = np.tile([-Z_LIMIT, Z_LIMIT], (problem.ndim, 1))
-    fitted = []
-    for part in np.array_split(starts, max(1, len(starts) // 64)):  # Jacobians of all at once would take gigabytes
-        offsets = _SPREAD * rng.standard_normal((len(part), rows))
-        offsets[:, -1] = 0.0  # the log-determinant's row is no datum
-        fit = least_squares_batch(
-            lambda z: joint_rows(problem, z), part, box, max_iterations=8, ftol=1e-4, xtol=1e-4, offsets=offsets
-        )
-        fitted.append(fit.x)
-    # a shift of the data hardly moves the parameters of the noise: they are spread by themselves
-    noise = np.array([name in _noise_names(problem) for name in problem.names])
-    sd = np.linalg.norm(laplace_scale(problem, centres[0]), axis=1) * noise
-    z = np.concatenate(fitted) + _SPREAD * sd * rng.standard_normal((len(starts), problem.ndim))
-    z = np.clip(z, -0.95 * Z_LIMIT, 0.95 * Z_LIMIT)
-    log_prob = problem.log_prob(z)
-    # starts far out cost warm-up steps: within 25 + 2·ndim of the best is dispersed enough
-    good = log_prob > point.log_prob - 25.0 - 2.0 * problem.ndim
-    return z[good] if np.count_nonzero(good) >= 2 * problem.ndim + 2 else z[np.argsort(-log_prob)[: max(count // 4, 2)]]

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign import Loop
 
 #: penetration y = max(A − u, Y_FLOOR·A): Eq. (11)'s |A − u|^β would vanish, or jump, at the end of the stroke
@@ -55,6 +55,8 @@ class Motion:
     periodic: bool = True
     span_cycles: Array = field(default_factory=lambda: np.ones(1))
     conditions: Mapping[str, Array] = field(default_factory=dict)
+
+    __repr__ = brief
 
     @property
     def draws(self) -> int:

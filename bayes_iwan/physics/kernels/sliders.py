@@ -38,8 +38,8 @@ from bayes_iwan.physics.kernels.vectors import apart_and_wide
 MAX_PIECES = 64
 #: a table of L covers this many octaves of φ below its top, each by the same power of two of equal cells
 OCTAVES = 20
-#: even samples walked from rest, with both ends of the stroke, before a closed loop
-RUNIN_SAMPLES = 16
+#: what lies this share of r beyond its chord, or less, lies on it
+ON_CHORD = 1e-9
 #: entries that the front glides over at most before the next look at what lies beyond it
 LONGEST = 64
 P, M, END, X_END, L_END, REST = range(6)
@@ -152,55 +152,48 @@ def _cut(top, u, up, down, front, front_x, st, work, row, scale, shift):
 
 
 @_part
-def _way(u, closed, at, where, off, stop, turns):
-    """The displacements to pass: a run-in from rest if the loop is closed, then all samples; extremes with their
-    turning points.
+def _way(u, closed, begin, at, where, off, stop, turns, last):
+    """The displacements to pass, from entry `begin` on: all samples, extremes with their turning points.
 
     A reversal between two samples would be missed by up to an eighth of a second difference, which every force after
     it would feel. So the vertex of the parabola through the three samples is put in, before or after the middle one.
     Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the sample itself),
-    stop (the entry at which the motion no longer goes on in the direction that led here), and turns: the number of
-    turning points, their entries, and the number of all entries.
-    Returns how many entries there are and how many of them belong to the run-in.
+    stop (the entry at which the motion no longer goes on in the direction that led here), turns (the number of turning
+    points, their entries, and the end of all entries, which is returned), and last (the number of entries that are the
+    last in their direction, and these, from the end on).
     """
-    n, count, first, found = u.size, 0, 0, 0
-    high, low = (np.argmax(u), np.argmin(u)) if closed else (-1, -1)
-    for lap in range(0 if closed else 1, 2):
-        first, due = count, 0
-        for i in range(n):
-            if lap == 0:
-                if i == due:
-                    due += max(1, n // RUNIN_SAMPLES)
-                elif i != high and i != low:
-                    continue
-            tau, turn = 0.0, 0.0
-            if closed or 0 < i < n - 1:
-                rise, fall = u[i] - u[i - 1 if i > 0 else n - 1], u[i] - u[i + 1 if i < n - 1 else 0]
-                if rise * fall > 0.0:
-                    tau = 0.5 * (rise - fall) / (rise + fall)
-                    turn = u[i] + 0.125 * (rise - fall) ** 2 / (rise + fall)
-            if tau < 0.0 or tau > 0.0:  # no turning point where u is not a finite number
-                found += 1
-                turns[found] = count + (tau > 0.0)
-                at[turns[found]], where[turns[found]], off[turns[found]] = turn, i, tau
-                sample = count + (tau < 0.0)
-                count += 1
-            else:
-                sample = count
-            at[sample], where[sample], off[sample] = u[i], i, 0.0
+    n, count, found = u.size, begin, 0
+    for i in range(n):
+        tau, turn = 0.0, 0.0
+        if closed or 0 < i < n - 1:
+            rise, fall = u[i] - u[i - 1 if i > 0 else n - 1], u[i] - u[i + 1 if i < n - 1 else 0]
+            if rise * fall > 0.0:
+                tau = 0.5 * (rise - fall) / (rise + fall)
+                turn = u[i] + 0.125 * (rise - fall) ** 2 / (rise + fall)
+        if tau < 0.0 or tau > 0.0:  # no turning point where u is not a finite number
+            found += 1
+            turns[found] = count + (tau > 0.0)
+            at[turns[found]], where[turns[found]], off[turns[found]] = turn, i, tau
+            sample = count + (tau < 0.0)
             count += 1
+        else:
+            sample = count
+        at[sample], where[sample], off[sample] = u[i], i, 0.0
+        count += 1
     turns[0], turns[found + 1] = found, count
-    end, after = count, 0.0
-    for e in range(count - 1, -1, -1):
-        du = at[e] - (at[e - 1] if e > 0 else 0.0)
+    end, after, start, found = count, 0.0, at[count - 1] if closed else 0.0, 0
+    for e in range(count - 1, begin - 1, -1):
+        du = at[e] - (at[e - 1] if e > begin else start)
         if not du * after > 0.0:
-            end = e + 1
+            end, found = e + 1, found + 1
+            last[found] = e
         stop[e], after = end, du
-    return count, first
+    last[0] = found
+    return count
 
 
 @_part
-def _series(alpha, k, d, j, where, off, turns, first, grip, stiff):
+def _series(alpha, k, d, j, where, off, turns, begin, grip, stiff):
     """α and k of every entry of loop j; α is NaN where one of them is not positive: a cone turned inside out means
     nothing, no force then.
 
@@ -208,19 +201,13 @@ def _series(alpha, k, d, j, where, off, turns, first, grip, stiff):
     """
     apart_and_wide()
     n = alpha.shape[2]
-    for e in range(first):  # the run-in: samples here and there
-        i = where[j, e]
-        a, b = alpha[d, j, i], k[d, j, i]
-        grip[e], stiff[e] = a if (a > 0.0) & (b > 0.0) else np.nan, b
-    begin = first
     for t in range(1, turns[j, 0] + 2):  # between turning points the samples follow one another
         e = turns[j, t]
-        if e >= first:
-            shift = np.uint64(begin) - where[j, begin]
-            for c in range(np.uint64(begin), np.uint64(e)):
-                a, b = alpha[d, j, c - shift], k[d, j, c - shift]
-                grip[c], stiff[c] = a if (a > 0.0) & (b > 0.0) else np.nan, b
-            begin = e + 1
+        shift = np.uint64(begin) - where[j, begin]
+        for c in range(np.uint64(begin), np.uint64(e)):
+            a, b = alpha[d, j, c - shift], k[d, j, c - shift]
+            grip[c], stiff[c] = a if (a > 0.0) & (b > 0.0) else np.nan, b
+        begin = e + 1
     for t in range(1, turns[j, 0] + 1):
         e = turns[j, t]
         i, tau = np.int64(where[j, e]), off[j, e]
@@ -228,6 +215,48 @@ def _series(alpha, k, d, j, where, off, turns, first, grip, stiff):
         a, b = alpha[d, j, i], k[d, j, i]
         r = a / b if (a > 0.0) & (b > 0.0) else np.nan
         grip[e], stiff[e] = b * (r + abs(tau) * max(r - alpha[d, j, along] / k[d, j, along], -r)), b
+
+
+@_part
+def _run_in(at, stop, last, j, first, grip, stiff):
+    """Puts before the entries from `first` on of a closed loop those that a run-in from rest must pass; returns where
+    it begins.
+
+    On a branch along which u goes from u₀ to u₁ without turning, the sliders end at the largest u − rφ of its samples
+    (where it rises), or at the least u + rφ if they were beyond that: no sample undoes what an earlier one did. Over
+    all φ ≥ 0 only corners of the convex hull of the points (r, u) on the side of small r are ever the largest or the
+    least, and all of them lie on the near side of the chord from (r₀, u₀) to (r₁, u₁). So a branch leaves out what lies
+    before the first and after the last sample on that side, and one pass reaches the steady state exactly, whatever α
+    and k do.
+    """
+    apart_and_wide()
+    low = first
+    for b in range(1, last[j, 0] + 1):  # branches, the last one first
+        e = last[j, b]
+        s = last[j, b + 1] if b < last[j, 0] else first
+        if e == first:
+            break
+        top, start, end = low, grip[s] / stiff[s], grip[e] / stiff[e]
+        slope = (end - start) / (at[j, e] - at[j, s]) if at[j, e] != at[j, s] else 0.0
+        const = (start - slope * at[j, s]) * (1.0 - ON_CHORD)
+        slope *= 1.0 - ON_CHORD
+        nearest, furthest = np.uint64(e), np.uint64(s)
+        for i in range(np.uint64(s + 1), np.uint64(e)):
+            near = grip[i] < stiff[i] * (const + slope * at[j, i])
+            nearest = min(nearest, i if near else np.uint64(e))  # type: ignore[arg-type]
+            furthest = max(furthest, i if near else np.uint64(s))  # type: ignore[arg-type]
+        low -= 1
+        at[j, low], grip[low], stiff[low] = at[j, e], grip[e], stiff[e]
+        if nearest <= furthest:
+            low -= np.int64(furthest - nearest) + 1
+            shift = nearest - np.uint64(low)
+            for i in range(np.uint64(low), np.uint64(low) + furthest + np.uint64(1) - nearest):
+                at[j, i], grip[i], stiff[i] = at[j, i + shift], grip[i + shift], stiff[i + shift]
+        for i in range(np.uint64(low), np.uint64(top)):
+            stop[j, i] = top
+    low -= 1
+    at[j, low], grip[low], stiff[low], stop[j, low] = at[j, first], grip[first], stiff[first], low + 1
+    return low
 
 
 @_inner
@@ -281,16 +310,17 @@ def _forces(at, j, first, count, stiff, ends, slope, held, parallel, row, scale,
 
 @_inner
 def _follow(
-    at, stop, j, first, count, grip, stiff, asymmetry, parallel, row, scale, shift, limit,
+    at, stop, j, start, first, count, grip, stiff, asymmetry, parallel, row, scale, shift, limit,
     st, work, ends, slope, held, force,
 ):  # fmt: skip
-    """Follow the way of loop j from rest; force at the entries from `first` on, k times ∫ e φ̃ dφ, and the spring's.
+    """Follow the way of loop j from rest, entries [start, count); force at those from `first` on, k times ∫ e φ̃ dφ,
+    and the spring's.
 
     limit : L beyond all slip forces.
     """
     st[0, P] = st[0, M] = st[0, X_END] = st[0, REST] = 0.0  # virgin: x = 0 for every φ, no front, only the tail
     st[0, END], st[0, L_END] = np.inf, limit
-    top, last, q, edge, step = 1, 0.0, 0.0, 0.0, 0
+    top, last, q, edge, step = 1, 0.0, 0.0, 0.0, start
     while step < count:
         now, r = at[j, step], grip[step] / stiff[step]
         du, up, down = now - last, r * (1.0 + asymmetry), r * (1.0 - asymmetry)
@@ -341,19 +371,21 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
     asymmetry : (draws,) in (−1, 1); an element slips at αφ(1 + asymmetry) where u rises, αφ(1 − asymmetry) where it
         falls.
     closed : the loops repeat themselves, else they are records from rest at u = 0. What a cycle does to an element is
-        a composition of clips, so a clip, so idempotent: one run-in reaches the steady state, on a few samples.
+        a composition of clips, so a clip, so idempotent: one run-in reaches the steady state, on few samples
+        (:func:`_run_in`).
     tables : (draws, cells, 4), phi_top : (draws,), from :mod:`bayes_iwan.physics.laws.slip_force`.
     parallel : (draws,) stiffness in N/mm of a spring beside it; zeros for friction alone.
     """
     draws, loops, samples = out.shape
-    cells, longest = tables.shape[1], 4 * samples + 64
+    cells, first = tables.shape[1], 2 * samples + 16
+    longest = 2 * first + 32
     longest += (88 - longest) % 512  # rows a multiple of 4096 bytes apart would get into each other's way
     shift = 52
     while OCTAVES << (52 - shift) < cells:
         shift -= 1
     at, off, turns = np.zeros((loops, longest)), np.empty((loops, longest)), np.empty((loops, longest), np.int64)
     where, stop = np.empty((loops, longest), np.uint64), np.empty((loops, longest), np.int64)
-    count, first = np.empty(loops, np.int64), np.empty(loops, np.int64)
+    last, count = np.empty((loops, longest), np.int64), np.empty(loops, np.int64)
     grip, stiff, force = np.zeros(longest), np.zeros(longest), np.zeros(longest)
     ends, slope, held = np.zeros(longest), np.zeros(longest), np.zeros(longest)
     row, st, work = np.empty(4 * cells + 4), np.empty((MAX_PIECES, 6)), np.empty((2 * MAX_PIECES + 1, 2))
@@ -363,30 +395,30 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
         limit = _limited_mean(2.0 * phi_top[d], row, scale, shift)
         for j in range(loops):
             if d < u.shape[0]:  # one motion for all draws, or one each
-                count[j], first[j] = _way(u[d, j], closed, at[j], where[j], off[j], stop[j], turns[j])
-            _series(alpha, k, d, j, where, off, turns, first[j], grip, stiff)
+                count[j] = _way(u[d, j], closed, first, at[j], where[j], off[j], stop[j], turns[j], last[j])
+            _series(alpha, k, d, j, where, off, turns, first, grip, stiff)
+            start = _run_in(at, stop, last, j, first, grip, stiff) if closed else first
             _follow(
-                at, stop, j, first[j], count[j], grip, stiff, asymmetry[d],
+                at, stop, j, start, first, count[j], grip, stiff, asymmetry[d],
                 parallel[d], row, scale, shift, limit, st, work, ends, slope, held, force,
             )  # fmt: skip
-            begin, i = first[j], 0
+            begin, i = first, 0
             for t in range(1, turns[j, 0] + 2):
                 e = turns[j, t]
-                if e >= first[j]:
-                    for c in range(np.uint64(0), np.uint64(e - begin)):
-                        out[d, j, np.uint64(i) + c] = force[np.uint64(begin) + c]
-                    i += e - begin
-                    begin = e + 1
+                for c in range(np.uint64(0), np.uint64(e - begin)):
+                    out[d, j, np.uint64(i) + c] = force[np.uint64(begin) + c]
+                i += e - begin
+                begin = e + 1
 
 
 def way(displacement_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64], Array]:
-    """The displacements (entries,) that one loop or record passes, turning points put in, without any run-in.
+    """The displacements (entries,) that one loop or record passes, turning points put in.
 
     Returns them with the sample (entries,) each belongs to and its distance from it in samples, 0 for the sample
     itself. displacement_mm : (samples,).
     """
-    longest = 4 * len(displacement_mm) + 2
+    longest = 2 * len(displacement_mm) + 3
     at, off = np.empty(longest), np.empty(longest)
-    where, stop, turns = (np.empty(longest, np.int64) for _ in range(3))
-    count, first = _way(np.ascontiguousarray(displacement_mm, dtype=float), closed, at, where, off, stop, turns)
-    return at[first:count], where[first:count], off[first:count]
+    where, stop, turns, last = (np.empty(longest, np.int64) for _ in range(4))
+    count = _way(np.ascontiguousarray(displacement_mm, dtype=float), closed, 0, at, where, off, stop, turns, last)
+    return at[:count], where[:count], off[:count]

@@ -15,7 +15,7 @@ from bayes_iwan.gap.diagnosis import Moved
 from bayes_iwan.gap.judging.budget import NAMED, GapBudget, OneOf
 from bayes_iwan.gap.telling.words import title
 from bayes_iwan.report.diagnosis.gap_figures import panels
-from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, styled, subplots
+from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, Shown, styled, subplots
 
 
 def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> None:
@@ -86,7 +86,7 @@ class Missed:
 def headline_figure(budget: GapBudget, shown: Sequence[Missed], causes: str, one_of: Sequence[OneOf] = ()) -> Figure:
     """The answer in one picture: the budget, and where the gap shows most what is missed with and without the named
     causes: one average cycle, or two that are apart in the record, one below the other."""
-    figure = Figure(figsize=(7.8, 2.8 if len(shown) == 1 else 3.6), layout="constrained")
+    figure = Shown(figsize=(7.8, 2.8 if len(shown) == 1 else 3.6), layout="constrained")
     grid = figure.add_gridspec(len(shown), 2, width_ratios=[1.05, 1.2])
     ax = figure.add_subplot(grid[:, 0])
     _waterfall(ax, budget, one_of)

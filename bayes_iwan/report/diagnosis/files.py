@@ -25,9 +25,10 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis.budget_figures import Missed
 from bayes_iwan.report.diagnosis.page import order_ahead, write_diagnosis_page
+from bayes_iwan.report.effect_loops import effect_viewer_data
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import Renderer, shared
-from bayes_iwan.report.style import relabel
+from bayes_iwan.report.style import house_style, relabel
 
 #: work of drawing (:func:`bayes_iwan.report.rendering.shared`) that takes about as long as weighing causes
 WEIGHING = 11
@@ -43,6 +44,7 @@ class Ahead(Watcher):
     def searched(self) -> None:
         self.renderer = shared(busy=WEIGHING)
 
+    @house_style()
     def located(self, found: Located) -> None:
         units = found.campaign.units
         self.figures = gap_figures.figures_of_gap(pictures(found.residual, found.where, found.size))
@@ -185,6 +187,7 @@ def write_found(found: Diagnosis, out: Path) -> Path:
         return _write(found, folder, None, None, ahead)
 
 
+@house_style()
 def _write(
     found: Diagnosis,
     folder: Path,
@@ -203,6 +206,7 @@ def _write(
         provenance(found.campaign, found.seed),
         {p.name: p.description for p in found.fit.problem.prior.free},
         ahead.renderer,
+        effect_viewer_data(found) if found.verdict.causes else None,
     )
     write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
     return page

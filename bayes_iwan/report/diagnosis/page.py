@@ -14,6 +14,7 @@ from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.gap.telling.words import few, listed, plain, title
 from bayes_iwan.report.diagnosis.answer import diagnosis_answer, put_figures
 from bayes_iwan.report.diagnosis.cells import digits, force_range, newton, percent
+from bayes_iwan.report.identification.viewer import add_viewer
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import Provenance
 from bayes_iwan.report.rendering import Renderer
@@ -37,12 +38,14 @@ def write_diagnosis_page(
     made: Provenance | None = None,
     meanings: Mapping[str, str] | None = None,
     renderer: Renderer | None = None,
+    viewer: dict[str, Any] | None = None,
 ) -> Path:
     """Write the page; whole or not at all.
 
     diagnosis : what `diagnosis.json` holds; figures : by name (see `CAPTIONS`), those missing are left out; about :
     by effect, what it is: physics, signature, reference, bench. units : of the campaign; made : from
-    what and when; meanings : of the specimen's parameters, by name.
+    what and when; meanings : of the specimen's parameters, by name. viewer : of
+    :func:`bayes_iwan.report.effect_loops.effect_viewer_data`.
     """
     d, about = diagnosis, about or {}
     page = Page(
@@ -56,7 +59,10 @@ def write_diagnosis_page(
     diagnosis_answer(page.section("Answer"), d, figures)
     _where(page.section(WHERE), d, figures)
     _which(page.section("Which cause"), d, figures, about)
-    _how_far(page.section("How far the gap shrinks"), d, figures)
+    how_far = page.section("How far the gap shrinks")
+    _how_far(how_far, d, figures)
+    if viewer is not None:
+        add_viewer(page, how_far, viewer)
     _moved(page.section("How the identified parameters moved"), d, figures, meanings or {})
     _next(page.section("What these tests cannot tell"), d, about)
     _settings(page.section("Settings and definitions"), d)

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup, escape
 
-from bayes_iwan.inference.results.left_out import left_out_said
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.remarks import LARGE_MISFIT
-from bayes_iwan.inference.solving.bent import may_bend
 from bayes_iwan.physics import Model
 from bayes_iwan.report.identification import marginals
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
-from bayes_iwan.report.identification.marginals import OPEN, contraction, interval, number, reported, symbol_of
+from bayes_iwan.report.identification.findings import Finding, headline_figure
+from bayes_iwan.report.identification.marginals import OPEN, contraction, number, reported, symbol_of
+from bayes_iwan.report.identification.predictive import Predictive
 from bayes_iwan.report.page import Section
 
 #: what a customer asks of the model first, and in words that need no paper
@@ -34,8 +34,24 @@ QUANTILES = tuple(
 _OF_CONTACTS = (*QUANTILES, ("α", "relative normal force: that of the contacts over its value at rest", ""))
 
 
-def identification_answer(section: Section, posterior: Posterior, loops: Sequence[LoopRow]) -> None:
-    """Stiffness, friction, damping and misfit with their intervals; then what is not known."""
+def identification_answer(
+    section: Section,
+    posterior: Posterior,
+    loops: Sequence[LoopRow],
+    p: Predictive,
+    found: Sequence[Finding],
+) -> None:
+    """What the checks found, a picture, stiffness, friction, damping and misfit with their intervals; what is not
+    known."""
+    section.status([(x.text, x.good, x.section) for x in found])
+    section.figure(
+        headline_figure(posterior, loops, p),
+        "Left: the test that the model misses most, measured (dotted) over the bands in which 50 and 90 % of further "
+        "cycles are expected. Right: what the median prediction misses of each test's friction force; orange: more "
+        f"than {100 * LARGE_MISFIT:.0f} %.",
+        "A measured and predicted friction loop, and bars of the residual of every test.",
+        name="headline",
+    )
     misfit = posterior.misfit()
     fitted = [x for x in loops if not x.held_out]
     rows = [_number_row(posterior, name) for name in _asked(posterior)]
@@ -58,26 +74,9 @@ def identification_answer(section: Section, posterior: Posterior, loops: Sequenc
     section.text(
         f"From {len(fitted)} test{'s' if len(fitted) != 1 else ''}"
         + (f" ({held} more held out)" if held else "")
-        + (
-            ". Values and intervals are those of the sampled model and of one whose laws may bend a little, averaged "
-            "by their evidence; intervals also hold"
-            if may_bend(posterior.problem)
-            else ". Intervals hold the posterior's spread and"
-        )
-        + " how far a value moves when one test after the other is left out; the same are in summary.csv."
+        + ". Values are medians of the posterior's draws, intervals hold 90 % of them; the same are in summary.csv."
     )
-    for text in posterior.warnings():
-        section.note(text, "warning")
-    if posterior.converged:
-        section.note("The chains have converged.", "good")
-    if misfit.share <= LARGE_MISFIT:
-        section.note(
-            f"The model leaves {100 * misfit.share:.2g} % of the friction force unexplained; bayes-iwan diagnose "
-            "says whether that has a cause.",
-            "good",
-        )
-    if posterior.left_out and all(x.holds for x in posterior.left_out):
-        section.note(left_out_said(posterior.left_out), "good")
+    section.text("bayes-iwan diagnose says whether the misfit has a cause.")
     section.heading_below("What is not known")
     items = Markup("").join(Markup("<li>{}</li>").format(section.units.said(x)) for x in _open(posterior))
     section.html(Markup("<ul>{}</ul>").format(items))
@@ -108,7 +107,7 @@ def _number_row(posterior: Posterior, name: str) -> tuple[str, str, str]:
 def _range_row(title: str, unit: str, tests: Sequence[Compared]) -> tuple[str, str, str]:
     """Smallest to largest of the tests, measured; and predicted with the outer ends of the intervals."""
     measured = [x.measured for x in tests]
-    low, high = min(x.low_90 for x in tests), max(x.high_90 for x in tests)
+    low, high = min(x.q05 for x in tests), max(x.q95 for x in tests)
     unit = f" {unit}" if unit else ""
     spread = max(max(measured) - min(measured), 0.02 * abs(max(measured)))
     value = f"{number(min(measured), spread)} to {number(max(measured), spread)}{unit}"
@@ -129,9 +128,7 @@ def _open(posterior: Posterior) -> list[Markup]:
     ]
     if loose:
         out.append("Not determined one by one (posterior about as wide as the prior): " + "; ".join(loose) + ".")
-    for name, widening in posterior.widenings.items():
-        if widening.reach and name in posterior.quantities() and "[" not in name:
-            out.append(f"{symbol_of(posterior, name)}: {widening.reach}.")
+    out += [f"{symbol_of(posterior, name)}: {why}" for name, why in posterior.extrapolated.items()]
     return [escape(x) for x in (*out, *_UNSEEN)]
 
 
@@ -160,33 +157,29 @@ def determined(section: Section, posterior: Posterior) -> None:
         (
             labels[n],
             *reported(posterior, n),
-            "{1} to {2}".format(*interval(x)),
-            posterior.widenings[n].reach or "reached by the loops",
+            posterior.extrapolated.get(n, "reached by the loops"),
         )
-        for n, x in draws.items()
-        if n in posterior.widenings
+        for n in draws
+        if n in posterior.quantities()
     ]
     section.table(
-        ("quantity", "value", "90 % from", "to", "posterior alone", "reach"),
+        ("quantity", "median", "90 % from", "to", "reach"),
         rows,
-        "Quantities that the loops determine, as in summary.csv. Value and interval to quote are of two models, the "
-        "one that was sampled and one whose form may bend a little, averaged by how well they explain the loops. The "
-        "interval adds how far the number moves when one test after the other is left out (delete-one-test jackknife, "
-        "weighed with what is usual, for few tests tell that badly) and, for the contacts' strengths, what no smooth "
-        "law has; what no loop reaches is named as extrapolated.",
+        "Quantities that the loops determine, as in summary.csv: medians and 90 % intervals of the posterior's draws. "
+        "What no loop reaches is named as extrapolated.",
     )
-    bends = _bends(posterior)
+    embedded = _embedded(posterior)
     section.figure(
-        marginals.corner_figure({n: x for n, x in draws.items() if n not in bends}, labels),
-        "Joint posterior of the determined quantities, the model's bends left out; contours hold 50 and 90 %.",
+        marginals.corner_figure({n: x for n, x in draws.items() if n not in embedded}, labels),
+        "Joint posterior of the determined quantities, the embedded model error left out; contours hold 50 and 90 %.",
         "Corner plot: marginal histograms on the diagonal, pairwise contours below it.",
         png=True,
         name="corner",
     )
 
 
-def _bends(posterior: Posterior) -> set[str]:
-    """Names of the parameters by which the model's own form may bend a little."""
+def _embedded(posterior: Posterior) -> set[str]:
+    """Names of the parameters of the embedded model error."""
     from bayes_iwan.physics.models.sampled import embedded_parameters
 
     return {q.name for q in embedded_parameters()} & set(np.array(posterior.names))

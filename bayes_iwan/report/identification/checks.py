@@ -12,13 +12,13 @@ from scipy import special
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.comparison.weights import smoothed_log_weights
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.likelihood import Independent
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.style import BLUE, ORANGE, RED, styled, subplots
-from bayes_iwan.sampling.independent.weights import smoothed_log_weights
 
 REGIONS = (
     "after lower\nreversal",

@@ -19,9 +19,9 @@ class Compared:
     a repeated measurement is expected."""
 
     measured: float
-    value: float
-    low_90: float
-    high_90: float
+    q50: float
+    q05: float
+    q95: float
     repeat_q05: float
     repeat_q95: float
 
@@ -57,7 +57,7 @@ def compared_loops(posterior: Posterior, p: Predictive) -> tuple[LoopRow, ...]:
     def compared(name: str, seen: Array, repeated: Array, t: int) -> Compared:
         at = f"{name}[{p.loops[t].file}]"
         repeat = (float(q) for q in np.quantile(repeated[:, t], [0.05, 0.95]))
-        return Compared(float(seen[t]), posterior.centre(at), *posterior.interval(at), *repeat)
+        return Compared(float(seen[t]), posterior.median(at), *posterior.interval(at), *repeat)
 
     return tuple(
         LoopRow(

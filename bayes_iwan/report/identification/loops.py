@@ -18,7 +18,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.identification.predictive import Predictive, measured_cycles, predict
-from bayes_iwan.report.style import BLACK, MODEL, band, series, styled, subplots, ticked
+from bayes_iwan.report.style import BLACK, MODEL, asked_width, band, into_given_axes, series, styled, subplots, ticked
 
 
 def test_name(loop: Loop, role: bool = True) -> str:
@@ -35,14 +35,14 @@ def _grid(loops: Sequence[Loop]) -> tuple[int, int, list[int]]:
     f = sorted({x.record.frequency_hz for x in loops})
     a = sorted({x.record.amplitude_mm for x in loops})
     cells = [f.index(x.record.frequency_hz) * len(a) + a.index(x.record.amplitude_mm) for x in loops]
-    if len(f) * len(a) == len(loops) == len(set(cells)) and len(a) in (2, 3, 4):
+    if len(f) * len(a) == len(loops) == len(set(cells)) and len(a) in (2, 3, 4) and asked_width(9.0) > 5.0:
         return len(f), len(a), cells
-    columns = min(3, len(loops))
+    columns = min(3 if asked_width(9.0) > 5.0 else 2, len(loops))
     return math.ceil(len(loops) / columns), columns, list(range(len(loops)))
 
 
 def _panels(loops: Sequence[Loop], height: float, share_x: bool = False) -> tuple[Figure, list[Axes]]:
-    rows, columns, cells = _grid(loops)
+    rows, columns, cells = (1, len(loops), list(range(len(loops)))) if into_given_axes() else _grid(loops)
     tall = height * rows + 0.7 if rows > 1 else max(height + 0.7, 3.2)
     figure, axes = subplots(rows, columns, 3.1 * columns + 0.4 if columns > 1 else 5.0, tall, sharex=share_x)
     flat = list(axes.ravel())
@@ -87,12 +87,26 @@ def draw_loop(ax: Axes, p: Predictive, t: int, friction: bool, cycles: bool = Tr
     )
 
 
-def _key(figure: Figure, entries: Sequence[tuple[str, dict[str, Any]]]) -> None:
+def _labels(figure: Figure, axes: Sequence[Axes], x: str, y: str) -> None:
+    """One label a side for all panels, or each panel's own where it stands in a figure of the caller's."""
+    if into_given_axes():
+        for ax in axes:
+            ax.set_xlabel(x)
+            ax.set_ylabel(y)
+    else:
+        figure.supxlabel(x, fontsize=9)
+        figure.supylabel(y, fontsize=9)
+
+
+def _key(figure: Figure, axes: Sequence[Axes], entries: Sequence[tuple[str, dict[str, Any]]]) -> None:
     handles: list[Artist] = [
         Patch(label=label, **style) if "alpha" in style else Line2D([], [], label=label, **style)
         for label, style in entries
     ]
-    most = 5 if figure.get_figwidth() > 6.5 else 3
+    most = 5 if figure.get_figwidth() > 6.5 else 3 if figure.get_figwidth() > 4.5 else 2
+    if into_given_axes():
+        axes[0].legend(handles=handles, loc="best", fontsize=7)
+        return
     figure.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), most))
 
 
@@ -113,9 +127,8 @@ def loops_figure(
     for t, ax in enumerate(axes):
         draw_loop(ax, p, t, friction, cycles)
         ax.set_title(test_name(p.loops[t]))
-        ax.locator_params(axis="x", nbins=5)
-    figure.supxlabel("displacement u (mm)", fontsize=9)
-    figure.supylabel("friction force (N)" if friction else "force (N)", fontsize=9)
+        ax.locator_params(axis="x", nbins=5 if figure.get_figwidth() > 4.5 else 3)
+    _labels(figure, axes, "displacement u (mm)", "friction force (N)" if friction else "force (N)")
     entries = [("measured cycles", {"color": "#9A9A9A", "linewidth": 0.8})] if cycles else []
     entries += [
         ("measured, average", {"color": BLACK, "linestyle": (0, (1.2, 1.6))}),
@@ -123,7 +136,7 @@ def loops_figure(
         ("50 % of cycles", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
         ("90 %", {"color": MODEL, "alpha": 0.22, "linewidth": 0}),
     ]
-    _key(figure, entries)
+    _key(figure, axes, entries)
     return figure
 
 
@@ -144,10 +157,15 @@ def residuals_figure(
         ax.set_xlim(0, 1)
         ax.set_xticks([0, 0.25, 0.5, 0.75, 1.0], ["0", "0.25", "0.5", "0.75", "1"])
         ax.locator_params(axis="y", nbins=5)
-    figure.supxlabel("phase (cycles from the upward crossing of mid-stroke)", fontsize=9)
-    figure.supylabel("residual: measured − predicted force (N)", fontsize=9)
+    _labels(
+        figure,
+        axes,
+        "phase (cycles from the upward crossing of mid-stroke)",
+        "residual: measured − predicted force (N)",
+    )
     _key(
         figure,
+        axes,
         [
             ("residual", {"color": BLACK}),
             ("50 % expected", {"color": MODEL, "alpha": 0.6, "linewidth": 0}),
@@ -216,5 +234,6 @@ def frequencies_figure(posterior: Posterior, predictive: Predictive | None = Non
     ax.set_xlabel("displacement u (mm)")
     ax.set_ylabel("friction force (N)")
     ax.set_title(f"amplitude {p.loops[chosen[0]].record.amplitude_mm:g} mm", loc="left")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+    ax.legend(**({"loc": "best"} if into_given_axes() else beside))
     return figure

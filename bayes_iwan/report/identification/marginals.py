@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.frequencies import determined_names
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, styled, subplots
+from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, Shown, styled, subplots
 
 #: below this contraction the data have hardly said anything of a number
 OPEN = 0.5
@@ -50,7 +50,7 @@ def interval(draws: Array, level: float = 0.9) -> tuple[str, str, str]:
 def reported(posterior: Posterior, name: str) -> tuple[str, str, str]:
     """The reported value and 90 % interval of a quantity, as in summary.csv, with the digits that it deserves."""
     low, high = posterior.interval(name)
-    middle = posterior.centre(name)
+    middle = posterior.median(name)
     return number(middle, high - low), number(low, high - low), number(high, high - low)
 
 
@@ -111,7 +111,7 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore")  # corner's own notes on sparse contours
-        figure = Figure(figsize=(size, size))
+        figure = Shown(figsize=(size, size))
         grid = figure.add_gridspec(
             n,
             n,

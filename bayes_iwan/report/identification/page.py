@@ -6,8 +6,6 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
 from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.results.posterior import Posterior
@@ -15,17 +13,22 @@ from bayes_iwan.inference.results.remarks import LARGE_MISFIT, searches_said
 from bayes_iwan.inference.results.rows import ConvergenceRow
 from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.physics import Model
+from bayes_iwan.report.browser import print_pdf, require_browser
 from bayes_iwan.report.identification import checks, frequencies, laws, loops, sampling, tables, trends
 from bayes_iwan.report.identification.answer import determined, identification_answer
 from bayes_iwan.report.identification.compared_loops import LoopRow, compared_loops
+from bayes_iwan.report.identification.findings import DISAGREE, findings, regions_finding
 from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
+from bayes_iwan.report.identification.methods import methods
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.identification.viewer import add_viewer
+from bayes_iwan.report.identification.viewer import add_viewer, viewer_data
 from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import shared
+from bayes_iwan.report.style import house_style
 
 
+@house_style()
 def identification_report(
     posterior: Posterior,
     out_dir: str | os.PathLike[str],
@@ -37,9 +40,11 @@ def identification_report(
     """Write report.html, and CSV tables and parameters.tex below tables/, into out_dir; returns the page's path.
 
     by_frequency : each frequency alone; taken from out_dir/per_test where `identify(..., per_test=True)` has been.
-    pdf : also report.pdf, the figures with their captions, one a page.
+    pdf : also report.pdf, the page as a browser prints it (:mod:`bayes_iwan.report.browser`).
     """
     out = Path(out_dir)
+    if pdf:
+        require_browser()
     by_frequency = compare_frequencies(posterior, out) if by_frequency is None else by_frequency
     p = predict(posterior, n=400, seed=seed)
     convergence, tests = tables.convergence_rows(posterior), compared_loops(posterior, p)
@@ -60,20 +65,24 @@ def identification_report(
         provenance(posterior.campaign, posterior.seed),
         shared(busy=55),
     )
-    identification_answer(page.section("Answer"), posterior, tests)
+    regions = checks.region_checks(posterior, p)
+    found = findings(posterior, regions, by_frequency)
+    identification_answer(page.section("Answer"), posterior, tests, p, found)
     determined(page.section("What the loops determine"), posterior)
     _loops(page, posterior, p)
     if isinstance(posterior.problem.model, Model):
         _laws(page.section("Slip forces, stiffness and normal force"), posterior, posterior.problem.model)
     _frequencies(page.section("Each frequency alone"), by_frequency, out)
     _trends(page.section("Energy, stiffness and loss factor"), posterior, p, tests)
-    _checks(page.section("Is the model enough?"), posterior, p, tests)
+    _checks(page.section("Is the model enough?"), posterior, regions, tests)
     if not posterior.quick:
         _sampling(page.section("Sampling"), posterior, convergence, sampling.history(posterior, out))
     _priors(page.section("Priors and derived quantities"), posterior)
+    page.section("Methods").text(methods(posterior))
+    written = page.write(out / "report.html")
     if pdf:
-        page.write_pdf(out / "report.pdf")
-    return page.write(out / "report.html")
+        print_pdf(written, out / "report.pdf")
+    return written
 
 
 def report_run(
@@ -90,6 +99,8 @@ def report_run(
     identified; its code is run. per_frequency : identify each frequency alone by short runs
     where the folder has no per_test results; else quick estimates stand in.
     """
+    if pdf:
+        require_browser()
     posterior = load(folder, campaign, simulator)
     with owned(folder) as out:
         found = compare_frequencies(posterior, out, run=per_frequency)
@@ -117,7 +128,7 @@ def _footer(posterior: Posterior) -> str:
 
 def _loops(page: Page, posterior: Posterior, p: Predictive) -> None:
     section = page.section("Loops, measured and predicted")
-    add_viewer(page, section, p)
+    add_viewer(page, section, viewer_data(p))
     section.figure(
         loops.loops_figure(posterior, friction=True, predictive=p),
         "Friction force (force less the median parallel spring) of every test: measured cycles and the "
@@ -177,7 +188,7 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
     if len(found.groups) < 2:
         section.note(found.statement())
         return
-    section.note(found.statement(), "good" if found.overall >= 0.05 else "warning")
+    section.note(found.statement(), "good" if found.overall >= DISAGREE else "warning")
     missing = [name for name in found.groups if name not in found.alone]
     text = (
         "Band: all tests together, 50 and 90 %. Points with bars: each frequency alone. p: how often loops drawn "
@@ -234,10 +245,10 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, tests: Sequen
     for row in tests:
         cells = [row.test + (" (held out)" if row.held_out else "")]
         for x in (row.energy_mJ, row.stiffness_N_mm, row.loss_factor):
-            width = x.high_90 - x.low_90
+            width = x.q95 - x.q05
             cells += [
                 number(x.measured, width),
-                f"{number(x.value, width)} [{number(x.low_90, width)}, {number(x.high_90, width)}]",
+                f"{number(x.q50, width)} [{number(x.q05, width)}, {number(x.q95, width)}]",
             ]
         shown.append((*cells, f"{100 * row.residual_share:.2f} %"))
     section.table(
@@ -256,7 +267,7 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, tests: Sequen
     )
 
 
-def _checks(section: Section, posterior: Posterior, p: Predictive, tests: Sequence[LoopRow]) -> None:
+def _checks(section: Section, posterior: Posterior, result: checks.RegionChecks, tests: Sequence[LoopRow]) -> None:
     share = max(x.residual_share for x in tests)
     if share > LARGE_MISFIT:
         section.note(
@@ -265,15 +276,8 @@ def _checks(section: Section, posterior: Posterior, p: Predictive, tests: Sequen
             "not whether it is small.",
             "warning",
         )
-    result = checks.region_checks(posterior, p)
-    fitted = [t for t, x in enumerate(p.loops) if x.role != "held-out"]
-    low = int(np.sum(result.p_value[fitted] < 0.05))
-    cells = result.p_value[fitted].size
-    section.note(
-        f"{low} of {cells} loop regions miss by more than 95 % of the model's own replicates would "
-        f"(by chance about {0.05 * cells:.0f}).",
-        "good" if low <= 0.1 * cells else "warning",
-    )
+    finding = regions_finding(result)
+    section.note(finding.text, "good" if finding.good else "warning")
     section.figure(
         checks.regions_figure(posterior, result),
         "Posterior predictive p-values by test and part of the loop. Orange and bold: the model misses "

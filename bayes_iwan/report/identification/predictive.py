@@ -12,8 +12,6 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.predictions import resolved
 from bayes_iwan.inference.setup.likelihood import make_likelihood
-from bayes_iwan.inference.solving.intervals import between_draws
-from bayes_iwan.inference.solving.jackknife import left_out_optima
 from bayes_iwan.physics.interface.motion import motion_of
 from bayes_iwan.physics.interface.simulator import FORCE_ZERO, straight_part
 
@@ -25,8 +23,7 @@ class Predictive:
     measured_N : (tests, samples) measured averages less zero_N, (tests,), which makes the mean residual of each test
         zero: the force channel's zero drifts from test to test, the likelihood gives it no weight, nor do figures.
     median_N : (tests, samples) the posterior's median, which residuals are taken from.
-    force_N : what the model says, (draws, tests, samples), with the variance between tests (each fitted test left
-        out in turn) beside the posterior's; every draw's mean over a loop moved to their median's.
+    force_N : what the model says, (draws, tests, samples); every draw's mean over a loop moved to their median's.
     loop_N : the same with the likelihood's noise and misfit, as an averaged loop would be measured again; on tests that
         were not fitted the misfit is carried over from those that were.
     cycle_N : with the cycle-to-cycle scatter on top, as one more cycle would be measured.
@@ -55,12 +52,9 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
     chosen = tuple(posterior.loops if loops is None else loops)
     z = posterior.flat_z(n)
     parameter_values = problem.parameter_values(z)
-    rng, motion, fitted = np.random.default_rng([seed, 31]), motion_of((*chosen, *problem.loops)), len(problem.loops)
+    rng, motion = np.random.default_rng([seed, 31]), motion_of((*chosen, *problem.loops))
     force = problem.force(parameter_values, motion)
-    median = np.median(force[:, : len(chosen)], axis=0)  # of the posterior's own draws: what is added below only widens
-    if fitted > 1:
-        without = problem.predict(left_out_optima(problem, posterior.point.z), motion)
-        force += between_draws(without, [x.amplitude_mm for x in problem.loops], len(force), rng)
+    median = np.median(force[:, : len(chosen)], axis=0)
     missed, force = problem.measured_N - force[:, len(chosen) :], force[:, : len(chosen)]
     force += median.mean(axis=-1, keepdims=True) - force.mean(axis=-1, keepdims=True)
     again = make_likelihood(problem.likelihood.name, chosen, problem.scales).replicate(force, parameter_values, rng)

@@ -15,9 +15,9 @@ from scipy.stats import rankdata
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.style import decimal_ticks, series, styled, subplots
-from bayes_iwan.sampling.common.checkpoint import NAME, CheckpointError, read_checkpoint
-from bayes_iwan.sampling.common.convergence import autocorrelation_time, longest_autocorrelation_time
-from bayes_iwan.sampling.manifold.on_manifold import taus_of_each
+from bayes_iwan.sampling.checkpoint import NAME, CheckpointError, read_checkpoint
+from bayes_iwan.sampling.convergence import autocorrelation_time, longest_autocorrelation_time
+from bayes_iwan.sampling.run import STAGE, taus_of_each
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ def history(posterior: Posterior, folder: str | os.PathLike[str] | None = None) 
     ensembles = posterior.z.shape[0]
     if path is not None and path.is_file():
         with contextlib.suppress(CheckpointError):  # the posterior stands without the file it was drawn through
-            _, names, snapshot = read_checkpoint(path, ("production",))
-            draws = snapshot.draws["production"]
+            _, names, snapshot = read_checkpoint(path, (STAGE,))
+            draws = snapshot.draws[STAGE]
             if tuple(names[: posterior.ndim]) == posterior.names and len(draws) >= 4:
                 z = np.moveaxis(draws.reshape(len(draws), ensembles, -1, draws.shape[2]), 0, 1)
                 return History(z, float(posterior.timings.get("steps", len(draws))) / len(draws))

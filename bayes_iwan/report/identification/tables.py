@@ -30,14 +30,15 @@ def spread(draws: Array) -> tuple[float, ...]:
     return (float(draws.mean()), float(draws.std()), *(float(q) for q in np.quantile(draws, LEVELS)))
 
 
-_STATISTICS = ("mean", "sd", "q05", "q25", "median", "q75", "q95")
+_STATISTICS = ("mean", "sd", "q05", "q25", "q50", "q75", "q95")
 
 
 def parameters_table(posterior: Posterior) -> Table:
-    """Every sampled parameter: the posterior's statistics, the reported 90 % interval, prior, contraction."""
+    """Every sampled parameter: statistics of the posterior's draws; the paper's own point estimate, the
+    minimum of Eq. (8); prior; contraction."""
     prior = posterior.problem.prior
     z = posterior.flat_z()
-    values, shrunk = prior.values(z), contraction(z)
+    values, shrunk, eq8 = prior.values(z), contraction(z), prior.values(posterior.point.goal_z[None])
     rows: Rows = tuple(
         (
             p.name,
@@ -45,8 +46,7 @@ def parameters_table(posterior: Posterior) -> Table:
             p.unit,
             p.description,
             *spread(values[p.name]),
-            posterior.centre(p.name),
-            *posterior.interval(p.name),
+            float(eq8[p.name][0]),
             p.prior_text(),
             float(c),
         )
@@ -58,9 +58,7 @@ def parameters_table(posterior: Posterior) -> Table:
         "unit",
         "description",
         *_STATISTICS,
-        "value",
-        "low_90",
-        "high_90",
+        "eq8_minimum",
         "prior",
         "contraction",
     )
@@ -74,19 +72,17 @@ def paper_table(posterior: Posterior) -> Table:
 
 
 def quantities_table(posterior: Posterior) -> Table:
-    """Everything the posterior reports, the paper's parameters too; 90 % intervals with the between-test variance."""
+    """Everything the posterior reports, the paper's parameters too."""
     rows: Rows = tuple(
         (
             name,
             q.unit,
             *spread(np.asarray(q.values, dtype=float)),
-            posterior.centre(name),
-            *posterior.interval(name),
-            posterior.widenings[name].reach,
+            posterior.extrapolated.get(name, ""),
         )
         for name, q in posterior.quantities().items()
     )
-    columns = ("name", "unit", *_STATISTICS, "value", "low_90", "high_90", "reach")
+    columns = ("name", "unit", *_STATISTICS, "reach")
     return Table("quantities", "Reported quantities", columns, rows)
 
 

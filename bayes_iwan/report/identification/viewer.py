@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.report.identification.loops import test_name
@@ -15,38 +16,43 @@ from bayes_iwan.report.page import Page, Section, asset, template
 DRAWS, CYCLES = 16, 8
 
 
-def _rounded(x: Array, digits: int) -> list[float]:
+def rounded(x: Array, digits: int) -> list[float]:
     return [float(v) for v in np.round(x, digits)]
+
+
+def places(amplitude_mm: float, friction_N: float) -> tuple[int, int]:
+    """Decimal places of displacements and forces that a screen can show of a loop."""
+    far, near = (int(n - np.floor(np.log10(max(x, 1e-9)))) for n, x in ((4, amplitude_mm), (3, friction_N)))
+    return max(0, far), max(0, near)
 
 
 def viewer_data(p: Predictive) -> dict[str, Any]:
     """What the viewer needs of each test, rounded to what a screen can show."""
     tests = []
     for t, loop in enumerate(p.loops):
-        places = max(0, int(3 - np.floor(np.log10(max(float(np.ptp(p.measured_N[t] - p.spring_N[t])), 1e-9)))))
-        far = max(0, int(4 - np.floor(np.log10(max(loop.amplitude_mm, 1e-9)))))
+        far, near = places(loop.amplitude_mm, float(np.ptp(p.measured_N[t] - p.spring_N[t])))
         slope, zero = np.polyfit(p.displacement_mm[t], p.spring_N[t], 1)
         picked = np.linspace(0, len(p.force_N) - 1, min(DRAWS, len(p.force_N))).astype(int)
         low = np.quantile(p.force_N[:, t], [0.05, 0.25], axis=0)
         cycles = []
         for u, force in measured_cycles(loop, CYCLES):
             step = max(1, len(u) // 160)
-            cycles.append([_rounded(u[::step], far), _rounded(force[::step] - p.zero_N[t], places)])
+            cycles.append([rounded(u[::step], far), rounded(force[::step] - p.zero_N[t], near)])
         tests.append(
             {
                 "name": loop.record.units.said(test_name(loop)),
                 "file": loop.file,
-                "u": _rounded(p.displacement_mm[t], far),
+                "u": rounded(p.displacement_mm[t], far),
                 "slope": float(slope),
                 "zero": float(zero),
-                "measured": _rounded(p.measured_N[t], places),
+                "measured": rounded(p.measured_N[t], near),
                 "model": [
-                    _rounded(q, places)
+                    rounded(q, near)
                     for q in (low[0], low[1], p.median_N[t], *np.quantile(p.force_N[:, t], [0.75, 0.95], axis=0))
                 ],
-                "cycle": [_rounded(q, places) for q in np.quantile(p.cycle_N[:, t], [0.05, 0.25, 0.75, 0.95], axis=0)],
-                "loop": [_rounded(q, places) for q in np.quantile(p.loop_N[:, t], [0.05, 0.25, 0.75, 0.95], axis=0)],
-                "draws": [_rounded(x, places) for x in p.force_N[picked, t]],
+                "cycle": [rounded(q, near) for q in np.quantile(p.cycle_N[:, t], [0.05, 0.25, 0.75, 0.95], axis=0)],
+                "loop": [rounded(q, near) for q in np.quantile(p.loop_N[:, t], [0.05, 0.25, 0.75, 0.95], axis=0)],
+                "draws": [rounded(x, near) for x in p.force_N[picked, t]],
                 "cycles": cycles,
             }
         )
@@ -54,7 +60,14 @@ def viewer_data(p: Predictive) -> dict[str, Any]:
     return {"tests": tests, "displacement": units.displacement, "force": units.force}
 
 
-def add_viewer(page: Page, section: Section, p: Predictive) -> None:
-    """Put the viewer into a section of a page. One viewer a page."""
-    section.html(template("viewer.html", tests=[page.units.said(test_name(x)) for x in p.loops]))
-    page.script(asset("viewer.js"), "viewer-data", json.dumps(viewer_data(p), separators=(",", ":"), allow_nan=False))
+def add_viewer(page: Page, section: Section, data: dict[str, Any]) -> None:
+    """Put the viewer into a section of a page. One viewer a page.
+
+    data : of :func:`viewer_data`, or of the same form with "effects" (names) and in each test, in the place of model,
+    draws and bands, "sets": the predicted force for each set of effects, set i holding effect k where bit k of i is 1.
+    """
+    names = [page.units.said(test["name"]) for test in data["tests"]]
+    section.html(template("viewer.html", tests=names, effects=data.get("effects", ())))
+    page.styles.append(asset("uplot.min.css"))
+    page.script(Markup("/*\n") + asset("uplot-LICENSE.txt") + Markup("*/\n") + asset("uplot.min.js"))
+    page.script(asset("viewer.js"), "viewer-data", json.dumps(data, separators=(",", ":"), allow_nan=False))

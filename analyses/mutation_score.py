@@ -1,0 +1,205 @@
+"""How many small errors in the package its tests notice: a sample of mutants of one folder, and the share caught.
+
+    python analyses/mutation_score.py physics --mutants 30 --seed 1 --out runs/mutants_physics.json
+
+A mutant is the package with one operator, comparison, number or condition changed. Each runs in a copy of the
+repository against the tests of its folder, up to the first that fails; what takes ten times as long as the
+unchanged code is caught too (an endless loop). Texts, types, messages and defaults of the command line are not changed.
+Survivors are printed with their line, so that a test can be written for each. Numba's cache is emptied for files that
+compile, since it does not see changes of functions that another file calls.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import copy
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+#: tests of a folder's own; a second command's worth of others would catch more, and take longer
+TESTS = {
+    "physics": ["tests/physics"],
+    "effects": ["tests/effects", "tests/rig/test_faults_against_effects.py"],
+    "inference": ["tests/inference"],
+    "gap": ["tests/gap"],
+}
+OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.Mod: ast.Mult,
+    ast.FloorDiv: ast.Mult, ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.And: ast.Or,
+    ast.Or: ast.And, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change: file, line, what stood there and what stands there now; `status` once it was tried."""
+
+    file: str
+    line: int
+    before: str
+    after: str
+    status: str = ""
+    seconds: float = 0.0
+
+
+def changeable(tree: ast.Module) -> Iterator[ast.AST]:
+    """Nodes that a mutant may change: no docstrings, annotations, messages of errors, representations."""
+    stack: list[ast.AST] = [tree]
+    while stack:
+        node = stack.pop()
+        if isinstance(node, (ast.Raise, ast.Assert, ast.JoinedStr, ast.Import, ast.ImportFrom)):
+            continue
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            continue
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            if node.name in ("__repr__", "_repr_html_"):
+                continue
+            stack += node.body + node.args.defaults
+            continue
+        if isinstance(node, ast.AnnAssign):
+            stack += [node.value] if node.value is not None else []
+            continue
+        if isinstance(node, ast.BinOp) and any(isinstance(x, ast.JoinedStr) for x in (node.left, node.right)):
+            continue
+        yield node
+        stack += list(ast.iter_child_nodes(node))
+
+
+def mutate(node: ast.AST) -> bool:
+    """Change a node in place; False if there is nothing to change in it."""
+    if isinstance(node, (ast.BinOp, ast.AugAssign, ast.BoolOp)):
+        kind = OPERATORS.get(type(node.op))
+        if kind is None or (isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitOr)):
+            return False
+        node.op = kind()  # type: ignore[assignment]
+        return True
+    if isinstance(node, ast.Compare) and len(node.ops) == 1:
+        kind = OPERATORS.get(type(node.ops[0]))
+        if kind is not None:
+            node.ops = [kind()]  # type: ignore[list-item]
+        return kind is not None
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.Not)):
+        node.op = ast.UAdd()  # "+x" of a condition is as true as x, so that "not" is gone
+        return True
+    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
+        node.value = node.value + 1 if isinstance(node.value, int) else node.value * 1.5 + 0.1
+        return True
+    if isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        node.value = not node.value
+        return True
+    return False
+
+
+def mutants_of(path: Path) -> list[tuple[Mutant, int]]:
+    """Every mutant of a file, with the number of the node that it changes."""
+    out = []
+    for k, node in enumerate(changeable(ast.parse(path.read_text(encoding="utf-8")))):
+        before, line = ast.unparse(node), getattr(node, "lineno", 0)
+        changed = copy.deepcopy(node)
+        if line and mutate(changed):
+            out.append((Mutant(str(path), line, before, ast.unparse(changed)), k))
+    return out
+
+
+def _text(text: str, k: int) -> str:
+    """The file's text with its k-th changeable node changed."""
+    tree = ast.parse(text)
+    mutate(next(x for i, x in enumerate(changeable(tree)) if i == k))
+    return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
+
+
+def run_tests(copy_of: Path, tests: list[str], limit_s: float) -> tuple[bool, float]:
+    """Do the tests pass in a copy of the repository within so many seconds?"""
+    started = time.perf_counter()
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(copy_of / "numba"), "MPLBACKEND": "Agg"}
+    try:
+        done = subprocess.run(command, cwd=copy_of, env=env, capture_output=True, timeout=limit_s, check=False)
+        passed = done.returncode == 0
+    except subprocess.TimeoutExpired:
+        passed = False
+    return passed, time.perf_counter() - started
+
+
+def near(path: Path, copied: Path, tests: list[str]) -> list[str]:
+    """The tests that name a file of the package by its module."""
+    module = ".".join(path.relative_to(copied).with_suffix("").parts)
+    package, _, stem = module.rpartition(".")
+    named = (module, f"from {package} import {stem}", f"test_{stem}")
+    files = [f for t in tests for f in ([copied / t] if t.endswith(".py") else sorted((copied / t).rglob("test_*.py")))]
+    return [str(f) for f in files if any(n in f"{f.stem}\n{f.read_text(encoding='utf-8')}" for n in named)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", choices=sorted(TESTS))
+    parser.add_argument("--mutants", type=int, default=30)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--tests", nargs="+", help="files or folders of tests in the place of the folder's own")
+    parser.add_argument("--files", nargs="+", help="mutate these files of the folder only (parts of their paths)")
+    parser.add_argument(
+        "--near", action="store_true", help="only those tests that name the file: a lower bound, sooner"
+    )
+    parser.add_argument("--minutes", type=float, default=60.0, help="start no further mutant after so many")
+    parser.add_argument("--out", type=Path, help="JSON with every mutant and what became of it")
+    args = parser.parse_args()
+    tests = args.tests or TESTS[args.folder]
+    with tempfile.TemporaryDirectory() as temporary:
+        copied = Path(temporary)
+        for name in ("bayes_iwan", "tests", "analyses", "data", "pyproject.toml"):
+            source = ROOT / name
+            (shutil.copytree if source.is_dir() else shutil.copy)(source, copied / name)
+        files = sorted((copied / "bayes_iwan" / args.folder).rglob("*.py"))
+        files = [f for f in files if not args.files or any(part in str(f) for part in args.files)]
+        found = [(f, m, k) for f in files for m, k in mutants_of(f)]
+        chosen = np.random.default_rng(args.seed).choice(len(found), min(args.mutants, len(found)), replace=False)
+        passed, usual_s = run_tests(copied, tests, 3600.0)
+        if not passed:
+            sys.exit(f"the tests of {args.folder} fail on the unchanged code: {' '.join(tests)}")
+        done: list[Mutant] = []
+        until = time.monotonic() + 60.0 * args.minutes
+        for i in chosen:
+            if time.monotonic() > until:
+                break
+            path, mutant, k = found[int(i)]
+            text = path.read_text(encoding="utf-8")
+            path.write_text(_text(text, k), encoding="utf-8")
+            if "jit(" in text or "_jit" in text:
+                shutil.rmtree(copied / "numba", ignore_errors=True)
+            first = near(path, copied, tests)
+            passed, seconds = run_tests(copied, first or tests, 10.0 * usual_s + 300.0)
+            if passed and first and not args.near:
+                passed, more = run_tests(copied, tests, 10.0 * usual_s + 300.0)
+                seconds += more
+            path.write_text(text, encoding="utf-8")
+            where = str(path.relative_to(copied))
+            done.append(
+                Mutant(where, mutant.line, mutant.before, mutant.after, "lives" if passed else "caught", seconds)
+            )
+            print(
+                f"{done[-1].status:6s} {seconds:5.0f} s  {where}:{mutant.line}  {mutant.before}  ->  {mutant.after}",
+                flush=True,
+            )
+            if args.out:
+                args.out.parent.mkdir(parents=True, exist_ok=True)
+                args.out.write_text(json.dumps([asdict(m) for m in done], indent=1), encoding="utf-8")
+    caught = sum(m.status == "caught" for m in done)
+    share = f"{100 * caught / max(len(done), 1):.0f} %"
+    print(f"{args.folder}: {caught} of {len(done)} mutants caught, {share}; {len(found)} are possible")
+
+
+if __name__ == "__main__":
+    main()

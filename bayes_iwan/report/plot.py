@@ -1,0 +1,97 @@
+"""Plots as functions of a result: `bi.plot.loops(posterior)`.
+
+Every function returns a matplotlib figure that shows itself in a notebook, and takes
+
+style : a style of matplotlib (a name, a dict of rcParams), on top of this package's own and of what rcParams you set;
+width : "column" (3.5 in, one column of a journal), "page" (7.2 in, two columns) or inches;
+ax : axes of yours to draw into, an array of them for several panels.
+
+`bi.plot.save(figure, "loops.svg")` writes SVG, PDF or PNG by the ending, letters as letters.
+"""
+
+from __future__ import annotations
+
+import difflib
+
+from matplotlib.figure import Figure
+
+from bayes_iwan.gap.diagnosis import Diagnosis
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.report.comparison import ranking_figure
+from bayes_iwan.report.diagnosis.files import diagnosis_figures
+from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figure
+from bayes_iwan.report.identification.laws import grip_figure, slip_density_figure, stiffness_figure
+from bayes_iwan.report.identification.loops import frequencies_figure, loops_figure, paper_fig3, residuals_figure
+from bayes_iwan.report.identification.marginals import identifiable_corner, paper_corner, prior_posterior_figure
+from bayes_iwan.report.identification.sampling import tau_figure, traces_figure
+from bayes_iwan.report.identification.trends import trends_figure
+from bayes_iwan.report.specimens import Batch
+from bayes_iwan.report.style import save, styled
+
+__all__ = [
+    "autocorrelation",
+    "corner",
+    "frequencies",
+    "gap",
+    "loo_pit",
+    "loop",
+    "loops",
+    "normal_force",
+    "paper_corner",
+    "parameters",
+    "ranking",
+    "regions",
+    "residuals",
+    "save",
+    "slip_forces",
+    "specimens",
+    "stiffness",
+    "total_and_friction",
+    "traces",
+    "trends",
+]
+
+loops, residuals, frequencies = loops_figure, residuals_figure, frequencies_figure
+total_and_friction, trends = paper_fig3, trends_figure
+parameters, corner = prior_posterior_figure, identifiable_corner
+slip_forces, stiffness, normal_force = slip_density_figure, stiffness_figure, grip_figure
+regions, loo_pit = regions_figure, loo_pit_figure
+traces, autocorrelation = traces_figure, tau_figure
+ranking = ranking_figure
+
+
+@styled
+def loop(posterior: Posterior, test: str | int = 0, friction: bool = True) -> Figure:
+    """Measured cycles of one test and the bands of the posterior.
+
+    test : its file, or its place among `posterior.loops`; friction : less the parallel spring and the force's zero.
+
+    Raises ValueError where there is no such test.
+    """
+    files = [x.file for x in posterior.loops]
+    if isinstance(test, str) and test not in files:
+        near = difflib.get_close_matches(test, files, 1)
+        hint = f'did you mean "{near[0]}"? ' if near else ""
+        raise ValueError(f'there is no test "{test}"; {hint}there are {", ".join(files)}')
+    if not isinstance(test, str) and not -len(files) <= test < len(files):
+        raise ValueError(f"there is no test {test}; there are {len(files)}, counted from 0")
+    chosen = posterior.loops[files.index(test)] if isinstance(test, str) else posterior.loops[test]
+    return loops_figure(posterior, friction=friction, loops=[chosen])
+
+
+def gap(diagnosis: Diagnosis, name: str = "headline") -> Figure:
+    """A figure of a diagnosis by name: the budget of the gap ("headline"), and those of its page.
+
+    Raises ValueError for a name that this diagnosis has no figure of.
+    """
+    figures = diagnosis_figures(diagnosis)
+    if name not in figures:
+        raise ValueError(f'there is no figure "{name}" of this diagnosis; there are {", ".join(sorted(figures))}')
+    return figures[name]
+
+
+def specimens(batch: Batch) -> Figure:
+    """Each quantity of every specimen of a batch over the population's band."""
+    from bayes_iwan.report.batch_page import parameters_figure
+
+    return parameters_figure(batch)

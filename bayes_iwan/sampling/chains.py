@@ -1,0 +1,61 @@
+"""What a run ends with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.sampling.convergence import Convergence
+
+
+class Stop(Enum):
+    """Why a run ended."""
+
+    CONVERGED = "converged"
+    STEPS = "the largest number of steps"
+    BUDGET = "the time budget"
+    INTERRUPTED = "interrupted"
+    QUICK = "not sampled"
+
+
+@dataclass(frozen=True)
+class Chains:
+    """Production draws of independent ensembles, and what they are worth.
+
+    draws[e, i, w] is walker w of ensemble e after step i + 1 of production. quantities are what the caller's
+    function makes of the same draws. convergence covers names + quantity_names (None if production is too short
+    to say anything). converged says whether all targets were met; message says why the run ended and, if not
+    converged, what is short of its target; stop is that reason alone. independent says that the walkers of an ensemble,
+    too, are independent of each other.
+    """
+
+    names: tuple[str, ...]
+    quantity_names: tuple[str, ...]
+    draws: Array  # (ensembles, stored, walkers, ndim)
+    log_prob: Array  # (ensembles, stored, walkers)
+    quantities: Array  # (ensembles, stored, walkers, len(quantity_names))
+    n_steps: int
+    acceptance: float
+    convergence: Convergence | None
+    converged: bool
+    message: str
+    stop: Stop
+    seed: int
+    seconds: float
+    independent: bool = False
+
+    def flat(self, n: int | None = None) -> Array:
+        """(n, ndim) draws spread evenly over all ensembles, steps and walkers; all of them by default."""
+        return self.draws.reshape(-1, self.draws.shape[-1])[self._even(n)]
+
+    def flat_quantities(self, n: int | None = None) -> Array:
+        """(n, len(quantity_names)) the quantities of the draws that `flat(n)` returns."""
+        return self.quantities.reshape(-1, self.quantities.shape[-1])[self._even(n)]
+
+    def _even(self, n: int | None) -> NDArray[np.int64]:
+        total = int(np.prod(self.draws.shape[:3]))
+        return np.arange(total) if n is None or n >= total else np.linspace(0, total - 1, n).round().astype(int)

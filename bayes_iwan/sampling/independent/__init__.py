@@ -1,1 +1,0 @@
-"""Independent proposals, solved for in the residuals and weighed."""

@@ -1,1 +1,0 @@
-"""Chains along the posterior's manifold."""
