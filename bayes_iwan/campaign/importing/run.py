@@ -258,6 +258,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     where = recording.where
     said = [f"{where} ({'; '.join(recording.notes)}): {found.motion.values.size} samples"]
     warnings: tuple[str, ...] = ()
+    codes: tuple[str, ...] = ()
     series: list[Series] = []
     in_units: list[str] = []
     lines: list[str] = []
@@ -265,10 +266,11 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         (found.motion, found.role, found.motion_time),
         (found.force, "force", found.force_time),
     ):
-        raw, codes = without_codes(channel.values, channel.name)
+        raw, found_codes = without_codes(channel.values, channel.name)
+        codes += found_codes
         raw, held = without_repeats(raw, channel.name)
         values, unit, line = scaled(replace(channel, values=raw), role, recipe, where)
-        warnings += (*codes, *held, *coarse_steps(values, channel.name, unit))
+        warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit))
         said.append(line)
         in_units.append(unit)
         if time is found.motion_time and series and (time is not None or _alike(found.motion, found.force)):
@@ -322,7 +324,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             checked, loop = check_record(named)
         except CampaignError as error:
             if len(pieces) == 1:
-                raise
+                raise CampaignError(" ".join((f"{error}.", *codes)).rstrip(".")) from None
             dropped = (*dropped, f"left out: {error}")
             continue
         columns = {
