@@ -29,9 +29,7 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
         if 1 < n < 0.5 * known.size and others.size > 8:
             middle, span = float(np.median(others)), float(np.ptp(others))
             if span > 0 and abs(code - middle) > FAR * span:
-                notes.append(
-                    f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, dropped"
-                )
+                notes.append(f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, dropped")
                 values = np.where(values == code, np.nan, values)
     return values, tuple(notes)
 
