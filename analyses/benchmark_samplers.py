@@ -34,6 +34,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bayes_iwan.sampling.common.convergence import convergence_of
+from bayes_iwan.sampling.common.plan import Plan
+from bayes_iwan.sampling.ensemble.ensembles import sample
 from scipy import special
 
 from bayes_iwan.campaign import read_campaign
@@ -41,9 +44,6 @@ from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.solving.chains import Run, independent_chains, manifold_chains
 from bayes_iwan.inference.solving.point import Point, find_point, starting_population
-from bayes_iwan.sampling.common.convergence import convergence_of
-from bayes_iwan.sampling.common.plan import Plan
-from bayes_iwan.sampling.ensemble.ensembles import sample
 
 ENSEMBLES, WALKERS = 4, 40
 LEAST_STORED = 20

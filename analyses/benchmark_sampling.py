@@ -25,18 +25,18 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-
-from bayes_iwan.campaign import read_campaign
-from bayes_iwan.inference.setup.problem import Problem, make_problem
-from bayes_iwan.inference.setup.quantities import sampled_and_derived
-from bayes_iwan.inference.setup.settings import IdentifySettings
-from bayes_iwan.inference.solving.point import find_point, starting_population
 from bayes_iwan.sampling.common.convergence import convergence_of
 from bayes_iwan.sampling.common.plan import Plan
 from bayes_iwan.sampling.ensemble.ensembles import sample
 from bayes_iwan.sampling.ensemble.moves import StretchMove
 from bayes_iwan.sampling.ensemble.run import POWERS
 from bayes_iwan.sampling.ensemble.walkers import Walkers
+
+from bayes_iwan.campaign import read_campaign
+from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.setup.quantities import sampled_and_derived
+from bayes_iwan.inference.setup.settings import IdentifySettings
+from bayes_iwan.inference.solving.point import find_point, starting_population
 from paper_coordinates import PaperCoordinates
 
 KEY = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")

@@ -24,8 +24,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
-
 from bayes_iwan.sampling.common.checkpoint import read_checkpoint
 from bayes_iwan.sampling.common.convergence import Convergence, apart, convergence_of, ess_mean
 from bayes_iwan.sampling.ensemble.run import STAGES
@@ -33,6 +31,7 @@ from bayes_iwan.sampling.independent.importance import METHOD as INDEPENDENT
 from bayes_iwan.sampling.independent.weights import untrusted
 from bayes_iwan.sampling.manifold.on_manifold import FIRST_CHECK, LEAST_TAUS, WALKERS
 from bayes_iwan.sampling.manifold.on_manifold import METHOD as ON_MANIFOLD
+from scipy import stats
 
 RULES = (5.0, 10.0, 15.0, 20.0, 30.0, 50.0)
 R_HAT, ESS, GROWTH, LEAST = 1.01, 400.0, 1.15, 10

@@ -1,10 +1,10 @@
-"""Does the point estimate find the optimum from random starts?
+"""Does one genetic search, polished by least squares, reach the best known optimum?
 
-Loops of Table 1's isolator (with a normal force that α's floor does not touch) at nine frequencies and amplitudes,
-without noise; each seed gives the genetic algorithm, differential evolution and least squares other random starts.
-Found is an objective (Eq. 8) below 0.1 % of what Eq. (8) makes of the friction force itself.
+    python analyses/point_recovery.py [--seeds 6] [--campaigns data/rope_spring data/withheld/case_01 ...]
 
-    python analyses/point_recovery.py [SEEDS]
+Ten campaigns (rope_spring and nine of the withheld ones unless named), each searched with other seeds. Found is a most
+probable point within 0.1 nat of the best that any of the searches of its campaign has found. Before it: loops of
+Table 1's isolator without noise, where the minimum of Eq. (8) is known to be zero.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
-from bayes_iwan.campaign import Loop, Record, average
+from bayes_iwan.campaign import Loop, Record, average, read_campaign
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import SearchSettings
 from bayes_iwan.inference.solving.point import find_point
@@ -74,28 +75,39 @@ def known_loops(noise_N: float = 0.0, seed: int = 0, cycles: int = 8) -> tuple[L
     return tuple(loops)
 
 
-def main(seeds: int) -> int:
-    problem = make_problem(known_loops())
-    settings = SearchSettings()
-    shares = []
-    for seed in range(seeds):
+def searched(campaign: Path, seeds: int) -> np.ndarray:
+    """ln p of the most probable point that one search of each seed finds, (seeds,)."""
+    problem = make_problem(read_campaign(campaign).loops())
+    settings = SearchSettings(second_search=False)
+    return np.array([find_point(problem, seed, settings, progress=False).log_prob for seed in range(seeds)])
+
+
+def main(seeds: int, campaigns: list[Path]) -> int:
+    """Runs that missed their campaign's best known optimum."""
+    exact = find_point(make_problem(known_loops()), 0, SearchSettings(second_search=False), progress=False)
+    print(f"without noise: Eq. (8) ends at {100 * exact.goal_share:.4f} % of what it makes of the friction force")
+    missed = 0
+    for campaign in campaigns:
         began = time.perf_counter()
-        point = find_point(problem, seed, settings, progress=False)
-        shares.append(point.goal_share)
-        second = np.nan if point.second is None else point.second.objective
+        found = searched(campaign, seeds)
+        short = found.max() - found
+        missed += int(np.sum(short > 0.1))
         print(
-            f"seed {seed:2d}: objective {100 * point.goal_share:.4f} % of the friction force; before least squares "
-            f"genetic {point.search.objective:.3f}, differential evolution {second:.3f} N/mm; "
-            f"{point.n_evaluations} evaluations, {time.perf_counter() - began:.1f} s",
+            f"{campaign.name:20s} best ln p {found.max():.2f}; nats below it, seed by seed: "
+            + " ".join(f"{x:.2f}" for x in short)
+            + f"; {(time.perf_counter() - began) / seeds:.1f} s a search",
             flush=True,
         )
-    found = int(np.sum(np.array(shares) < 1e-3))
-    print(f"found in {found} of {seeds} seeds")
-    return found
+    total = seeds * len(campaigns)
+    print(f"found in {total - missed} of {total} searches")
+    return missed
 
 
 if __name__ == "__main__":
+    data = Path(__file__).parent.parent / "data"
+    ten = [data / "rope_spring", *sorted((data / "withheld").glob("case_*"))[::3][:9]]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("seeds", nargs="?", type=int, default=20)
-    wanted = parser.parse_args().seeds
-    sys.exit(0 if main(wanted) >= 0.95 * wanted else 1)
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--campaigns", nargs="+", type=Path, default=ten)
+    args = parser.parse_args()
+    sys.exit(0 if main(args.seeds, args.campaigns) <= 0.05 * args.seeds * len(args.campaigns) else 1)

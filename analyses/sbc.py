@@ -27,6 +27,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
 from threadpoolctl import threadpool_limits
+from tqdm.auto import tqdm
 
 from bayes_iwan.campaign import average, read_campaign
 from bayes_iwan.files import write_json
@@ -34,12 +35,10 @@ from bayes_iwan.inference.setup.likelihood import KINDS
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings
-from bayes_iwan.inference.solving.chains import Run, manifold_of, sampled
+from bayes_iwan.inference.solving.chains import Run, least_squares_of, sampled
 from bayes_iwan.inference.solving.point import Point, most_probable
-from bayes_iwan.physics.interface.parameter import Z_LIMIT
-from bayes_iwan.sampling.manifold.nested import Nested, bending
-from bayes_iwan.sampling.manifold.on_manifold import ManifoldRun, jump
-from bayes_iwan.sampling.manifold.sheet import Walkers
+from bayes_iwan.sampling.plan import Plan
+from bayes_iwan.sampling.run import EnsembleRun, Piece, Schedule, advanced
 from runs import each
 
 #: draws of each posterior among which the truth is ranked: ranks 0 to 63 make equal bins
@@ -47,7 +46,7 @@ RANKED = 63
 SAMPLES, HARMONICS = 33, 16
 #: of chains from the truth: steps along the manifold and jumps on the way to the hub and as many from there; the chains
 #: that warm up, their blocks of steps, and by how many nats the optima that they start at may lie below the best
-TURNS, JUMPS, WARMING, BLOCKS, DEPTH = 20, 10, 6, 2, 12.0
+DEPTH = 12.0
 WATCHED = (
     *(
         "kp_N_mm",
@@ -104,33 +103,25 @@ def maxima(problem: Problem, rng: np.random.Generator, starts: int) -> tuple[np.
 def from_truth(problem: Problem, truth: np.ndarray, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
     """RANKED places (RANKED, ndim) that are exchangeable with the truth (1, ndim) where all is right.
 
-    The chains along the manifold are laid out by the data alone, from optima that are found from prior draws and a few
-    steps from there, and then frozen; a better search or a longer warm-up would only let them mix sooner. From the
-    truth some steps lead to a hub, in the reversed order, for each kind of step is reversible by itself; from there as
-    many lead each of RANKED chains on.
+    The pilot fits the moves by the data alone, from optima that are found from prior draws; then they are frozen. From
+    the truth some steps lead to a hub, in the reversed order, for each kind of step is reversible by itself; from there
+    as many lead each of RANKED walkers on.
     """
     began = time.process_time()
-    rng = np.random.default_rng([seed, 5])
-    optima, log_prob = maxima(problem, rng, 6)
+    optima, log_prob = maxima(problem, np.random.default_rng([seed, 5]), 6)
     near = optima[log_prob > log_prob[0] - DEPTH]
-    held, rows, root = manifold_of(problem, near[0])
-    run = ManifoldRun.at(rows, problem.log_prob_of_noise, near[0], held, root, Z_LIMIT, seed)
-    with threadpool_limits(limits=1, user_api="blas"):
-        run.walkers = run.sheet.begin(near[np.arange(WARMING) % len(near)], rng)
-        seen = np.concatenate([run.block()[0] for _ in range(BLOCKS)]).reshape(-1, problem.ndim)
-        run.sheet.held = run.sheet.held.learnt(seen[:, held])
-        bent = bending(run.sheet, near)
-        nested = Nested.fitted(run.sheet, bent, seen, rng) if len(bent) else None
-        level = problem.log_prob(truth)
-        hub = Walkers(truth.copy(), level, level)  # what they hold is drawn anew before it is read
-        if nested is not None:
-            jump(run.sheet, nested, hub, JUMPS, rng)
-        run.sheet.advance(hub, TURNS, run.scale, rng)
-        ends = Walkers(*(np.repeat(x, RANKED, axis=0) for x in (hub.z, hub.log_prob, hub.log_total)))
-        turned, jumped = run.sheet.advance(ends, TURNS, run.scale, rng)[2], None
-        if nested is not None:
-            jumped = jump(run.sheet, nested, ends, JUMPS, rng)[2]
-    return ends.z, {"turned": turned, "jumped": jumped, "cpu_s": time.process_time() - began}
+    target, plan = least_squares_of(problem, near[0]), Plan(tuple(problem.names), seed, progress=False)
+    run = EnsembleRun(problem.log_prob, target, near, plan, 4, 40, None)
+
+    def led(z: np.ndarray, schedule: Schedule, stream: int) -> tuple[np.ndarray, tuple[float, ...]]:
+        ends = advanced((problem.log_prob, schedule), Piece(z, problem.log_prob(z), (seed, 36, stream)))
+        return ends.z[-1], ends.accepted
+
+    with threadpool_limits(limits=1, user_api="blas"), tqdm(disable=True) as bar:
+        run.pilot(bar)
+        hub, _ = led(truth, run.schedule[::-1], 0)
+        z, accepted = led(np.repeat(hub, RANKED, axis=0), run.schedule, 1)
+    return z, {"accepted": accepted, "cpu_s": time.process_time() - began}
 
 
 def even(draws: np.ndarray, n: int) -> np.ndarray:

@@ -89,7 +89,7 @@ def sample(
     CheckpointError
         a checkpoint that belongs to another run.
     """
-    return _Run(log_prob, target, np.asarray(starts, float), plan, n_ensembles, n_walkers, executor).chains()
+    return EnsembleRun(log_prob, target, np.asarray(starts, float), plan, n_ensembles, n_walkers, executor).chains()
 
 
 def taus_of_each(taus: float) -> float:
@@ -99,7 +99,7 @@ def taus_of_each(taus: float) -> float:
 
 
 @dataclass(frozen=True)
-class _Piece:
+class Piece:
     """Walkers that advance together, z (n, ndim) and ln p there (n,), and the seed of their block."""
 
     z: Array
@@ -108,7 +108,7 @@ class _Piece:
 
 
 @dataclass(frozen=True)
-class _Advanced:
+class Advanced:
     """z (steps, n, ndim) and ln p (steps, n) after each step; of each entry of the schedule the share accepted."""
 
     z: Array
@@ -116,7 +116,7 @@ class _Advanced:
     accepted: tuple[float, ...]
 
 
-def _advanced(shared: tuple[BatchFunction, Schedule], piece: _Piece) -> _Advanced:
+def advanced(shared: tuple[BatchFunction, Schedule], piece: Piece) -> Advanced:
     """A block of steps by emcee."""
     log_prob, schedule = shared
     state = emcee.State(piece.z, log_prob=piece.log_prob, random_state=generator(piece.seed).get_state())
@@ -129,7 +129,7 @@ def _advanced(shared: tuple[BatchFunction, Schedule], piece: _Piece) -> _Advance
         z.append(sampler.get_chain())
         level.append(sampler.get_log_prob())
         accepted.append(float(np.mean(sampler.acceptance_fraction)))
-    return _Advanced(np.concatenate(z), np.concatenate(level), tuple(accepted))
+    return Advanced(np.concatenate(z), np.concatenate(level), tuple(accepted))
 
 
 def generator(seed: Sequence[int]) -> np.random.RandomState:
@@ -137,7 +137,7 @@ def generator(seed: Sequence[int]) -> np.random.RandomState:
     return np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
 
 
-class _Run:
+class EnsembleRun:
     """All walkers, the schedule of their moves, and how many blocks of steps they have taken."""
 
     def __init__(
@@ -150,14 +150,14 @@ class _Run:
         n_walkers: int,
         executor: Executor | None,
     ) -> None:
-        self._checked = _Checked(log_prob)
+        self.log_prob_of = _Checked(log_prob)
         self.target, self.plan, self._executor = target, plan, executor
         self.n_ensembles, self.n_walkers = n_ensembles, max(n_walkers, 2 * target.ndim + 2)
         if n_ensembles < 2:
             raise SamplingError(f"n_ensembles is {n_ensembles}; R-hat compares at least two")
         if starts.ndim != 2 or starts.shape[1] != target.ndim:
             raise SamplingError(f"starts have shape {starts.shape}; it must be (members, {target.ndim})")
-        levels = self._checked(starts)
+        levels = self.log_prob_of(starts)
         if not np.isfinite(levels).any():
             raise SamplingError(
                 f"none of the {len(starts)} starts has a finite log-probability: there is nowhere to start from; "
@@ -185,20 +185,20 @@ class _Run:
     def _use(self, *entries: tuple[Sequence[tuple[Move, float]], int]) -> None:
         """Have blocks taken by these moves; they travel once to each process."""
         self.schedule = entries
-        self._rounds = Rounds(self._executor, (self._checked, self.schedule))
+        self._rounds = Rounds(self._executor, (self.log_prob_of, self.schedule))
 
     def _place(self, z: Array) -> None:
-        self.z, self.log_prob = z, self._checked(z)
+        self.z, self.log_prob = z, self.log_prob_of(z)
 
-    def block(self) -> _Advanced:
+    def block(self) -> Advanced:
         """Some steps of all walkers."""
         n = len(self.z)
         size = _TOGETHER if self.independent else self.walkers
         parts = [slice(first, min(first + size, n)) for first in range(0, n, size)]
         seed = (self.plan.seed, 34, self.blocks)
-        pieces = [_Piece(self.z[part], self.log_prob[part], (*seed, part.start)) for part in parts]
-        ends = list(self._rounds.results(pieces, _advanced))
-        out = _Advanced(
+        pieces = [Piece(self.z[part], self.log_prob[part], (*seed, part.start)) for part in parts]
+        ends = list(self._rounds.results(pieces, advanced))
+        out = Advanced(
             np.concatenate([e.z for e in ends], axis=1),
             np.concatenate([e.log_prob for e in ends], axis=1),
             tuple(np.mean([e.accepted for e in ends], axis=0)),
@@ -212,7 +212,7 @@ class _Run:
         which = np.arange(self.n_ensembles)[:, None] + self.n_ensembles * np.arange(WALKERS)
         self._place(self._starts[which.ravel() % len(self._starts)])
         self.z = self.target.integrated(self.z, self._random(1)).z
-        self.log_prob = self._checked(self.z)
+        self.log_prob = self.log_prob_of(self.z)
         manifold = ManifoldMove(self.target)
         jumps: NestedMove | None = None
         bent = bending_parameters(self.target, np.unique(self._starts[: len(self.z)], axis=0))
@@ -247,7 +247,7 @@ class _Run:
         some = np.unique(np.concatenate([self._starts, z]), axis=0)
         chosen = some[random.choice(len(some), size=need, replace=len(some) < need)]
         near = chosen + 0.02 * random.standard_normal(chosen.shape)
-        level = self._checked(near)
+        level = self.log_prob_of(near)
         self._place(np.where(np.isfinite(level)[:, None], near, chosen))
 
     def by_ensemble(self, x: Array) -> Array:

@@ -196,14 +196,14 @@ def test_ctrl_c_keeps_what_was_drawn(folder, tmp_path, monkeypatch):
     """Interrupted in production the files are written and say so; in the pilot nothing is left."""
     from bayes_iwan.sampling import run as sampling
 
-    block, left = sampling._Run.block, iter(range(1))
+    block, left = sampling.EnsembleRun.block, iter(range(1))
 
     def interrupted(self):
         if next(left, None) is None:
             raise KeyboardInterrupt
         return block(self)
 
-    monkeypatch.setattr(sampling._Run, "block", interrupted)
+    monkeypatch.setattr(sampling.EnsembleRun, "block", interrupted)
     long = SMALL | {"sampling": SMALL["sampling"] | {"ess": 1e6}}
     with pytest.raises(KeyboardInterrupt):
         identify_campaign(folder, tmp_path / "early", config=long, seed=1, progress=False)

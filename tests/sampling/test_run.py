@@ -118,14 +118,14 @@ def test_steps_time_and_ctrl_c_end_a_run(monkeypatch):
     assert few.message.startswith("not converged: stopped at 50 steps") and "ESS" in few.message
     late = sample(budget_s=0.0)
     assert late.stop is Stop.BUDGET and late.n_steps == 25 and not late.converged
-    taken, left = run._Run.block, iter(range(4))  # two of them are the pilot's
+    taken, left = run.EnsembleRun.block, iter(range(4))  # two of them are the pilot's
 
     def block(self):
         if next(left, None) is None:
             raise KeyboardInterrupt
         return taken(self)
 
-    monkeypatch.setattr(run._Run, "block", block)
+    monkeypatch.setattr(run.EnsembleRun, "block", block)
     cut = sample()
     assert cut.stop is Stop.INTERRUPTED and cut.n_steps == 50 and cut.convergence is not None
     early = sample()

@@ -260,13 +260,17 @@ def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch, way):
 
 @pytest.mark.usefixtures("small_design", "short_pilot")
 def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["coverage_rig.py", "--cases", "1", "--budget", "2", "--out", str(tmp_path)])
+    ways = ["--kind", "rig", "exact", "--forms", "plain", "--draws", "sampled", "approximate", "raised"]
+    asked = ["coverage_rig.py", "--cases", "1", "--budget", "1", "--out", str(tmp_path), *ways]
+    monkeypatch.setattr(sys, "argv", asked)
     study("coverage_rig").main()
-    result = json.loads((tmp_path / "coverage.json").read_text())
-    assert result["forms"]["plain"]["energy"]["reported"]["coverage"]["0.9"]["n"] == 2
-    parameter_values = result["cases"][0]["plain"]["numbers"]
-    assert abs(parameter_values["kp_N_mm"]["error"]) < 0.1 and parameter_values["kp_N_mm"]["width_reported"] > 0.0
-    assert (tmp_path / "coverage.png").stat().st_size > 5000
+    tables = json.loads((tmp_path / "coverage.json").read_text())["tables"]
+    assert len(tables) == 6
+    for table in tables.values():
+        assert set(table["all"]["held"]["energy"]) <= set(range(101)) and table["median_width"]["kp_N_mm"] > 0.0
+    widths = {key: table["median_width"]["kp_N_mm"] for key, table in tables.items()}
+    assert widths["rig, plain raised"] >= 0.99 * widths["rig, plain approximate"]
+    assert (tmp_path / "coverage_rig_plain_sampled.png").stat().st_size > 5000
 
 
 def test_an_older_study_is_refused_with_a_sentence(study, tmp_path, monkeypatch):
