@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from bayes_iwan.sampling.common import checkpoint
 from bayes_iwan.sampling.common.plan import Plan
-from bayes_iwan.sampling.ensemble import run as sampling_run
 from bayes_iwan.sampling.ensemble.ensembles import sample
 
 import mutations
@@ -33,6 +32,7 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.report.batch import Batch, populations, stored_specimen
+from bayes_iwan.sampling.ensemble import run as sampling_run
 from bayes_iwan.validation import scoring
 from bayes_iwan.validation import sealed as withheld
 from bayes_iwan.validation.answering import read_diagnosis
