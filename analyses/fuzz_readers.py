@@ -191,6 +191,7 @@ def _recordings(folder: Path, record: Record) -> dict[str, Path]:
     import pandas as pd
     import pyuff
     import scipy.io
+    from scipy.io import wavfile
 
     folder.mkdir()
     t, x, f = record.time_s, record.displacement_mm, record.force_N
@@ -224,6 +225,29 @@ def _recordings(folder: Path, record: Record) -> dict[str, Path]:
         handle.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
     out["parquet"] = folder / "a.parquet"
     pd.DataFrame({"time_s": t, "Weg_mm": x, "Kraft_N": f}).to_parquet(out["parquet"])
+    rows = [f"\t{a:.6f}\t{b:.6f}" for a, b in zip(x, f)]
+    lvm = [
+        "LabVIEW Measurement\t",
+        "Separator\tTab",
+        "Decimal_Separator\t.",
+        "X_Columns\tNo",
+        "***End_of_Header***\t",
+        "",
+    ]
+    lvm += ["Channels\t2\t\t", f"Samples\t{x.size}\t{x.size}", "Y_Unit_Label\tmm\tN", "X0\t0\t0"]
+    lvm += [f"Delta_X\t{step:.9f}\t{step:.9f}", "***End_of_Header***\t\t", "X_Value\tWeg\tKraft\tComment", *rows, ""]
+    out["labview"] = write_whole(folder / "a.lvm", "\n".join(lvm))
+    stamps = [f"{a:%H:%M:%S.%f}" for a in pd.Timestamp("2024-03-01 23:59:59") + pd.to_timedelta(t, unit="s")]
+    stamped = "\n".join(f'01.03.2024;{a};"{b:,.6f}";{c:.6f}' for a, b, c in zip(stamps, x, f))
+    out["stamps"] = write_whole(folder / "b.csv", f"Rate: {1 / step} Hz\nDatum;Zeit;Weg [mm];Kraft [N]\n{stamped}\n")
+    blocks = "\n".join(f"{a:.6f}\t{b:.6f}\t{c:.6f}" for a, b, c in zip(t, x, f))
+    other = "\n".join(f"{a + 99:.6f}\t{0.7 * b:.6f}\t{0.9 * c:.6f}" for a, b, c in zip(t, x, f))
+    head = "Data Acquisition: cyclic\nTime\tAxial Displacement\tAxial Force\nSec\tmm\tN\n"
+    out["blocks"] = write_whole(folder / "a.dat", f"{head}{blocks}\n\n{head}{other}\n")
+    pd.DataFrame({"Time (s)": t, "Weg (mm)": x, "Kraft (N)": f}).to_excel(folder / "a.xlsx", index=False)
+    out["excel"] = folder / "a.xlsx"
+    out["wav"] = folder / "a.wav"
+    wavfile.write(out["wav"], round(1 / step), np.column_stack([x / 4, f / (4 * np.abs(f).max())]).astype("float32"))
     return out
 
 
@@ -352,7 +376,10 @@ def readers() -> dict[str, Reader]:
         "specimen.json": Reader((Path("specimen/specimen.json"),), specimen),
     }  # fmt: skip
     for name, path in recordings.items():
-        out[f"import {name}"] = Reader((path,), lambda path=path: import_tests([path]))
+        # a WAV says neither names nor units
+        said = Recipe(channels={"displacement": "1", "force": "2"}, units={"displacement": "4 mm", "force": "400 N"})
+        recipe_of = said if name == "wav" else Recipe()
+        out[f"import {name}"] = Reader((path,), lambda path=path, r=recipe_of: import_tests([path], r))
     for name, reader in out.items():
         if reader.read() is None:
             raise RuntimeError(f"{name}: the sound file is not read")

@@ -29,7 +29,7 @@ from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_json
 from bayes_iwan.gap.diagnosis import diagnose_loops
 from bayes_iwan.gap.judging.calibration import calibration
-from bayes_iwan.gap.judging.guards import Figures
+from bayes_iwan.gap.judging.figures import Figures
 from bayes_iwan.gap.telling.answer import to_dict
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.validation.estimates import share

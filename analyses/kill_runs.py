@@ -41,7 +41,7 @@ from bayes_iwan.physics import Model, Reference, sine_motion
 from bayes_iwan.report.diagnosis import files as diagnosis_room
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import subplots
-from bayes_iwan.sampling.ensemble import run as sampling_run
+from bayes_iwan.sampling import run as sampling_run
 from bayes_iwan.validation import answering
 from bayes_iwan.validation import sealed as withheld
 

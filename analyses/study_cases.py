@@ -1,178 +1,197 @@
-"""What a study keeps of a case (`calibrate_diagnosis.py study`), what constants name there, and how it is scored."""
+"""Cases of a study (`study_draws.py`, `study_fits.py`) and how an answer to them is scored."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_iwan.gap.judging.budget import NO_CAUSE, Share, contributing, left_unnamed, rest_without_name
+from bayes_iwan.gap.constants import LEAST_OF_FRICTION, USUAL_GAP
+from bayes_iwan.gap.judging import verdict
+from bayes_iwan.gap.judging.budget import NO_CAUSE, Gaps, gaps_of
 from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
-from bayes_iwan.gap.judging.guards import Figures
-from bayes_iwan.gap.judging.verdict import helping, named_by, one_of
-from bayes_iwan.gap.searching.base import USUAL_GAP
+from bayes_iwan.gap.judging.figures import Figures
 from bayes_iwan.gap.searching.found import OWN_FORM
-from bayes_iwan.rig import cases as rig_cases
-from bayes_iwan.validation.true_gaps import by_set, removed
+from bayes_iwan.rig.faults import OUTSIDE
+from bayes_iwan.validation.true_gaps import by_set
 
-#: power of a line at half a test's frequency over its background that no sound specimen reaches
-CLEAR_LINE = 20.0
-#: share of the gap from which a known effect beside a foreign one is counted apart
-QUARTER = 0.25
-#: foreign causes of whose kind a pattern without a cause stands (:mod:`bayes_iwan.effects.unlisted`), if by another law
-WITH_PATTERN = frozenset({"quadratic_drag", "sensor_hysteresis", "cell_hysteresis"})
+FIGURES = tuple(f.name for f in fields(Figures))
 
 
-def figures_of(case: dict[str, Any]) -> list[Figures]:
-    return [Figures(**f) for f in case["figures"]]
+@dataclass(frozen=True)
+class Case:
+    """A case as `study_fits.py` keeps it."""
+
+    path: str
+    kind: str
+    family: str
+    tests: int
+    effects: tuple[dict[str, Any], ...]
+    noise: float
+    figures: tuple[Figures, ...]
+    gap_resolved: Mapping[frozenset[str], float]
+    subharmonic: float
+    stored: Mapping[str, Any] = field(repr=False)
+
+    @property
+    def true(self) -> frozenset[str]:
+        return frozenset(e["name"] for e in self.effects)
+
+    @property
+    def visible(self) -> frozenset[str]:
+        """Effects whose part that no parameter imitates is larger than noise and a sound specimen's usual gap; none
+        where the base leaves no gap (bursts of noise are the records' own scatter)."""
+        if self.gap_resolved[frozenset()] < LEAST_OF_FRICTION:
+            return frozenset()
+        least = max(self.noise, USUAL_GAP)
+        return frozenset(e["name"] for e in self.effects if e["size"] * e["visible_share"] > least)
+
+    @property
+    def foreign(self) -> frozenset[str]:
+        return self.true & frozenset(OUTSIDE)
+
+    @property
+    def sound(self) -> bool:
+        return self.kind in ("none", "own_model")
 
 
-def truths(case: dict[str, Any]) -> set[str]:
-    return {e["name"] for e in case["truth"]["effects"]}
+def read_cases(paths: Iterable[Path]) -> list[Case]:
+    return [case_of(json.loads(p.read_text())) for p in sorted(paths)]
 
 
-def has_outside(case: dict[str, Any]) -> bool:
-    return case["truth"]["kind"] in ("outside", "known_beside_outside")
+def case_of(stored: Mapping[str, Any]) -> Case:
+    truth = stored["truth"]
+    some: list[dict[str, Any]] = [
+        {k: float("nan") if v is None else v for k, v in f.items() if k in FIGURES} for f in stored["figures"]
+    ]
+    return Case(
+        path=stored["path"],
+        kind=stored["kind"],
+        family=stored["family"],
+        tests=stored["tests"],
+        effects=tuple(truth["effects"]),
+        noise=float(truth.get("noise", {}).get("share_of_friction", 0.0)),
+        figures=tuple(Figures(**f) for f in some),
+        gap_resolved=by_set(stored["gap_resolved"]),
+        subharmonic=stored["subharmonic"],
+        stored=stored,
+    )
 
 
-def tags(case: dict[str, Any]) -> set[str]:
-    """What is left out together with a case: the laws of its faults, an outside kind among them."""
-    return {f"{e['name']}:{e['law']}" for e in case["truth"]["effects"]}
+@dataclass(frozen=True)
+class Answer:
+    """What is said of a case: named effects (of the base's own form not counted), what they are tied with or one of,
+    the probability of every effect, and that of a rest without a name."""
+
+    named: frozenset[str]
+    together: frozenset[str]
+    probabilities: Mapping[str, float]
+    rest: float
+    left: float
+
+    @property
+    def flagged(self) -> bool:
+        return self.rest >= 0.5
 
 
-def named_in(case: dict[str, Any], c: Calibration) -> frozenset[str]:
-    """What these constants name, less what does not make the gap smaller."""
-    given, put_in, along = figures_of(case), by_set(case["share"]), by_set(case["along"])
-    told = by_set(case["told"])
-
-    def made(names: Sequence[str]) -> tuple[dict[str, float], dict[str, float]]:
-        key = frozenset(names)
-        return {n: min(put_in[key][n], told[key][n]) for n in names}, along[key]
-
-    return frozenset(helping(named_by(given, c), made, given[0].before if given else 0.0))
-
-
-def rest_row(case: dict[str, Any], c: Calibration) -> np.ndarray:
-    """(figures,) of what is left beside the effects that these constants name."""
-    return rest_figures(left_unnamed(named_in(case, c), by_set(case["gap_share"])), case["subharmonic"])
-
-
-def rest_has_cause(case: dict[str, Any], c: Calibration) -> float:
-    """The probability that these constants state."""
-    return rest_without_name(c.unknown_rest(rest_row(case, c)), figures_of(case), c)
+def answer(case: Case, c: Calibration) -> Answer:
+    """What constants say of a case, by the package's own rules."""
+    named = verdict.named_by(case.figures, c)
+    p, _ = verdict.contributing(case.figures, c)
+    own = frozenset(f.name for f in case.figures) & OWN_FORM
+    left = case.gap_resolved[frozenset(named) | own]
+    rest = verdict.rest_without_name(c.unknown_rest(rest_figures(left, case.subharmonic)), case.figures, c)
+    tied = {n for f in case.figures if f.name in named for n in verdict.candidates_of(f, c)}
+    tied |= {n for some in verdict.one_of(case.figures, named, c) for n in some.names}
+    return Answer(
+        frozenset(named) - OWN_FORM,
+        frozenset(tied),
+        {n: v for n, v in p.items() if n not in NO_CAUSE | OWN_FORM},
+        rest,
+        left / max(case.gap_resolved[frozenset()], 1e-12),
+    )
 
 
-def rest_is_real(case: dict[str, Any], c: Calibration) -> bool:
-    """Does a true effect, listed or not, that these constants do not name make a part of the gap that can be seen: more
-    than noise, and more than a sound specimen's own gap or with a line that no sound specimen has?"""
-    gap, named = by_set(case["gap_N"])[frozenset()], named_in(case, c)
-    usual = USUAL_GAP * case["truth"]["friction_rms_N"]
-    least = max(case["noise_N"], usual if case["subharmonic"] < CLEAR_LINE else 0.0)
-    return any(share * gap > least for n, share in case["true_share"].items() if n not in named)
+#: of a case and its answer, what is counted: name -> how many right of how many
+Counts = Mapping[str, tuple[float, float]]
 
 
-def score(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> dict[str, tuple[float, float]]:
-    """Counts (right, of) of the targets, each case with its own constants."""
-    out: dict[str, list[float]] = {}
-
-    def count(what: str, right: bool) -> None:
-        out.setdefault(what, [0.0, 0.0])
-        out[what][0] += right
-        out[what][1] += 1
-
-    for case, c in zip(cases, constants):
-        given, true, kind = figures_of(case), truths(case), case["truth"]["kind"]
-        named = {n for n in named_in(case, c) if n not in OWN_FORM}
-        flagged = rest_has_cause(case, c) >= 0.5
-        apart = {n for f in given if f.name in named for n, v in f.rivals.items() if v > -c.apart}
-        if flagged:
-            apart |= {n for some in one_of(given, sorted(named), c) for n in some.names}
-        gap = by_set(case["gap_N"])[frozenset()]
-        visible = {n for n, share in case["true_share"].items() if share * gap > case["noise_N"]}
-        listed = {n for n in visible if n not in rig_cases.OUTSIDE}
-        usual = USUAL_GAP * case["truth"]["friction_rms_N"]
-        clear = {n for n in visible if case["true_share"][n] * gap > usual}
-        false = {n for n in named - true if not ({r for f in given if f.name == n for r, v in f.rivals.items()
-                                                  if v > -c.apart} & true)}  # fmt: skip
-        count("false names (a name neither true nor tied with a true one), of all cases", bool(false))
-        count("strict false names, of all cases", bool(named - true))
-        if kind == "none":
-            count("none: false alarm", bool(named) or flagged)
-        if kind == "single" and listed:
-            for what in ("visible", *(("larger than a sound specimen's gap",) if clear else ())):
-                count(f"single, {what}: named", true <= named)
-                count(f"single, {what}: named or in the set", true <= named | apart)
-            if named:
-                count("single, visible: something named, a rest flagged beside it", flagged)
-            else:
-                count("single, visible: nothing named, called unknown", flagged)
-        if kind in ("pair", "triple"):
-            for n in listed:
-                count("pairs and triples: visible effect found", n in named)
-                count("pairs and triples: visible effect found or in a set", n in named | apart)
-                if n in clear:
-                    count("pairs and triples: effect larger than a sound specimen's gap found", n in named)
-        if kind == "known_beside_outside":
-            for n in listed:
-                count("known beside unknown: known named", n in named)
-                count("known beside unknown: known named or in a set", n in named | apart)
-                stands = "one" if WITH_PATTERN & set(case["true_share"]) else "none"
-                count(
-                    f"known beside unknown for which {stands} of the patterns without a cause stands: named", n in named
-                )
-                part = "a quarter of the gap or more" if case["true_share"][n] >= QUARTER else "less of the gap"
-                count(f"known beside unknown: known that makes {part} named", n in named)
-                if n in clear:
-                    count("known beside unknown: known larger than a sound specimen's gap named", n in named)
-            if visible - listed:
-                count("known beside unknown: rest flagged", flagged)
-            if clear - listed:
-                count("known beside unknown: rest larger than a sound specimen's gap flagged", flagged)
-        if kind == "outside" and visible:
-            count("outside: flagged", flagged)
-            count("outside: something named", bool(named))
-        share = by_set(case["told"]).get(frozenset(named), {})
-        gone = removed(by_set(case["true_gap_N"]), frozenset(named & true))
-        for e in case["truth"]["effects"]:
-            if e["name"] in named:
-                if (own := case.get("named", {}).get(e["name"])) is not None:
-                    wide = Share(own["value"], own["low"], own["high"]).widened(c.law_sd(own["value"]))
-                    for what, at in (
-                        ("true share", gone[e["name"]]),
-                        ("share on tests left out", own["left_out"]),
-                        ("share found on unseen tests", own["found"]),
-                    ):
-                        if np.isfinite(at):
-                            count(f"{what} in the 90 % interval", wide.low <= at <= wide.high)
-                count("share of a true cause within 10 points", abs(share[e["name"]] - gone[e["name"]]) <= 0.1)
-                made_by_it = case["true_share"][e["name"]]
-                count("the same against Shapley's value over all faults", abs(share[e["name"]] - made_by_it) <= 0.1)
-    return {k: (v[0], v[1]) for k, v in out.items()}
+def counts(case: Case, a: Answer) -> Counts:
+    """What a case adds to each figure of the score; all but the first group are better when larger."""
+    out: dict[str, tuple[float, float]] = {}
+    listed, foreign, one = case.visible - case.foreign, case.visible & case.foreign, case.kind.startswith("one_record")
+    false = bool(a.named - case.true)
+    out["false names, all cases"] = (false, 1)
+    if case.kind == "outside":
+        out["false names, foreign alone"] = (false, 1)
+    if case.sound:
+        out["alarms, sound"] = (bool(a.named) or a.flagged, 1)
+        out["names, sound"] = (bool(a.named), 1)
+    if one:
+        out["false names, one record"] = (false, 1)
+    if case.kind == "single" and listed:
+        out["singles named"] = (case.true <= a.named, 1)
+        out["singles named or in a set"] = (case.true <= a.named | a.together, 1)
+    if case.kind in ("pair", "triple") and listed:
+        out["effects of pairs and triples named"] = (len(listed & a.named), len(listed))
+        out["the same, or in a set"] = (len(listed & (a.named | a.together)), len(listed))
+    if case.kind == "known_beside_outside" and listed:
+        out["known beside foreign named"] = (len(listed & a.named), len(listed))
+    if foreign and not one:
+        out["foreign flagged"] = (a.flagged, 1)
+    return out
 
 
-def reliability(cases: Sequence[dict[str, Any]], constants: Sequence[Calibration]) -> tuple[float, list[str]]:
-    """Calibration error of the probabilities that effects contribute and that the rest has a cause (mean distance of
-    stated and found in bins, weighted by their counts), and a line for each bin."""
-    stated, right = [], []
-    for case, c in zip(cases, constants):
-        p, _ = contributing(figures_of(case), c)
-        true = truths(case)
-        for name, value in p.items():
-            if name not in NO_CAUSE | OWN_FORM:
-                stated.append(value)
-                right.append(name in true)
-        stated.append(rest_has_cause(case, c))
-        right.append(rest_is_real(case, c))
-    return reliability_lines(np.array(stated), np.array(right, float))
+def log_loss(case: Case, a: Answer) -> list[float]:
+    """Of each effect with a probability, and each true one without."""
+    right = [p if n in case.true else 1.0 - p for n, p in a.probabilities.items()]
+    return [-float(np.log(max(p, 0.01))) for p in right] + [
+        4.6 for n in case.visible - case.foreign if n not in a.probabilities
+    ]
 
 
-def reliability_lines(x: np.ndarray, y: np.ndarray) -> tuple[float, list[str]]:
-    """Mean distance of stated (n,) and found (n,) in bins, weighted by their counts, and a line for each bin."""
-    bins = np.digitize(x, [0.1, 0.3, 0.5, 0.7, 0.9])
-    lines, error = [], 0.0
-    for k in np.unique(bins):
-        at = bins == k
-        error += float(at.mean() * abs(x[at].mean() - y[at].mean()))
-        lines.append(f"  stated {x[at].mean():.2f}: found {y[at].mean():.2f} ({int(y[at].sum())} of {int(at.sum())})")
-    return error, lines
+def summed(some: Sequence[Counts]) -> dict[str, tuple[float, float]]:
+    keys = dict.fromkeys(k for x in some for k in x)
+    return {k: (sum(x[k][0] for x in some if k in x), sum(x[k][1] for x in some if k in x)) for k in keys}
+
+
+def table(some: Sequence[Counts]) -> list[str]:
+    return [
+        f"  {k:40s} {right:4.0f} of {of:4.0f}  {100 * right / of:5.1f} %" for k, (right, of) in summed(some).items()
+    ]
+
+
+def place_is_true(case: Case, f: Figures, apart: float) -> bool:
+    """Does something true stand in an effect's place: it, or a rival that these tests cannot tell from it?"""
+    if f.name in NO_CAUSE:
+        return bool(case.foreign)
+    return f.name in case.true or any(v > -apart and n in case.true for n, v in f.rivals.items())
+
+
+def share_pairs(case: Case) -> list[tuple[Gaps, Gaps]]:
+    """Of each true effect of the best set: its gaps on the fitted tests (sd: how they vary between tests left out), and
+    on tests left out."""
+    names = frozenset(case.stored["chosen"])
+    keys = [frozenset(), names, *(names - {n} for n in names), *(frozenset({n}) for n in names)]
+    some = [by_set(u["power_N2"]) for u in case.stored.get("unseen", ())]
+    if not names or not some or any(k not in x for k in keys for x in some):
+        return []
+    found = gaps_of(names, {k: np.concatenate([np.array(x[k]) for x in some]) for k in keys})
+    gap_N = by_set(case.stored["gap_N"])
+    fitted = gaps_of(names, {k: np.array([gap_N[k] ** 2]) for k in keys})
+    judged = {f.name for f in case.figures if f.judged}
+    return [(replace(fitted[n], sd=found[n].sd), found[n]) for n in sorted(names & case.true & judged - OWN_FORM)]
+
+
+def rest_is_real(case: Case, named: frozenset[str]) -> bool:
+    """Is something visible there that is not named?"""
+    return bool(case.visible - named)
+
+
+def groups(case: Case, index: int, folds: int) -> str:
+    """What is left out together with a case: all foreign causes of its family, else every so many cases."""
+    return case.family if case.foreign else f"{index % folds}"

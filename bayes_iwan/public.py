@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.folders.folder import read_checked
+from bayes_iwan.export.accessors import register as register_export  # gives posteriors their export
 from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.run_files import load
+from bayes_iwan.inference.results.run_files import load as load_run
 from bayes_iwan.inference.results.run_files import write as write_run
 from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -29,6 +30,7 @@ from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 if TYPE_CHECKING:  # each function imports the rooms that it needs itself: together they take a second
     from bayes_iwan.campaign.folders.inspect import Inspection
     from bayes_iwan.comparison.families import Comparison
+    from bayes_iwan.export.json_file import ExportedModel
     from bayes_iwan.gap.diagnosis import Diagnosis
 
 __all__ = ["Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"]
@@ -68,20 +70,28 @@ class Check:
     def __repr__(self) -> str:
         c = self.campaign
         head = (
-            f"{'f, Hz':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} {'noise, N':>9s}  role"
+            f"{'f, Hz' if c.clock else '':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} "
+            f"{'mean, N':>9s} {'mean, mm':>9s} {'noise, N':>9s}  role"
         )
         lines = [c.name + (f": {c.description}" if c.description else ""), f"{'test':24s} {c.units.text(head)}"]
         for test in self.tests:
             x = test.loop
             lines.append(
-                f"{x.file:24s} {x.frequency_hz:8.4g} {x.amplitude_mm:8.4g} {x.n_cycles:6d} {x.record.time_s.size:8d} "
-                f"{x.force_N.std():12.4g} {test.noise_N:9.2g}  {x.role}"
+                f"{x.file:24s} {f'{x.frequency_hz:.4g}' if c.clock else '':>8s} {x.amplitude_mm:8.4g} {x.n_cycles:6d} "
+                f"{x.record.time_s.size:8d} {x.force_N.std():12.4g} "
+                f"{_shown(x.harmonics_N[0].real, x.force_N.std())} {_shown(x.offset_mm, x.amplitude_mm)} "
+                f"{test.noise_N:9.2g}  {x.role}"
             )
             lines += [f"    {note}" for note in test.notes]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
+
+
+def _shown(mean: float, size: float) -> str:
+    """A mean to three digits, none where it is no more than rounding."""
+    return f"{mean if abs(mean) > 1e-6 * size else 0.0:9.3g}"
 
 
 def check(campaign: Campaign | PathLike) -> Check:
@@ -301,16 +311,18 @@ def diagnose(
         from bayes_iwan.report.diagnosis.files import write_diagnosis
 
         return write_diagnosis(
-            campaign,
-            out,
+            Path(campaign),
+            Path(out),
             settings=settings,
             seed=seed,
             quick=quick,
-            effects_file=effects_file,
-            simulator_file=simulator,
+            effects_file=None if effects_file is None else Path(effects_file),
+            simulator_file=None if simulator is None else Path(simulator),
             executor=executor,
         )
-    from bayes_iwan.gap.diagnosis import diagnose_folder, diagnose_loops
+    from bayes_iwan.gap.diagnosis import Diagnosis, diagnose_folder, diagnose_loops
+
+    register_export(Diagnosis)
 
     if not isinstance(campaign, Campaign) and not isinstance(simulator, Simulator):
         found = diagnose_folder(
@@ -415,6 +427,47 @@ def compare(
         result = chosen()
         comparison_report(result, folder)
     return result
+
+
+def load(
+    folder: PathLike, campaign: PathLike | None = None, simulator: Simulator | PathLike | None = None
+) -> Posterior | ExportedModel:
+    """The posterior that :func:`identify` wrote, or the model that was exported to JSON.
+
+    Parameters
+    ----------
+    folder
+        what was given as `out`, or an isolator.json, or the folder of one.
+    campaign, simulator
+        of a posterior: the campaign's folder, if that has moved; the model of one's own that was identified, or its
+        Python file (its code is run).
+
+    Returns
+    -------
+    Posterior or ExportedModel
+        equal to the one that was written.
+
+    Raises
+    ------
+    ResultsError, ExportError
+        no result there, a damaged one, or a campaign or version that gives another problem.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder, out = tempfile.mkdtemp(), tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> model = bi.load(posterior.export("json", out, draws=3))
+    >>> model.force(bi.sine_motion(frequency_hz=10.0, amplitude_mm=0.5)).shape  # the point and three draws
+    (4, 1, 128)
+    """
+    path = Path(folder)
+    if path.is_file() or (not (path / "posterior.nc").exists() and (path / "isolator.json").exists()):
+        from bayes_iwan.export.json_file import read
+
+        return read(path if path.is_file() else path / "isolator.json")
+    return load_run(folder, campaign, simulator)
 
 
 def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:

@@ -1,5 +1,7 @@
 """The command line: what it prints, its exit codes, and bad input in one line."""
 
+import shlex
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan import cli
-from bayes_iwan.cli.command import SEED
+from bayes_iwan.cli.command import CAMPAIGN, OUT, OVERWRITE, SEED
 
 
 def test_every_command_has_help(capsys):
@@ -36,6 +38,70 @@ def test_no_command_and_unknown_command(capsys):
         assert end.value.code == 2 and "usage" in capsys.readouterr().err
 
 
+def test_what_was_probably_meant_is_said(capsys):
+    for arguments, meant in ((["identfy", "x"], "identify"), (["withheld", "scor"], "score")):
+        with pytest.raises(SystemExit):
+            cli.main(arguments)
+        assert f'Did you mean "{meant}"?' in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        cli.main(["identify", "campaign", "--ovrwrite"])
+    assert 'Did you mean "--overwrite"?' in capsys.readouterr().err
+
+
+def test_examples_in_help_are_commands():
+    """Each example parses as the command whose help it stands in."""
+    for command in cli.COMMANDS:
+        for example in command.examples:
+            words = shlex.split(example)
+            assert words[0] == "bayes-iwan"
+            assert cli.parser().parse_args(words[1:]).command == command.name
+
+
+def test_python_m_bayes_iwan():
+    done = subprocess.run([sys.executable, "-m", "bayes_iwan", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("bayes-iwan ")
+
+
+def test_recordings_where_a_campaign_is_wanted(tmp_path, capsys):
+    (tmp_path / "run 1.csv").write_text("t,x,F\n")
+    for path in (tmp_path / "run 1.csv", tmp_path):
+        assert cli.main(["identify", str(path)]) == 2
+        err = capsys.readouterr().err
+        assert f'bayes-iwan import "{path}" --out ' in err and err.count("\n") == 1
+
+
+def test_results_of_another_campaign_are_not_written_over(tmp_path, made_up_campaign, monkeypatch, capsys):
+    """Results are known by their campaign's files, wherever these lie; what an older version left is not known."""
+    out, moved, other = tmp_path / "out", tmp_path / "moved", tmp_path / "other"
+    shutil.copytree(made_up_campaign, moved)
+    shutil.copytree(made_up_campaign, other)
+    toml = other / "campaign.toml"
+    toml.write_text(toml.read_text().replace("made up", "another"))
+
+    def run(args):
+        (tmp_path / args.out).mkdir(exist_ok=True)
+        (tmp_path / args.out / "posterior.nc").write_text(args.campaign)
+        cli.say("done")
+
+    entry = cli.Command("identify", "x", (CAMPAIGN, OUT, OVERWRITE), run)
+    monkeypatch.setattr(cli, "COMMANDS", [entry])
+    monkeypatch.chdir(tmp_path)
+    words = ["--out", str(out)]
+    assert cli.main(["identify", str(made_up_campaign), *words]) == 0
+    assert cli.main(["identify", str(moved), *words]) == 0
+    capsys.readouterr()
+    assert cli.main(["identify", str(other), *words]) == 2
+    err = capsys.readouterr().err
+    assert "holds finished results of" in err and "--overwrite" in err
+    assert (out / "posterior.nc").read_text() == str(moved)
+    assert cli.main(["identify", str(other), *words, "--overwrite"]) == 0
+    (out / "run.json").unlink()
+    assert cli.main(["identify", str(other), *words]) == 2
+    log = (out / "log.txt").read_text()
+    assert "$ bayes-iwan identify" in log and "INFO done" in log
+    assert cli.main(["identify", str(other)]) == 0 and (tmp_path / "other-identify" / "posterior.nc").exists()
+
+
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path, capsys):
     config = tmp_path / "c.toml"
     config.write_text("[sampling]\nwalkrs = 3\n")
@@ -56,7 +122,7 @@ def test_ctrl_c_is_quiet(monkeypatch, capsys):
 
     monkeypatch.setattr(cli, "COMMANDS", [cli.Command("wait", "wait for ever", (), interrupted)])
     assert cli.main(["wait"]) == 130
-    assert capsys.readouterr().err.strip() == "bayes-iwan: interrupted"
+    assert capsys.readouterr().err.strip().startswith("bayes-iwan: interrupted")
 
 
 def test_groups_of_commands(monkeypatch, capsys):

@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """The command line: `bayes-iwan COMMAND ...`. A command is a function here, which imports what it needs itself.
 
 A new command is a function with the decorator :func:`.command.command` in the file of its group, and its name in the
@@ -7,13 +8,20 @@ list below. Bad input is a ValueError anywhere in the package: it becomes one li
 from __future__ import annotations
 
 import argparse
+import difflib
+import logging
 import os
+import re
 import sys
+import traceback
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
 
 from bayes_iwan import __version__
-from bayes_iwan.cli import diagnosis, identification, recordings, withheld
-from bayes_iwan.cli.command import Command, say
+from bayes_iwan.cli import diagnosis, export, identification, recordings, withheld
+from bayes_iwan.cli.command import LOG, Command, quoted, say
+from bayes_iwan.cli.runs import RunLog, note_run, refuse_recordings, results_folder
 from bayes_iwan.terminal import terminate_as_interrupt
 
 #: in the order in which the help lists them
@@ -25,6 +33,7 @@ COMMANDS: list[Command] = [
     identification.run_report,
     identification.run_compare,
     diagnosis.run_diagnose,
+    export.run_export,
     identification.run_batch,
     withheld.run_make,
     withheld.run_answer,
@@ -32,34 +41,71 @@ COMMANDS: list[Command] = [
 ]
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser that says which command or option was probably meant."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with usage and the message."""
+        wrong = re.search(r"invalid choice: '([^']*)'", message) or re.search(r"unrecognized arguments: (\S+)", message)
+        known = [x for action in self._actions for x in (*action.option_strings, *(action.choices or ()))]
+        if wrong and (near := difflib.get_close_matches(wrong[1], [str(x) for x in known], 1)):
+            message += f'. Did you mean "{near[0]}"?'
+        super().error(message)
+
+
 def parser() -> argparse.ArgumentParser:
     """The parser of all commands, groups of two-word ones included."""
-    top = argparse.ArgumentParser(
-        prog="bayes-iwan", description="Bayesian identification of friction isolators with the generalized Iwan model"
+    top = Parser(
+        prog="bayes-iwan",
+        description="Bayesian identification of friction isolators with the generalized Iwan model",
+        epilog='first steps: bayes-iwan import "recordings" --out campaign; bayes-iwan check campaign; bayes-iwan '
+        "identify campaign --quick",
     )
     top.add_argument("--version", action="version", version=f"bayes-iwan {__version__}")
     below = top.add_subparsers(metavar="COMMAND", required=True)
-    groups: dict[str, argparse._SubParsersAction[argparse.ArgumentParser]] = {}
+    groups: dict[str, argparse._SubParsersAction[Any]] = {}
     for entry in COMMANDS:
         first, _, second = entry.name.partition(" ")
         if second and first not in groups:
             group = below.add_parser(first, help=f"commands: see `bayes-iwan {first} --help`")
             groups[first] = group.add_subparsers(metavar="COMMAND", required=True)
-        one = (groups[first] if second else below).add_parser(second or first, help=entry.help, description=entry.help)
+        one = (groups[first] if second else below).add_parser(
+            second or first,
+            help=entry.help,
+            description=entry.help,
+            epilog="examples:\n" + "\n".join(f"  {x}" for x in entry.examples) if entry.examples else None,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
         for x in entry.arguments:
             one.add_argument(*x.flags, **x.options)
-        one.set_defaults(run=entry.run)
+        one.add_argument("-v", "--verbose", action="store_true", help="say more: what is run where, errors in full")
+        one.set_defaults(run=entry.run, command=entry.name)
     return top
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 done, 2 bad input, 3 done but not converged, 4 a batch with failures, 130 interrupted."""
-    args = parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    parse = parser()
+    if "_ARGCOMPLETE" in os.environ:
+        import argcomplete
+
+        argcomplete.autocomplete(parse)
+    args = _parsed(parse, words)
+    args.words = words
+    log = RunLog(words)
+    LOG.addHandler(log)
+    LOG.setLevel(logging.INFO)
+    LOG.propagate = False
+    source = None
     try:
         with terminate_as_interrupt():
+            source = _prepared(args, log)
             return args.run(args) or 0
     except ValueError as error:
         say(f"bayes-iwan: {error}", file=sys.stderr)
+        if args.verbose:
+            traceback.print_exc()
         return 2
     except BrokenPipeError:  # whoever read our output has read enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -72,5 +118,49 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say("bayes-iwan: not enough memory", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        say("\nbayes-iwan: interrupted", file=sys.stderr)
+        say(f"\nbayes-iwan: interrupted{_go_on(args, words)}", file=sys.stderr)
         return 130
+    finally:
+        if source is not None and log.folder is not None:
+            note_run(log.folder, args.command, source)
+        log.write()
+        LOG.removeHandler(log)
+
+
+def _parsed(parse: argparse.ArgumentParser, words: list[str]) -> argparse.Namespace:
+    """The arguments; an unknown option is an error of the command that it was given to, which knows its own."""
+    args, rest = parse.parse_known_args(words)
+    if rest:
+        one = parse
+        for word in args.command.split():
+            action = next(x for x in one._actions if isinstance(x, argparse._SubParsersAction))
+            one = action.choices[word]
+        one.error(f"unrecognized arguments: {' '.join(rest)}")
+    return args
+
+
+def _prepared(args: argparse.Namespace, log: RunLog) -> str | None:
+    """Results' folder found and guarded; the campaign (or folder of campaigns) that the command works on, if any."""
+    source = getattr(args, "campaign", None)
+    if source is not None:
+        refuse_recordings(source)
+    if not hasattr(args, "overwrite"):
+        if getattr(args, "out", None):
+            log.folder = Path(args.out)
+        return None
+    source = source or args.folder
+    log.folder = results_folder(args, args.command, source)
+    if args.verbose:
+        say(f"{source} -> {args.out}", file=sys.stderr)
+    return str(source)
+
+
+def _go_on(args: argparse.Namespace, words: Sequence[str]) -> str:
+    """How to go on after Ctrl-C."""
+    if not hasattr(args, "out") and not hasattr(args, "resume"):
+        return ""
+    if hasattr(args, "resume"):
+        from bayes_iwan.cli.identification import going_on
+
+        return going_on(args, words)
+    return f"; finished pieces are kept. Run it again: {quoted(['bayes-iwan', *words])}"

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import logging
+import re
+import sys
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -12,6 +15,7 @@ from typing import Any, TextIO
 from bayes_iwan.terminal import plain
 
 Function = Callable[[argparse.Namespace], int | None]
+LOG = logging.getLogger("bayes_iwan.cli")
 
 
 @dataclass(frozen=True)
@@ -24,12 +28,14 @@ class Argument:
 
 @dataclass(frozen=True)
 class Command:
-    """A command: its name (two words make a group, "withheld make"), one line of help, arguments, what it does."""
+    """A command: its name (two words make a group, "withheld make"), one line of help, arguments, what it does, and
+    examples of its use."""
 
     name: str
     help: str
     arguments: tuple[Argument, ...]
     run: Function
+    examples: tuple[str, ...] = ()
 
 
 def argument(*flags: str, **options: Any) -> Argument:
@@ -37,14 +43,23 @@ def argument(*flags: str, **options: Any) -> Argument:
     return Argument(flags, options)
 
 
-def command(name: str, help: str, *arguments: Argument) -> Callable[[Function], Command]:
+def command(name: str, help: str, *arguments: Argument, examples: Sequence[str] = ()) -> Callable[[Function], Command]:
     """Make the function below a command; it returns the exit code (None: 0)."""
-    return lambda run: Command(name, help, arguments, run)
+    return lambda run: Command(name, help, arguments, run, tuple(examples))
 
 
 def say(text: str, file: TextIO | None = None) -> None:
-    """Print for a reader: names in files may hold what would steer the terminal, and must not."""
-    print(plain(text), file=file)
+    """Print for a reader, and for the log: names in files may hold what would steer the terminal, and must not."""
+    text = plain(text)
+    print(text, file=file)
+    LOG.log(logging.ERROR if file is sys.stderr else logging.INFO, "%s", text)
+
+
+def quoted(words: Sequence[str]) -> str:
+    """A command line as cmd.exe and bash both take it: double quotes around all but plain words."""
+    return " ".join(
+        word if re.fullmatch(r"[\w.:@+,-]+", word, re.ASCII) else '"' + word.replace('"', '\\"') + '"' for word in words
+    )
 
 
 def seed(text: str) -> int:
@@ -56,7 +71,14 @@ def seed(text: str) -> int:
 
 
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
-OUT = argument("--out", metavar="DIR", required=True, help="folder for the results; made if need be")
+OUT = argument(
+    "--out",
+    metavar="DIR",
+    help="folder for the results; made if need be (default: named after the campaign and the command)",
+)
+OVERWRITE = argument(
+    "--overwrite", action="store_true", help="write over the finished results of another campaign in that folder"
+)
 DASK = argument(
     "--dask",
     metavar="ADDRESS",

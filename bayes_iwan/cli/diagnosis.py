@@ -9,6 +9,7 @@ from bayes_iwan.cli.command import (
     CONFIG,
     DASK,
     OUT,
+    OVERWRITE,
     SEED,
     SIMULATOR,
     argument,
@@ -25,6 +26,7 @@ WORKERS_MOST = 4
     "where the model misses, which cause explains it, how far the gap shrinks",
     CAMPAIGN,
     OUT,
+    OVERWRITE,
     SEED,
     argument(
         "--base",
@@ -43,6 +45,11 @@ WORKERS_MOST = 4
         help=f"processes, one core each (default: as many as there are cores, {WORKERS_MOST} at most)",
     ),
     DASK,
+    examples=(
+        "bayes-iwan diagnose campaign --out gap",
+        "bayes-iwan diagnose campaign --quick",
+        "bayes-iwan diagnose campaign --effects my_effects.py",
+    ),
 )
 def run_diagnose(args: argparse.Namespace) -> None:
     import numba

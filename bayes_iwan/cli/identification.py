@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
 
 from bayes_iwan.cli.command import (
     CAMPAIGN,
@@ -10,11 +12,13 @@ from bayes_iwan.cli.command import (
     DASK,
     ELSEWHERE,
     OUT,
+    OVERWRITE,
     SEED,
     SIMULATOR,
     argument,
     command,
     executor_of,
+    quoted,
     say,
 )
 
@@ -22,11 +26,20 @@ from bayes_iwan.cli.command import (
 CHAINS_IN = 2
 
 
+def going_on(args: argparse.Namespace, words: Sequence[str]) -> str:
+    """What a user who stopped an identification can do: go on from what was drawn, where something was."""
+    kept = args.out is not None and (Path(args.out) / "chains.ckpt").exists()
+    again = [*words, *(["--resume"] if kept and not args.resume else [])]
+    said = "; what was drawn is kept. Go on with: " if kept else "; nothing was drawn yet. Run it again: "
+    return said + quoted(["bayes-iwan", *again])
+
+
 @command(
     "identify",
     "the joint posterior of a campaign's tests",
     CAMPAIGN,
     OUT,
+    OVERWRITE,
     SEED,
     CONFIG,
     argument("--per-test", action="store_true", help="also identify each frequency alone, into DIR/per_test"),
@@ -45,6 +58,11 @@ CHAINS_IN = 2
         help=f"processes, one core each (default: {CHAINS_IN} where there are as many cores; 1 with --per-test)",
     ),
     DASK,
+    examples=(
+        "bayes-iwan identify campaign --quick",
+        "bayes-iwan identify campaign --out results --seed 1",
+        "bayes-iwan identify campaign --out results --resume",
+    ),
 )
 def run_identify(args: argparse.Namespace) -> int:
     import warnings
@@ -87,8 +105,10 @@ def run_identify(args: argparse.Namespace) -> int:
     for text in posterior.warnings():
         say(text)
     say(posterior.message)
-    say(f"results are in {args.out}")
+    page = Path(args.out) / "report.html"
+    say(f"results are in {args.out}" + (f"; open {page}" if page.exists() else ""))
     if posterior.interrupted:
+        say(f"stopped{going_on(args, args.words)}")
         return 130
     return 0 if posterior.converged or posterior.quick else 3
 
@@ -105,6 +125,10 @@ def run_identify(args: argparse.Namespace) -> int:
     ),
     argument("--simulator", metavar="FILE", help="Python file of the model that was identified; its code is run"),
     argument("--pdf", action="store_true", help="also report.pdf: the page, printed by Chromium, Chrome or Edge"),
+    examples=(
+        "bayes-iwan report results",
+        "bayes-iwan report results --campaign moved/campaign --pdf",
+    ),
 )
 def run_report(args: argparse.Namespace) -> None:
     from bayes_iwan.report import report_run
@@ -124,6 +148,7 @@ def run_report(args: argparse.Namespace) -> None:
     "fit model families to a campaign and rank them by how well they predict",
     CAMPAIGN,
     OUT,
+    OVERWRITE,
     SEED,
     argument("--families", metavar="NAME", nargs="+", help="families to compare (default: all)"),
     CONFIG,
@@ -135,6 +160,7 @@ def run_report(args: argparse.Namespace) -> None:
         "LOO), by whole tests left out, or by the first where its Pareto k hold (auto)",
     ),
     *ELSEWHERE,
+    examples=("bayes-iwan compare campaign --out families",),
 )
 def run_compare(args: argparse.Namespace) -> None:
     from bayes_iwan import compare
@@ -150,7 +176,7 @@ def run_compare(args: argparse.Namespace) -> None:
             executor=executor,
         )
     say(str(result))
-    say(f"results are in {args.out}")
+    say(f"results are in {args.out}; open {Path(args.out) / 'compare.html'}")
 
 
 @command(
@@ -158,13 +184,19 @@ def run_compare(args: argparse.Namespace) -> None:
     "identify or diagnose every campaign in a folder, with a table and a page across specimens",
     argument("folder", metavar="FOLDER", help="a folder of campaign folders"),
     OUT,
+    OVERWRITE,
     SEED,
     argument("--identify", action="store_true", help="identify every campaign (default, unless --diagnose)"),
     argument("--diagnose", action="store_true", help="diagnose every campaign"),
     argument("--quick", action="store_true", help="identify and diagnose by their quick ways, in seconds"),
     CONFIG,
     argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
+    argument("--group", metavar="COLUMN", help="column of FOLDER/specimens.csv that names each specimen's lot"),
     *ELSEWHERE,
+    examples=(
+        "bayes-iwan batch specimens --out population --quick",
+        "bayes-iwan batch specimens --out population --diagnose --workers 4",
+    ),
 )
 def run_batch(args: argparse.Namespace) -> int:
     from bayes_iwan import batch
@@ -179,6 +211,7 @@ def run_batch(args: argparse.Namespace) -> int:
             seed=args.seed,
             config=args.config,
             keep_chains=args.keep_chains,
+            group=args.group,
             executor=executor,
         )
     for name, reason in result.failures.items():

@@ -3,85 +3,166 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from bayes_iwan.cli.command import CAMPAIGN, argument, command, say
+from bayes_iwan.cli.command import CAMPAIGN, argument, command, quoted, say
+from bayes_iwan.terminal import plain
+
+if TYPE_CHECKING:
+    from bayes_iwan.campaign.importing import ImportAsks, Recipe
 
 
 @command(
     "import",
-    "files of a data-acquisition system (text, TDMS, UFF, MATLAB, Parquet) into a campaign",
-    argument("files", metavar="FILE", nargs="+", help="recordings, one test or more in each"),
-    argument("--out", metavar="CAMPAIGN", help="campaign folder to write"),
+    "files of a data-acquisition system (text, LabVIEW, TDMS, UFF, MATLAB, Excel, WAV, Parquet) into a campaign",
+    argument("files", metavar="FILE", nargs="+", help='recordings, folders of them, or patterns like "run*.csv"'),
+    argument("--out", metavar="CAMPAIGN", help="campaign folder to write (default: named after the first file)"),
+    argument("--ask", action="store_true", help="ask here for what the files do not say, line by line"),
     argument("--dry-run", action="store_true", help="print what was understood and write nothing"),
     argument("--split", action="store_true", help="one test a level, where a record goes through levels of the drive"),
+    argument("--join", action="store_true", help="all files are channels of one test"),
+    argument(
+        "--held-out", metavar="TEST", action="append", default=[], help="keep a test out of fits (name or pattern)"
+    ),
     argument("--recipe", metavar="TOML", help="file with what the options below say; they go before it"),
     argument(
-        "--time", metavar="NAME", help="channel, by its name or its number from 1; found by unit and name if not said"
+        "--time",
+        metavar="NAME",
+        help='channel, by its name or its number from 1; found by unit and name if not said; "none": by the rate alone',
     ),
     argument("--displacement", metavar="NAME", help="the same (a length or an angle)"),
     argument("--acceleration", metavar="NAME", help="the same, in place of the displacement"),
     argument("--force", metavar="NAME", help="the same (a force, torque or pressure)"),
-    argument("--unit", metavar="ROLE=UNIT", action="append", default=[], help="unit of the samples: --unit force=kN"),
+    argument(
+        "--unit",
+        metavar="ROLE=UNIT",
+        action="append",
+        default=[],
+        help='unit of the samples: --unit "force=kN"; --unit "force=100 N" where a sample of 1 is 100 N',
+    ),
     argument(
         "--sensitivity",
         metavar="ROLE=VALUE",
         action="append",
         default=[],
-        help="of the transducer whose volts the samples are: --sensitivity 'force=9.55 mV/N'",
+        help='of the transducer whose volts the samples are: --sensitivity "force=9.55 mV/N"',
     ),
     argument(
-        "--gain", metavar="ROLE=X", action="append", default=[], help="of an amplifier, divided out: --gain force=10"
+        "--gain", metavar="ROLE=X", action="append", default=[], help='of an amplifier, divided out: --gain "force=10"'
     ),
     argument("--reverse", metavar="ROLE", action="append", default=[], help="turn the sign round: --reverse force"),
-    argument("--sample-rate", metavar="HZ", type=float, help="where the files do not say it"),
-    argument("--separator", metavar="CHAR", help="of text files; found if not said"),
+    argument("--sample-rate", metavar="HZ", help="where the files do not say it"),
+    argument("--separator", metavar="CHAR", help="of text files: tab, comma, semicolon, blank or a character"),
     argument("--decimal", choices=(".", ","), help="decimal mark of text files; found if not said"),
     argument("--encoding", metavar="NAME", help="of text files (cp1252, utf-16 ...); found if not said"),
     argument("--header-line", metavar="N", type=int, help="line with the columns' names; found if not said"),
     argument("--name", metavar="TEXT", help="of the specimen (default: the folder's name)"),
+    examples=(
+        'bayes-iwan import "run1.csv" "run2.csv" --out campaign',
+        'bayes-iwan import "recordings" --sample-rate 1280 --unit "force=kN" --held-out "run2*"',
+        'bayes-iwan import "rig.tdms" --sensitivity "acceleration=105 mV/g" --sensitivity "force=9.55 mV/N"',
+        'bayes-iwan import "staircase.csv" --split --out campaign',
+    ),
 )
 def run_import(args: argparse.Namespace) -> None:
     from bayes_iwan.campaign import CampaignError
-    from bayes_iwan.campaign.importing import Layout, Recipe, import_tests, read_recipe, write_tests
+    from bayes_iwan.campaign.importing import ImportAsks, import_tests, write_tests
+
+    while True:
+        recipe = _recipe(args)
+        try:
+            tests = import_tests(args.files, recipe, args.split, args.held_out, args.join)
+            break
+        except ImportAsks as asks:
+            if not args.ask:
+                raise CampaignError(f"{asks.facts} Run: {_complete(args, asks)}") from None
+            _answer(args, asks)
+    out = args.out or f"{Path(args.files[0].rstrip('/')).stem.strip('*?[]') or 'recordings'}-campaign"
+    for test in tests:
+        held_out = ("held out of fits",) if test.record.role == "held-out" else ()
+        say("\n    ".join((*test.said, *held_out, *test.record.warnings)))
+    if args.dry_run:
+        say("nothing was written (--dry-run)")
+        return
+    write_tests(tests, out, recipe.specimen)
+    say(f"{len(tests)} test(s) are in {out}. Read them: {quoted(['bayes-iwan', 'check', out])}")
+
+
+def _recipe(args: argparse.Namespace) -> Recipe:
+    """What the options say, over what the recipe file says. Raises CampaignError."""
+    from bayes_iwan.campaign import CampaignError
+    from bayes_iwan.campaign.importing import Layout, Recipe, read_recipe
+    from bayes_iwan.campaign.importing.units import decimal_point
 
     def by_role(option: str) -> dict[str, str]:
         pairs = [text.partition("=") for text in getattr(args, option)]
         if bad := [role for role, equals, value in pairs if not equals or not value]:
-            raise CampaignError(f"--{option} {bad[0]}: write it as ROLE=VALUE, like force=...")
+            raise CampaignError(f'--{option} {bad[0]}: write it as ROLE=VALUE, like "force=..."')
         return {role.strip(): value.strip() for role, _, value in pairs}
 
-    def number(text: str) -> float:
+    def number(option: str, text: str) -> float:
         try:
-            return float(text)
+            return float(decimal_point(text))
+        except CampaignError as error:
+            raise CampaignError(f"--{option}: {error}") from None
         except ValueError:
-            raise CampaignError(f"--gain: {text!r} is not a number") from None
+            raise CampaignError(f"--{option}: {text!r} is not a number") from None
 
     roles = ("time", "displacement", "acceleration", "force")
     recipe = Recipe(
         channels={role: getattr(args, role) for role in roles if getattr(args, role)},
         units=by_role("unit"),
         sensitivities=by_role("sensitivity"),
-        gains={role: number(value) for role, value in by_role("gain").items()},
+        gains={role: number("gain", value) for role, value in by_role("gain").items()},
         reverse=tuple(args.reverse),
-        sample_rate_hz=args.sample_rate,
+        sample_rate_hz=None if args.sample_rate is None else number("sample-rate", args.sample_rate),
         layout=Layout(args.separator, args.decimal, args.encoding, args.header_line),
         specimen={"name": args.name} if args.name else {},
     )
-    if args.recipe:
-        recipe = recipe.over(read_recipe(args.recipe))
-    if not args.out and not args.dry_run:
-        raise CampaignError("import: name the folder to write with --out CAMPAIGN, or only look with --dry-run")
-    tests = import_tests(args.files, recipe, split=args.split)
-    for test in tests:
-        say("\n    ".join((*test.said, *test.record.warnings)))
-    if args.dry_run:
-        say("nothing was written (--dry-run)")
-        return
-    write_tests(tests, args.out, recipe.specimen)
-    say(f"{len(tests)} test(s) are in {args.out}; `bayes-iwan check {args.out}` reads them")
+    return recipe.over(read_recipe(args.recipe)) if args.recipe else recipe
 
 
-@command("check", "read a campaign and say what was found in it, one line each", CAMPAIGN)
+def _complete(args: argparse.Namespace, asks: ImportAsks) -> str:
+    """The command as it was given with what is missing put in."""
+    words = list(args.words)
+    for question in asks.questions:
+        option, value = question.words
+        for k in range(len(words) - 1, 0, -1):  # an answer that is asked for again takes the place of the old one
+            if words[k - 1] == option and (not question.role or words[k].startswith(f"{question.role}=")):
+                del words[k - 1 : k + 1]
+        words += [option, value] if value else [option]
+    return quoted(["bayes-iwan", *words]).replace(" NAME", ' "NAME"')
+
+
+def _answer(args: argparse.Namespace, asks: ImportAsks) -> None:
+    """Ask for what is missing, one line each, and put the answers among the arguments."""
+    from bayes_iwan.campaign import CampaignError
+
+    say(asks.where)
+    for question in asks.questions:
+        name = question.option.removeprefix("--").replace("-", "_")
+        option = f"{question.option} {question.role}".strip()
+        try:
+            answer = input(f"  {plain(question.text)} {option} ({question.placeholder or 'yes or no'}): ").strip()
+        except EOFError:
+            answer = ""
+        if not answer or (not question.placeholder and answer.lower()[:1] not in "yjos"):
+            raise CampaignError(f"{asks.facts} Run: {_complete(args, asks)}")
+        if not question.placeholder:
+            setattr(args, name, True)
+        elif question.role:
+            getattr(args, name).append(f"{question.role}={answer}")
+        else:
+            setattr(args, name, answer)
+
+
+@command(
+    "check",
+    "read a campaign and say what was found in it, one line each",
+    CAMPAIGN,
+    examples=("bayes-iwan check campaign",),
+)
 def run_check(args: argparse.Namespace) -> None:
     from bayes_iwan import check
 
@@ -93,6 +174,7 @@ def run_check(args: argparse.Namespace) -> None:
     "what the records show before any model: loops, energy, stiffness, damping, noise, drift, and what is wrong",
     CAMPAIGN,
     argument("--out", metavar="DIR", help="also write DIR/inspect.html and its figures"),
+    examples=("bayes-iwan inspect campaign --out seen",),
 )
 def run_inspect(args: argparse.Namespace) -> None:
     from bayes_iwan.report.inspect_page import inspect_to

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from bayes_iwan.cli.command import ELSEWHERE, OUT, SEED, argument, command, executor_of, say
+from bayes_iwan.cli.command import ELSEWHERE, SEED, argument, command, executor_of, say
 
 DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld make` wrote")
 
@@ -15,7 +15,7 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     "draw cases with hidden causes on the virtual rig and seal their truths",
     argument("n", metavar="N", type=int, help="number of cases"),
     argument("--seed", metavar="S", type=int, help="development cases that can be made again: marked as not sealed"),
-    OUT,
+    argument("--out", metavar="DIR", required=True, help="folder for the cases; made if need be"),
     argument("--laws", choices=("catalogue", "other", "all"), default="all", help="laws of the causes (default: all)"),
     argument("--leave-out-law", metavar="NAME:LAW", action="append", default=[], help="a law that is not drawn"),
     argument("--leave-out-outside", metavar="NAME", action="append", default=[], help="an unlisted cause not drawn"),

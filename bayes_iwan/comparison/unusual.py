@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from bayes_iwan.arrays import Array
@@ -78,7 +79,7 @@ def _scores(centre: Array, error: Array) -> tuple[Array, Array]:
     return score, np.minimum(4.0 * np.minimum(robust, plain), 1.0)
 
 
-def _discovered(chance: Array) -> Array:
+def _discovered(chance: Array) -> NDArray[np.bool_]:
     """Which of all chances are named at a false discovery rate of FALSE_SHARE."""
     flat = np.sort(chance[np.isfinite(chance)])
     below = np.flatnonzero(flat <= FALSE_SHARE * np.arange(1, len(flat) + 1) / max(len(flat), 1))

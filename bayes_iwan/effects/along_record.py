@@ -20,6 +20,7 @@ _POWERS_OF_NODES = np.linalg.pinv(np.vander(_NODES, RAMPS, increasing=True)).T
 
 class ForceDrift(Effect):
     name = "force_drift"
+    needs_clock = True
     law = "r·T·(1 − e^(−b t/T))/b, T the longest record; b → 0: linear, b > 0: levelling off"
     strength = ("rate_N_s", "r", "N/s", "drift of the force channel's zero (at the record's start)")
     signed = True
@@ -65,6 +66,7 @@ class ForceDriftByTest(ByTest):
     """
 
     name = ForceDrift.name
+    needs_clock = True
     law = "d·(r x + 2 b x(1 − x) + 3 s x(1 − x)(1 − 2x)), x = t/d over a record of length d; numbers of its own in each"
     strength = ForceDrift.strength
     parts = (
@@ -101,6 +103,7 @@ class ForceDriftByTest(ByTest):
 
 class MainsHum(ByTest):
     name = "mains_hum"
+    needs_clock = True
     law = "a sine at the mains' frequency, 50 Hz, and its third harmonic locked to it"
     strength = ("amplitude_N", "a", "N", "amplitude of the mains line in the force channel")
     parts = (("cosine", "c", "N", "cosine of the mains line"), ("sine", "s", "N", "sine of the mains line"))

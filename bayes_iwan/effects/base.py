@@ -119,6 +119,8 @@ class Effect:
         whether the strength may be negative, and its largest size.
     evolving
         whether it changes from cycle to cycle.
+    needs_clock
+        whether it shows only in real times: speeds, delays, frequencies.
     spread
         sd of the strength's logarithm in its prior.
     law_error
@@ -176,6 +178,7 @@ class Effect:
     signed: ClassVar[bool] = False  # may the strength be negative?
     limit: ClassVar[float] = np.inf  # largest |strength|
     evolving: ClassVar[bool] = False  # does it change from cycle to cycle?
+    needs_clock: ClassVar[bool] = False  # does it show only in real times: speeds, delays, frequencies?
     spread: ClassVar[float] = SHARE_SPREAD  # sd of the strength's logarithm in its prior
     law_error: ClassVar[float] = 0.035  # relative error of a strength: nature's law is not quite ours
     sudden: ClassVar[bool] = False

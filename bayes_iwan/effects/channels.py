@@ -14,6 +14,7 @@ from bayes_iwan.effects.spanning import about, decay_over_block, power_of
 
 class ChannelDelay(Effect):
     name = "channel_delay"
+    needs_clock = True
     law = "phase −2πfτ·(f/f_ref)^p; p = 0: a delay; a little below: an all-pass or a filter's own phase"
     strength = ("delay_s", "τ", "s", "delay of the force after the displacement")
     signed = True
@@ -75,6 +76,7 @@ def _kept() -> ExtraParameter:
 
 class IntegrationHighpass(Effect):
     name = "integration_highpass"
+    needs_clock = True
     law = (
         "high-pass g + (1 − g)/(1 − ix − q x²), x = f_c/f, of the displacement; g = 0, q = 0: first order, ½: "
         "Butterworth of order 2; g > 0: a shelf"
@@ -109,6 +111,7 @@ class IntegrationHighpass(Effect):
 
 class ForceHighpass(Effect):
     name = "force_highpass"
+    needs_clock = True
     law = (
         "high-pass g + (1 − g)/(1 − ix − q x²), x = f_c/f, of the force; g = 0, q = 0: first order, ½: Butterworth of "
         "order 2; g > 0: a shelf, through which the mean comes"
@@ -195,6 +198,7 @@ class ForceHighpassFromStart(ForceHighpass):
 
 class ForceLowpass(Effect):
     name = "force_lowpass"
+    needs_clock = True
     law = "low-pass 1/(1 + ix − q x²), x = 2πfτ; q = 0: first order, ¼: two equal poles, ⅓: Bessel, ½: Butterworth"
     strength = ("tau_s", "τ", "s", "time constant of the low-pass in the force channel, 1/(2π corner)")
     order = 3

@@ -45,6 +45,7 @@ class _OfSlipSpeed(Effect):
 
 class StribeckWeakening(_OfSlipSpeed):
     name = "stribeck_weakening"
+    needs_clock = True
     law = (
         "1 − d·(1 − (1 + q x)^(−1/q)), x = (v/v_s)^δ; q → 0, δ = 1: exponential (Tustin), δ = 2: Gaussian; "
         "q = 1, δ = 2: Lorentzian (Hess & Soom)"
@@ -94,6 +95,7 @@ class StribeckWeakening(_OfSlipSpeed):
 
 class RateStrengthening(_OfSlipSpeed):
     name = "rate_strengthening"
+    needs_clock = True
     law = "1 + c·((1 + v/v₀)^q − 1)/q; q → 0: c·ln(1 + v/v₀), close to arsinh (Prandtl–Eyring); q > 0: a power"
     strength = ("c", "c", "-", "growth of the friction per e-fold of slip speed")
     limit = 1.0

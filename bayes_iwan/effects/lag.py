@@ -13,6 +13,7 @@ from bayes_iwan.physics.kernels.relaxing import relaxed
 
 class NormalForceLag(Effect):
     name = "normal_force_lag"
+    needs_clock = True
     law = "τ e^(±r/2) dα/dt = α∞(u, u̇) − α, + where α falls: r > 0 is let go later than taken up; long after the start"
     strength = ("tau_s", "τ", "s", "relaxation time of the normal force")
     physics = "The compressed rope takes time to follow the spring's motion: α relaxes toward Eq. (11) with a time τ."

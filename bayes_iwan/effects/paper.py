@@ -53,6 +53,7 @@ class VaryingNormalForce(Effect):
 
 class SpeedDependentNormalForce(Effect):
     name = "speed_dependent_normal_force"
+    needs_clock = True
     strength = ("rate", "λk̃ₙℓ^βv", "-", "relative change of the normal force with speed")
     signed = True
     limit = 4.0

@@ -12,6 +12,7 @@ from bayes_iwan.effects.spanning import about, power_of
 
 class ViscousDamping(Effect):
     name = "viscous_damping"
+    needs_clock = True
     # p = 2 is left out: the drag of fluid pushed through a gap is another mechanism
     law = (
         "c·|v|·((1 + (v/v₁)²)/(1 + (v_ref/v₁)²))^((p − 1)/2)·(sgn v + s), v_ref the campaign's largest speed; p = 1: "
@@ -68,6 +69,7 @@ class ViscousDamping(Effect):
 
 class MaxwellBranch(Effect):
     name = "maxwell_branch"
+    needs_clock = True
     law = "k·(iωτ)^a/(1 + (iωτ)^a); a = 1: one relaxation time, less: a spread of them (fractional Maxwell)"
     strength = ("k_N_mm", "k_m", "N/mm", "stiffness of the branch")
     physics = (
@@ -123,6 +125,7 @@ class MaxwellBranch(Effect):
 
 class MovingMass(Effect):
     name = "moving_mass"
+    needs_clock = True
     law = "m·ü/(1 − r² + 2iζr), r = f/f_m of the mount that holds the mass, ζ its damping; f_m → ∞: m·ü"
     strength = ("m_kg", "m", "kg", "mass between specimen and force cell")
     order = 1

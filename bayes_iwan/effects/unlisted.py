@@ -18,6 +18,7 @@ from bayes_iwan.physics.kernels.lagging import lagging
 
 class SpeedSquared(Effect):
     name = "speed_squared"
+    needs_clock = True
     strength = ("c_N_s2_m2", "c", "N·s²/m²", "force over speed squared")
     physics = "a force against the motion that grows with the square of speed, as fluid in an orifice makes it"
     reference = "Nayfeh & Mook, Nonlinear Oscillations, §3.3.2"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,13 @@ from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.campaign.loops.clipping import Limit, limits_of_loops
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.conditions import conditions_of
 from bayes_iwan.effects.paper import missing_terms
 from bayes_iwan.effects.user_file import load_effects
+from bayes_iwan.gap.constants import MOST_EFFECTS
 from bayes_iwan.gap.fitting.data import GapData, gap_data
 from bayes_iwan.gap.fitting.evidence import Fit, base_model
 from bayes_iwan.gap.fitting.gap_size import GapSize
@@ -30,13 +32,14 @@ from bayes_iwan.gap.judging.verdict import verdict_of
 from bayes_iwan.gap.judging.weighing import Weighed, weighed
 from bayes_iwan.gap.searching.explored import Report, silent
 from bayes_iwan.gap.searching.found import Search
-from bayes_iwan.gap.searching.search import MOST_EFFECTS, search
+from bayes_iwan.gap.searching.search import search
 from bayes_iwan.gap.telling.findings import where_sentences
+from bayes_iwan.gap.telling.imitation import Edge, Imitation, edges_of, imitations
 from bayes_iwan.gap.telling.located import Located, Watcher, located
 from bayes_iwan.gap.telling.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.gap.telling.where import Where, where
-from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.scales import Scales, scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.physics import Simulator
@@ -98,6 +101,14 @@ class Diagnosis:
         effects that these tests would not have shown at their usual size.
     expected_nats
         ln evidence that each effect of usual size would have, by name.
+    imitations
+        dependences that a freedom of the base and an effect explain, and which of these the tests tell apart.
+    edges
+        base parameters far from what their priors hold plausible.
+    clipped
+        where a channel was limited by its amplifier, as far as the fitted tests tell.
+    needs_clock
+        effects that were left out because the records have no clock.
     next_test
         the test that would settle what is open, None where nothing is.
     sampling
@@ -123,6 +134,10 @@ class Diagnosis:
     moved: dict[str, Moved]
     not_testable: tuple[str, ...]
     expected_nats: dict[str, float]
+    imitations: tuple[Imitation, ...]
+    edges: tuple[Edge, ...]
+    clipped: tuple[Limit, ...]
+    needs_clock: tuple[str, ...]
     next_test: NextTest | None
     sampling: Sampling | None
 
@@ -176,6 +191,8 @@ def diagnose_loops(
     Raises ValueError where no test is left to fit.
     """
     settings, watcher = settings or DiagnoseSettings(), watcher or Watcher()
+    if not campaign.clock and simulator is None:
+        settings = replace(settings, model=settings.model.without_speed)
     fitted = [x for x in loops if x.role != "held-out"]
     held_out = [x for x in loops if x.role == "held-out"]
     if not fitted:
@@ -205,11 +222,31 @@ def searched(
     the base model lacks."""
     scales = scales_of(data.loops)
     base = base_model(settings, scales) if simulator is None else simulator
-    conditions = conditions_of([x.extras for x in data.loops])
-    kinds = catalogue.variants(extra, base, conditions, form=True) | {k.name: (k,) for k in catalogue.unlisted(base)}
+    kinds = _kinds(data, base, extra)
+    if not data.loops[0].record.clock:
+        kinds = {n: some for n, some in kinds.items() if not _clocked(some)}
     rng = np.random.default_rng([seed, 1])
     most = MOST_EFFECTS + len(missing_terms(base))
     return search(data, scales, settings, kinds, rng, report, most, base, executor)
+
+
+def _kinds(
+    data: GapData, base: Simulator, extra: Sequence[type[Effect]] = ()
+) -> dict[str, tuple[catalogue.Maker, ...]]:
+    """What makes the effects on offer, by name."""
+    conditions = conditions_of([x.extras for x in data.loops])
+    return catalogue.variants(extra, base, conditions, form=True) | {k.name: (k,) for k in catalogue.unlisted(base)}
+
+
+def _clocked(some: Sequence[catalogue.Maker]) -> bool:
+    """Does an effect need real times?"""
+    return any(getattr(k, "needs_clock", False) for k in some)
+
+
+def _needing_clock(settings: DiagnoseSettings, data: GapData, scales: Scales) -> tuple[str, ...]:
+    """Listed effects that records without a clock cannot show."""
+    kinds = _kinds(data, base_model(settings, scales))
+    return tuple(n for n, some in kinds.items() if _clocked(some) and n not in NO_CAUSE)
 
 
 def _reported(
@@ -243,7 +280,15 @@ def _reported(
     rng = np.random.default_rng([seed, 2])
     nats = visible_nats(data, base, found.search.effects)
     hidden = tuple(n for n, v in nats.items() if v < TESTABLE_NATS and n not in named and n not in NO_CAUSE)
+    report("what the base can imitate")
+    friction_N = float(np.sqrt(np.mean(gap.size.friction_N**2)))
+    imitated = imitations(found.search, found.fits, named, friction_N, gap.campaign.limits)
+    if verdict.kind is Kind.DRIVE:
+        imitated = ()
     report("next test")
+    following = _next(data, found, verdict, constants, gap.campaign)
+    if following is None or not named:  # what is said to be tied comes before what is only possible
+        following = next((x.next_test for x in imitated if x.said and x.next_test), following)
     return Diagnosis(
         gap.campaign,
         seed,
@@ -261,7 +306,11 @@ def _reported(
         _moved(base, fit, rng) if named else {},
         hidden,
         {n: v for n, v in nats.items() if n not in NO_CAUSE},
-        _next(data, found, verdict, constants, gap.campaign),
+        imitated,
+        edges_of(found.fits[named]),
+        limits_of_loops([x.record for x in data.loops], data.loops),
+        () if gap.campaign.clock else _needing_clock(settings, data, found.search.scales),
+        following,
         sampling,
     )
 

@@ -27,6 +27,7 @@ from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.setup.frequencies import by_frequency
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
+from bayes_iwan.inference.setup.simulator_check import check_simulator
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.inference.solving.approximation import approximate_draws
 from bayes_iwan.inference.solving.chains import Run, sampled
@@ -76,8 +77,11 @@ def identify_campaign(
     if isinstance(simulator, str | os.PathLike):
         simulator_file, simulator = str(Path(simulator).resolve()), load_simulator(simulator)
     loops = campaign.loops(**asdict(settings.loops))
+    problem = make_problem(loops, settings, simulator)
+    if simulator is not None:
+        check_simulator(problem, seed)
     posterior = identify_problem(
-        make_problem(loops, settings, simulator),
+        problem,
         seed,
         config=settings,
         campaign=campaign,
@@ -264,12 +268,15 @@ def _approximation(
 ) -> Posterior:
     """A posterior of the normal approximation, four chains of independent draws."""
     z = approximate_draws(problem, point.z, QUICK_DRAWS, (seed, 14))
+    log_prob = problem.log_prob(z)
+    possible = np.resize(np.flatnonzero(np.isfinite(log_prob)), QUICK_DRAWS)  # a simulator may have no force there
+    z, log_prob = z[possible], log_prob[possible]
     return Posterior(
         problem=problem,
         campaign=campaign,
         loops=problem.loops if loops is None else tuple(loops),
         z=z.reshape(4, -1, problem.ndim),
-        log_prob=problem.log_prob(z).reshape(4, -1),
+        log_prob=log_prob.reshape(4, -1),
         walkers=1,
         thin=1,
         point=point,

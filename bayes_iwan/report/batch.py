@@ -2,12 +2,16 @@
 
 OUT/specimens/NAME/   what `identify` and `diagnose` write of the campaign FOLDER/NAME, and specimen.json: what the
                       table and the page across specimens need of it. Where that stands, the specimen is finished.
-OUT/batch.csv, batch.html, failures.csv (and batch.parquet where pyarrow is installed)
+OUT/batch.csv, batch.html, sheet.pdf, failures.csv (batch.xlsx with openpyxl, batch.parquet with pyarrow installed)
+
+FOLDER/specimens.csv  says more of the specimens where it is there: a column "specimen" with the names of the folders,
+                      and others of which `group` names one: the lot, the supplier.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import time
@@ -23,23 +27,22 @@ import bayes_iwan
 from bayes_iwan import executors
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import owned, write_whole
-from bayes_iwan.inference.results.population import DRAWS, Population, SpecimenDraws, population
+from bayes_iwan.inference.results.population import DRAWS
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import NOISE, Config, settings_of
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings
+from bayes_iwan.report.batch_page import write_batch_page
+from bayes_iwan.report.batch_sheet import write_sheet
 from bayes_iwan.report.diagnosis.files import diagnose_campaign
 from bayes_iwan.report.identification.marginals import identifiable
 from bayes_iwan.report.provenance import of_folder
+from bayes_iwan.report.specimens import Batch, BatchError, Finished, Quantity, lots_of, summarised
 from bayes_iwan.report.table import Cell, Table
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.sampling.checkpoint import CheckpointError
 
 _SCHEMA = 1
-
-
-class BatchError(ValueError):
-    """A batch that cannot be begun; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -56,73 +59,6 @@ class Job:
     keep_chains: bool
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """One identifiable quantity of one specimen: its unit, median and 90 % interval, and draws (with the prior's)."""
-
-    label: str
-    unit: str
-    median: float
-    low: float
-    high: float
-    draws: Array
-    prior: Array
-
-
-@dataclass(frozen=True)
-class Finished:
-    """One specimen that was finished: what was identified (if asked for) and the cause found (if asked for).
-
-    converged : None where nothing was sampled.
-    """
-
-    name: str
-    seconds: float
-    converged: bool | None
-    message: str
-    quantities: Mapping[str, Quantity]
-    cause: str | None
-    second_cause: str | None
-    probability: float | None
-    gap_share: float | None
-    shrink: float | None
-
-
-@dataclass(frozen=True)
-class Batch:
-    """All specimens: the finished ones, the reason of each failure, and the population of each quantity."""
-
-    finished: tuple[Finished, ...]
-    failures: Mapping[str, str]
-    populations: Mapping[str, Population]
-
-    def outliers(self) -> dict[str, tuple[str, ...]]:
-        """Quantities in which a specimen stands out from the others, by specimen."""
-        found: dict[str, list[str]] = {}
-        for quantity, p in self.populations.items():
-            for name in p.outliers(0.01 / len(self.populations)):
-                found.setdefault(name, []).append(quantity)
-        return {name: tuple(q) for name, q in sorted(found.items())}
-
-    def table(self) -> Table:
-        """One row a specimen, failed ones included."""
-        names = sorted({(q, x.quantities[q].unit) for x in self.finished for q in x.quantities})
-        columns = ["specimen", "state", "message", "seconds", "cause", "second_cause", "probability"]
-        columns += ["gap_share", "shrink"] + [f"{q}_{s}" for q, _ in names for s in ("q05", "q50", "q95")]
-        rows: list[tuple[Cell, ...]] = []
-        for x in self.finished:
-            state = "finished" if x.converged in (None, True) else "not converged"
-            some = (x.cause or "", x.second_cause or "", _number(x.probability))
-            row: list[Cell] = [x.name, state, x.message, x.seconds, *some, _number(x.gap_share), _number(x.shrink)]
-            for quantity, _ in names:
-                q = x.quantities.get(quantity)
-                row += [np.nan] * 3 if q is None else [q.low, q.median, q.high]
-            rows.append(tuple(row))
-        for name, reason in self.failures.items():
-            rows.append((name, "failed", reason, np.nan, "", "", *[np.nan] * (len(columns) - 6)))
-        return Table("batch", "Specimens", tuple(columns), tuple(sorted(rows, key=lambda r: str(r[0]))))
-
-
 def batch(
     folder: str | os.PathLike[str],
     out: str | os.PathLike[str],
@@ -133,6 +69,7 @@ def batch(
     seed: int = 0,
     config: Config = None,
     keep_chains: bool = False,
+    group: str | None = None,
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Batch:
@@ -147,7 +84,7 @@ def batch(
     folder
         each folder in it that holds a campaign.toml is a specimen.
     out
-        folder for specimens.csv, batch.html and a folder for each specimen.
+        folder for batch.csv, batch.html, sheet.pdf and a folder for each specimen.
     identify, diagnose
         what to do.
     quick
@@ -158,6 +95,9 @@ def batch(
         as for :func:`bayes_iwan.identify`.
     keep_chains
         keep every draw of every specimen.
+    group
+        column of FOLDER/specimens.csv that says to which lot a specimen belongs: lots are then compared, and specimens
+        shrunk towards the others of their lot.
     executor
         from :func:`bayes_iwan.executors.opened`.
     progress
@@ -171,7 +111,7 @@ def batch(
     Raises
     ------
     BatchError
-        nothing to do.
+        nothing to do, or a specimens.csv that does not say what `group` asks.
     ConfigError, OutputError
         ValueErrors of one line.
 
@@ -183,8 +123,6 @@ def batch(
         found.populations["kp_N_mm"].typical   # median and 90 % interval of the typical specimen, N/mm
         found.outliers()                       # specimens that stand out, and in what
     """
-    from bayes_iwan.report.batch_page import write_batch_page
-
     source = Path(folder)
     if not (identify or diagnose):
         raise BatchError("neither to be identified nor to be diagnosed: nothing to do")
@@ -194,27 +132,17 @@ def batch(
     if not names:
         raise BatchError(f"{source}: no folder in it holds a campaign.toml")
     settings = settings_of(config)
+    lots = {} if group is None else lots_of(source, group)
     with owned(out) as there:
         job = Job(source, there / "specimens", identify, diagnose, quick, seed, settings, keep_chains)
         pieces = {name: name for name in names}
         done = executors.run(pieces, _one, job, executor=executor, what="batch", unit="specimen", progress=progress)
         failures = {n: str(x) for n, x in done.items() if isinstance(x, executors.Failure)}
         finished = tuple(_read(job, n) for n in names if n not in failures)
-        result = Batch(finished, failures, populations(finished, seed))
+        result = summarised(finished, failures, seed, group or "", lots)
         _write(result, there)
         write_batch_page(result, there, replace(of_folder(source, seed, names), counted="campaign"))
     return result
-
-
-def populations(finished: tuple[Finished, ...], seed: int = 0) -> dict[str, Population]:
-    """The population of every quantity that at least three specimens determine."""
-    out = {}
-    for name in dict.fromkeys(q for x in finished for q in x.quantities):
-        of = [(x.name, x.quantities[name]) for x in finished if name in x.quantities]
-        found = population([SpecimenDraws(n, q.draws, q.prior) for n, q in of], seed)
-        if found is not None:
-            out[name] = found
-    return out
 
 
 # ---- one specimen, in whatever process
@@ -291,15 +219,16 @@ def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:
             "prior": _rounded(prior[np.isfinite(prior)]),
         }
     converged = None if posterior.quick else posterior.converged
-    return {"converged": converged, "message": posterior.message, "quantities": record}
+    return {
+        "misfit_share": posterior.misfit().share,
+        "converged": converged,
+        "message": posterior.message,
+        "quantities": record,
+    }
 
 
 def _rounded(x: Array) -> list[float]:
     return [float(f"{v:.7g}") for v in x]
-
-
-def _number(x: float | None) -> float:
-    return float("nan") if x is None else x
 
 
 # ---- files
@@ -319,7 +248,7 @@ def stored_specimen(out: Path, made_with: Mapping[str, Any]) -> Finished | None:
             _of(str, record.get("message", "")),
             found,
             *(_of(str | None, record.get(key)) for key in ("cause", "second_cause")),
-            *(_of(float | None, record.get(key)) for key in ("probability", "gap_share", "shrink")),
+            *(_of(float | None, record.get(key)) for key in ("probability", "gap_share", "shrink", "misfit_share")),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         return None
@@ -355,6 +284,8 @@ def _write(result: Batch, out: Path) -> None:
     table.write_csv(out)
     failures = Table("failures", "Failures", ("specimen", "reason"), tuple(result.failures.items()))
     failures.write_csv(out)
+    write_sheet(result, out / "sheet.pdf")
+    _write_excel(table, out / "batch.xlsx")
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -364,3 +295,26 @@ def _write(result: Batch, out: Path) -> None:
     columns = {name: [row[i] for row in table.rows] for i, name in enumerate(table.columns)}
     pq.write_table(pa.table(columns), buffer)
     write_whole(out / "batch.parquet", buffer.getvalue().to_pybytes())
+
+
+def _write_excel(table: Table, path: Path) -> None:
+    """The same table for Excel, numbers as numbers, its head fixed and with filters."""
+    try:
+        from openpyxl import Workbook
+    except ImportError:  # the same table is in batch.csv
+        return
+    book, content = Workbook(), io.BytesIO()
+    sheet = book.active
+    assert sheet is not None
+    sheet.title = "specimens"
+    for row in (table.columns, *table.rows):
+        # what begins with "=" is text of a specimen's name, never a formula
+        sheet.append([None if isinstance(x, float) and not np.isfinite(x) else _text(x) for x in row])
+    sheet.freeze_panes = "B2"
+    sheet.auto_filter.ref = sheet.dimensions
+    book.save(content)
+    write_whole(path, content.getvalue())
+
+
+def _text(x: Cell) -> Cell:
+    return "'" + x if isinstance(x, str) and x[:1] in ("=", "+", "-", "@") else x

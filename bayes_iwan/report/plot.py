@@ -12,7 +12,6 @@ ax : axes of yours to draw into, an array of them for several panels.
 from __future__ import annotations
 
 import difflib
-from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
@@ -26,10 +25,8 @@ from bayes_iwan.report.identification.loops import frequencies_figure, loops_fig
 from bayes_iwan.report.identification.marginals import identifiable_corner, paper_corner, prior_posterior_figure
 from bayes_iwan.report.identification.sampling import tau_figure, traces_figure
 from bayes_iwan.report.identification.trends import trends_figure
+from bayes_iwan.report.specimens import Batch
 from bayes_iwan.report.style import save, styled
-
-if TYPE_CHECKING:
-    from bayes_iwan.report.batch import Batch
 
 __all__ = [
     "autocorrelation",

@@ -109,7 +109,7 @@ _NOTHING = _Wish()
 _WISH: ContextVar[_Wish] = ContextVar("wish", default=_NOTHING)
 
 
-def unset_rc() -> dict[str, Any]:
+def unset_rc() -> Any:
     """This module's settings where the user's rcParams are still matplotlib's own; what a user has set stands."""
     default = mpl.rcParamsDefault
     return {key: value for key, value in RC.items() if mpl.rcParams[key] == default[key]}

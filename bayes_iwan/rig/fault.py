@@ -45,8 +45,12 @@ class Acting:
         factor on a slip force over its remembered slip speed (mm/s).
     fade_factor
         factor on all slip forces over the cycles, or over the work where `motion.fade_work_Nmm` says so.
-    stiffness_scatter, gain_scatter
-        of both springs and of the force amplifier, from test to test.
+    position_factor
+        factor on all slip forces over the specimen's deformation (mm).
+    stiffness_scatter, friction_scatter, gain_scatter
+        of both springs, of the slip forces and of the force amplifier, from test to test.
+    amplitude_gain
+        factor of the force amplifier over a test's amplitude (mm).
     """
 
     motion: FaultValues = NO_FAULT
@@ -57,13 +61,17 @@ class Acting:
     joint_stretch: Function | None = None
     rate_factor: Function | None = None
     fade_factor: Function | None = None
+    position_factor: Function | None = None
     stiffness_scatter: Scatter | None = None
+    friction_scatter: Scatter | None = None
     gain_scatter: Scatter | None = None
+    amplitude_gain: Function | None = None
 
     @property
     def only_measured(self) -> bool:
         """Whether the motion is left as it is."""
-        return self.motion is NO_FAULT and self == Acting(chain=self.chain, gain_scatter=self.gain_scatter)
+        measured = Acting(chain=self.chain, gain_scatter=self.gain_scatter, amplitude_gain=self.amplitude_gain)
+        return self.motion is NO_FAULT and self == measured
 
     @property
     def remembers(self) -> bool:
@@ -153,7 +161,8 @@ class FaultKind:
 
     The first law is the one that the diagnosis' catalogue has too.
     `draw` draws the parameters that all laws have beside the main one; `signed`: the main one may be negative;
-    `listed`: the diagnosis' catalogue has an effect of this name.
+    `listed`: the diagnosis' catalogue has an effect of this name. `family`: what kinds from outside it have in common
+    (whatever is fitted to such cases is scored with a whole family left out).
     """
 
     name: str
@@ -163,6 +172,7 @@ class FaultKind:
     draw: Draw = _nothing
     signed: bool = False
     listed: bool = True
+    family: str = ""
 
     def law(self, name: str) -> Law:
         """The law of this name; the first for an empty one. Raises KeyError."""

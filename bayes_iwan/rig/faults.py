@@ -21,6 +21,8 @@ KINDS: dict[str, FaultKind] = {
 }
 CATALOGUE: tuple[str, ...] = tuple(k.name for k in KINDS.values() if k.listed)
 OUTSIDE: tuple[str, ...] = tuple(k.name for k in KINDS.values() if not k.listed)
+#: what faults from outside the catalogue have in common, by their names
+FAMILY: dict[str, str] = {k.name: k.family for k in KINDS.values() if not k.listed}
 MAIN_PARAMETER: dict[str, str] = {k.name: k.main for k in KINDS.values()}
 #: which laws are drawn: the one that the catalogue has too, any but that one, or all alike
 LAWS = ("catalogue", "other", "all")
@@ -104,6 +106,9 @@ def _beside(a: Acting, b: Acting, who: str) -> Acting:
         joint_stretch=_combined(a.joint_stretch, b.joint_stretch, np.add),
         rate_factor=_combined(a.rate_factor, b.rate_factor, np.multiply),
         fade_factor=_combined(a.fade_factor, b.fade_factor, np.multiply),
+        position_factor=_combined(a.position_factor, b.position_factor, np.multiply),
+        friction_scatter=one("friction_scatter", a.friction_scatter, b.friction_scatter, None),
+        amplitude_gain=_combined(a.amplitude_gain, b.amplitude_gain, np.multiply),
         stiffness_scatter=one("stiffness_scatter", a.stiffness_scatter, b.stiffness_scatter, None),
         gain_scatter=one("gain_scatter", a.gain_scatter, b.gain_scatter, None),
     )

@@ -88,6 +88,8 @@ class FaultValues(NamedTuple):
     groove: float = 0.0
     groove_pitch: float = 1.0
     groove_phase: float = 0.0
+    position: Array = NO_TABLE
+    position_step: float = 1.0
     rocking: float = 0.0
     heat_loss_1_mW: float = 0.0
     heat_fade_1_mW: float = 0.0
@@ -163,6 +165,7 @@ def march(
     second_gain = 1.0 / (1.0 + (q.lag_rise_s + second) / h + q.lag_rise_s * second / h**2) if second else 1.0
     displacement_start = -0.5 * (q.displacement_force.size - 1) * q.displacement_step
     speed_start = -0.5 * (q.speed_force.size - 1) * q.speed_step
+    position_start = -0.5 * (q.position.size - 1) * q.position_step
     inertia = q.end_mass_kg * 1e-3 / h**2
     damper = q.end_damping / h
     base_damping = 2.0 * q.base_damping_ratio * np.sqrt(q.base_k * q.base_mass_kg * 1e-3)
@@ -178,6 +181,8 @@ def march(
             grip = faded**q.fade_stiffness
         if q.groove != 0.0:
             common *= 1.0 + q.groove * np.sin(2.0 * np.pi * d_old / q.groove_pitch + q.groove_phase)
+        if q.position.size > 1:
+            common *= _look_up(q.position, position_start, q.position_step, d_old)[0]
         if q.rocking != 0.0:
             whole = np.floor(cycle[i])
             if whole % 2.0 != 0.0:

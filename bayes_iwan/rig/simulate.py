@@ -152,6 +152,9 @@ def _with_tables(act: Acting, amplitude_mm: float, speed_mm_s: float, compliance
     if act.displacement_force is not None:
         grid = uniform_grid(1.5 * amplitude_mm, _TABLE)
         q = q._replace(displacement_force=act.displacement_force(grid), displacement_step=grid[1] - grid[0])
+    if act.position_factor is not None:
+        grid = uniform_grid(1.5 * amplitude_mm, _TABLE)
+        q = q._replace(position=np.maximum(act.position_factor(grid), 0.05), position_step=grid[1] - grid[0])
     if act.speed_force is not None:
         grid = uniform_grid(2.0 * speed_mm_s, _TABLE)
         q = q._replace(speed_force=act.speed_force(grid), speed_step=grid[1] - grid[0])
@@ -235,6 +238,8 @@ def observe(
     chain = act.chain
     if act.gain_scatter is not None:
         chain = replace(chain, gain=scatter(act.gain_scatter, index))
+    if act.amplitude_gain is not None:
+        chain = replace(chain, gain=chain.gain * float(act.amplitude_gain(np.array(motion.test.amplitude_mm))))
     u, f = measure(
         motion.time_s, motion.displacement_mm, motion.force_N, motion.sample_times_s, setup.sensors, chain,
         np.random.default_rng([seed, index, 1]), clean, motion.true_frequency_hz,
@@ -266,6 +271,8 @@ def move(
     body = specimen.coarse(fidelity.sliders)
     if act.stiffness_scatter is not None:
         body = body.scaled(scatter(act.stiffness_scatter, index))
+    if act.friction_scatter is not None:
+        body = replace(body, slip_share_N=body.slip_share_N * scatter(act.friction_scatter, index))
 
     def shape(t: Array, run_in: float) -> Array:
         turn = 2 * np.pi * frequency * t + start

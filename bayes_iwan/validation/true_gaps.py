@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_iwan.campaign import average
 from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.judging.budget import shapley, subsets
+from bayes_iwan.gap.judging.budget import shares_of, subsets
 from bayes_iwan.gap.searching.base import fit_base, gap_rms_N
 from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.inference.setup.scales import scales_of
@@ -39,19 +39,18 @@ def true_gaps_N(case: Case, seed: int) -> dict[frozenset[str], float]:
 
 
 def made(gap_N: GapByFaults) -> dict[str, float]:
-    """Share of the base model's gap that each fault makes, Shapley value over all faults; what they leave of one is the
+    """Share of the base model's gap that each fault makes, all faults counted; what they leave of one is the
     specimen's own difference from the model."""
     return removed(gap_N, max(gap_N, key=len, default=frozenset()))
 
 
 def removed(gap_N: GapByFaults, some: Collection[str]) -> dict[str, float]:
     """Share of the gap that would be gone with each of some faults, all others there: what an answer says that names
-    these and no others. Shapley value over these."""
+    these and no others. As :func:`shares_of` divides it."""
     whole = max(gap_N, key=len, default=frozenset())
-    before = gap_N.get(whole, 0.0)
-    if before <= 0.0:
+    if not gap_N:
         return dict.fromkeys(some, 0.0)
-    return {n: float(v) for n, v in shapley(some, lambda k: np.array(1.0 - gap_N[whole - k] / before)).items()}
+    return shares_of(some, {k: gap_N[whole - k] for k in subsets(some)})
 
 
 def by_name(gap_N: GapByFaults) -> dict[str, float]:

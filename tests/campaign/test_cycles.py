@@ -77,7 +77,7 @@ def test_velocity_of_a_triangle_does_not_ring(record):
 def test_a_partial_first_cycle_is_dropped(record):
     for start in (0.001, 0.37, 0.999):
         loop = average(record(start=start, n_cycles=10.0))
-        assert loop.n_cycles in (8, 9)
+        assert loop.n_cycles in (8, 9, 10)  # 10: cut at a crossing
         first = loop.record.time_s[loop.cut.index[0]]
         assert (10 * first + start) % 1 == pytest.approx(0, abs=1 / 128 + 1e-6)
 

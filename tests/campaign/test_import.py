@@ -13,7 +13,6 @@ from bayes_iwan import cli
 from bayes_iwan.campaign import CampaignError, average, read_campaign
 from bayes_iwan.campaign.importing import Layout, Recipe, import_tests, read_recipe, units, write_tests
 
-pint = pytest.importorskip("pint")
 DATA = Path(__file__).parents[2] / "data"
 G = 9.80665
 
@@ -177,10 +176,11 @@ def test_channels_are_asked_for_where_they_cannot_be_told(table, record):
     r = record()
     x, f = r.displacement_mm, r.force_N
     path = table("a.csv", {"t [s]": r.time_s, "ai1": x, "ai2": f})
-    with pytest.raises(CampaignError, match=r"no force among t \(s\), ai1, ai2; name it with --force NAME"):
+    with pytest.raises(CampaignError, match=r"No channel is known as force among 1: t \(s\), 2: ai1, 3: ai2.*--force"):
         import_tests([path])
     with pytest.raises(
-        CampaignError, match=r"a\.csv: 'ai1': the file states no unit; say it with --unit displacement="
+        CampaignError,
+        match=r"a\.csv: 'ai1' \(displacement\) states no unit .*--unit \"displacement=UNIT\" --unit \"force=UNIT\"$",
     ):
         import_tests([path], Recipe(channels={"displacement": "ai1", "force": "ai2"}))
     both = Recipe(channels={"displacement": "2", "force": "AI2"}, units={"displacement": "mm", "force": "N"})
@@ -191,7 +191,7 @@ def test_channels_are_asked_for_where_they_cannot_be_told(table, record):
     with pytest.raises(CampaignError, match="named as displacement and as force"):
         import_tests([path], Recipe(channels={"displacement": "ai1", "force": "ai1"}))
     path = table("b.csv", {"t [s]": r.time_s, "x [mm]": x, "F1 [N]": f, "F2 [N]": f})
-    with pytest.raises(CampaignError, match="which channel is the force, 'F1', 'F2'"):
+    with pytest.raises(CampaignError, match="Which channel is the force: F1 \\(N\\), F2 \\(N\\)"):
         import_tests([path])
     (test,) = import_tests([path], Recipe(channels={"force": "F2"}))
     path = table("c.csv", {"t [s]": r.time_s, "x [mm]": x, "acc [g]": x, "F [N]": f})
@@ -202,7 +202,7 @@ def test_channels_are_asked_for_where_they_cannot_be_told(table, record):
 @pytest.mark.parametrize(
     ("recipe", "words"),
     [
-        (Recipe(), r"'Kraft': unit V is no unit of force; say what it means: --sensitivity 'force="),
+        (Recipe(), r"'Kraft' \(force\) is in V: of what transducer\? Say it with --sensitivity \"force="),
         (Recipe(sensitivities={"force": "9.55"}), "no number with a unit"),
         (Recipe(sensitivities={"force": "9.55 mV/mm"}), "gives no force"),
         (Recipe(sensitivities={"force": "9.55 mV/N", "displacement": "1 V/mm"}), "in mm already"),
@@ -221,10 +221,10 @@ def test_units_that_make_no_sense(table, record, recipe, words):
 def test_sample_rates(table, record):
     r = record()
     path = table("a.csv", {"Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N})
-    with pytest.raises(CampaignError, match="no time channel and no sample rate"):
+    with pytest.raises(CampaignError, match=r"neither a time channel .* nor a sample rate"):
         import_tests([path])
     rounded = table("b.csv", {"t [s]": np.round(r.time_s, 3), "Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N})
-    with pytest.raises(CampaignError, match="rounded too far: state sample_rate_hz"):
+    with pytest.raises(CampaignError, match=r"rounded too far.*--sample-rate"):
         import_tests([rounded])
     (test,) = import_tests([rounded], Recipe(sample_rate_hz=1280))
     np.testing.assert_allclose(test.record.time_s, r.time_s, atol=1e-9)
@@ -248,7 +248,11 @@ def test_bad_channels(table, record):
     for name, columns, words in (
         ("zeros.csv", {"Weg [mm]": r.displacement_mm, "Kraft [N]": np.zeros(n)}, "'Kraft' stays at 0 N"),
         ("dead.csv", {"Weg [mm]": np.full(n, 0.3), "Kraft [N]": r.force_N}, "'Weg' stays at 0.3 mm"),
-        ("gone.csv", {"Weg [mm]": r.displacement_mm, "Kraft [N]": np.r_[1.0, np.full(n - 1, np.nan)]}, "stays at 1"),
+        (
+            "gone.csv",
+            {"Weg [mm]": r.displacement_mm, "Kraft [N]": np.r_[np.full(n // 2, 1.0), np.full(n - n // 2, np.nan)]},
+            "stays at 1",
+        ),
         ("noise.csv", {"Weg [mm]": r.displacement_mm[:200], "Kraft [N]": r.force_N[:200]}, "at least two are needed"),
     ):
         with pytest.raises(CampaignError, match=words):
@@ -262,8 +266,10 @@ def test_files_that_do_not_go_together(tmp_path, table, record, volts):
     rate = Recipe(sample_rate_hz=1280)
     with pytest.raises(CampaignError, match="a campaign holds one kind of record"):
         import_tests([one, torque], rate)
+    (tmp_path / "other").mkdir()
+    again = (tmp_path / "other" / "a.csv").write_bytes(one.read_bytes()) and tmp_path / "other" / "a.csv"
     with pytest.raises(CampaignError, match="two recordings would be called a"):
-        import_tests([one, one], rate)
+        import_tests([one, again], rate)
     with pytest.raises(CampaignError, match="not found"):
         import_tests([tmp_path / "none.tdms"], rate)
     with pytest.raises(CampaignError, match="no files"):
@@ -342,16 +348,6 @@ def test_units_in_names():
         assert units.is_unit(text), text
 
 
-def test_pint_missing_is_said(table, record, monkeypatch):
-    r = record()
-    path = table("a.csv", {"Weg [mm]": r.displacement_mm, "Kraft [N]": r.force_N})
-    units._registry.cache_clear()
-    monkeypatch.setitem(sys.modules, "pint", None)
-    with pytest.raises(CampaignError, match=r"needs pint, which is not installed; pip install 'bayes-iwan\[import\]'"):
-        import_tests([path], Recipe(sample_rate_hz=1280))
-    units._registry.cache_clear()
-
-
 def test_the_command(tmp_path, capsys, volts, table):
     r, v0, v1 = volts(n_cycles=40.3)
     path = str(table("f10.csv", {"ai0": v0, "ai1": -v1}))
@@ -377,7 +373,7 @@ def test_the_command(tmp_path, capsys, volts, table):
     assert campaign.name == "isolator 7"
     same_loop(campaign.loops()[0], average(r), 1e-3)
     for wrong, words in (
-        (["import", path, *said], "--out CAMPAIGN"),
+        (["import", path, "--gain", "force=1,000", "--dry-run"], "is the comma in"),
         (["import", path, "--unit", "force", "--dry-run"], "--unit force: write it as ROLE=VALUE"),
         (["import", path, "--unit", "froce=N", "--dry-run"], "did you mean force"),
         (["import", path, "--gain", "force=x", "--dry-run"], "'x' is not a number"),

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError
-from bayes_iwan.campaign.importing.formats import read_file
-from bayes_iwan.campaign.importing.text import Layout
+from bayes_iwan.campaign.importing.layout import Layout
+from bayes_iwan.campaign.importing.read import read_file
 from bayes_iwan.campaign.importing.units import is_unit
-
-pytest.importorskip("pint")
 
 N = 200
 T = np.arange(N) / 1000.0
@@ -88,7 +86,7 @@ def test_gaps_are_not_numbers_and_a_cut_last_line_is_left_out(tmp_path):
     for gap in ("", "NaN", "-", "1.#IND", "inf"):
         lines[51] = f"{T[50]:.8g};{gap};{F[50]:.8g}"
         recording = read(tmp_path, "\n".join(lines) + "\n")
-        assert np.flatnonzero(np.isnan(recording.channels[1].values)).tolist() == [50]
+        assert np.flatnonzero(~np.isfinite(recording.channels[1].values)).tolist() == [50]
     cut = read(tmp_path, "t;x;F\n" + rows(";")[: rows(";").rindex(";")])
     assert cut.channels[0].values.size == N - 1 and any("cut off" in note for note in cut.notes)
 
@@ -102,7 +100,6 @@ def test_packed_text(tmp_path):
     [
         (b"", ["empty"]),
         (b"one line", ["no rows of numbers", "--separator"]),
-        (("t,x,F\n" + rows() + "t,x,F\n" + rows()).encode(), [f"line {N + 2}", "'t' is not a number", "second header"]),
         (("t,x,F\n" + rows() + "1,2,3,4\n").encode(), [f"line {N + 2}: 4 columns where the lines above have 3"]),
         (("t,x,F\n" + rows().replace("\n0.1,", "\n0.1,12:x", 1)).encode(), ["is not a number"]),
         (("t,x,F\n" + rows()).encode()[:3000] + bytes(3000), ["zero bytes", "not written to its end"]),

@@ -92,7 +92,7 @@ def test_a_gap_above_what_corners_make_is_judged_with_the_drive_beside_it(corner
     assert verdict.kind is not Kind.DRIVE and "drive" not in verdict.probabilities
     if verdict.kind is Kind.UNKNOWN:
         said = " ".join(replace(cornered, verdict=verdict).sentences())
-        assert "up to 1.0 % of the friction force may be the channels'" in said
+        assert "Up to 1 % of the friction force may be the channels'" in said
 
 
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.1, 0.2])

@@ -8,12 +8,13 @@ import pytest
 
 from bayes_iwan.campaign import average
 from bayes_iwan.effects import catalogue
+from bayes_iwan.gap.constants import LARGE_REST
 from bayes_iwan.gap.fitting import evidence
 from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.fitting.evidence import _distinct, _grid, extended, fit_model, in_newtons, predicting
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.fitting.rest import BETWEEN, LARGE_REST, LENGTHS, SHARES, Linear, Rest, RestSize
+from bayes_iwan.gap.fitting.rest import BETWEEN, LENGTHS, SHARES, Linear, Rest, RestSize
 from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging import sample_fit
 from bayes_iwan.gap.searching.base import fit_base, gap_rms_N

@@ -1,10 +1,8 @@
 """Effects with numbers of their own in every test: which of them are tried, and which of their laws is kept."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.effects import catalogue
@@ -12,8 +10,8 @@ from bayes_iwan.gap.fitting.data import gap_data
 from bayes_iwan.gap.searching import refits
 from bayes_iwan.gap.searching import search as searching
 from bayes_iwan.gap.searching.candidates import candidate
-from bayes_iwan.gap.searching.explored import silent
-from bayes_iwan.gap.searching.search import _Explorer
+from bayes_iwan.gap.searching.explored import Explored, silent
+from bayes_iwan.gap.searching.search import fit_singles
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.rig.planning import simulate_campaign
 from bayes_iwan.rig.simulate import PlannedTest
@@ -23,29 +21,11 @@ def test_a_mains_line_that_every_loop_hides_is_refitted_whatever_a_step_promises
     """At 6 Hz 60 Hz is a harmonic of every test; at 7 Hz records show that there is none."""
     monkeypatch.setattr(refits, "candidate", lambda *given: replace(candidate(*given), gain=-1e3, worth=-1e3))
     monkeypatch.setattr(searching, "SINGLE_MOST", 0)
+    monkeypatch.setattr(searching, "as_sound", lambda found: False)
     for hz, tried in ((6.0, True), (7.0, False)):
         made = simulate_campaign([PlannedTest(hz, a, cycles=12) for a in (0.4, 0.9)], seed=3)
         data = gap_data(Campaign("virtual rig", "", "", "", None, made.records).loops(**kit.small))
         kinds, rng = {"mains_hum": catalogue.variants()["mains_hum"]}, np.random.default_rng(0)
-        found = _Explorer(data, scales_of(data.loops), kit.settings, kinds, rng, silent, None, None)
-        found.singles()
+        found = Explored(data, scales_of(data.loops), kit.settings, kinds, rng, silent, None, None)
+        fit_singles(found)
         assert (frozenset({"mains_hum"}) in found.fits) is tried
-
-
-@pytest.mark.parametrize(("own", "kept"), [(True, "numbers of single tests"), (False, "one number")])
-def test_numbers_of_single_tests_are_weighed_by_what_they_are_worth(own, kept, monkeypatch):
-    """Evidence asks for each of them; the gap in newtons may speak for them all the same."""
-
-    def fit(law, nats, names):
-        effect = SimpleNamespace(name="force_drift", strength_name="force_drift.rate_N_s")
-        names = SimpleNamespace(names=names)
-        return SimpleNamespace(
-            law=law, names=frozenset({effect.name}), effects=(effect,), problem=names, log_evidence=nats
-        )
-
-    found = object.__new__(_Explorer)
-    found.fits = {}
-    monkeypatch.setattr(found, "worths", lambda fits: [-f.log_evidence for f in fits], raising=False)
-    found._kept(fit("one number", 2.0, ("force_drift.rate_N_s",)))
-    found._kept(fit("numbers of single tests", -9.0, () if own else ("force_drift.rate_N_s",)))
-    assert found.fits[frozenset({"force_drift"})].law == kept

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from bayes_iwan.gap.fitting.rest import BETWEEN, LARGE_REST, LENGTHS, LN_SPECTRUM, SPECTRUM_SD, Linear, Rest, RestSize
+from bayes_iwan.gap.constants import LARGE_REST, SPECTRUM_SD
+from bayes_iwan.gap.fitting.rest import BETWEEN, LENGTHS, LN_SPECTRUM, Linear, Rest, RestSize
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
 

@@ -18,11 +18,11 @@ from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.gap.judging.budget import NO_CAUSE, Kind
 from bayes_iwan.gap.searching import refits
 from bayes_iwan.gap.searching import search as searching
-from bayes_iwan.gap.searching.base import fit_base, gap_rms_N, missed, newton_nats
+from bayes_iwan.gap.searching.base import fit_base, gap_rms_N, missed, newton_nats, sound_gap_N
 from bayes_iwan.gap.searching.candidates import candidate, start_points, stepped_on, weighed_alike
-from bayes_iwan.gap.searching.explored import silent
-from bayes_iwan.gap.searching.found import LAST, needed
-from bayes_iwan.gap.searching.search import SINGLE_MOST, _Explorer, latitude, search
+from bayes_iwan.gap.searching.explored import Explored, silent
+from bayes_iwan.gap.searching.found import LAST
+from bayes_iwan.gap.searching.search import SINGLE_MOST, fit_singles, grow, search
 from bayes_iwan.gap.searching.strength import calibrated
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
@@ -36,7 +36,7 @@ FOUND = {"viscous_damping": "c_N_s_mm", "moving_mass": "m_kg"}
 
 def explorer(kit, data, kinds):
     """A search that has fitted its base and no more."""
-    return _Explorer(data, scales_of(data.loops), kit.settings, kinds, np.random.default_rng(0), silent, None, None)
+    return Explored(data, scales_of(data.loops), kit.settings, kinds, np.random.default_rng(0), silent, None, None)
 
 
 def promised(data, smaller, gap_N, effect):
@@ -130,7 +130,8 @@ def test_what_an_effect_removes_in_newtons_is_part_of_its_promise_where_there_is
     for name in ("viscous_damping", "moving_mass"):
         without, beside = (promised(found.data, found.base, g, found.effects[name][0]) for g in (0.0, gap_N))
         assert without.worth == without.gain == beside.gain and len(beside.starts) == len(without.starts) + 1
-        removed = newton_nats(found.data, 0.0) - newton_nats(found.data, gap_N)
+        sound_N, tests = sound_gap_N(found.data), found.data.tests
+        removed = newton_nats(0.0, sound_N, tests) - newton_nats(gap_N, sound_N, tests)
         assert 0.0 <= beside.worth - beside.gain <= removed
         if name == "viscous_damping":  # the truth: most of the gap, and so a good part of what all of it is worth
             assert beside.worth - beside.gain > removed / 3.0
@@ -216,49 +217,8 @@ def test_a_law_that_only_its_shape_tells_from_the_base_is_found(kit):
     assert promised(data, base, 0.0, effect).gain > 10.0
 
 
-def test_what_others_stand_in_for_does_not_come_back_beside_them():
-    one = {n: (SimpleNamespace(look_alikes=alike),) for n, alike in {"a": ("b",), "b": (), "c": (), "d": ()}.items()}
-    stood_in = {"a": frozenset("bc"), "d": frozenset("bc")}
-    may = {k: needed(one, stood_in, frozenset(k)) for k in ("a", "abc", "ab", "ac", "bd", "cd", "bcd", "bc")}
-    # b looks like a, so b alone stands in for it; nothing looks like d, so b and c together do
-    assert may == {"a": True, "abc": False, "ab": False, "ac": True, "bd": True, "cd": True, "bcd": False, "bc": True}
-    assert not needed(one, {"c": frozenset()}, frozenset("c")) and needed(one, {"c": frozenset()}, frozenset("ac"))
-
-
-@pytest.mark.parametrize(
-    ("ahead", "left_N", "found"),
-    [
-        (0.0, 1.0, "force_lowpass"),  # one sign against two
-        (4.0, 1.0, "force_lowpass"),  # the delay a little ahead
-        (6.0, 1.0, "channel_delay"),  # clearly
-        (4.0, 1.5, "channel_delay"),  # the low-pass leaves more of the gap
-    ],
-)
-def test_a_tie_goes_to_the_effect_that_could_have_explained_less(ahead, left_N, found, kit, monkeypatch):
-    """Two fits, the delay's so many nats ahead, in a search whose evidence and gaps are given."""
-    data = kit.diagnosed("viscous_damping", "held out").search.data
-    names = ("channel_delay", "force_lowpass")
-    search = explorer(kit, data, {n: e for n, e in catalogue.variants().items() if n in names})
-    base = search.fits[frozenset()]
-    delay, lowpass = (replace(base, problem=extended(base.problem, (search.effects[n][0],))) for n in names)
-    gaps, worths = {delay.names: 1.0, lowpass.names: left_N, base.names: 2.0}, {delay.names: ahead, lowpass.names: 0.0}
-    monkeypatch.setattr(search, "within_reach", list)
-    monkeypatch.setattr(search, "worths", lambda fits: [worths[f.names] for f in fits])
-    monkeypatch.setattr(search, "gap_N", lambda fit: gaps[fit.names])
-    best = search.plainest(frozenset(), [delay, lowpass])
-    assert best.names == {found}
-
-
-def test_what_commits_itself_most(kit):
-    found = {
-        n: latitude(classes[0](scales_of(kit.diagnosed(None).search.data.loops)))
-        for n, classes in catalogue.variants().items()
-    }
-    assert found["force_lowpass"] < found["channel_delay"] and found["free_play"] < found["rig_compliance"]
-
-
-def test_sudden_effects_are_always_refitted(kit):
-    fits = kit.diagnosed(None).search.fits
+def test_sudden_effects_are_refitted_where_there_is_a_gap(kit):
+    fits = kit.diagnosed("viscous_damping", "held out").search.fits
     assert frozenset({"force_clipping"}) in fits and frozenset({"end_stop"}) in fits
 
 
@@ -276,35 +236,9 @@ def test_what_acts_along_the_record_is_refitted_where_the_gap_is_there_whatever_
     for name, data in (("fading", fading), ("steady", steady)):
         kinds = {n: catalogue.variants()[n] for n in ("friction_fade", "spring_softening", "moving_mass")}
         found = explorer(kit, data, kinds)
-        found.singles()
+        fit_singles(found)
         fitted[name] = set(found.fits)
     assert frozenset({"friction_fade"}) in fitted["fading"] and frozenset({"friction_fade"}) not in fitted["steady"]
-
-
-def test_a_single_record_s_rivals_are_refitted_whatever_a_step_promises(kit, monkeypatch):
-    """There a refit costs little, and what did it may promise nothing; of many tests one step tells enough."""
-
-    def hopeless(*given):
-        return replace(candidate(*given), gain=-1e3, worth=-1e3)
-
-    loops = [x for x in kit.campaign_of(kit.rig_records("viscous_damping")).loops(**kit.small) if x.role == "fit"]
-    kinds = {
-        n: catalogue.variants()[n] for n in ("viscous_damping", "force_drift", "moving_mass", "quadratic_stiffness")
-    }
-    monkeypatch.setattr(searching, "RIVALS_ASKED", len(loops) - 1)
-    asked = {}
-    for tests in (1, len(loops)):
-        data = gap_data(loops[:tests])
-        found = explorer(kit, data, kinds)
-        found.singles()
-        alone = found.fits[frozenset({"viscous_damping"})]
-        found.fits = {k: found.fits[k] for k in (frozenset(), alone.names)}
-        with monkeypatch.context() as m:
-            m.setattr(refits, "candidate", hopeless)
-            found._offers.clear()
-            found.rivals(alone)
-        asked[tests] = {n for k in found.fits if len(k) == 1 for n in k}
-    assert asked == {1: set(kinds), len(loops): {"viscous_damping"}}
 
 
 def test_strengths_are_brought_to_the_specimens_scale(kit):
@@ -422,40 +356,32 @@ def test_terms_that_are_not_needed_are_not_taken_in(kit):
     assert found.chosen == ()
 
 
-@pytest.mark.parametrize(
-    ("removes", "nats", "alone", "alike", "kept"),
-    [
-        (0.01, 15.0, 0.3, False, False),  # the other stands in for it
-        (0.01, 40.0, 0.3, False, True),  # many nats are not the difference between two laws
-        (-0.01, 15.0, 0.0, False, False),  # it leaves the gap larger
-        (0.06, 15.0, 0.3, False, True),
-        (0.06, 15.0, 0.3, True, False),  # nature seldom has two that look alike
-        (0.06, 40.0, 0.3, True, True),
-        (0.15, 15.0, -0.1, True, False),  # it only undoes what the other does too much
-        (0.15, 40.0, -0.1, True, True),  # but so many nats say that both act
-        (0.03, 40.0, -0.1, True, False),  # unless next to nothing comes of it
-    ],
-)
-def test_what_stands_in_for_another_loses_few_nats(removes, nats, alone, alike, kept):
-    """Two effects, a and b, of which b is the weaker; gaps in shares of the base's."""
-    fits = {
-        frozenset(k): SimpleNamespace(names=frozenset(k), effects=[SimpleNamespace(name=n, evolving=False) for n in k])
-        for k in ("", "a", "b", "ab")
-    }
-    gap = {"": 1.0, "a": 0.3, "b": 1.0 - alone, "ab": 0.3 - removes}
-    nat = {"": 0.0, "a": 500.0, "b": 100.0, "ab": 500.0 + nats}
-    for k in gap:
-        fits[frozenset(k)].log_evidence = nat[k]
-    found = {frozenset(k): v for k, v in gap.items()}
-    one = SimpleNamespace(
-        fits=fits,
-        data=SimpleNamespace(level_N=np.ones(2)),
-        effects={n: (SimpleNamespace(look_alikes=("a", "b") if alike else ()),) for n in "ab"},
-        without=lambda fit, name: fits[fit.names - {name}],
-        without_each=lambda fit: {n: fits[fit.names - {n}] for n in fit.names},
-        gap_N=lambda fit: found[fit.names],
-        gap_parts_N=lambda some: [(found[f.names], 0.0) for f in some],
-        worth=lambda fit: fit.log_evidence,
-        dropped=lambda name, less: less,
+def test_a_set_that_only_scores_together_is_found_from_either_effect(kit, monkeypatch):
+    """Evidence by hand: neither of two effects helps alone, both together do."""
+    data = kit.diagnosed("viscous_damping", "held out").search.data
+    kinds = {n: catalogue.variants()[n] for n in ("viscous_damping", "moving_mass", "cubic_stiffness")}
+    found = explorer(kit, data, kinds)
+    nats = {"": 0.0, "viscous_damping": -1.0, "moving_mass": -2.0, "cubic_stiffness": -9.0}
+
+    def fit(*names):
+        effects = tuple(found.effects[n][0] for n in names)
+        return replace(found.fits[frozenset()], problem=extended(found.fits[frozenset()].problem, effects))
+
+    def add(some, smaller, instead_of=None):
+        for one in some:
+            names = smaller.names | {one.name}
+            found.fits[names] = fit(*sorted(names))
+
+    def scores(fits):
+        both = frozenset({"viscous_damping", "moving_mass"})
+        return [sum(nats[n] for n in f.names) + 100.0 * (both <= f.names) for f in fits]
+
+    for n in kinds:
+        found.fits[frozenset({n})] = fit(n)
+    offered = [SimpleNamespace(name=n, worth=50.0) for n in kinds]
+    monkeypatch.setattr(
+        found, "offered", lambda smaller, last=False: [x for x in offered if x.name not in smaller.names]
     )
-    assert _Explorer.pruned(one, fits[frozenset("ab")]).names == frozenset("ab" if kept else "a")
+    monkeypatch.setattr(found, "add", add)
+    monkeypatch.setattr(found, "scores", scores)
+    assert grow(found, 3).names == {"viscous_damping", "moving_mass"}

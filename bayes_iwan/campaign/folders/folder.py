@@ -16,6 +16,7 @@ from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.loops.averaging import Loop, average, in_band
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import (
+    FEWEST_PER_CYCLE,
     check_record,
     check_time,
     on_grid_of_rate,
@@ -28,12 +29,14 @@ from bayes_iwan.campaign.recording.stated import LARGEST_NUMBER, number_of, only
 from bayes_iwan.campaign.recording.table import header_has, read_table
 from bayes_iwan.campaign.recording.units import ACCELERATIONS, DISPLACEMENTS, FORCES, TIMES, Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
+from bayes_iwan.campaign.timing.cycles import cut_cycles
 from bayes_iwan.threads import alongside
 
 FORMAT = 1
-CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz"}
+CHANNELS = {"time", "displacement", "acceleration", "force", "sample_rate_hz", "clock"}
 #: numbers that a user may expect to be applied to a record; none is, so they are not taken for a property of the test
 NOT_APPLIED = re.compile(r"(gain|scale|factor|offset|sign|sensitivity|delay|calibration)($|_)", re.IGNORECASE)
+WITHOUT_CLOCK_HZ = 1.0  # frequency of every test of a campaign without a clock: the cycle is the unit of time
 TYPO = 0.88  # likeness from which a key of a test is taken for a known one misspelt
 
 
@@ -84,6 +87,11 @@ class Campaign:
     def units(self) -> Units:
         """What displacement and force are: mm and N, or the units of an angle and a torque, a stroke and a pressure."""
         return self.tests[0].units
+
+    @property
+    def clock(self) -> bool:
+        """Whether the records have real times; without, nothing that needs them can be said."""
+        return self.tests[0].clock
 
     def loops(self, n_phase: int | None = None, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
         """Each test's phase-averaged loop, harmonics that cannot be trusted left out, in the order of `tests`.
@@ -177,16 +185,17 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
         _working(channels.force, FORCES) or "N",
     )
     limits = limits_of(_table(stated, "rig"), units) if "rig" in stated else RigLimits()
-    tests = [_test(entry, k, units) for k, entry in enumerate(entries, 1)]
+    tests = [_test(entry, k, units, channels.clock) for k, entry in enumerate(entries, 1)]
     seen: set[str] = set()
     for test in tests:
         if test.file in seen:
             raise CampaignError(f"campaign.toml: {test.file} is listed twice; each record is one [[test]]")
         seen.add(test.file)
     try:
-        checked = [check_record(_record(folder, test, channels, units)) for test in tests]
+        recorded = [_record(folder, test, channels, units) for test in tests]
+        checked = [check_record(record) for record in recorded]
         loops = [loop for _, loop in checked]
-        records = compared([record for record, _ in checked], loops)
+        records = compared([record for record, _ in checked], loops, recorded)
     except CampaignError as error:
         raise CampaignError(units.text(str(error))) from None
     records = tuple(replace(record, warnings=units.everywhere(record.warnings)) for record in records)
@@ -200,7 +209,12 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
         from_acceleration=channels.acceleration is not None,
         limits=limits,
     )
-    return campaign, tuple(in_band(replace(loop, record=record)) for loop, record in zip(loops, records))
+    return campaign, tuple(in_band(_of_record(loop, record)) for loop, record in zip(loops, records))
+
+
+def _of_record(loop: Loop, record: Record) -> Loop:
+    """A loop of one block with its record as it was left, averaged again where its force was."""
+    return replace(loop, record=record) if record.force_N is loop.record.force_N else average(record, n_blocks=1)
 
 
 def _table(stated: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -218,6 +232,7 @@ class _Channels:
     acceleration: str | None
     time: str | None
     sample_rate_hz: float | None
+    clock: bool
 
 
 @dataclass(frozen=True)
@@ -234,24 +249,34 @@ class _Test:
 def _channels(stated: dict[str, Any]) -> _Channels:
     where = "campaign.toml [channels]"
     only(stated, CHANNELS, where)
-    for key in CHANNELS - {"sample_rate_hz"}:
+    if stated.get("clock", "none") != "none":
+        raise CampaignError(
+            f'{where}: clock = {shown(stated["clock"])}; write clock = "none" where rows have no time, or leave it out'
+        )
+    for key in CHANNELS - {"sample_rate_hz", "clock"}:
         if key in stated and (not isinstance(stated[key], str) or not stated[key]):
             raise CampaignError(f"{where}: {key} must name a column, not {shown(stated[key])}")
     if ("displacement" in stated) == ("acceleration" in stated):
         raise CampaignError(f"{where}: name one column as displacement or one as acceleration, not both or none")
     if "force" not in stated:
         raise CampaignError(f'{where}: force is missing; write force = "force_N"')
-    rate = stated.get("sample_rate_hz")
+    rate, clock = stated.get("sample_rate_hz"), "clock" not in stated
+    if not clock and ("acceleration" in stated or rate is not None):
+        raise CampaignError(
+            f'{where}: clock = "none" goes with neither an acceleration nor sample_rate_hz, which need real times; '
+            "delete one of them"
+        )
     return _Channels(
         stated["force"],
         stated.get("displacement"),
         stated.get("acceleration"),
         stated.get("time"),
         None if rate is None else positive(rate, f"{where}: sample_rate_hz"),
+        clock,
     )
 
 
-def _test(entry: dict[str, Any], number: int, units: Units) -> _Test:
+def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Test:
     file = entry.get("file")
     if not isinstance(file, str) or not file:
         raise CampaignError(f'campaign.toml: [[test]] number {number} has no file; write file = "..."')
@@ -263,7 +288,7 @@ def _test(entry: dict[str, Any], number: int, units: Units) -> _Test:
     sizes = {f"amplitude_{unit}": size for unit, size in DISPLACEMENTS[units.displacement].items()}
     amplitude = next((key for key in sizes if key in entry), f"amplitude_{units.displacement}")
     known = {"file", "role", "frequency_hz", amplitude}
-    for key in ("frequency_hz", amplitude):
+    for key in ("frequency_hz", amplitude) if clock else (amplitude,):
         if key not in entry:
             near = difflib.get_close_matches(key, set(entry) - known, 1)
             raise CampaignError(
@@ -280,7 +305,7 @@ def _test(entry: dict[str, Any], number: int, units: Units) -> _Test:
         extras[key] = number_of(entry[key], f"{where}: {shown(key) if not key.isprintable() else key}")
     return _Test(
         file,
-        float(entry["frequency_hz"]),
+        float(entry["frequency_hz"]) if clock else WITHOUT_CLOCK_HZ,
         float(entry[amplitude]) * sizes[amplitude],
         entry.get("role", "fit"),
         {key: extras[key] for key in entry if key in extras},
@@ -308,7 +333,9 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
     names, table, warnings = read_table(folder / file, file)
     rate = channels.sample_rate_hz
     time_name = channels.time or "time_s"
-    if time_name in names:
+    if not channels.clock:
+        time = _cycles_as_time(file, _column(names, table, channels.displacement or "", DISPLACEMENTS, file), test)
+    elif time_name in names:
         time = _column(names, table, time_name, {"s": TIMES}, file)
     elif channels.time is None and rate is not None:
         time = np.arange(len(table)) / rate
@@ -319,14 +346,15 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
     if rate is not None:
         time = on_grid_of_rate(time, rate)
     force = _column(names, table, channels.force, FORCES, file)
-    check_time(file, time, rate, test.frequency_hz)
+    if channels.clock:
+        check_time(file, time, rate, test.frequency_hz)
     if channels.displacement is not None:
         displacement = _column(names, table, channels.displacement, DISPLACEMENTS, file)
     else:
         acceleration = _column(names, table, channels.acceleration or "", ACCELERATIONS, file)
         displacement, notes = displacement_from_acceleration(file, time, acceleration)
         warnings += notes
-    warnings += step_warnings(time)
+    warnings += step_warnings(time) if channels.clock else ()
     return Record(
         test.file,
         test.frequency_hz,
@@ -338,7 +366,16 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
         force,
         warnings,
         units,
+        channels.clock,
     )
+
+
+def _cycles_as_time(file: str, displacement: Array, test: _Test) -> Array:
+    """Row numbers over the rows of a cycle: without a clock the cycle is the unit of time."""
+    rows = np.arange(len(displacement), dtype=float)
+    if len(rows) < 2 * FEWEST_PER_CYCLE:
+        raise CampaignError(f"{file}: {len(rows)} samples; at least two whole cycles are needed")
+    return rows * (cut_cycles(file, rows, displacement).frequency_hz / WITHOUT_CLOCK_HZ)
 
 
 def _working(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:

@@ -120,7 +120,7 @@ def inspect_loop(loop: Loop) -> Inspection:
         noise_mm=float(np.std(left_u)),
         spectrum_hz=spectrum_hz[1:],
         spectrum_N2_Hz=spectrum[1:],
-        lines=_mains(loop, left_f, 1 / step),
+        lines=_mains(loop, left_f, 1 / step) if loop.record.clock else (),
         drive_harmonics=harmonics,
         distortion=float(np.linalg.norm(harmonics[1:])),
         samples_per_cycle=per_cycle,

@@ -1,97 +1,233 @@
-"""Which channel of a recording is the time, the motion and the force: as named, or told by unit and name."""
+"""Which channels of a recording are the motion, the force and their times: as named, or found by unit and name."""
 
 from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 
+import numpy as np
+
+from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.units import role_of
+from bayes_iwan.campaign.importing.units import is_ratio, is_volts, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
-#: words of English, German, French, Italian and Spanish that begin a word in a channel's name
+#: words of English, German, French, Italian, Spanish and Chinese that begin a word in a channel's name
 WORDS = {
-    "time": r"time|zeit|temps|tempo|tiempo|t|x_value",
+    "time": r"time|zeit|temps|tempo|tiempo|t|x_value|时间",
     "displacement": r"disp|displ|displacement|weg|position|pos|stroke|hub|lvdt|laser|auslenkung|verschiebung"
-    r"|deplacement|déplacement|spostamento|desplazamiento|angle|winkel|drehwinkel|rotation|x|u|extension",
+    r"|deplacement|déplacement|spostamento|desplazamiento|angle|winkel|drehwinkel|rotation|x|u|extension|位移",
     "acceleration": r"acc|accel|accelerometer|acceleration|accélération|accelerazione|aceleración|beschl|beschleunigung"
-    r"|a",
+    r"|a|加速度",
     "force": r"force|kraft|load|last|fz|fx|fy|f|torque|moment|drehmoment|couple|coppia|pressure|druck|pression|fuerza"
-    r"|forza|effort",
+    r"|forza|effort|力|载荷",
 }
+NO_TIME = "none"  # as the name of a time channel: there is none, the rate counts
+#: examples of sensitivities, by role
+TRANSDUCER = {"force": "9.55 mV/N", "displacement": "2 V/mm", "acceleration": "105 mV/g"}
+RISING = 0.9  # of the steps of a time channel go up
 
 
-def _named(channel: Channel, role: str) -> bool:
-    return bool(re.search(rf"(?<![^\W_])({WORDS[role]})(?![^\W\d_])", channel.name, re.IGNORECASE))
+@dataclass(frozen=True)
+class Assigned:
+    """The channels of a test. role : "displacement" or "acceleration" of the motion. times : None where there is a rate
+    only, else the time channel that stands beside the motion and the one beside the force, which may be one."""
+
+    role: str
+    motion: Channel
+    force: Channel
+    motion_time: Channel | None
+    force_time: Channel | None
+    notes: tuple[str, ...]
 
 
-def assign(recording: Recording, recipe: Recipe) -> tuple[dict[str, Channel], tuple[str, ...]]:
-    """The channel of each role (time may be missing), and what was guessed. Raises CampaignError."""
-    found: dict[str, Channel] = {role: _ask(recording, role, name) for role, name in recipe.channels.items()}
+def named(name: str, role: str) -> bool:
+    """Whether a name says that a channel is of a role."""
+    words = WORDS[role].split("|")
+    letters = "|".join(w for w in words if len(w) == 1 and w.isascii())  # a letter alone begins a name: no "Channel A"
+    longer = "|".join(w for w in words if len(w) > 1 or not w.isascii())
+    return bool(
+        re.search(rf"(?<![^\W_])({longer})(?![^\W\d_])", name, re.IGNORECASE)
+        or re.search(rf"(^|\.)({letters or longer})(?![^\W\d_])", name, re.IGNORECASE)
+    )
+
+
+def roles_held(recording: Recording, recipe: Recipe) -> set[str]:
+    """Which of motion and force a recording has a channel for."""
+    out = set()
+    for role, of in (("displacement", "motion"), ("acceleration", "motion"), ("force", "force")):
+        name = recipe.channels.get(role)
+        if (name is not None and matching(recording, name)) or (
+            name is None and _candidates(list(recording.channels), role, recipe)
+        ):
+            out.add(of)
+    return out
+
+
+def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
+    """The channels of a test, or what must be asked. Raises CampaignError for a name that is not there."""
+    wanted = {role: name for role, name in recipe.channels.items() if role != "time"}
+    found: dict[str, Channel] = {role: _ask(recording, role, name) for role, name in wanted.items()}
     for role, channel in found.items():
         if other := next((r for r, c in found.items() if c is channel and r != role), None):
-            raise CampaignError(f"{_where(recording)}: {channel.name!r} is named as {role} and as {other}")
+            raise CampaignError(f"{recording.where}: {channel.name!r} is named as {role} and as {other}")
     notes = []
     left = [c for c in recording.channels if not any(c is used for used in found.values())]
-    wanted = ["time", "force"]
+    open_roles = [] if "force" in found else ["force"]
     if not {"displacement", "acceleration"} & set(found):
-        wanted += ["displacement", "acceleration"]
-    candidates = {role: _candidates(left, role, recipe) for role in wanted if role not in found}
+        open_roles += ["displacement", "acceleration"]
+    candidates = {role: _candidates(left, role, recipe) for role in open_roles}
     if candidates.get("displacement") and candidates.get("acceleration"):
         names = ", ".join(repr(c.name) for c in candidates.pop("acceleration"))
         notes.append(f"the displacement is used, not the acceleration {names}: --acceleration NAME takes that")
+    questions = []
     for role, some in candidates.items():
         if len(some) == 1:
             found[role] = some[0]
-        elif len(some) > 1 and role != "time":
-            names = ", ".join(repr(c.name) for c in some)
-            raise CampaignError(f"{_where(recording)}: which channel is the {role}, {names}? Say it with --{role} NAME")
-        elif len(some) > 1:
-            found[role] = some[0]
-    if "force" not in found:
-        raise CampaignError(f"{_where(recording)}: no force among {_list(recording)}; name it with --force NAME")
-    if not {"displacement", "acceleration"} & set(found):
-        raise CampaignError(
-            f"{_where(recording)}: no displacement or acceleration among {_list(recording)}; name it with "
-            "--displacement NAME or --acceleration NAME"
-        )
-    return found, tuple(notes)
+        elif some:
+            questions.append(
+                Question(f"--{role}", "", "NAME", f"Which channel is the {role}: {_list(recording, some)}?")
+            )
+    for role in ("force", "displacement"):
+        missing = role not in found and not candidates.get(role)
+        if role == "displacement":
+            missing = missing and "acceleration" not in found and not candidates.get("acceleration")
+        if missing:
+            what = "displacement or acceleration" if role == "displacement" else role
+            free = [c for c in left if role_of(c.unit) is None and not named(c.name, "time")]
+            among = _list(recording, left, numbers=not any(c.unit for c in free))
+            questions.append(Question(f"--{role}", "", "NAME", f"No channel is known as {what} among {among}."))
+            if role not in recipe.units and role not in recipe.sensitivities:
+                questions += _unit_question(free, role)
+    times: list[Channel | None] = [None, None]
+    motion = found.get("displacement", found.get("acceleration"))
+    both = [motion, found.get("force")]
+    if "time" in recipe.channels and recipe.channels["time"].lower() != NO_TIME:
+        time = _ask(recording, "time", recipe.channels["time"])
+        times = [time, time]
+    elif "time" not in recipe.channels:
+        used = [c for c in found.values()]
+        for k, one in enumerate(both):
+            here = _times(recording, one, used) if one else []
+            if len(here) > 1:
+                questions.append(Question("--time", "", "NAME", f"Which is the time: {_list(recording, here)}?"))
+            times[k] = here[0] if here else None
+    if questions or motion is None or both[1] is None:
+        return questions
+    return Assigned(
+        "displacement" if "displacement" in found else "acceleration", motion, both[1], times[0], times[1], tuple(notes)
+    )
+
+
+def _unit_question(free: list[Channel], role: str) -> list[Question]:
+    """What must be asked of a role's unit whichever of the free channels is named for it."""
+    if not free:
+        return []
+    if all(is_volts(c.unit) for c in free):
+        return [Question("--sensitivity", role, TRANSDUCER[role], f"The {role} is in volts: of what transducer?")]
+    if all(is_ratio(c.unit) for c in free):
+        return [
+            Question("--unit", role, "50 mm", f"{free[0].name!r} is a ratio: of what length is it, if it is meant?")
+        ]
+    if not any(c.unit for c in free):
+        return [Question("--unit", role, "UNIT", f"The unit of the {role} is not stated.")]
+    return []
+
+
+def _times(recording: Recording, channel: Channel, used: list[Channel]) -> list[Channel]:
+    """The time channels that may be a channel's own: of its group, before it; several only where they differ."""
+    some = [
+        c
+        for c in recording.channels
+        if not any(c is x for x in used)
+        and c.values.size == channel.values.size
+        and (role_of(c.unit) == "time" or (not c.unit and named(c.name, "time")))
+        and _rises(c.values)
+    ]
+    some = [c for c in some if c.group == channel.group] or [c for c in some if not c.group] or some
+    if len(some) < 2:
+        return some
+    order = {id(c): k for k, c in enumerate(recording.channels)}
+    before = [c for c in some if order[id(c)] < order[id(channel)]]
+    # alternating: time, channel, time, channel
+    if before and any(order[id(before[-1])] < order[id(c)] for c in some):
+        return before[-1:]
+    if before and any(order[id(before[-2])] < order[id(c)] < order[id(before[-1])] for c in used if len(before) > 1):
+        return before[-1:]
+    first = some[0].values - some[0].values[0]
+    scale = float(np.nanmax(np.abs(first))) or 1.0
+    for c in some[1:]:
+        other = c.values - c.values[0]
+        size = float(np.nanmax(np.abs(other))) / scale
+        if not np.allclose(other, first * size, atol=1e-6 * scale * size, equal_nan=True):
+            return some
+    return some[:1]
+
+
+def _rises(values: np.ndarray) -> bool:
+    steps = np.diff(values[np.isfinite(values)])
+    return bool(steps.size and np.mean(steps >= 0) >= RISING and np.any(steps > 0))
 
 
 def _candidates(channels: list[Channel], role: str, recipe: Recipe) -> list[Channel]:
     """Channels whose unit is the role's; where none is, those whose name says so and whose unit says nothing else."""
     by_unit = [c for c in channels if role_of(c.unit) == role]
-    by_name = [c for c in channels if _named(c, role) and role_of(c.unit) in (None, role)]
+    by_name = [
+        c for c in channels if named(c.name, role) and (role_of(c.unit) == role or not c.unit or is_volts(c.unit))
+    ]
     if len(by_unit) > 1:
         both = [c for c in by_unit if c in by_name]
         return both if len(both) == 1 else by_unit
     return by_unit or by_name
 
 
+def matching(recording: Recording, name: str) -> list[Channel]:
+    """Channels that a name means: as it stands, as the file heads it, or by its last part (force for run1.force)."""
+    ways: tuple[Mapping[int, str], ...] = (
+        {k: c.name for k, c in enumerate(recording.channels)},
+        {k: c.heading for k, c in enumerate(recording.channels)},
+        {k: _plain(c.name) for k, c in enumerate(recording.channels)},
+        {k: _plain(c.heading or c.name) for k, c in enumerate(recording.channels)},
+        {k: _plain(f"{c.name} {c.unit}") for k, c in enumerate(recording.channels)},
+        {k: _plain(c.name.rpartition(".")[2]) for k, c in enumerate(recording.channels)},
+    )
+    for way in ways:
+        for wanted in (name, _plain(name)):
+            if same := [recording.channels[k] for k, x in way.items() if x == wanted]:
+                return same
+    return []
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s\[\](){}<>]+", " ", name.casefold()).strip()
+
+
 def _ask(recording: Recording, role: str, name: str) -> Channel:
-    names = [c.name for c in recording.channels]
-    same = [c for c in recording.channels if c.name == name] or [
-        c for c in recording.channels if c.name.casefold() == name.strip().casefold()
-    ]
+    same = matching(recording, name)
     if len(same) == 1:
         return same[0]
-    if not same and name.isdecimal() and 1 <= int(name) <= len(names):
+    if not same and name.isdecimal() and 1 <= int(name) <= len(recording.channels):
         return recording.channels[int(name) - 1]
     if len(same) > 1:
         raise CampaignError(
-            f"{_where(recording)}: {len(same)} channels are called {name!r}; give the number of the {role} (1 to "
-            f"{len(names)})"
+            f"{recording.where}: {len(same)} channels are called {name!r}; give the number of the {role}: "
+            f"{_list(recording, same)}"
         )
-    near = difflib.get_close_matches(name, names, 1)
+    near = difflib.get_close_matches(name, [c.name for c in recording.channels], 1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise CampaignError(f"{_where(recording)}: no channel {shown(name)} ({role}) among {_list(recording)}{hint}")
+    raise CampaignError(
+        f"{recording.where}: no channel {shown(name)} ({role}) among {_list(recording, list(recording.channels))}{hint}"
+    )
 
 
-def _where(recording: Recording) -> str:
-    return recording.file + (f", {recording.part}" if recording.part else "")
-
-
-def _list(recording: Recording) -> str:
-    text = ", ".join(c.name + (f" ({c.unit})" if c.unit else "") for c in recording.channels)
+def _list(recording: Recording, some: list[Channel], numbers: bool = False) -> str:
+    """Names with units; with their numbers where two are the same, or where asked."""
+    texts = [c.name + (f" ({c.unit})" if c.unit else "") for c in some]
+    if numbers or len({_plain(c.name) for c in some}) < len(some):
+        number = {id(c): k for k, c in enumerate(recording.channels, 1)}
+        texts = [f"{number[id(c)]}: {text}" for c, text in zip(some, texts)]
+    text = ", ".join(texts) or "none"
     return text if len(text) <= 300 else text[:297] + "..."

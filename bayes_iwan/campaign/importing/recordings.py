@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import math
 from dataclasses import dataclass
 from types import ModuleType
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.importing.units import split_name
 from bayes_iwan.campaign.recording.records import CampaignError
 
 FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal
@@ -16,14 +21,19 @@ FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal
 class Channel:
     """One signal as it stands in the file.
 
-    unit : as the file writes it, "" where it does not. values : (n,), NaN where the file has no number.
-    rate_hz : samples a second, None where the file does not say.
+    unit : as the file writes it, "" where it does not. values : (n,), NaN where the file has no number, ±inf where it
+    says that the range was passed. rate_hz : samples a second, start_s : time of the first sample, on a clock that all
+    channels of the file share; None where the file does not say. group : what stands together in the file (a struct, a
+    TDMS group, a file of its own), "" where all does. heading : name and unit as the file writes them.
     """
 
     name: str
     unit: str
     values: Array
     rate_hz: float | None = None
+    start_s: float | None = None
+    group: str = ""
+    heading: str = ""
 
 
 @dataclass(frozen=True)
@@ -31,12 +41,46 @@ class Recording:
     """The channels that were recorded together: a file, or one of several parts of it.
 
     file : for messages. part : name of the part, "" where the file is one. notes : what was left out or guessed.
+    rate_hz : as the lines above a table state it, beside whatever time column there is.
     """
 
     file: str
     part: str
     channels: tuple[Channel, ...]
     notes: tuple[str, ...] = ()
+    rate_hz: float | None = None
+
+    @property
+    def where(self) -> str:
+        """File and part, as messages begin."""
+        return self.file + (f", {self.part}" if self.part else "")
+
+
+def channel(
+    name: str,
+    unit: str,
+    given: ArrayLike,
+    rate_hz: float | None = None,
+    start_s: float | None = None,
+    group: str = "",
+) -> Channel | None:
+    """A channel from what a library gave; None for texts, settings and complex numbers."""
+    values = np.asarray(given)
+    if values.ndim != 1 or values.size < FEWEST_SAMPLES:
+        return None
+    if np.issubdtype(values.dtype, np.datetime64):
+        values = (values - values[0]) / np.timedelta64(1, "s")
+        unit = "s"
+    if np.iscomplexobj(values) and not np.imag(values).any():
+        values = values.real  # complex only in how it was stored
+    if values.dtype.kind not in "iuf":
+        return None
+    heading = f"{name} ({unit.strip()})" if unit.strip() else name
+    if not unit.strip():
+        name, unit = split_name(name)
+    if rate_hz is not None and not (math.isfinite(rate_hz) and rate_hz > 0):
+        rate_hz = None
+    return Channel(name, unit.strip(), values.astype(float), rate_hz, start_s, group, heading)
 
 
 def library(module: str, package: str, file: str, what: str) -> ModuleType:
@@ -45,5 +89,5 @@ def library(module: str, package: str, file: str, what: str) -> ModuleType:
         return importlib.import_module(module)
     except ImportError:
         raise CampaignError(
-            f"{file}: {what} needs {package}, which is not installed; pip install 'bayes-iwan[import]'"
+            f'{file}: {what} needs {package}, which is not installed; run: python -m pip install "{package}"'
         ) from None

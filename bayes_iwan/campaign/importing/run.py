@@ -2,34 +2,43 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatch
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
-from bayes_iwan.campaign.importing.channels import assign
-from bayes_iwan.campaign.importing.formats import read_file
+from bayes_iwan.campaign.importing.channels import NO_TIME, TRANSDUCER, Assigned, assign, matching, named
+from bayes_iwan.campaign.importing.clocks import Series, counted_on, on_rate, paired, runs
+from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats
+from bayes_iwan.campaign.importing.joining import joined
+from bayes_iwan.campaign.importing.questions import ImportAsks, Question
+from bayes_iwan.campaign.importing.read import read_file
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.units import converted
+from bayes_iwan.campaign.importing.units import ROLES, converted, decimal_point, is_ratio, is_volts, role_of
 from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
-from bayes_iwan.campaign.loops.checks import check_epoch, check_record, check_time, on_grid_of_rate, step_warnings
+from bayes_iwan.campaign.loops.checks import check_epoch, check_record, check_time, step_warnings
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
-from bayes_iwan.campaign.timing.drive import split as split_levels
+from bayes_iwan.campaign.timing.drift import without_drift
+from bayes_iwan.campaign.timing.drive import judge, split_levels, staircase_said
 
 ACCELERATION_COLUMNS = {"mm": "acceleration_m_s2", "mrad": "acceleration_rad_s2"}
 SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other
 NO_FREQUENCY_HZ = 1e-9
 #: digits of what campaign.toml states; it names the test, so that 0.9962 and 1.003 mm belong together as 1 mm
 FREQUENCY_DIGITS, AMPLITUDE_DIGITS = 4, 2
+_RATE = Question("--sample-rate", "", "HZ", "There is neither a time channel (--time NAME) nor a sample rate.")
 
 
 @dataclass(frozen=True)
@@ -53,15 +62,33 @@ class ImportedTest:
 
 
 def import_tests(
-    files: Sequence[str | os.PathLike[str]], recipe: Recipe | None = None, split: bool = False
+    files: Sequence[str | os.PathLike[str]],
+    recipe: Recipe | None = None,
+    split: bool = False,
+    held_out: Sequence[str] = (),
+    join: bool = False,
 ) -> tuple[ImportedTest, ...]:
     """Read files of a data-acquisition system as tests of one campaign.
 
-    split : take a record whose drive goes through levels of amplitude or frequency as one test a level.
-    Raises CampaignError, in one line with the file and the mend, for everything that `read_campaign` would refuse.
+    files : files, folders (all in them) or patterns ("run*.csv"). split : take a record whose drive goes through levels
+    of amplitude or frequency as one test a level. held_out : names or patterns of files or tests that are kept out of
+    fits. join : all files are channels of one test.
+    Raises ImportAsks for what the files do not say, all of it at once, and CampaignError, in one line with the file and
+    how to fix it, for everything that `read_campaign` would refuse.
     """
     recipe = recipe or Recipe()
-    tests = [test for path in files for x in read_file(Path(path), recipe.layout) for test in _tests(x, recipe, split)]
+    paths = expanded(files)
+    recordings = joined([x for path in paths for x in read_file(path, recipe.layout)], recipe, join)
+    recordings = _named_parts(recordings, recipe)
+    tests: list[ImportedTest] = []
+    asked: list[ImportAsks] = []
+    for recording in recordings:
+        try:
+            tests += _tests(recording, recipe, split)
+        except ImportAsks as missing:
+            asked.append(missing)
+    if asked:
+        raise ImportAsks(asked[0].where, [q for x in asked for q in x.questions])
     if not tests:
         raise CampaignError("import: no files")
     first = tests[0]
@@ -74,8 +101,65 @@ def import_tests(
     names = [test.record.file for test in tests]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise CampaignError(f"import: two recordings would be called {twice[0]}; rename one file")
-    records = compared([test.record for test in tests], [test.loop for test in tests])
+    try:
+        joint = compared([test.record for test in tests], [test.loop for test in tests])
+    except CampaignError as error:
+        raise CampaignError(str(error).replace("delete one [[test]]", "leave one out of the import")) from None
+    records = _held_out(joint, held_out)
     return tuple(replace(test, record=record) for test, record in zip(tests, records))
+
+
+def expanded(files: Sequence[str | os.PathLike[str]]) -> list[Path]:
+    """Files, the files of folders, and those that patterns match, each once. Raises CampaignError for none."""
+    out: list[Path] = []
+    for name in (str(os.fspath(x)) for x in files):
+        path = Path(name)
+        if path.is_dir():
+            some = [p for p in sorted(path.iterdir()) if p.is_file() and not p.name.startswith((".", "~$"))]
+            some = [
+                p for p in some if p.suffix.lower() not in (".toml", ".md", ".html", ".json", ".tdms_index", ".png")
+            ]
+            if (path / "campaign.toml").exists():
+                raise CampaignError(f'{name}: is a campaign already; run: bayes-iwan check "{name}"')
+        elif not path.exists() and any(c in name for c in "*?["):
+            some = [Path(p) for p in sorted(glob.glob(name, recursive=True)) if Path(p).is_file()]
+        else:
+            some = [path]
+        if not some:
+            raise CampaignError(f"{name}: no files there")
+        out += [p for p in some if p not in out]
+    return out
+
+
+def _named_parts(recordings: Sequence[Recording], recipe: Recipe) -> list[Recording]:
+    """Without parts of a file that lack a channel that is named, where another part of the file has it."""
+    out = []
+    for x in recordings:
+        kin = [y for y in recordings if y.file == x.file]
+        wanted = [name for role, name in recipe.channels.items() if role != "time" or name.lower() != NO_TIME]
+        if all(matching(x, name) or not any(matching(y, name) for y in kin) for name in wanted):
+            out.append(x)
+    return out
+
+
+def _held_out(records: Sequence[Record], patterns: Sequence[str]) -> list[Record]:
+    out = list(records)
+    for pattern in patterns:
+        stem = pattern.removesuffix(".csv")
+        hits = [
+            k
+            for k, r in enumerate(out)
+            if fnmatch(r.file.removesuffix(".csv"), stem) or fnmatch(r.file.removesuffix(".csv"), Path(stem).stem)
+        ]
+        if not hits:
+            raise CampaignError(
+                f"--held-out {pattern}: no test is called so; there are {', '.join(r.file for r in out)}"
+            )
+        for k in hits:
+            out[k] = replace(out[k], role="held-out")
+    if all(r.role == "held-out" for r in out):
+        raise CampaignError("--held-out: all tests would be held out; leave some to fit")
+    return out
 
 
 def write_tests(
@@ -105,55 +189,192 @@ def write_tests(
 
 
 def _tests(recording: Recording, recipe: Recipe, split: bool) -> list[ImportedTest]:
-    roles, notes = assign(recording, recipe)
-    where = recording.file + (f", {recording.part}" if recording.part else "")
-    motion_role = "displacement" if "displacement" in roles else "acceleration"
-    motion, force = roles[motion_role], roles["force"]
-    if motion.values.size != force.values.size:
+    found = assign(recording, recipe)
+    if isinstance(found, list):
+        raise ImportAsks(recording.where, [*found, *_rate_missing(recording, recipe)])
+    if questions := _missing(found, recording, recipe):
+        raise ImportAsks(recording.where, questions)
+    parts = [
+        runs(x.values[: c.values.size]) if x is not None else [slice(None)]
+        for x, c in ((found.motion_time, found.motion), (found.force_time, found.force))
+    ]
+    clock = found.motion_time
+    if clock is not None and counted_on(clock.values)[1]:
+        parts = [[slice(None)], [slice(None)]]
+    if len(parts[0]) != len(parts[1]):
         raise CampaignError(
-            f"{where}: {motion.name!r} has {motion.values.size} samples, {force.name!r} has {force.values.size}; "
-            "record both at one rate"
+            f"{recording.where}: {len(parts[0])} runs of {found.motion.name!r} and {len(parts[1])} of "
+            f"{found.force.name!r}; give each run a file of its own"
         )
-    said = [f"{where} ({'; '.join(recording.notes)}): {motion.values.size} samples"]
-    motion_values, motion_unit, line = _scaled(motion, motion_role, recipe, where)
-    force_values, force_unit, force_line = _scaled(force, "force", recipe, where)
-    time, rate, time_line = _time(roles, recipe, where)
-    said += [line, force_line, time_line, *notes]
-    whole = np.isfinite(motion_values) & np.isfinite(force_values) & np.isfinite(time)
-    if missing := int(whole.size - whole.sum()):
-        time, motion_values, force_values = time[whole], motion_values[whole], force_values[whole]
-        said.append(f"{missing} sample(s) without a number left out: the gaps are bridged")
-    units = Units("mrad" if motion_unit in ("mrad", "rad/s²") else "mm", force_unit)
-    file = _file_name(recording)
-    check_time(file, time, rate, NO_FREQUENCY_HZ)  # check_record counts the samples a cycle
-    warnings = step_warnings(time)
-    column = MOTION_COLUMNS[units.displacement] if split or motion_role == "displacement" else ""
-    acceleration = motion_values
-    if motion_role == "acceleration":
-        motion_values, more = displacement_from_acceleration(file, time, acceleration)
-        warnings += more
-    record = Record(file, 1.0, 1.0, "fit", {}, time, motion_values, force_values, warnings, units)
-    pieces = split_levels(record) if split else (record,)
+    out: list[ImportedTest] = []
+    for k, (a, b) in enumerate(zip(*parts), 1):
+        piece, part = found, recording
+        if len(parts[0]) > 1:
+            piece = replace(
+                found,
+                motion=_cut(found.motion, a),
+                force=_cut(found.force, b),
+                motion_time=_cut(found.motion_time, a),
+                force_time=_cut(found.force_time, b),
+            )
+            if found.force_time is found.motion_time:
+                piece = replace(piece, force_time=piece.motion_time)
+            notes = (*recording.notes, f"its clock starts again: run {k} of {len(parts[0])}")
+            part = replace(recording, part=f"{recording.part} run {k}".strip(), notes=notes)
+        out += _one_run(part, piece, recipe, split)
+    return out
+
+
+def _cut(channel: Channel | None, part: slice) -> Any:
+    return None if channel is None else replace(channel, values=channel.values[part])
+
+
+def _missing(found: Assigned, recording: Recording, recipe: Recipe) -> list[Question]:
+    """What the recording does not say of the channels that are used."""
     out = []
+    for channel, role in ((found.motion, found.role), (found.force, "force")):
+        unit = recipe.units.get(role, channel.unit)
+        if role in recipe.sensitivities or role_of(unit) == role:
+            continue
+        if not unit:
+            units = ", ".join(ROLES[role])
+            out.append(
+                Question("--unit", role, "UNIT", f"{channel.name!r} ({role}) states no unit ({units} or another).")
+            )
+        elif is_ratio(unit):
+            out.append(
+                Question(
+                    "--unit", role, "50 mm",
+                    f"{channel.name!r} is a ratio ({unit}), no {role}: say the length that it is of (50 mm for samples "
+                    "in mm/mm and a gauge length of 50 mm).",
+                )
+            )  # fmt: skip
+        elif is_volts(unit):
+            out.append(
+                Question(
+                    "--sensitivity",
+                    role,
+                    TRANSDUCER[role],
+                    f"{channel.name!r} ({role}) is in {unit}: of what transducer?",
+                )
+            )
+    return out + _rate_missing(recording, recipe, found)
+
+
+def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None = None) -> list[Question]:
+    if recipe.sample_rate_hz or recording.rate_hz:
+        return []
+    if found is None:
+        known = any(c.rate_hz or role_of(c.unit) == "time" or named(c.name, "time") for c in recording.channels)
+        return [] if known else [_RATE]
+    for channel, time in ((found.motion, found.motion_time), (found.force, found.force_time)):
+        if time is None and channel.rate_hz is None:
+            return [_RATE]
+        if time is not None and channel.rate_hz is None:
+            steps = np.diff(time.values)
+            if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
+                return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
+    return []
+
+
+def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool) -> list[ImportedTest]:
+    where = recording.where
+    said = [f"{where} ({'; '.join(recording.notes)}): {found.motion.values.size} samples"]
+    warnings: tuple[str, ...] = ()
+    series: list[Series] = []
+    in_units: list[str] = []
+    lines: list[str] = []
+    for channel, role, time in (
+        (found.motion, found.role, found.motion_time),
+        (found.force, "force", found.force_time),
+    ):
+        raw, codes = without_codes(channel.values, channel.name)
+        raw, held = without_repeats(raw, channel.name)
+        values, unit, line = _scaled(replace(channel, values=raw), role, recipe, where)
+        warnings += (*codes, *held, *coarse_steps(values, channel.name, unit))
+        said.append(line)
+        in_units.append(unit)
+        if time is found.motion_time and series and (time is not None or _alike(found.motion, found.force)):
+            series.append(replace(series[0], name=channel.name, values=values))
+            if values.size != series[0].time_s.size:
+                raise CampaignError(
+                    f"{where}: {found.motion.name!r} has {found.motion.values.size} samples, {channel.name!r} has "
+                    f"{values.size}, and nothing says when each was taken; export them with their times"
+                )
+            continue
+        times, rate, more = _time(channel, time, recording, recipe)
+        lines += more
+        series.append(Series(channel.name, times, values, rate))
+    missing = [
+        int(np.count_nonzero(np.isnan(c.values) & np.isfinite(x.time_s)))
+        for c, x in zip((found.motion, found.force), series)
+    ]
+    time_s, motion_values, force_values, how = paired(series[0], series[1], where)
+    said += [*dict.fromkeys(lines), *found.notes]
+    if any(missing):
+        said.append(f"{max(missing)} sample(s) without a number left out: the gaps are bridged")
+    warnings += how
+    rate = series[0].rate_hz if series[0].rate_hz == series[1].rate_hz else None
+    if rate is not None and abs(float(np.median(np.diff(time_s))) * rate - 1) > 0.01:
+        rate = None
+    time_s = time_s - time_s[0] if time_s.size and (series[0].rate_hz is None or how) else time_s
+    units = Units("mrad" if in_units[0] in ("mrad", "rad/s²") else "mm", in_units[1])
+    file = _file_name(recording)
+    check_time(file, time_s, rate, NO_FREQUENCY_HZ)  # check_record counts the samples a cycle
+    warnings += step_warnings(time_s)
+    column = MOTION_COLUMNS[units.displacement] if split or found.role == "displacement" else ""
+    acceleration = motion_values
+    if found.role == "acceleration":
+        motion_values, more_warnings = displacement_from_acceleration(file, time_s, acceleration)
+        warnings += more_warnings
+    level = motion_values
+    if found.role == "displacement":
+        level, drift = without_drift(time_s, motion_values)
+        if split and drift:  # levels are told by crossings, which a drift moves; else it is for who reads the campaign
+            motion_values, warnings = level, (*warnings, *drift)
+    record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units)
+    drive = None if split else judge(time_s, level)
+    if drive is not None and drive.kind == "levels":
+        text = f"It is {staircase_said(drive)}, which would look like one specimen that changes: make a test of each."
+        raise ImportAsks(where, [Question("--split", "", "", text)])
+    pieces, dropped = split_levels(record) if split else ((record,), ())
+    out: list[ImportedTest] = []
     for piece in pieces:
-        checked, loop = check_record(_named(piece))
+        try:
+            named = _named(piece)  # what is written is as it was recorded: drifts are taken off when it is read
+            checked, loop = check_record(named)
+        except CampaignError as error:
+            if len(pieces) == 1:
+                raise
+            dropped = (*dropped, f"left out: {error}")
+            continue
         columns = {
-            "time_s": checked.time_s,
-            column or ACCELERATION_COLUMNS[units.displacement]: checked.displacement_mm if column else acceleration,
-            FORCE_COLUMNS[units.force]: checked.force_N,
+            "time_s": named.time_s,
+            column or ACCELERATION_COLUMNS[units.displacement]: named.displacement_mm if column else acceleration,
+            FORCE_COLUMNS[units.force]: named.force_N,
         }
-        found = (
+        line = (
             f"found{f' in {checked.file}' if len(pieces) > 1 else ''}: {loop.frequency_hz:.4g} Hz, "
             f"{loop.amplitude_mm:.4g} {units.displacement}, {loop.n_cycles} steady cycles, force RMS "
             f"{loop.force_N.std():.4g} {units.force}"
         )
-        out.append(ImportedTest(checked, columns, rate, loop, ((*said, found) if piece is pieces[0] else (found,))))
-    return out
+        out.append(ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line)))
+    if not out:
+        raise CampaignError(f"{where}: none of {len(pieces)} levels can be used. {dropped[-1]}")
+    return [*out[:-1], replace(out[-1], said=(*out[-1].said, *dropped))]
+
+
+def _alike(a: Channel, b: Channel) -> bool:
+    """Whether two channels without time channels are of one rate and start, as far as the file says."""
+    start = None not in (a.start_s, b.start_s) and a.start_s != b.start_s
+    rate = None not in (a.rate_hz, b.rate_hz) and abs((a.rate_hz or 1.0) / (b.rate_hz or 1.0) - 1) > 1e-6
+    return not start and not rate
 
 
 def _named(record: Record) -> Record:
     """The record with the frequency and amplitude that it shows, rounded to what names a test."""
-    found = average(record, n_phase=64, n_harmonics=8, n_blocks=1)
+    level, _ = without_drift(record.time_s, record.displacement_mm)
+    found = average(replace(record, displacement_mm=level), n_phase=64, n_harmonics=8, n_blocks=1)
     return replace(
         record,
         frequency_hz=float(f"{found.frequency_hz:.{FREQUENCY_DIGITS}g}"),
@@ -168,7 +389,7 @@ def _scaled(channel: Channel, role: str, recipe: Recipe, where: str) -> tuple[Ar
     values, unit = converted(channel.values, stated_unit, sensitivity, role, f"{where}: {channel.name!r}")
     values = values / (-gain if role in recipe.reverse else gain)
     how = [stated_unit or "no unit: taken for V"]
-    how += [sensitivity] if sensitivity else []
+    how += [decimal_point(sensitivity)] if sensitivity else []
     how += [f"gain {gain:g}"] if gain != 1.0 else []
     how += ["reversed"] if role in recipe.reverse else []
     some = values[np.isfinite(values)]
@@ -179,31 +400,53 @@ def _scaled(channel: Channel, role: str, recipe: Recipe, where: str) -> tuple[Ar
     return values, unit, f"{role}: {channel.name!r} ({', '.join(how)}), {some.min():.4g} to {some.max():.4g} {unit}"
 
 
-def _time(roles: Mapping[str, Channel], recipe: Recipe, where: str) -> tuple[Array, float | None, str]:
-    """Times from 0 in s, the sample rate if there is one, and a line that says where they come from."""
-    channel, n = roles.get("time"), roles["force"].values.size
-    rate = recipe.sample_rate_hz
-    if channel is None or channel.values.size != n:
-        from_file = roles["force"].rate_hz
-        if rate is not None and from_file is not None and abs(rate / from_file - 1) > SAME_RATE:
+def _time(
+    channel: Channel, clock: Channel | None, recording: Recording, recipe: Recipe
+) -> tuple[Array, float | None, list[str]]:
+    """A channel's times in s, the sample rate if there is one, and lines that say where they come from."""
+    where, n = recording.where, channel.values.size
+    asked, from_file = recipe.sample_rate_hz, channel.rate_hz or recording.rate_hz
+    if clock is None:
+        if asked is not None and from_file is not None and abs(asked / from_file - 1) > SAME_RATE:
             raise CampaignError(
-                f"{where}: the file says {from_file:g} samples a second, you say {rate:g}; which is right?"
+                f"{where}: the file says {from_file:g} samples a second, you say {asked:g}; which is right?"
             )
-        rate = rate or from_file
-        if rate is None:
-            raise CampaignError(f"{where}: no time channel and no sample rate; say --sample-rate HZ or --time NAME")
-        return np.arange(n) / rate, rate, f"time: {rate:.9g} samples a second"
-    unit = recipe.units.get("time", channel.unit) or "s"
-    time, _ = converted(channel.values, unit, "", "time", f"{where}: {channel.name!r}")
+        known = asked or from_file or 1.0
+        return np.arange(n) / known + (channel.start_s or 0.0), known, [f"time: {known:.9g} samples a second"]
+    if clock.values.size != n:
+        raise CampaignError(f"{where}: {clock.name!r} has {clock.values.size} samples, {channel.name!r} has {n}")
+    unit = recipe.units.get("time", clock.unit) or "s"
+    raw, wrapped = counted_on(clock.values)
+    time, _ = converted(raw, unit, "", "time", f"{where}: {clock.name!r}")
+    lines = [f"time: {clock.name!r}: {wrapped}"] if wrapped else []
+    if asked is None and from_file is not None and abs(_usual_rate(time) / from_file - 1) > 0.02:
+        rounded = (np.diff(time) >= 0).all() and (np.diff(time) == 0).any()
+        if not rounded:
+            lines.append(
+                f"the file says {from_file:g} samples a second, its time {_usual_rate(time):.6g}: the time is used"
+            )
+            from_file = None
+    rate: float | None = asked or from_file
+    if rate is not None:
+        time = on_rate(time, rate)
     start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())
     check_epoch(where, start, "Say --unit time=ms")
-    time = time - start
-    if rate is not None:
-        time = on_grid_of_rate(time, rate)
+    if not (np.diff(time[np.isfinite(time)]) > 0).all():
+        k = int(np.argmin(np.nan_to_num(np.diff(time), nan=1.0) > 0))
+        raise CampaignError(
+            f"{where}: the time {clock.name!r} does not increase at sample {k + 2} ({time[k]:.12g} s, then "
+            f"{time[k + 1]:.12g} s): neither a counter that starts again nor a new run. Name another with --time NAME, "
+            "or leave it out with --time none --sample-rate HZ"
+        )
+    shared = recording.rate_hz is None and channel.rate_hz is None and asked is None
+    per_second = f"{_usual_rate(time):.6g} samples a second"
+    return time, None if shared else rate, [*lines, f"time: {clock.name!r} ({unit}), {per_second}"]
+
+
+def _usual_rate(time: Array) -> float:
     known = time[np.isfinite(time)]
     span = float(np.ptp(known)) if known.size > 1 else 0.0
-    per_second = f"{(known.size - 1) / span:.6g} samples a second" if span > 0 else "one time for all samples"
-    return time, rate, f"time: {channel.name!r} ({unit}), {per_second}"
+    return (known.size - 1) / span if span > 0 else np.inf
 
 
 def _file_name(recording: Recording) -> str:

@@ -7,8 +7,7 @@ from functools import cache
 from typing import Any
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.importing.recordings import library
-from bayes_iwan.campaign.recording.records import CampaignError
+from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 #: role → working unit of a campaign → the same for pint. An angle has no dimension: it is told by its unit's name
 ROLES: dict[str, dict[str, str]] = {
@@ -30,9 +29,61 @@ _WORDS = {
 }  # fmt: skip
 
 
+#: upper-case headings, where letters no longer say which prefix is meant: what pint would take for other units
+_UPPER = {
+    "MM": "mm", "CM": "cm", "M": "m", "UM": "um", "IN": "inch", "KN": "kN", "LBF": "lbf", "KIP": "kip", "KIPS": "kip",
+    "KGF": "kgf", "DAN": "daN", "SEC": "s", "SECS": "s", "S": "s", "MS": "ms", "MSEC": "ms", "US": "us", "USEC": "us",
+    "KPA": "kPa", "MPA": "MPa", "PA": "Pa", "BAR": "bar", "PSI": "psi", "DEG": "deg", "RAD": "rad", "MRAD": "mrad",
+    "MV": "mV", "NM": "N*m", "KNM": "kN*m", "N-M": "N*m", "KN-M": "kN*m", "M/S2": "m/s**2", "M/S^2": "m/s**2",
+    "MM/S2": "mm/s**2", "M/S": "m/s", "MM/S": "mm/s", "HZ": "Hz",
+}  # fmt: skip
+_RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
+#: units that stand after a blank or a comma ("Force, N"): others are more often words
+_BARE = {
+    "mm",
+    "um",
+    "µm",
+    "in",
+    "inch",
+    "N",
+    "kN",
+    "lbf",
+    "s",
+    "ms",
+    "sec",
+    "g",
+    "deg",
+    "rad",
+    "Nm",
+    "kPa",
+    "MPa",
+    "bar",
+    "psi",
+}
+_RATES = {"mm": "mm/s", "m": "m/s", "in": "in/s", "um": "um/s", "rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s"}
+_THOUSANDS = re.compile(r"[1-9]\d{0,2}(,\d{3})+")
+
+
+def decimal_point(text: str) -> str:
+    """A text with its numbers' decimal comma as a point ('9,55 mV/N'). Raises CampaignError where a comma may as well
+    divide thousands ('1,000')."""
+
+    def point(found: re.Match[str]) -> str:
+        number = found[0]
+        if "," not in number:
+            return number
+        if number.count(",") > 1 or "." in number or _THOUSANDS.fullmatch(number):
+            raise CampaignError(f'{shown(text)}: is the comma in "{number}" a decimal mark? Write it with a point')
+        return number.replace(",", ".")
+
+    return re.sub(r"\d+(?:[.,]\d+)*", point, text)
+
+
 @cache
 def _registry() -> Any:
-    return library("pint", "pint", "units", "reading units").UnitRegistry()
+    import pint  # a second of work, wanted by imports alone
+
+    return pint.UnitRegistry()
 
 
 #: a longer text is no unit; pint takes most of a minute to say so of 20,000 letters
@@ -43,7 +94,8 @@ _POWER = re.compile(r"(?<=[A-Za-z])\s*\*\*\s*[+-]?\d(?![\d.eE]|\s*\*\*)")
 
 def _spelt(text: str, role: str) -> str:
     """A unit's text in pint's spelling; g is gravity for an acceleration, in as much as it stands alone."""
-    text = text.strip().strip("[]()").strip()
+    text = text.strip().strip("[](){}<>").strip()
+    text = _UPPER.get(text.replace("²", "2"), text)
     if text.lower() in _WORDS and text not in ("mN", "nm", "Mnm"):
         text = _WORDS[text.lower()]
     text = text.replace("·", "*").replace("⋅", "*").replace("µ", "u").replace("μ", "u").replace("°", "deg")
@@ -102,14 +154,35 @@ def is_unit(text: str) -> bool:
     return found is not None and any(found.check(_registry().Quantity(1.0, other).dimensionality) for other in _OTHER)
 
 
+def is_ratio(text: str) -> bool:
+    """Whether a unit is that of a strain: a length over a length, per cent, microstrain."""
+    text = text.strip().strip("[]()").strip()
+    if text.lower() in _RATIOS:
+        return True
+    found = _quantity(text, "") if "/" in text else None
+    return found is not None and found.dimensionless and not _angular(found)
+
+
+def is_volts(text: str) -> bool:
+    """Whether a unit is that of a transducer's signal."""
+    return bool(re.fullmatch(r"[mkuµ]?V|(milli)?volts?", text.strip("[]() "), re.IGNORECASE))
+
+
 def split_name(name: str) -> tuple[str, str]:
     """Name and unit from 'Force [kN]', 'Weg in mm', 'Kraft / N', 'force_N'; the unit is "" where there is none."""
     name = name.strip()
-    for pattern in (r"(.+?)\s*[\[(]([^\[\]()]+)[\])]", r"(.+?)\s+in\s+(\S+)", r"(.+?)\s*/\s*(\S+)"):
+    found = re.fullmatch(r"(.+?)\s*[\[({<]([^\[\](){}<>]+(?:\([^()]*\))?)[\])}>]", name)
+    if found and re.search(r"[^\W\d_]|[°%\"]", found[2]):
+        known = is_unit(found[2]) or is_ratio(found[2])
+        return (found[1].strip(), found[2].strip()) if known else (name, "")
+    for pattern in (r"(.+?)\s+in\s+(\S+)", r"(.+?)\s*/\s*(\S+)", r"(.+?)\s*[,:]\s*(\S+)", r"(.+?)\s+(?:-\s+)?(\S+)"):
         found = re.fullmatch(pattern, name)
-        if found and re.search(r"[^\W\d_]|[°\"]", found[2]) and is_unit(found[2]):
+        bare = pattern.startswith((r"(.+?)\s*[", r"(.+?)\s+(?"))
+        if found and found[2][0] not in "([" and (found[2] in _BARE if bare else _is_word_unit(found[2])):
             return found[1].strip(), found[2].strip()
     parts = name.split("_")
+    if len(parts) > 2 and parts[-1] == "s" and parts[-2] in _RATES:
+        return "_".join(parts[:-2]), _RATES[parts[-2]]  # a velocity, no time
     for k in range(max(1, len(parts) - 3), len(parts)):
         unit = "_".join(parts[k:])
         spelt = {"m_s2": "m/s2", "mm_s2": "mm/s2", "rad_s2": "rad/s2", "deg_s2": "deg/s2"}.get(
@@ -120,6 +193,10 @@ def split_name(name: str) -> tuple[str, str]:
     return name, ""
 
 
+def _is_word_unit(text: str) -> bool:
+    return bool(re.search(r"[^\W\d_]|[°\"]", text)) and is_unit(text)
+
+
 def converted(values: Array, unit: str, sensitivity: str, role: str, where: str) -> tuple[Array, str]:
     """Samples in the campaign's working unit, and which that is.
 
@@ -127,13 +204,18 @@ def converted(values: Array, unit: str, sensitivity: str, role: str, where: str)
     Raises CampaignError that starts with `where`.
     """
     known = ", ".join(ROLES[role])
-    quantity = _quantity(unit, role)
+    if is_ratio(unit):
+        raise CampaignError(
+            f"{where}: {unit} is a ratio, no {role}; multiply it by the length it is of: --unit "
+            f'"{role}=50 mm" for a gauge length of 50 mm and samples in mm/mm'
+        )
+    quantity = _quantity(decimal_point(unit), role)
     if unit and quantity is None:
-        raise CampaignError(f"{where}: unit {unit!r} is not known; say it with --unit {role}=UNIT ({known} ...)")
+        raise CampaignError(f'{where}: unit {unit!r} is not known; say it with --unit "{role}=UNIT" ({known} ...)')
     if sensitivity:
-        per = _quantity(sensitivity, role)
+        per = _quantity(decimal_point(sensitivity), role)
         if per is None or per.magnitude == 0:
-            raise CampaignError(f"{where}: sensitivity {sensitivity!r} is no number with a unit, like '9.55 mV/N'")
+            raise CampaignError(f'{where}: sensitivity {sensitivity!r} is no number with a unit, like "9.55 mV/N"')
         if quantity is not None and _working(quantity, role):
             raise CampaignError(f"{where}: the samples are in {unit} already; leave the sensitivity out")
         raw = _registry().Quantity(1.0, "volt") if quantity is None else quantity
@@ -142,11 +224,11 @@ def converted(values: Array, unit: str, sensitivity: str, role: str, where: str)
             raise CampaignError(f"{where}: {unit or 'V'} with a sensitivity of {sensitivity} gives no {role} ({known})")
         quantity = ways[0]
     if quantity is None:
-        raise CampaignError(f"{where}: the file states no unit; say it with --unit {role}=UNIT ({known} ...)")
+        raise CampaignError(f'{where}: the file states no unit; say it with --unit "{role}=UNIT" ({known} ...)')
     working = _working(quantity, role)
     if working is None:
         volts = quantity.check(_registry().Quantity(1.0, "volt").dimensionality)
-        mend = f"say what it means: --sensitivity '{role}=9.55 mV/N'" if volts else f"it must be one of {known} ..."
-        raise CampaignError(f"{where}: unit {unit} is no unit of {role}; {mend}")
+        fix = f'say what it means: --sensitivity "{role}=9.55 mV/N"' if volts else f"it must be one of {known} ..."
+        raise CampaignError(f"{where}: unit {unit} is no unit of {role}; {fix}")
     factor = float(quantity.to(ROLES[role][working]).magnitude)
     return values * factor, working

@@ -263,6 +263,8 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
     shares = np.diff(averager.starts) / index.size
     block_noise = noise * inflation[:-1] / inflation[-1] / np.sqrt(shares[:, None])
 
+    noise[0] = np.hypot(noise[0], record.mean_force_error_N)
+
     d = u_blocks[-1].copy()
     weights, cornered = _motion_weights(np.abs(d[1 : resolved + 1]), u_noise[1:])
     d[1 : resolved + 1] *= weights

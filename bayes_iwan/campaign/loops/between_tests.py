@@ -12,6 +12,8 @@ from scipy.optimize import lsq_linear
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop
+from bayes_iwan.campaign.loops.clipping import limits_of_loops, said_of
+from bayes_iwan.campaign.loops.drift import level_means
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 
 UNIT_MARGIN = 5.0  # two forces further apart than amplitude, frequency and load explain: a unit or gain error
@@ -21,15 +23,21 @@ ASYMMETRY = 0.02  # of the force's size: the even part of a loop that is worth c
 ALIKE = 0.7  # correlation of two tests' even parts
 
 
-def compared(records: Sequence[Record], loops: Sequence[Loop]) -> tuple[Record, ...]:
-    """The records with what they say of each other added to their warnings.
+def compared(
+    records: Sequence[Record], loops: Sequence[Loop], recorded: Sequence[Record] | None = None
+) -> tuple[Record, ...]:
+    """The records with what they say of each other added to their warnings, and mean forces that contradict each other
+    taken off. recorded : the same before anything was taken off them.
 
     Raises CampaignError for copies and for a force in the wrong unit.
     """
     check_copies(records)
     check_units(records, loops)
     notes = [a + b for a, b in zip(_odd_angles(loops), _turned_round(loops))]
-    return tuple(replace(r, warnings=r.warnings + tuple(n)) if n else r for r, n in zip(records, notes))
+    for limit in limits_of_loops(records if recorded is None else recorded, loops):
+        notes[[x.file for x in records].index(limit.file)].append(said_of(limit))
+    told = [replace(r, warnings=r.warnings + tuple(n)) if n else r for r, n in zip(records, notes)]
+    return level_means(told, loops)
 
 
 def _odd_angles(loops: Sequence[Loop]) -> list[list[str]]:
@@ -54,12 +62,16 @@ def _odd_angles(loops: Sequence[Loop]) -> list[list[str]]:
             worst, excess, off = k, over, here
     if worst >= 0:
         out[worst].append(
-            f"the force {'leads' if off > 0 else 'lags'} by {abs(off):.0f}° "
-            f"({1e3 * abs(off) / 360 / loops[worst].frequency_hz:.2g} ms) more than the other tests lead one to "
+            f"the force {'leads' if off > 0 else 'lags'} by {abs(off):.0f}°"
+            f"{_late(loops[worst], abs(off))} more than the other tests lead one to "
             "expect: a channel "
             "of this test is delayed? Its damping would be wrong by as much; record it again or shift the column"
         )
     return out
+
+
+def _late(loop: Loop, degrees: float) -> str:
+    return f" ({1e3 * degrees / 360 / loop.frequency_hz:.2g} ms)" if loop.record.clock else ""
 
 
 def _angle(loop: Loop) -> float:

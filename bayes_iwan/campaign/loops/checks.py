@@ -8,29 +8,27 @@ only test, all times scaled with the stated frequency, whole cycles lost, and bo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop, average
-from bayes_iwan.campaign.loops.steadiness import disturbances
+from bayes_iwan.campaign.loops.drift import level_record, without_line
+from bayes_iwan.campaign.loops.steadiness import disturbances, when
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.drive import judge, refuse_unsteady
 
 NOMINAL_TOLERANCE = 0.10
 FEWEST_PER_CYCLE = 8.0
+LATE_SAID = 0.002  # sine of an angle (0.1°) below which a loop that gives out energy changes nothing
+SIGMAS = 3.0  # standard errors: what is less is noise
 REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
 LATE = 0.3  # below minus this the delay is so long that no loop is left to identify
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
-FLAT = 0.01  # of the force's height: what counts as its top
-FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a sliding specimen's top takes at most
-THROUGH = 0.04  # of the stroke after the motion has turned: friction and springs have let go of the top by then
-CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force bends long before
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
-RAIL_SHARE = 0.004  # of the kept samples at one extreme value, in runs, before a channel looks clipped
 
 
 def on_grid_of_rate(time: Array, rate: float) -> Array:
@@ -100,16 +98,19 @@ def check_record(record: Record) -> tuple[Record, Loop]:
 
     Returns the record with its warnings completed, and its loop for what tests say of each other.
     """
+    record, line_mm = without_line(record)
     refuse_unsteady(record.file, judge(record.time_s, record.displacement_mm))
     loop = average(record, n_blocks=1)
-    notes = list(record.warnings)
+    record, drifts = level_record(record, loop, line_mm)
+    loop = average(record, n_blocks=1) if record is not loop.record else loop
+    notes = [*record.warnings, *drifts]
     counted = _counted_frequency(record.time_s, loop.frequency_hz)
     if abs(loop.frequency_hz / record.frequency_hz - 1) > NOMINAL_TOLERANCE >= abs(counted / record.frequency_hz - 1):
         notes.append(
             f"campaign.toml states {record.frequency_hz:.4g} Hz, which counts samples as if their steps were even; by "
             f"the time column it is {loop.frequency_hz:.4g} Hz, which is used"
         )
-    else:
+    elif record.clock:
         _near(record, "frequency_hz", loop.frequency_hz, record.frequency_hz, "Hz")
     unit = record.units.displacement
     swing = float(np.ptp(loop.force_N)) / 2
@@ -156,16 +157,13 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         ("displacement", record.displacement_mm[index] - loop.offset_mm, loop.displacement_mm),
         ("force", record.force_N[index], loop.force_N),
     ):
-        raw = record.force_N if name == "force" else record.displacement_mm
-        notes += _rails(name, raw[index], loop.n_cycles)
         spikes = np.flatnonzero(np.abs(values - (mean.max() + mean.min()) / 2) > SPIKE * np.ptp(mean))
         if spikes.size:
             notes.append(
-                f"{spikes.size} spike(s) in the {name}, the first at {record.time_s[index[spikes[0]]]:.6g} s, are "
+                f"{spikes.size} spike(s) in the {name}, the first at "
+                f"{when(loop, record.time_s[index[spikes[0]]])}, are "
                 "averaged in: delete their lines, the gaps will be bridged"
             )
-    if not any("clipped?" in note for note in notes):
-        notes += _flat_tops(loop)
     return replace(record, warnings=tuple(notes)), loop
 
 
@@ -178,38 +176,6 @@ def _corners(loop: Loop) -> list[str]:
         f"filtered channels pass. A misfit of up to {100 * loop.corners_gap:.2g} % of the friction force may be "
         "theirs, and `diagnose` lays that on nothing; run sines"
     ]
-
-
-def _flat_tops(loop: Loop) -> list[str]:
-    """A force that rises steeply and then not at all while the motion goes on: clipped, under whatever noise.
-
-    On the averaged loop, since noise hides it in the samples. A specimen without a spring beside its friction has flat
-    tops too, but bends into them.
-    """
-    notes = []
-    for side, sign in (("top", 1.0), ("bottom", -1.0)):
-        force, u = sign * loop.force_N, sign * loop.displacement_mm
-        middle = force.size // 2
-        turn = middle - int(np.argmax(force))
-        force, u = np.roll(force, turn), np.roll(u, turn)
-        below = force <= force[middle] - FLAT * np.ptp(force)
-        a = int(np.flatnonzero(below[:middle])[-1]) + 1 if below[:middle].any() else 0
-        b = middle + int(np.argmax(below[middle:])) if below[middle:].any() else force.size
-        width = min(max(3, (b - a) // 2), 8)
-        if a < width:
-            continue
-        stroke = float(np.ptp(u[a:b]) / np.ptp(u))
-        run = max(float(u[a] - u[a - width]), 1e-9 * float(np.ptp(u)))
-        slope = float(force[a] - force[a - width]) / run / float(np.ptp(force) / np.ptp(u))
-        through = float(np.max(u[a:b]) - u[b - 1]) > THROUGH * float(np.ptp(u))
-        if stroke > FLAT_STROKE and slope > (CORNER if through or stroke < LONG_STROKE else 2 * CORNER):
-            notes.append(
-                f"the {side} of the force's loop is flat over {stroke:.0%} of the stroke, with a corner before it: "
-                "clipped, "
-                "under noise? Slip forces would be too small and the friction too sharp; raise the force range (lower "
-                "the gain) and record again"
-            )
-    return notes
 
 
 def _counted_frequency(time: Array, frequency_hz: float) -> float:
@@ -250,30 +216,28 @@ def _angle(loop: Loop) -> list[str]:
             f"{loss:.2f}), so one channel is reversed. Multiply the force or the displacement column by -1 (`import "
             "--reverse force`); the force must be the one that moves the specimen along +displacement"
         )
-    if loss < 0:
+    noise = float(loop.noise_N[1]) / max(float(np.abs(loop.harmonics_N[1])), 1e-300)
+    if loss < -max(LATE_SAID, SIGMAS * noise):
         angle = math.degrees(math.atan2(-loss, elastic))
-        late = 1e3 * angle / 360 / loop.frequency_hz
+        late = f" ({1e3 * angle / 360 / loop.frequency_hz:.2g} ms)" if loop.record.clock else ""
         what = (
-            f"the loop gives out energy (sine of the loss angle {loss:.3f}), which no passive specimen does: the force "
-            "is "
-            f"late by {angle:.2g}° ({late:.2g} ms) and more, a delayed or AC-coupled channel, or the two channels are "
-            "swapped"
+            f"the loop gives out energy, which no passive specimen does: the force is late by {angle:.2g}°{late} and "
+            "more, a delayed or AC-coupled channel, or the two channels are swapped"
         )
         if loss < -LATE:
             raise CampaignError(f"{loop.file}: {what}. Shift the force column back by its delay, and record both alike")
-        return [f"{what}; stiffness and slip forces take the delay up: `diagnose` seeks it, a calibration settles it"]
+        return [
+            f"{what}. Stiffness and slip forces take the delay up: `diagnose` looks for it, a calibration settles it"
+        ]
     top, bottom = int(np.argmax(loop.displacement_mm)), int(np.argmin(loop.displacement_mm))
     fallen = (loop.force_N.max() - loop.force_N[top] + loop.force_N[bottom] - loop.force_N.min()) / 2
-    share = float(fallen / max(np.ptp(loop.force_N), 1e-300))
-    if share <= TURNED:
+    scatter = float(np.median(loop.force_scatter_N)) / math.sqrt(loop.n_cycles)
+    height = max(float(np.ptp(loop.force_N)), 1e-300)
+    if fallen <= max(TURNED * height, SIGMAS * scatter):
         return []
-    lead = math.degrees(math.acos(max(1 - 2 * share, -1.0)))
     return [
-        f"the force turns about {lead:.0f}° ({1e3 * lead / 360 / loop.frequency_hz:.2g} ms) before the displacement "
-        "does; "
-        "springs and friction turn with the motion: a viscous specimen, inertia, or a displacement that is late. "
-        "Friction "
-        "would be blamed for it; check the delay between the channels"
+        f"the force falls by {fallen / height:.0%} of the loop's height before the displacement turns, as viscous "
+        "damping, inertia or a late displacement channel make it: check the delay between the channels"
     ]
 
 
@@ -286,41 +250,3 @@ def _loss(loop: Loop) -> tuple[float, float]:
         return float(np.mean(force * motion)) / size if size > 0 else 0.0
 
     return along(loop.velocity_m_s), along(loop.displacement_mm)
-
-
-@dataclass(frozen=True)
-class Rail:
-    """An extreme value on which a channel rests: side ("highest" or "lowest"), level, and share of the time there."""
-
-    side: str
-    level: float
-    share: float
-
-
-def rails(values: Array, n_cycles: int) -> tuple[Rail, ...]:
-    """Where a channel rests on its extreme value in runs, cycle after cycle, as a clipped one does.
-
-    A rounded peak also repeats its top level, but then the levels next to it fill as well.
-    """
-    found = []
-    for side, extreme in (("highest", values.max()), ("lowest", values.min())):
-        at = values == extreme
-        runs = np.count_nonzero(at[1:] & at[:-1])
-        if at.mean() < RAIL_SHARE or runs < 2 * n_cycles:
-            continue
-        span = np.ptp(values)
-        levels = np.unique(values[np.abs(values - extreme) < 0.02 * span])
-        near = np.count_nonzero((np.abs(values - extreme) < 0.02 * span) & ~at)
-        if levels.size < 2 or np.count_nonzero(at) > 3 * near:
-            found.append(Rail(side, float(extreme), float(at.mean())))
-    return tuple(found)
-
-
-def _rails(name: str, values: Array, n_cycles: int) -> list[str]:
-    """A warning for each extreme on which a channel rests."""
-    wrong, unit = ("slip forces", "N") if name == "force" else ("the stroke", "mm")
-    return [
-        f"the {name} rests on its {rail.side} value {rail.level:.6g} {unit} for {rail.share:.1%} of the time: clipped? "
-        f"As it is, {wrong} would be too small; raise the {name} range (lower the gain) and record again"
-        for rail in rails(values, n_cycles)
-    ]

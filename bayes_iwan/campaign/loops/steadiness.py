@@ -57,14 +57,16 @@ def cycles_of(loop: Loop) -> Cycles:
     n_shape = int(max(1, min(6, 0.4 * cut.index.size / number.size)))
     u, f = cycle_shapes(cut.phase, number, [record.displacement_mm, record.force_N], n_shape)
     middle = np.interp(number + 0.5, cut.phase, record.time_s)
-    fundamental = u[:, 1] + 1j * u[:, 1 + n_shape]
-    ahead = np.angle(fundamental / fundamental.sum()) / (2 * np.pi)
+    # of a multisine the strongest harmonic tells: its fundamental may be nothing
+    order = 1 + int(np.argmax(np.abs(np.mean(u[:, 1 : n_shape + 1] + 1j * u[:, n_shape + 1 :], axis=0))))
+    strongest = u[:, order] + 1j * u[:, order + n_shape]
+    ahead = np.angle(strongest / strongest.sum()) / (2 * np.pi * order)
     # the phase that follows the crossings hides their wander: the clock's line is taken off the times instead
     line = np.polynomial.Polynomial.fit(number, middle, 1)
     ahead = ahead - (middle - line(number)) * cut.frequency_hz
 
     def size(rows: Array) -> Array:
-        return np.asarray(np.sqrt(2.0) * np.hypot(rows[:, 1], rows[:, 1 + n_shape]))
+        return np.asarray(np.sqrt(2.0) * np.hypot(rows[:, order], rows[:, order + n_shape]))
 
     return Cycles(number, middle, ahead, size(u), u[:, 0], size(f), f[:, 0], u, f)
 
@@ -77,14 +79,14 @@ def disturbances(loop: Loop) -> list[str]:
     if loop.n_cycles < FEWEST:
         return []
     each = cycles_of(loop)
-    notes = _phase(loop, each)
+    notes = _phase(loop, each) if loop.record.clock else []
     notes += _drive_amplitude(loop, each)
-    notes += _force_amplitude(each)
+    notes += _force_amplitude(loop, each)
     for name, unit, mean, height in (
         ("displacement", "mm", each.mean_mm, np.ptp(loop.displacement_mm)),
         ("force", "N", each.force_mean_N, np.ptp(loop.force_N)),
     ):
-        notes += _step(name, unit, each, mean, float(height))
+        notes += _step(loop, name, unit, each, mean, float(height))
     notes += _alternating(each)
     for name, values, mean_loop in (
         ("displacement", loop.record.displacement_mm, loop.displacement_mm),
@@ -173,19 +175,26 @@ def _white(loop: Loop, values: Array) -> float:
     return float(noise * np.sqrt(2 / per_cycle) / max(np.std(values) * np.sqrt(2), 1e-300))
 
 
-def _force_amplitude(each: Cycles) -> list[str]:
+def when(loop: Loop, time_s: float) -> str:
+    """A place in a record: its time, or its cycle where there is no clock."""
+    return f"{time_s:.6g} s" if loop.record.clock else f"cycle {time_s:.0f}"
+
+
+def _force_amplitude(loop: Loop, each: Cycles) -> list[str]:
     size = each.force_amplitude_N / np.median(each.force_amplitude_N)
     drive = each.amplitude_mm / np.median(each.amplitude_mm)
     own = size - drive
     k, jump = _outlying(own, FORCE)
     if k > 0:
         return [
-            f"the force's amplitude changes by {100 * jump:+.2g} % at once near {each.time_s[k]:.5g} s: a gain was "
+            f"the force's amplitude changes by {100 * jump:+.2g} % at once near {when(loop, each.time_s[k])}: a "
+            "gain was "
             "switched, or "
             "something slipped; the loop is a mixture. List the parts as two records"
         ]
     noise = 1.4826 * float(np.median(np.abs(np.diff(own)))) / np.sqrt(2)
-    spread = float(np.ptp(np.percentile(own, [5, 95])))
+    # what the drive does, the force need not follow: it changes by itself where it does so with and without the drive
+    spread = min(float(np.ptp(np.percentile(x, [5, 95]))) for x in (own, size))
     if spread <= max(FORCE, 5 * noise):
         return []
     return [
@@ -195,12 +204,12 @@ def _force_amplitude(each: Cycles) -> list[str]:
     ]
 
 
-def _step(name: str, unit: str, each: Cycles, mean: Array, height: float) -> list[str]:
+def _step(loop: Loop, name: str, unit: str, each: Cycles, mean: Array, height: float) -> list[str]:
     k, step = _outlying(mean, STEP * height)
     if k < 0:
         return []
     return [
-        f"the {name}'s mean steps by {step:+.3g} {unit} near {each.time_s[k]:.5g} s: a mount that slipped, or a "
+        f"the {name}'s mean steps by {step:+.3g} {unit} near {when(loop, each.time_s[k])}: a mount that slipped, or a "
         "channel that "
         "jumped; the mean of the loop is of neither part. List the parts as two records"
     ]
@@ -254,14 +263,17 @@ def _stretches(loop: Loop, name: str, values: Array, height: float) -> list[str]
         at_rest = still[max(a - FLAT_SAMPLES, 0) : b + FLAT_SAMPLES - 1]
         if _longest(at_rest) + 1 >= FLAT_SAMPLES:
             raise CampaignError(
-                f"{loop.file}: the {name} stands still where it moves in other cycles, near {time[index[a]]:.6g} to "
-                f"{time[index[b - 1]]:.6g} s ({len(runs)} such stretch(es)): dead, frozen or dropped out. Delete these "
+                f"{loop.file}: the {name} stands still where it moves in other cycles, near "
+                f"{when(loop, time[index[a]])} to "
+                f"{when(loop, time[index[b - 1]])} ({len(runs)} such stretch(es)): dead, frozen or dropped out. "
+                "Delete these "
                 "lines (a short gap is bridged), or mend the channel"
             )
     share = float(bad.mean())
     return [
         f"the {name} is off the other cycles in {len(runs)} stretch(es), {share:.2g} of the record, the first at "
-        f"{time[index[runs[0][0]]]:.6g} s: it is averaged in; a drop-out or knock? Delete these lines, the gaps are "
+        f"{when(loop, time[index[runs[0][0]]])}: it is averaged in; a drop-out or knock? Delete these lines, the "
+        "gaps are "
         "bridged"
     ]
 

@@ -37,6 +37,10 @@ class Record:
         what was bridged, left out or looks wrong but usable.
     units
         what stands for mm and N.
+    clock
+        whether the times are real ones; without a clock every cycle lasts 1 s and no frequency means anything.
+    mean_force_error_N
+        standard error of the mean force beyond noise, where the tests' mean forces contradict each other.
 
     Raises
     ------
@@ -62,6 +66,8 @@ class Record:
     force_N: Array
     warnings: tuple[str, ...] = field(default=())
     units: Units = field(default=Units())
+    clock: bool = True
+    mean_force_error_N: float = 0.0
 
     __repr__ = brief
 

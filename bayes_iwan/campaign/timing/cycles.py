@@ -15,8 +15,11 @@ from scipy.ndimage import uniform_filter1d
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.records import CampaignError
 from bayes_iwan.campaign.timing.harmonics import evaluate, fit, inverse_grams, project
+from bayes_iwan.campaign.timing.period import period_marks, whole_period
 
 HYSTERESIS = 0.25  # of the amplitude: far above any usable noise, well inside any motion
+AT_END = 1.05  # steps that a crossing may lie beyond the first or last sample: a record cut at its crossings
+FEW_CROSSINGS = 12  # with more, a cycle at either end is not missed, and may hold the drive's start or stop
 LONG_GAP = 0.1  # of a cycle: a longer hole in the record costs the cycle it falls in
 RUN_IN_SHARE = 0.01  # of the loop's RMS: differences below this are never taken for run-in
 RUN_IN_SIGMAS = 6.0
@@ -63,14 +66,27 @@ def crossings(
     state = np.where(v > limit, 1, np.where(v < -limit, -1, 0))
     seen = np.flatnonzero(state)
     turns = np.flatnonzero((state[seen][:-1] < 0) & (state[seen][1:] > 0))
-    times = np.empty(turns.size)
-    for k, i in enumerate(turns):
-        a, b = seen[i], seen[i + 1] + 1
-        t, y = time[a:b] - time[a], v[a:b]
-        t_mean, y_mean = t.mean(), y.mean()
-        slope = np.dot(t - t_mean, y - y_mean) / np.dot(t - t_mean, t - t_mean)
-        times[k] = time[a] + min(max(t_mean - y_mean / slope, 0.0), t[-1]) if slope > 0 else time[a] + t_mean
-    return times
+    pieces = [(seen[i], seen[i + 1] + 1) for i in turns]
+    times = [_zero(time[a:b], v[a:b], 0.0) for a, b in pieces]
+    if seen.size and len(times) < FEW_CROSSINGS:  # a record that was cut at a crossing begins, or ends, within the band
+        step = float(np.median(np.diff(time)))
+        if state[seen[0]] > 0 and seen[0] > 0 and v[0] <= v[1]:
+            at = _zero(time[: seen[0] + 1], v[: seen[0] + 1], AT_END * step)
+            times = [at, *times] if at <= time[0] + AT_END * step else times
+        if state[seen[-1]] < 0 and seen[-1] < time.size - 1 and v[-1] >= v[-2]:
+            at = _zero(time[seen[-1] :], v[seen[-1] :], AT_END * step)
+            times = [*times, at] if at >= time[-1] - AT_END * step else times
+    return np.array(times)
+
+
+def _zero(time: Array, v: Array, beyond: float) -> float:
+    """Time at which a straight line through samples (n,) is 0, within them or so much beyond."""
+    t = time - time[0]
+    t_mean, y_mean = t.mean(), v.mean()
+    slope = np.dot(t - t_mean, v - y_mean) / np.dot(t - t_mean, t - t_mean)
+    if not slope > 0:
+        return float(time[0] + t_mean)
+    return float(time[0] + min(max(t_mean - y_mean / slope, -beyond), t[-1] + beyond))
 
 
 def cycle_shapes(phase: Array, cycles: np.ndarray, signals: Sequence[Array], n_harmonics: int) -> Array:
@@ -170,6 +186,9 @@ def cut_cycles(file: str, time_s: Array, displacement: Array, force: Array | Non
             raise CampaignError(f"{file}: the displacement does not move; is the right column named in [channels]?")
         level = uniform_filter1d(signal, smooth, mode="nearest")
         times = crossings(time_s, level, middle, half)
+        repeats = whole_period(time_s, displacement, times)
+        if repeats is not None:
+            times = period_marks(time_s, repeats)
         if times.size < 3:
             raise CampaignError(
                 f"{file}: {max(times.size - 1, 0)} whole cycle(s) in {time_s[-1] - time_s[0]:.4g} s; at least "
@@ -195,10 +214,15 @@ def cut_cycles(file: str, time_s: Array, displacement: Array, force: Array | Non
         smooth = 2 * int(per_cycle / 20) + 1 if noise > 0.2 * HYSTERESIS * half else 1
     free_phase = _both_strokes(time_s, level, times, numbers, phase, kept, middle, half)
     n_check = int(max(1, min(24, 0.4 * per_cycle)))
-    steady_phase, frequency = _constant(time_s, signal, times, numbers, kept, min(n_check, 8))
-    constant = force is None or not all(
-        _rms_off(free_phase, kept, y, n_check) < better * _rms_off(steady_phase, kept, y, n_check)
-        for y, better in zip((signal, force), BETTER_PHASE)
+    order = n_check if repeats is not None else min(n_check, 8)
+    steady_phase, frequency = _constant(time_s, signal, times, numbers, kept, order)
+    constant = (
+        repeats is not None
+        or force is None
+        or not all(
+            _rms_off(free_phase, kept, y, n_check) < better * _rms_off(steady_phase, kept, y, n_check)
+            for y, better in zip((signal, force), BETTER_PHASE)
+        )
     )
     phase = steady_phase if constant else free_phase
     if not constant:

@@ -19,9 +19,12 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.cycles import HYSTERESIS, crossings, cycle_shapes, phase_between
+from bayes_iwan.campaign.timing.period import period_marks, whole_period
 
 LEVEL = 0.03  # two levels further apart than this (of amplitude or frequency) are two tests
 HELD = 3  # cycles that a level lasts at least; fewer are a transition
+SHORT = 2, 0.8, 0.01  # the same where this share of all cycles stands in levels, each as steady as this
+SMALLEST, SMALLEST_SPLIT = 0.1, 0.03  # of the largest stroke: smaller ones are not seen as cycles
 SECOND = 5, 0.1  # cycles, and share of the record, from which a second level is a test of its own
 MAIN = 0.55  # share of the cycles at one level from which the rest is run-in, run-out or a disturbance
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
@@ -55,10 +58,10 @@ class Drive:
     kind: str
 
 
-def judge(time_s: Array, displacement: Array) -> Drive | None:
+def judge(time_s: Array, displacement: Array, smallest: float = SMALLEST) -> Drive | None:
     """The drive of a record, from its time (n,) in s and displacement (n,) in mm; None where too few cycles are seen.
 
-    Smaller strokes than a tenth of the largest are not seen as cycles.
+    smallest : of the largest stroke; smaller ones are not seen as cycles.
     """
     low, high = np.percentile(displacement, [0.5, 99.5])
     half = (high - low) / 2
@@ -66,21 +69,34 @@ def judge(time_s: Array, displacement: Array) -> Drive | None:
         return None
     noise = float(np.median(np.abs(np.diff(displacement, 2)))) * 1.4826 / np.sqrt(6)
     times = crossings(
-        time_s, displacement, (low + high) / 2, half, hysteresis=min(max(0.1, 8 * noise / half), HYSTERESIS)
+        time_s, displacement, (low + high) / 2, half, hysteresis=min(max(smallest, 8 * noise / half), HYSTERESIS)
     )
+    repeats = whole_period(time_s, displacement, times)
+    if repeats is not None:
+        times = period_marks(time_s, repeats)
     per_cycle = np.diff(np.searchsorted(time_s, times))
     if times.size <= FEWEST or per_cycle.min() < 4:
         return None
     phase = phase_between(time_s, times, np.arange(float(times.size)))
-    (rows,) = cycle_shapes(phase, np.arange(times.size - 1), [displacement], 1)
+    # a multisine may have no fundamental: its size is that of all its harmonics
+    harmonics = 1 if repeats is None else max(1, min(24, int(0.4 * per_cycle.min())))
+    (rows,) = cycle_shapes(phase, np.arange(times.size - 1), [displacement], harmonics)
     size = np.sqrt(2) * np.linalg.norm(rows[:, 1:], axis=1)
     size = size * half / max(float(np.percentile(size, 95)), 1e-300)
     if not size.min() > 0:
         return None
     y = np.stack([np.log(size), -np.log(np.diff(times))], axis=1)
-    groups = _merged(y, _segments(y / LEVEL, 0, len(y)))
+    segments = _segments(y / LEVEL, 0, len(y))
+    groups = _merged(y, segments, HELD)
+    kind = _kind(y, groups)
+    if kind != "steady":
+        fewest, share, steady = SHORT
+        short = [(a, b) for a, b in _merged(y, segments, fewest) if np.median(np.ptp(y[a:b], axis=0)) < LEVEL]
+        within = sum(b - a for a, b in short if float(np.abs(np.diff(y[a:b], axis=0)).mean()) < steady)
+        if len(short) > max(len(groups), 1) and within >= share * len(y):
+            groups, kind = short, "levels"
     levels = [Level(a, b, *_middle(y[a:b])) for a, b in groups]
-    return Drive(times, np.exp(y[:, 1]), size, tuple(levels), _kind(y, groups))
+    return Drive(times, np.exp(y[:, 1]), size, tuple(levels), kind)
 
 
 def _middle(y: Array) -> tuple[float, float]:
@@ -103,11 +119,11 @@ def _segments(y: Array, a: int, b: int) -> list[tuple[int, int]]:
     return _segments(y, a, cut) + _segments(y, cut, b)
 
 
-def _merged(y: Array, segments: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Levels of at least HELD cycles; neighbours at one level are one, whatever short disturbance lies between."""
+def _merged(y: Array, segments: list[tuple[int, int]], held: int) -> list[tuple[int, int]]:
+    """Levels of at least `held` cycles; neighbours at one level are one, whatever short disturbance lies between."""
     out: list[tuple[int, int]] = []
     for a, b in segments:
-        if b - a < HELD:
+        if b - a < held:
             continue
         if out and np.abs(np.median(y[slice(*out[-1])], axis=0) - np.median(y[a:b], axis=0)).max() < LEVEL:
             out[-1] = (out[-1][0], b)
@@ -144,8 +160,8 @@ def refuse_unsteady(file: str, drive: Drive | None) -> None:
         return
     if drive.kind == "levels":
         raise CampaignError(
-            f"{file}: {_said(drive)}; averaged as one test these would look like a specimen that changes. "
-            "Split them: bayes-iwan import --split writes one test for each"
+            f"{file}: {staircase_said(drive)}; averaged as one test these would look like a specimen that changes. "
+            f'Split them: bayes-iwan import "{file}" --split --out "{file.partition(".")[0]}-tests"'
         )
     for name, unit, values in (("frequency", "Hz", drive.frequency_hz), ("amplitude", "mm", drive.amplitude_mm)):
         low, high = np.percentile(values, [3, 97])
@@ -164,7 +180,7 @@ def refuse_unsteady(file: str, drive: Drive | None) -> None:
         )
 
 
-def _said(drive: Drive) -> str:
+def staircase_said(drive: Drive) -> str:
     """A staircase in words: how many steps, and of what."""
     pieces = drive.levels
     frequencies, amplitudes = ([getattr(p, key) for p in pieces] for key in ("frequency_hz", "amplitude_mm"))
@@ -182,18 +198,21 @@ def split(record: Record) -> tuple[Record, ...]:
 
     Raises CampaignError where the drive drifts, sweeps or wanders instead: then there are no levels to split at.
     """
-    drive = judge(record.time_s, record.displacement_mm)
+    return split_levels(record)[0]
+
+
+def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
+    """The same, and a line for each part of the record that is in no piece."""
+    drive = judge(record.time_s, record.displacement_mm, SMALLEST_SPLIT)
     if drive is None or drive.kind == "steady":
-        return (record,)
+        return (record,), ()
     if drive.kind != "levels":
         refuse_unsteady(record.file, drive)
-        return (record,)
+        return (record,), ()
     out: list[Record] = []
     stem = record.file.removesuffix(".gz").removesuffix(".csv")
     ending = record.file[len(stem) :] or ".csv"
     for level in drive.levels:
-        if level.last - level.first < FEWEST:
-            continue
         # not a sample of the next level: a much larger one would hide this one's crossings
         first, last = drive.start_s[[level.first, level.last]]
         keep = (record.time_s >= first) & (record.time_s <= last)
@@ -208,4 +227,24 @@ def split(record: Record) -> tuple[Record, ...]:
                 force_N=record.force_N[keep],
             )
         )
-    return tuple(out)
+    return tuple(out), tuple(_left_out(record, drive))
+
+
+def _left_out(record: Record, drive: Drive) -> list[str]:
+    """What stands between the levels of a staircase, and before and after them."""
+    ends = [0, *(x for level in drive.levels for x in (level.first, level.last)), drive.start_s.size - 1]
+    said = []
+    for a, b in zip(ends[::2], ends[1::2]):
+        if b > a:
+            sizes = ", ".join(f"{x:.3g}" for x in drive.amplitude_mm[a : min(b, a + 4)])
+            said.append(
+                f"left out: {b - a} cycle(s) from {drive.start_s[a]:.4g} to {drive.start_s[b]:.4g} s ({sizes} mm): no "
+                f"level that is held for {SHORT[0]} cycles"
+            )
+    longest = 2.0 / float(np.min(drive.frequency_hz))
+    for a, b in ((record.time_s[0], drive.start_s[0]), (drive.start_s[-1], record.time_s[-1])):
+        if b - a > longest:
+            said.append(
+                f"left out: {a:.4g} to {b:.4g} s: no cycle of more than {SMALLEST_SPLIT:.0%} of the largest stroke"
+            )
+    return said

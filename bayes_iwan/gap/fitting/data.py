@@ -17,6 +17,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.effects.along_record import RAMPS
 from bayes_iwan.effects.base import effects_of
+from bayes_iwan.gap.constants import LINE_STANDS, TREND_FLOOR
 from bayes_iwan.gap.fitting.layout import Layout
 from bayes_iwan.gap.fitting.rest import Between
 from bayes_iwan.inference.setup.discrepancy import Correlated
@@ -28,10 +29,8 @@ from bayes_iwan.physics.interface.motion import motion_of
 MAINS_HZ = (50.0, 60.0)
 #: harmonics whose change along the record is looked at
 TREND_HARMONICS = 7
-#: change along the record that needs no cause, as a share of the friction level, per contrast and harmonic
-TREND_FLOOR = 0.002
-#: the mains' frequency is sought within this of 50 and 60 Hz; a line stands out at this power over white noise's
-MAINS_WANDER, LINE_STANDS = 0.4, 25.0
+#: the mains' frequency is sought within this of 50 and 60 Hz
+MAINS_WANDER = 0.4
 #: a line of the mains nearer to a harmonic than this, in cycles over the record, tells nothing of the mains: the loops'
 #: own slow change leaks into it
 LEAK = 4.0

@@ -4,7 +4,7 @@ rest that stands beside every model.
 measured = simulator(base + effects) + rest + noise. The rest is Gaussian, smooth along the loop and between tests, of
 share a of the friction force (:class:`bayes_iwan.inference.setup.discrepancy.Correlated`), and changes along the
 record by a share b. Its sizes are inferred for every set of effects and need not be small: the prior over a is flat
-in ln a up to a tenth (:data:`bayes_iwan.gap.fitting.rest.LARGE_REST`), so a cause may explain a part of the gap and
+in ln a up to a tenth (:data:`bayes_iwan.gap.constants.LARGE_REST`), so a cause may explain a part of the gap and
 leave the rest without a name. So is how it hangs together between tests, in one of a few ways that are as likely as
 each other beforehand (:data:`bayes_iwan.gap.fitting.rest.BETWEEN`).
 """
@@ -19,6 +19,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect, effects_of
+from bayes_iwan.gap.constants import LARGEST_REST
 from bayes_iwan.gap.fitting.data import GapData, predicted
 from bayes_iwan.gap.fitting.rest import ALONG_SHARES, BETWEEN, FIRST, LENGTHS, SHARES, Linear, RestSize, Sizes, Stepped
 from bayes_iwan.gap.fitting.rows import Rows
@@ -31,9 +32,6 @@ from bayes_iwan.physics.interface.parameter import Z_LIMIT
 
 #: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
 OTHER_WEIGHTS = 0.25
-#: the least gap in newtons is sought beside no larger rest: there priors hold a model where it misses far more than it
-#: must
-LARGEST_REST = 0.05
 #: rounds in which a model is fitted again, each with the weights of the rest that the last one left, while it gains so
 #: many nats
 ROUNDS, GAINED = 4, 0.5
@@ -87,6 +85,11 @@ class Fit:
     def names(self) -> frozenset[str]:
         """Names of the effects in the model."""
         return frozenset(e.name for e in self.effects)
+
+    @property
+    def evolving(self) -> bool:
+        """Does it change along the record?"""
+        return any(e.evolving for e in self.effects)
 
     @cached_property
     def log_evidence(self) -> float:

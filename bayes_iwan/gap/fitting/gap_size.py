@@ -18,6 +18,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.gap.fitting.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.residuals import ALONG, COUNTED, LOOP, MAINS, MEAN, Residual
+from bayes_iwan.inference.setup.loop_error import friction_rms_N
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
 LEVEL = 0.9
@@ -74,11 +75,11 @@ class GapSize:
 
 
 def friction_rms_by_test_N(residual: Residual) -> Array:
-    """(T,) RMS friction force of the fitted model, N."""
+    """(T,) RMS friction force, N: :func:`bayes_iwan.inference.setup.loop_error.friction_rms_N`."""
     problem = residual.fit.problem
     parameter_values = problem.parameter_values(residual.fit.z[None])
     force = problem.friction_force(parameter_values, residual.data.steady_motion)[0]
-    return np.sqrt(np.mean(force**2, axis=1))
+    return friction_rms_N(force, residual.data.loops)
 
 
 def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: Array | None = None) -> GapSize:

@@ -4,15 +4,15 @@ out, or tests that were held out from the start."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.effects.base import effects_of
+from bayes_iwan.gap.constants import LOOSE
 from bayes_iwan.gap.fitting.data import GapData, gap_data
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
@@ -24,9 +24,6 @@ from bayes_iwan.threads import alongside
 #: iterations of a refit that starts at the optimum of all tests
 ITERATIONS = 8
 HELD_OUT = "held-out tests"
-#: variance of an effect's strength over the prior's above which the fitted tests do not tell it: what it would do on
-#: others is a guess (a sensor that saturates at the largest amplitude alone, seen from the smaller ones)
-UNTOLD = 0.5
 _BY = {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}
 
 
@@ -37,24 +34,18 @@ class Unseen:
     by : "one frequency left out", "one amplitude left out" or "held-out tests"; files (n,) of these tests
     power_N2 : by set of effects, (n,) squared gap of each test, noise taken off (may be negative)
     along_N2 : the same of its part that changes along the record
-    told : by set of effects and effect, (n,) did the fitted tests tell its strength? Where its parameters belong to
-        single tests it is not there
+    trained : by set of effects, (3, n) of the tests that each was predicted from: ln evidence of the set, its squared
+        gap and how many tests they were; nothing for tests that were held out from the start
+    moved : by set of effects and effect, (parts,) by how many standard deviations its strength is another without each
+        part of the tests
     """
 
     by: str
     files: tuple[str, ...]
     power_N2: dict[frozenset[str], Array]
     along_N2: dict[frozenset[str], Array]
-    told: dict[frozenset[str], dict[str, NDArray[np.bool_]]]
-
-    def gap_N(self, names: Iterable[str]) -> float:
-        """RMS gap over these tests with a set of effects in the model."""
-        return float(np.sqrt(max(self.power_N2[frozenset(names)].mean(), 0.0)))
-
-    def shrink(self, smaller: Iterable[str], larger: Iterable[str]) -> float:
-        """1 − gap with the larger set / gap with the smaller one, in −1 … 1; nan where there is no gap."""
-        before, after = self.gap_N(smaller), self.gap_N(larger)
-        return float(np.clip(1.0 - after / before, -1.0, 1.0)) if before > 0.0 else float("nan")
+    trained: dict[frozenset[str], Array] = field(default_factory=dict)
+    moved: dict[frozenset[str], dict[str, Array]] = field(default_factory=dict)
 
     def by_test(self, smaller: Iterable[str], larger: Iterable[str], along: bool = False) -> Array:
         """(n,) 1 − gap with the larger set / gap with the smaller one, test by test, each in −1 … 1, so that one test
@@ -63,10 +54,6 @@ class Unseen:
         before, after = (np.sqrt(np.maximum(power_N2[frozenset(k)], 0.0)) for k in (smaller, larger))
         top = np.maximum(before, after)
         return np.asarray(np.where(top > 0.0, (before - after) / np.maximum(top, 1e-300), 0.0))
-
-    def tells(self, names: Iterable[str], name: str) -> NDArray[np.bool_]:
-        """(n,) was the strength of one of these effects told by the tests that the set was fitted to?"""
-        return self.told[frozenset(names)].get(name, np.ones(len(self.files), bool))
 
 
 def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem:
@@ -119,40 +106,50 @@ def parted(data: GapData) -> dict[str, list[list[int]]]:
     return {by: parts for by, parts in out.items() if len(parts) > 1}
 
 
-#: (2, n) squared gaps of tests that a fit has not seen, and their parts along the record; its strengths that are told
-_Missed = tuple[Array, dict[str, bool]]
+@dataclass(frozen=True)
+class _Missed:
+    """What one fit misses on tests that it was not fitted to: gaps_N2 (2, n) squared gaps and their parts along the
+    record; moved : by how many sd each is another than that of all tests; trained (3,) :
+    ln evidence, squared gap and number of the tests that it was fitted to."""
+
+    gaps_N2: Array
+    moved: dict[str, float]
+    trained: Array
 
 
 def _unseen(by: str, files: Sequence[str], missed: dict[frozenset[str], list[_Missed]]) -> Unseen:
     """What several fits of each set miss, each on tests of its own, one after another."""
-    gaps_N2 = {k: np.concatenate([gaps for gaps, _ in parts], axis=1) for k, parts in missed.items()}
-    told = {
-        k: {name: np.concatenate([np.full(gaps.shape[1], t[name]) for gaps, t in parts]) for name in parts[0][1]}
+    gaps_N2 = {k: np.concatenate([x.gaps_N2 for x in parts], axis=1) for k, parts in missed.items()}
+    moved = {
+        k: {name: np.array([x.moved[name] for x in parts]) for name in parts[0].moved} for k, parts in missed.items()
+    }
+    trained = {
+        k: np.concatenate([np.tile(x.trained[:, None], x.gaps_N2.shape[1]) for x in parts], axis=1)
         for k, parts in missed.items()
     }
     whole, along = ({k: v[i] for k, v in gaps_N2.items()} for i in range(2))
-    return Unseen(by, tuple(files), whole, along, told)
+    return Unseen(by, tuple(files), whole, along, trained, moved)
 
 
 def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> _Missed:
     """See :func:`_missed`, of a fit to the rest of the tests on those left out."""
     fit, rest, left = piece
-    return _missed(refitted(fit, rest), left)
+    again = refitted(fit, rest)
+    size = again.size
+    sizes = ((size.share, size.length, size.along),)
+    nats = float(again.linear.evidence(sizes).log_z[0]) + rest.layout(size.between, again.evolving).constant
+    trained_N2 = max(float(gap_power_N2(residual_of(rest, again)).mean()), 0.0)
+    moved = {}
+    for effect in again.effects:
+        if (name := effect.strength_name) in again.problem.names:
+            at, before = again.problem.names.index(name), fit.problem.names.index(name)
+            sd = float(np.sqrt(again.covariance[at, at] + LOOSE**2))
+            moved[effect.name] = abs(float(again.z[at] - fit.z[before])) / sd
+    return replace(_missed(again, left), moved=moved, trained=np.array([nats, trained_N2, rest.tests]))
 
 
 def _missed(fit: Fit, data: GapData) -> _Missed:
     """What it misses on tests that it was not fitted to."""
     residual = residual_of(data, fit, refitted=False)
-    variance = dict(zip(fit.problem.names, np.diag(fit.covariance)))
-    told = {e.name: bool(variance[e.strength_name] <= UNTOLD) for e in fit.effects if e.strength_name in variance}
-    return np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))]), told
-
-
-def halves(data: GapData) -> list[tuple[list[int], list[int]]]:
-    """The tests in two halves, by frequency and by amplitude, where there are several."""
-    out = []
-    for parts in parted(data).values():
-        sizes = np.cumsum([len(p) for p in parts])
-        cut = int(np.argmin(np.abs(sizes[:-1] - 0.5 * data.tests))) + 1
-        out.append(([i for p in parts[:cut] for i in p], [i for p in parts[cut:] for i in p]))
-    return out
+    gaps_N2 = np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))])
+    return _Missed(gaps_N2, {}, np.full(3, np.nan))

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import effects_of
 from bayes_iwan.effects.by_test import ByTest
-from bayes_iwan.gap.fitting.data import TREND_FLOOR, TREND_HARMONICS, GapData, predicted
+from bayes_iwan.gap.constants import TREND_FLOOR
+from bayes_iwan.gap.fitting.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.inference.setup.problem import Problem

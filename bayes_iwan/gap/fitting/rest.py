@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.gap.constants import LARGE_REST, SPECTRUM_SD
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
 #: lengths of the rest's correlation in ln f and ln A, and the share each test has to itself
@@ -28,9 +29,6 @@ Between = tuple[float, float, float]
 #: grid of the rest: RMS share of the friction level, and correlation length in cycles
 SHARES = np.geomspace(5e-4, 1.0, 13)
 LENGTHS = np.array([0.03, 0.1])
-#: a rest beyond this share is the less likely: p(ln a) ∝ 1/(1 + (a/LARGE_REST)²), all but flat below. Else one record's
-#: rest, of few harmonics, grows to the friction force itself and leaves nothing to tell
-LARGE_REST = 0.1
 #: ways in which the rest of different tests may hang together: of 37 those without which most evidence would be lost on
 #: sound and faulty cases of the rig (`analyses/rest_between_tests.py`)
 BETWEEN: tuple[Between, ...] = (
@@ -43,8 +41,7 @@ BETWEEN: tuple[Between, ...] = (
 )
 #: shares of the friction level by which the rest may change along the record
 ALONG_SHARES = np.array([0.0, 0.004, 0.016, 0.064, 0.256])
-#: sd of ln λ, and the grid over which λ is integrated
-SPECTRUM_SD = 1.4
+#: the grid over which λ is integrated
 LN_SPECTRUM = np.linspace(-4.2, 4.2, 13)
 #: rounds in which the harmonics' variances and the parameters follow each other
 ROUNDS = 3

@@ -1,8 +1,8 @@
 """From a few figures to probabilities: does an effect contribute, which of its rivals is it, has the rest a cause?
 
-Three logistic laws, each with few weights, fitted to cases from the virtual rig whose laws and outside causes were left
-out in turn (`analyses/calibrate_diagnosis.py`). Every weight but the intercepts is of one sign by construction: more
-evidence, more shrink on unseen tests and a steadier strength never make a cause less probable.
+Two logistic laws and a power, fitted to cases of the virtual rig whose families of foreign causes were left out in turn
+(`analyses/calibrate_diagnosis.py`). Every weight but the intercepts is of one sign by construction: more evidence and
+more of the gap removed on unseen tests never make an effect less probable.
 """
 
 from __future__ import annotations
@@ -17,18 +17,12 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
-from bayes_iwan.gap.judging.guards import UNJUDGED, Figures
-from bayes_iwan.gap.searching.base import USUAL_GAP
+from bayes_iwan.gap.constants import LEAST_TESTS, LINEAR_NATS, SUREST, USUAL_GAP
+from bayes_iwan.gap.judging.figures import Figures
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
-#: nats for each test up to which evidence counts in full; beyond, by its logarithm
-LINEAR_NATS = 2.0
-#: fewer tests than these are counted as so many: one record's nats are few, but as easily found by what merely absorbs
-LEAST_TESTS = 6
-#: no answer claims more
-SUREST = 0.99
 #: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
-EFFECT_FIGURES = ("gain", "fitted", "by_test", "steady")
+EFFECT_FIGURES = ("gain", "fitted", "unseen", "explained")
 REST_FIGURES = ("left", "subharmonic")
 
 
@@ -37,10 +31,10 @@ class Calibration:
     """Weights of the logistic laws.
 
     effect : of EFFECT_FIGURES, effect_bias their intercept; rest, rest_bias : the same of REST_FIGURES
-    within : power of the evidence among rivals for one place; apart : nats within which rivals cannot be told apart
+    within : power of the score among rivals for one place; apart : nats within which rivals cannot be told apart
     usual : median and sd of ln share of a sound specimen's difference from the model
-    law, law_of_share : sd of a share of the gap beyond noise and what differs between tests, for nature's law is not
-        quite ours: at most, and as a part of the share itself, where that is less
+    law, law_of_share : sd of a share of the gap beyond what differs between tests, for nature's law is not quite ours:
+        at most, and as a part of the share itself, where that is less
     """
 
     effect: tuple[float, ...]
@@ -63,7 +57,7 @@ class Calibration:
 
     def among(self, f: Figures) -> dict[str, float]:
         """Probability of each rival for one place, given that something contributes there."""
-        weight = {n: np.exp(self.within * v) for n, v in f.rivals.items()}
+        weight = {n: np.exp(self.within * min(v, 0.0)) for n, v in f.rivals.items()}
         total = sum(weight.values())
         return {n: float(w / total) for n, w in weight.items()}
 
@@ -79,14 +73,14 @@ class Calibration:
 def effect_figures(f: Figures) -> Array:
     """(4,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES.
 
-    Its evidence counts by test: what merely absorbs finds the same to take in every one, so that many tests speak for
-    it as loudly as for a cause. And it counts the more, the larger the gap is beside a sound specimen's: what absorbs
-    finds little more than such a specimen's difference from the model. Then the share of the gap that it removes, what
-    it removes on tests left out (the mean over the tests; UNJUDGED of what it removes where none can be left out), the
-    steadiness of its strength.
+    Its evidence counts by test, and the more the larger the gap is beside a sound specimen's: what absorbs finds the
+    same to take in every test, but little more than such a specimen's difference from the model. Then the share of the
+    gap that it removes as the last effect, on the fitted tests and on tests left out (the former where none can be),
+    and the share that the whole set explains: a true set leaves little.
     """
     gain = np.log1p(max(f.gain, 0.0) / (LINEAR_NATS * max(f.tests, LEAST_TESTS))) * np.log1p(f.gap / USUAL_GAP)
-    return np.array([gain, f.fitted, f.by_test * (1.0 if f.judged else UNJUDGED), -min(f.differs, 5.0)])
+    fitted = float(np.clip(f.fitted, -1.0, 1.0))
+    return np.array([gain, fitted, f.unseen if f.judged else fitted, 1.0 - min(f.left, 1.0)])
 
 
 def rest_figures(left: float, subharmonic: float) -> Array:

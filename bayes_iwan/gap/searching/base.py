@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.gap.constants import LEAST_OF_FRICTION, NEWTON_NATS, USUAL_GAP
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit, base_problem, fit_model, in_newtons
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2, gap_size
@@ -16,22 +17,14 @@ from bayes_iwan.gap.fitting.rows import Rows
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.inference.setup.simulator_check import check_simulator
 from bayes_iwan.physics import Simulator
 
 BASE_POINTS, BASE_STARTS = 1200, 32
 #: draws of the noise behind each gap
 DRAWS = 100
-#: what removes less of the friction force is not named: two sensors of one kind differ by as much
-LEAST_OF_FRICTION = 0.001
 #: iterations behind a quick gap
 QUICK_STEPS = 6
-#: nats of the logarithm of the gap in newtons, for each test: two for one harmonic, twice as many since half of what
-#: evidence says of two laws is true of neither (the power `within` that calibration finds for it)
-NEWTON_NATS = 4.0
-#: an effect is worth its place in a set if it gains so many nats
-WORTH_NATS = 3.0
-#: a sound specimen's usual gap over the friction force: a smaller gap is worth no more
-USUAL_GAP = 0.004
 
 
 def fit_base(
@@ -43,6 +36,8 @@ def fit_base(
 ) -> Fit:
     """The base model from the best of many prior draws."""
     problem = base_problem(data, settings, scales, simulator)
+    if simulator is not None:
+        check_simulator(problem)
     draws = problem.prior.draw(rng, BASE_POINTS)
     return fit_model(data, problem, cheapest(data, problem, draws, BASE_STARTS))
 
@@ -76,14 +71,14 @@ def sound_gap_N(data: GapData) -> float:
     return USUAL_GAP * float(np.sqrt(np.mean(data.level_N**2)))
 
 
-def newton_nats(data: GapData, gap_N: float) -> float:
-    """What a gap in newtons is worth beside the evidence.
+def newton_nats(gap_N: float, sound_N: float, tests: int) -> float:
+    """What a gap in newtons is worth beside the evidence; sound_N : a sound specimen's usual one.
 
     Evidence follows the harmonics that are quiet, and takes tests together for what is smooth between them: a law that
     fits what is small in newtons may win there while another halves the gap. So a gap counts as evidence would count it
     that knew one harmonic of each test and nothing of the other tests: by ln of its square, once a test.
     """
-    return -0.5 * NEWTON_NATS * data.tests * float(np.log(gap_N**2 + sound_gap_N(data) ** 2))
+    return -0.5 * NEWTON_NATS * tests * float(np.log(gap_N**2 + sound_N**2))
 
 
 def changes(data: GapData, along_N: float) -> bool:

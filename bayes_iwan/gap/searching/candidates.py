@@ -11,6 +11,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import ordered
+from bayes_iwan.gap.constants import LAWS_MOST
 from bayes_iwan.gap.fitting.data import GapData, predicted
 from bayes_iwan.gap.fitting.evidence import Fit, extended, newton_size
 from bayes_iwan.gap.fitting.rest import FIRST, RestSize
@@ -22,8 +23,6 @@ from bayes_iwan.inference.setup.problem import Problem
 STRENGTHS = {False: (-2.0, -1.0, -0.2, 0.6, 1.4, 2.2), True: (-1.2, -0.4, 0.4, 1.2)}
 EXTRAS = (-1.6, -0.8, 0.0, 0.8, 1.6)
 EFFECT_STARTS = 2
-#: laws of one effect that are refitted, the most promising first
-LAWS_MOST = 2
 #: smallest share of the friction level at which a step is judged
 LEAST_SHARE = 1e-3
 #: step of the differences behind a trial's own Jacobian, and the longest step that is believed of it, in prior sd
@@ -89,7 +88,8 @@ def candidate(data: GapData, smaller: Fit, alike: Fit, gap_N: float, effect: Eff
         nearest, less = promising(plain, points, plain.missed(by_model), alike, alike.size, 1)
     removes = less / max(_cost(plain, alike, alike.size), 1e-300)
     left_N = gap_N * float(np.sqrt(np.clip(1.0 - removes, 0.0, 1.0)))
-    worth = gain + newton_nats(data, left_N) - newton_nats(data, gap_N)
+    sound_N = sound_gap_N(data)
+    worth = gain + newton_nats(left_N, sound_N, data.tests) - newton_nats(gap_N, sound_N, data.tests)
     return Candidate(effect, problem, np.concatenate([starts, nearest]), gain, worth)
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import combinations
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.catalogue import BUILT_IN, FORM
+from bayes_iwan.gap.constants import ALIKE_NATS, EFFECT_NATS
 from bayes_iwan.gap.fitting.data import GapData
 from bayes_iwan.gap.fitting.evidence import Fit
 from bayes_iwan.inference.setup.problem import Problem
@@ -25,8 +27,8 @@ class Search:
     """All fits of one campaign.
 
     fits : the best fit of every set of effects that was refitted, the base under the empty set
-    chosen : the set that explains most for its size, the effect that gains most first
-    ends : weight of the chosen set, and of others that are worth all but as much or more (:func:`.ends.ends_of`)
+    chosen : the set of the best score, the effect that gains most first
+    scores : of every set, nats (:func:`score`)
     effects : every law on offer by effect; failed : effects without a finite force or calibration, and why
     """
 
@@ -35,7 +37,7 @@ class Search:
     settings: DiagnoseSettings
     fits: Mapping[frozenset[str], Fit]
     chosen: tuple[str, ...]
-    ends: Mapping[frozenset[str], float]
+    scores: Mapping[frozenset[str], float]
     effects: Mapping[str, tuple[Effect, ...]]
     failed: Mapping[str, str] = field(default_factory=dict)
 
@@ -62,17 +64,19 @@ def look_alike(effects: Mapping[str, tuple[Effect, ...]], one: str, other: str) 
     return one == other or other in effects[one][0].look_alikes or one in effects[other][0].look_alikes
 
 
-def needed(
-    effects: Mapping[str, tuple[Effect, ...]], stood_in: Mapping[str, frozenset[str]], names: frozenset[str]
-) -> bool:
-    """May a set hold all its effects? Not one that was dropped beside others, `stood_in`, which stood in for it: those
-    of them that look like it if there are any, else all, while they are in the set."""
-    for name in names & stood_in.keys():
-        others = stood_in[name]
-        alike = frozenset(n for n in others if look_alike(effects, name, n))
-        if (alike or others) <= names and (others or len(names) == 1):
-            return False
-    return True
+def alike_pairs(effects: Mapping[str, tuple[Effect, ...]], names: Iterable[str]) -> int:
+    """How many pairs of a set look alike."""
+    return sum(look_alike(effects, a, b) for a, b in combinations(sorted(names), 2))
+
+
+def score(log_evidence: float, newtons: float, names: frozenset[str], pairs: int) -> float:
+    """The score of a set of effects, nats: what a search maximises, for taking in, dropping, exchanging and ranking.
+
+        ln evidence + newtons − EFFECT_NATS · effects − ALIKE_NATS · pairs that look alike
+
+    newtons : :func:`.base.newton_nats` of the gap that is left; the last two terms are the prior of a set
+    """
+    return log_evidence + newtons - EFFECT_NATS * len(names) - ALIKE_NATS * pairs
 
 
 def part(fit: Fit, problem: Problem) -> Array:

@@ -13,7 +13,8 @@ from bayes_iwan.gap.fitting.gap_size import ceiling_N, shrink
 from bayes_iwan.gap.judging.budget import Cause, Share
 from bayes_iwan.gap.telling.findings import where_json
 from bayes_iwan.gap.telling.saved_fits import write_fits
-from bayes_iwan.gap.telling.words import not_excluded, physics_of_rest, remedy, sentences
+from bayes_iwan.gap.telling.sentences import colour, not_excluded, remedy, sentences
+from bayes_iwan.gap.telling.words import physics_of_rest
 
 SCHEMA = 2
 #: what no loop test can see, whatever the cause
@@ -48,6 +49,8 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "probability": v.probabilities[v.cause],
             "cannot_tell_apart": list(v.causes[0].cannot_tell_apart) if v.causes else [],
             "not_testable": list(d.not_testable),
+            "needs_clock": list(d.needs_clock),
+            "colour": colour(d),
         },
         "probabilities": {"unknown_rest" if n == "unknown" else n: p for n, p in v.probabilities.items()},
         "rest": {
@@ -83,6 +86,10 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
         "considered": _considered(d),
         "failed": dict(d.search.failed),
         "moved": {n: asdict(m) for n, m in d.moved.items()},
+        "imitations": [asdict(x) for x in d.imitations],
+        "far_from_plausible": [asdict(x) for x in d.edges],
+        "clipped": [asdict(x) for x in d.clipped],
+        "clock": d.campaign.clock,
         "next_test": None if d.next_test is None else asdict(d.next_test),
         "expected_nats": d.expected_nats,
         "cannot_be_seen": UNSEEN_BY_ALL,

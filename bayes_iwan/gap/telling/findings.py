@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
 from bayes_iwan.gap.fitting.gap_size import GapSize
 from bayes_iwan.gap.fitting.residuals import Residual
 from bayes_iwan.gap.telling.laws import GrowthLaw
 from bayes_iwan.gap.telling.where import Statistic, Where
+from bayes_iwan.gap.telling.words import force, percent
 
 #: a part of the loop is worth a sentence when its share of the gap is this many times its share of the time
 CONCENTRATED = 1.25
@@ -20,13 +22,7 @@ CONCENTRATED = 1.25
 WORTH = 0.01
 #: a power whose interval is wider than this is not reported; nor then is the sign of what is missing
 OPEN = 2.0
-_ORDINALS = {1: "fundamental", 2: "second harmonic", 3: "third harmonic"}
-
-
-def newtons(x: float) -> str:
-    """A force to two digits, in kN, N or mN."""
-    scale, unit = (1e3, "kN") if x >= 1e3 else (1.0, "N") if x >= 0.01 else (1e-3, "mN")
-    return f"{float(f'{x / scale:.2g}'):g} {unit}"
+_ORDINALS = {1: "test frequency", 2: "second harmonic", 3: "third harmonic"}
 
 
 def where_sentences(where: Where) -> list[str]:
@@ -42,13 +38,12 @@ def where_sentences(where: Where) -> list[str]:
     ]
     if not out:
         return [
-            f"Nothing stands out: in none of {where.count} statistics is the gap larger than noise, the parameters' "
-            "uncertainty and the small misfit that specimens without any missing cause show."
+            f"Nothing stands out: none of {where.count} statistics is larger than noise, the parameters' uncertainty "
+            "and the usual small misfit of a sound specimen."
         ]
     return [
         *out,
-        f"{where.count} statistics were taken. Each finding above would still be one were the model right in "
-        "fewer than 1 of 20 campaigns, all statistics together.",
+        f"Each finding is significant at 5 %, corrected for {where.count} statistics.",
     ]
 
 
@@ -76,7 +71,7 @@ def where_json(where: Where, size: GapSize) -> dict[str, Any]:
         tests.append(
             {
                 "file": name,
-                "frequency_hz": float(where.frequency_hz[t]),
+                "frequency_hz": float(where.frequency_hz[t]) if where.clock else None,
                 "amplitude_mm": float(where.amplitude_mm[t]),
                 "gap_rms_N": g.rms_N,
                 "interval_N": [g.low_N, g.high_N],
@@ -104,7 +99,7 @@ def where_json(where: Where, size: GapSize) -> dict[str, Any]:
         "tests": tests,
         "regions": [_statistic(x, "region") for x in kinds["region"]],
         "harmonics": harmonics,
-        "by_frequency": [_statistic(x, "frequency") for x in kinds["frequency"]],
+        "by_frequency": [_statistic(x, "frequency") for x in kinds["frequency"]] if where.clock else [],
         "by_amplitude": [_statistic(x, "amplitude") for x in kinds["amplitude"]],
         "parity": [_statistic(x, "parity") for x in kinds["parity"]],
         "mean": _statistic(kinds["mean"][0], "what"),
@@ -130,7 +125,7 @@ def where_json(where: Where, size: GapSize) -> dict[str, Any]:
 class GapPictures:
     """What :mod:`bayes_iwan.report.diagnosis.gap_figures` draws of the gap of T tests.
 
-    names : of the tests; frequency_hz, amplitude_mm : (T,)
+    names : of the tests; frequency_hz, amplitude_mm : (T,); clock : are the frequencies real?
     displacement_mm, force_N, residual_N, expected_N, sticking : (T, n) along the cycle: measured, measured − predicted,
         what noise and a right model's usual misfit would leave, the share of sliders that stick
     in_phase_N, quadrature_N, expected_harmonic_N : (T, H) harmonics of the residual
@@ -143,6 +138,7 @@ class GapPictures:
     names: tuple[str, ...]
     frequency_hz: Array
     amplitude_mm: Array
+    clock: bool
     displacement_mm: Array
     force_N: Array
     residual_N: Array
@@ -163,13 +159,20 @@ class GapPictures:
     regions: tuple[Statistic, ...]
 
 
+def test_name(loop: Loop) -> str:
+    """A test by frequency and amplitude; without a clock by its amplitude."""
+    at = f"{loop.record.frequency_hz:g} Hz, " if loop.record.clock else ""
+    return f"{at}{loop.record.amplitude_mm:g} mm"
+
+
 def pictures(residual: Residual, where: Where, size: GapSize) -> GapPictures:
     """What is drawn of a gap."""
     loops, shown = residual.data.loops, zip(where.of("test"), where.of("trend"))
     return GapPictures(
-        names=tuple(f"{x.record.frequency_hz:g} Hz, {x.record.amplitude_mm:g} mm" for x in loops),
+        names=tuple(test_name(x) for x in loops),
         frequency_hz=where.frequency_hz,
         amplitude_mm=where.amplitude_mm,
+        clock=where.clock,
         displacement_mm=np.stack([x.displacement_mm for x in loops]),
         force_N=np.stack([x.force_N for x in loops]),
         residual_N=where.phase_N,
@@ -207,47 +210,44 @@ def _power(power: tuple[float, float, float] | None) -> dict[str, float] | None:
     return None if power is None else dict(zip(("value", "low", "high"), power))
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
-
-
 def _tests(w: Where) -> list[str]:
     found = [x for x in w.of("test") if x.significant]
     if not found:
         return []
     t = int(np.argmax([x.gap_N for x in w.of("test")]))
     worst = w.of("test")[t]
-    many = "Every test's" if len(found) == len(w.files) else f"{len(found)} of {len(w.files)} tests'"
+    many = "All averaged loops miss" if len(found) == len(w.files) else f"{len(found)} of {len(w.files)} loops miss"
+    at = f"{w.frequency_hz[t]:.3g} Hz and " if w.clock else ""
     return [
-        f"{many} averaged loops show more than a right model would leave; most is missed at "
-        f"{w.frequency_hz[t]:.3g} Hz and {w.amplitude_mm[t]:.2g} mm ({newtons(worst.gap_N)} RMS)."
+        f"{many} more than a right model would leave. The largest gap is at {at}{w.amplitude_mm[t]:.3g} mm "
+        f"({force(worst.gap_N)} RMS)."
     ]
 
 
 def _grows(w: Where) -> list[str]:
     out = []
-    for kind in ("frequency", "amplitude"):
+    for kind in ("frequency", "amplitude") if w.clock else ("amplitude",):
         statistics = w.of(kind)
         if len(statistics) < 2 or not any(x.significant for x in statistics):
             continue
         sizes = np.array([x.gap_N for x in statistics])
         i, k = int(np.argmax(sizes)), int(np.argmin(sizes))
         if sizes[i] < 1.15 * sizes[k] or statistics[i].low_N <= statistics[k].high_N:
-            out.append(f"It does not depend on {kind}: {newtons(sizes.min())} to {newtons(sizes.max())}.")
+            out.append(f"The gap does not depend on {kind}: {force(sizes.min())} to {force(sizes.max())}.")
         elif i == len(statistics) - 1:
             out.append(
-                f"It grows with {kind}, from {newtons(sizes[0])} at {statistics[0].name} to {newtons(sizes[-1])} at "
+                f"The gap grows with {kind}, from {force(sizes[0])} at {statistics[0].name} to {force(sizes[-1])} at "
                 f"{statistics[-1].name}."
             )
         elif i == 0:
             out.append(
-                f"It falls with {kind}, from {newtons(sizes[0])} at {statistics[0].name} to {newtons(sizes[-1])} at "
+                f"The gap falls with {kind}, from {force(sizes[0])} at {statistics[0].name} to {force(sizes[-1])} at "
                 f"{statistics[-1].name}."
             )
         else:
             out.append(
-                f"It is largest at {statistics[i].name} ({newtons(sizes[i])}) and smallest at {statistics[k].name} "
-                f"({newtons(sizes[k])})."
+                f"The gap is largest at {statistics[i].name} ({force(sizes[i])}) and smallest at {statistics[k].name} "
+                f"({force(sizes[k])})."
             )
     return out
 
@@ -257,7 +257,7 @@ def _laws(w: Where) -> list[str]:
     for i, law in enumerate(w.laws):
         if law.gain < WORTH * w.laws[0].gain:
             continue
-        step = "in step with the displacement" if law.part == "in phase" else "in step with the velocity"
+        step = "in phase with displacement" if law.part == "in phase" else "in phase with velocity"
         meaning = ""
         power = law.frequency_power
         unclear = np.ptp(np.log(w.frequency_hz)) > 0.2 if power is None else power[2] - power[1] > OPEN
@@ -268,10 +268,9 @@ def _laws(w: Where) -> list[str]:
         grows = " and ".join(
             x for x in (_growth("frequency", law.frequency_power), _growth("amplitude", law.amplitude_power)) if x
         )
-        start = "Once the model's own parameters may adapt," if i == 0 else "Beside that,"
+        start = "After a refit of the model's own parameters, up to" if i == 0 else "Besides, up to"
         out.append(
-            f"{start} what is missing at the {_ordinal(law.order)} {step} "
-            f"is {newtons(_most(law, w))} at most in these tests{meaning}"
+            f"{start} {force(_most(law, w))} is missing at the {_ordinal(law.order)}, {step}{meaning}"
             f"{'; it ' + grows if grows else ''}."
         )
     return out
@@ -282,6 +281,10 @@ def _most(law: GrowthLaw, w: Where) -> float:
     f, a = w.frequency_hz / w.frequency_hz.max(), w.amplitude_mm / w.amplitude_mm.max()
     powers = [0.0 if p is None else p[0] for p in (law.frequency_power, law.amplitude_power)]
     return abs(law.force_N) * float(np.max(f ** powers[0] * a ** powers[1]))
+
+
+def _at(order: int) -> str:
+    return "the test frequency" if order == 1 else f"the {_ordinal(order)}"
 
 
 def _ordinal(order: int) -> str:
@@ -312,16 +315,14 @@ def _harmonics(w: Where) -> list[str]:
         return []
     statistics.sort(key=lambda x: -x.share)
     parts = [
-        f"{_percent(x.share)} in the {_ordinal(int(x.name))} in step with the "
+        f"{percent(x.share)} at {_at(int(x.name))} in phase with "
         f"{'displacement' if x.kind == 'in phase' else 'velocity'}"
         for x in statistics[:3]
     ]
-    out = [f"Of the residual's power {_listed(parts)}."]
+    out = [f"Of the residual's power, {_listed(parts)}."]
     even = w.of("parity")[1]
     if even.significant and even.share > 0.3:
-        out.append(
-            f"{_percent(even.share)} of it is in even harmonics: the two halves of the stroke are missed differently."
-        )
+        out.append(f"{percent(even.share)} of the residual is in even harmonics: the two halves of the stroke differ.")
     return out
 
 
@@ -329,12 +330,12 @@ def _regions(w: Where) -> list[str]:
     found = [x for x in w.of("region") if x.significant and x.share > CONCENTRATED * x.time and x.share > 0.15]
     found.sort(key=lambda x: -(x.share - x.time))
     if not found:
-        return ["It is spread evenly over the loop."] if any(x.significant for x in w.of("region")) else []
-    return [f"Along the loop it is concentrated: {_listed([_region(x) for x in found[:3]])}."]
+        return ["The gap is spread evenly over the loop."] if any(x.significant for x in w.of("region")) else []
+    return [f"Along the loop the gap is concentrated: {_listed([_region(x) for x in found[:3]])}."]
 
 
 def _region(x: Statistic) -> str:
-    return f"{_percent(x.share)} of it in {_percent(x.time)} of the time ({x.name})"
+    return f"{percent(x.share)} of it in {percent(x.time)} of the time ({x.name})"
 
 
 def _record(w: Where) -> list[str]:
@@ -346,19 +347,20 @@ def _record(w: Where) -> list[str]:
     change = np.sqrt(np.mean(w.change_N[use] ** 2, axis=0)) * np.sign(np.sum(w.change_N[use], axis=0))
     names = (
         "the mean force",
-        "the fundamental in step with the displacement",
-        "the fundamental in step with the velocity",
+        "the test frequency's part in phase with displacement",
+        "the test frequency's part in phase with velocity",
     )
     parts = [
-        f"{n} {'grows' if c > 0 else 'falls'} by {newtons(abs(c))}"
+        f"{n} {'grows' if c > 0 else 'falls'} by {force(abs(c))}"
         for n, c, key in zip(names, change, ("mean", "in phase", "quadrature"))
         if any(x.name == key for x in whats)
     ]
-    parts += [f"{x.name} change by {newtons(x.gap_N)} RMS" for x in whats if "harmonics" in x.name and x.share > 0.2]
+    parts += [f"{x.name} change by {force(x.gap_N)} RMS" for x in whats if "harmonics" in x.name and x.share > 0.2]
     where = f"in {len(trends)} of {len(w.files)} tests" if trends else "if all tests are taken together"
     return [
-        f"The loops change along the record {where}, which no steady model can "
-        f"follow{': ' + _listed(parts) + ' from the first cycles to the last' if parts else ''}."
+        f"The loops change along the record {where}"
+        f"{': ' + _listed(parts) + ' from the first cycles to the last' if parts else ''}. No steady model follows "
+        "that."
     ]
 
 
@@ -367,11 +369,11 @@ def _rest(w: Where) -> list[str]:
     mean = w.of("mean")[0]
     if mean.significant:
         out.append(
-            f"The mean forces differ by {newtons(mean.gap_N)} RMS from the model's, more than an unknown place "
-            "of rest explains."
+            f"The mean forces differ by {force(mean.gap_N)} RMS from the model's, more than an unknown rest position "
+            "explains."
         )
     out += [
-        f"Beside the loops the records hold a line at {x.name} of {newtons(x.gap_N)} RMS: the mains."
+        f"The records hold mains interference at {x.name} of {force(x.gap_N)} RMS."
         for x in w.of("mains")
         if x.significant
     ]

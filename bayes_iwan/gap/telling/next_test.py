@@ -33,6 +33,8 @@ WORTH_NATS = 4.0
 SMALLER = 0.5
 #: the fitted force of a planned test may exceed the limit by the misfit
 FORCE_MARGIN = 1.02
+#: tests whose frequencies and amplitudes differ by less than this share are the same
+SAME_TEST = 0.05
 #: harmonics that a planned test is judged by
 PLANNED_HARMONICS = 9
 
@@ -78,25 +80,16 @@ def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, .
 class NextTest:
     """The loop test that would separate two explanations best, or what to do at the bench where none would.
 
-    expected_log_odds : ln odds in favour of the true one to be expected after that test alone.
+    frequency_hz : None without a clock; expected_log_odds : ln odds in favour of the true one to be expected after that
+    test alone.
     """
 
-    frequency_hz: float
+    frequency_hz: float | None
     amplitude_mm: float
     cycles: int
     separates: tuple[str, str]
     expected_log_odds: float
     bench: str
-
-    def as_dict(self) -> dict:
-        return {
-            "frequency_hz": self.frequency_hz,
-            "amplitude_mm": self.amplitude_mm,
-            "cycles": self.cycles,
-            "separates": list(self.separates),
-            "expected_log_odds": self.expected_log_odds,
-            "bench": self.bench,
-        }
 
 
 def plans_of(data: GapData, fit: Fit, limits: RigLimits) -> list[tuple[float, float]]:
@@ -110,7 +103,7 @@ def plans_of(data: GapData, fit: Fit, limits: RigLimits) -> list[tuple[float, fl
     alike = limits == RigLimits() and not parted(data)
     least = min(u) if limits.amplitude_mm is None and not alike else min(SMALLER * min(u), most.amplitude_mm)
     slowest, fastest = most.frequency_hz
-    slowest *= SMALLER if alike else 1.0
+    slowest *= SMALLER if alike and data.loops[0].record.clock else 1.0
     grid = list(product(np.geomspace(slowest, fastest, 8), np.geomspace(least, most.amplitude_mm, 5)))
     frequency, amplitude = np.array(grid).T
     motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=96)
@@ -124,7 +117,7 @@ def next_test(
 ) -> NextTest:
     """Search frequencies and amplitudes that the rig can run for the test where two fitted models differ most, as
     either knows its own parameters by now. Both may be wrong there by what the better one misses here."""
-    plan = plans_of(data, a, limits)
+    plan = not_run(plans_of(data, a, limits), data)
     frequency, amplitude = np.array(plan).T
     motion = sine_motion(frequency_hz=frequency, amplitude_mm=amplitude, samples=96)
 
@@ -157,6 +150,12 @@ def next_test(
     best = int(np.argmax(odds))
     cycles = max(int(np.median([x.n_cycles for x in data.loops])), 20)
     action = "" if odds[best] >= WORTH_NATS else "; or ".join(dict.fromkeys(x for x in bench if x))
-    return NextTest(
-        float(np.round(plan[best][0], 2)), float(np.round(plan[best][1], 3)), cycles, names, float(odds[best]), action
-    )
+    at = float(f"{plan[best][0]:.3g}") if data.loops[0].record.clock else None
+    return NextTest(at, float(f"{plan[best][1]:.3g}"), cycles, names, float(odds[best]), action)
+
+
+def not_run(plans: Sequence[tuple[float, float]], data: GapData) -> list[tuple[float, float]]:
+    """Those of the planned tests that are not in the campaign; all where every one is."""
+    run = np.log([(x.frequency_hz, x.amplitude_mm) for x in data.loops])
+    new = [p for p in plans if np.min(np.max(np.abs(np.log(p) - run), axis=1)) > SAME_TEST]
+    return new or list(plans)

@@ -23,7 +23,7 @@ from bayes_iwan.gap.fitting.evidence import Fit, base_model, base_problem, exten
 from bayes_iwan.gap.fitting.gap_size import gap_power_N2
 from bayes_iwan.gap.fitting.residuals import residual_of
 from bayes_iwan.gap.fitting.rest import Linear, Rest, RestSize
-from bayes_iwan.gap.judging.budget import shapley
+from bayes_iwan.gap.judging.budget import shares_of
 from bayes_iwan.inference.setup.config import diagnose_settings_of
 from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -171,23 +171,23 @@ def find_shares(
         raise SavedFitsError(f"{path}: names a Python file, which is not run unasked: {own}")
     data = gap_data(read_campaign(unseen_campaign).loops(**LOOPS))
     try:
-        gap = {k: _gap_N(data, _rebuilt(stored, f, data)) for k, f in stored.fits.items()}
+        gap = {k: _gap_N(data, rebuilt(stored, f, data)) for k, f in stored.fits.items()}
         whole, before = max(gap, key=len), gap[frozenset()]
         if before <= 0.0 or not whole:
             return None, {}
-        parts = shapley(whole, lambda k: np.array(-gap[k] / before))
+        parts = shares_of(whole, gap)
     except (EffectError, ModelError):
         raise
     except Exception as error:  # a file that somebody has changed breaks whatever is made of it, in any way
         raise _damaged(path, error) from None
-    return 1.0 - gap[whole] / before, {n: float(v) for n, v in parts.items()}
+    return 1.0 - gap[whole] / before, parts
 
 
 def _gap_N(data: GapData, fit: Fit) -> float:
     return float(np.sqrt(max(float(gap_power_N2(residual_of(data, fit, refitted=False)).mean()), 0.0)))
 
 
-def _rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
+def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
     extra = load_effects(stored.effects_file) if stored.effects_file else ()
     scales, file = stored.scales, stored.simulator_file
     simulator = load_simulator(file) if file else base_model(stored.settings, scales)

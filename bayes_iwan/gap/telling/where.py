@@ -67,6 +67,7 @@ class Where:
     in_phase_N, quadrature_N : (T, ORDERS + 1) with respect to the displacement; expected_harmonic_N : (T, ORDERS + 1)
     sticking : (T, samples) share of the elements that stick, from the model; None where it has no elements
     change_N : (T, 3) change of mean, in-phase and quadrature fundamental from the first block of cycles to the last
+    clock : are the frequencies real?
     """
 
     files: tuple[str, ...]
@@ -82,6 +83,7 @@ class Where:
     expected_harmonic_N: Array
     sticking: Array | None
     change_N: Array
+    clock: bool = True
 
     def of(self, kind: str) -> tuple[Statistic, ...]:
         return tuple(x for x in self.statistics if x.kind == kind)
@@ -146,6 +148,7 @@ def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> 
         np.sqrt(0.5 * np.mean(np.abs(null_turned) ** 2, axis=0)),
         statistics.sticking,
         _change(residual, statistics.turn),
+        loops[0].record.clock,
     )
 
 

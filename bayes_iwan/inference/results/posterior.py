@@ -13,7 +13,7 @@ import numpy as np
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.inference.results.left_out import LeftOut, left_out_frequencies
-from bayes_iwan.inference.results.predictions import Misfit, Prediction, misfit_of, replicated
+from bayes_iwan.inference.results.predictions import Misfit, Prediction, misfit_of, predicted_at, replicated
 from bayes_iwan.inference.results.reach import extrapolated
 from bayes_iwan.inference.results.remarks import remarks
 from bayes_iwan.inference.results.rows import ConvergenceRow, SummaryRow
@@ -21,7 +21,7 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import IdentifySettings
 from bayes_iwan.inference.solving.point import Point
-from bayes_iwan.physics.interface.motion import motion_of, sine_motion
+from bayes_iwan.physics.interface.motion import motion_of
 from bayes_iwan.physics.interface.simulator import FORCE_ZERO, Derived, straight_part
 from bayes_iwan.sampling.chains import Stop
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
@@ -291,12 +291,15 @@ class Posterior:
         Returns
         -------
         Prediction
-            force_N (n, loops, samples), without noise; `.band(level)` gives lower end, median and upper end.
+            force_N (n, loops, samples), without noise; `.band(level)` gives lower end, median and upper end;
+            `.extrapolated` says what no test was near.
+
+        Raises
+        ------
+        PredictionError
+            not positive, or an amplitude or speed of more than 5 times the largest tested.
         """
-        f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
-        motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=samples)
-        force = self.problem.predict(self.flat_z(n), motion)
-        return Prediction(f, a, motion.displacement_mm[0], force, self.problem.units)
+        return predicted_at(self.problem, self.flat_z(n), frequency_hz, amplitude_mm, samples)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Every reported quantity in each draw: a column each, rows by chain and draw."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,8 +12,21 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.inference.setup.discrepancy import Correlated
+from bayes_iwan.inference.setup.loop_error import friction_rms_N
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics.interface.simulator import straight_part
+from bayes_iwan.physics.interface.motion import sine_motion
+
+#: an amplitude or peak speed within this factor of the tested ones is tested, and a frequency, which the model knows by
+#: the speed alone, within FREQUENCY_MARGIN; beyond REFUSED times what was tested nothing is predicted
+MARGIN, FREQUENCY_MARGIN, REFUSED = 1.05, 1.5, 5.0
+
+
+class Extrapolation(UserWarning):
+    """A prediction at conditions that no test had."""
+
+
+class PredictionError(ValueError):
+    """Conditions at which nothing can be predicted; the message says which were tested."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +34,8 @@ class Prediction:
     """Loops that were predicted, with what the posterior knows of them.
 
     frequency_hz, amplitude_mm : (loops,); displacement_mm : (loops, samples); force_N : (draws, loops, samples), the
-    model's alone, without noise; units : the campaign's, for what is printed.
+    model's alone, without noise; units : the campaign's, for what is printed; extrapolated : (loops,) why each is an
+    extrapolation, "" where it is none.
     """
 
     frequency_hz: Array
@@ -28,6 +43,7 @@ class Prediction:
     displacement_mm: Array
     force_N: Array
     units: Units
+    extrapolated: tuple[str, ...]
 
     def band(self, level: float = 0.9) -> tuple[Array, Array, Array]:
         """Lower end, median and upper end of the central interval, (loops, samples) each, N."""
@@ -38,15 +54,69 @@ class Prediction:
         low, _, high = self.band()
         return "\n".join(
             f"{f:g} Hz, {a:g} {self.units.displacement}: ±{0.5 * np.mean(high[i] - low[i]):.3g} {self.units.force} "
-            "(90 %, mean along the loop)"
+            f"(90 %, mean along the loop){'; extrapolated: ' + self.extrapolated[i] if self.extrapolated[i] else ''}"
             for i, (f, a) in enumerate(zip(self.frequency_hz, self.amplitude_mm))
         )
 
 
+def predicted_at(
+    problem: Problem, z: Array, frequency_hz: float | Array, amplitude_mm: float | Array, samples: int
+) -> Prediction:
+    """Steady sines of (loops,) frequencies and amplitudes, broadcast against each other, by the draws z (draws, ndim).
+
+    Warns Extrapolation where a test was at no such amplitude, peak speed or frequency. Raises PredictionError for what
+    is not positive, and for amplitudes or speeds of more than REFUSED times the largest tested.
+    """
+    f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
+    for name, values in (("frequency_hz", f), ("amplitude_mm", a)):
+        sound = np.isfinite(values) & (values > 0.0)
+        if not sound.all():
+            raise PredictionError(f"{name} = {values[~sound][0]:g}: it must be a positive number")
+    beyond = tuple(_beyond(problem, float(x), float(y)) for x, y in zip(f, a))
+    for said in sorted({b for b in beyond if b}):
+        warnings.warn(f"extrapolated: {said}", Extrapolation, stacklevel=3)
+    motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=samples)
+    return Prediction(f, a, motion.displacement_mm[0], problem.predict(z, motion), problem.units, beyond)
+
+
+def _beyond(problem: Problem, frequency_hz: float, amplitude_mm: float) -> str:
+    """Why a sine is an extrapolation of the fitted tests, "" where it is none."""
+    length, motion = problem.units.displacement, problem.motion
+    tested = {
+        "amplitude": (motion.amplitude_mm, length, MARGIN),
+        "peak speed": (2.0 * np.pi * motion.frequency_hz * motion.amplitude_mm, f"{length}/s", MARGIN),
+        "frequency": (motion.frequency_hz, "Hz", FREQUENCY_MARGIN),
+    }
+    asked = (amplitude_mm, 2.0 * np.pi * frequency_hz * amplitude_mm, frequency_hz)
+    said = []
+    for (name, (values, unit, margin)), value in zip(tested.items(), asked):
+        low, high = float(values.min()), float(values.max())
+        span = f"{low:.3g} to {high:.3g} {unit}"
+        if name != "frequency" and value > REFUSED * high:
+            swapped = all(
+                v.min() / m <= x <= v.max() * m
+                for (v, _, m), x in zip((tested["amplitude"], tested["frequency"]), (frequency_hz, amplitude_mm))
+            )
+            hint = (
+                "; are frequency_hz and amplitude_mm exchanged?"
+                if swapped
+                else "; a motion of your own can still be given to posterior.problem.predict"
+            )
+            raise PredictionError(
+                f"{frequency_hz:g} Hz and {amplitude_mm:g} {length} ({name} {value:.3g} {unit}) are beyond "
+                f"{REFUSED:g} times what was tested ({name} {span}){hint}"
+            )
+        if name == "peak speed":
+            low = 0.0  # slower than any test: the law of speed ends in rest, which every loop passes
+        if not low / margin <= value <= high * margin:
+            said.append(f"{name} {value:.3g} {unit}, tested {span}")
+    return "; ".join(said)
+
+
 @dataclass(frozen=True)
 class Misfit:
-    """rms_N : RMS residual of the median prediction over the fitted tests; share : the same over the friction force's,
-    tests weighing alike."""
+    """rms_N : RMS residual of the median prediction over the fitted tests; share : the same over the RMS friction force
+    of all tests (:func:`bayes_iwan.inference.setup.loop_error.friction_rms_N`), as a diagnosis has it."""
 
     rms_N: float
     share: float
@@ -54,18 +124,12 @@ class Misfit:
 
 def misfit_of(problem: Problem, z: Array) -> Misfit:
     """Misfit of the median prediction of draws z, (n, ndim); the tests' mean forces, which drift, left aside."""
-    slope = problem.model.spring_N_mm(problem.parameter_values(z))
+    values = problem.parameter_values(z)
     predicted = np.median(problem.predict(z), axis=0)
-    squares, shares = [], []
-    for t, loop in enumerate(problem.loops):
-        if slope is None:
-            friction = loop.force_N - straight_part(loop.force_N, loop.displacement_mm)
-        else:
-            friction = loop.force_N - float(np.median(slope)) * loop.displacement_mm
-            friction = friction - friction.mean()
-        squares.append(np.var(loop.force_N - predicted[t]))
-        shares.append(squares[-1] / np.mean(friction**2))
-    return Misfit(float(np.sqrt(np.mean(squares))), float(np.sqrt(np.mean(shares))))
+    friction = friction_rms_N(np.median(problem.friction_force(values), axis=0), problem.loops)
+    squares = [np.var(loop.force_N - predicted[t]) for t, loop in enumerate(problem.loops)]
+    rms = float(np.sqrt(np.mean(squares)))
+    return Misfit(rms, rms / float(np.sqrt(np.mean(friction**2))))
 
 
 def replicated(

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayes_iwan.inference.results.floors import floors_said
 from bayes_iwan.inference.results.left_out import left_out_said
+from bayes_iwan.inference.results.reach import extrapolated
 
 if TYPE_CHECKING:
     from bayes_iwan.inference.results.posterior import Posterior
@@ -23,7 +25,8 @@ NEAR_THE_BOUND = 0.02
 
 def remarks(posterior: Posterior) -> tuple[str, ...]:
     """One sentence each: not sampled or not converged, searches that disagree, a large misfit, bands
-    that do not hold a frequency that is left out, a parameter at the end of its prior."""
+    that do not hold a frequency that is left out, parameters at the end of their prior, numbers that are extrapolated,
+    floors that act."""
     out = []
     if posterior.quick:
         out.append("Quick: a normal approximation about the most probable point, not sampled; a first result only.")
@@ -50,10 +53,16 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
         elif score < -AT_THE_END or low - p.lower < NEAR_THE_BOUND * (high - low):
             end = "lower"
         if end and p.name not in noise:
+            far = f", {abs(score):.2g} prior sd from its median" if abs(score) > AT_THE_END else ""
             out.append(
-                f"The posterior of {p.name} lies at the {end} end of its prior ({p.prior_text()}): the loops ask "
-                "for more; widen the prior or look for a cause."
+                f"{p.name} lies at the {end} end of its prior ({p.prior_text()}{far}). Widen the prior, or look for an "
+                "effect that the model lacks."
             )
+    why = extrapolated(posterior.problem, z)
+    for name in ("kp_N_mm", "mean_slip_force_N"):
+        if name in why:
+            out.append(f"{name}: {why[name]}.")
+    out += floors_said(posterior.problem, posterior.point.z)
     return posterior.problem.units.everywhere(tuple(out))
 
 

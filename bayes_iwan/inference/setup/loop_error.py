@@ -12,7 +12,7 @@ from scipy import fft
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference.setup.scales import loop_energy_mJ
+from bayes_iwan.campaign.loops.drift import friction_N
 
 
 def paper_weights(displacement_mm: Array, amplitude_mm: Array) -> Array:
@@ -34,14 +34,13 @@ def goal_function(residual_N: Array, displacement_mm: Array, amplitude_mm: Array
 
 def friction_level_N(loops: Sequence[Loop]) -> Array:
     """Each loop's friction force level, dissipated energy / (4 amplitude), (tests,) in N, from the data alone."""
-    level = [
-        max(
-            float(loop_energy_mJ(x.displacement_mm, x.force_N)) / (4.0 * x.amplitude_mm),
-            0.02 * float(np.std(x.force_N)),
-        )
-        for x in loops
-    ]
-    return np.array(level)
+    return np.array([friction_N(x) for x in loops])
+
+
+def friction_rms_N(model_N: Array, loops: Sequence[Loop]) -> Array:
+    """(tests,) what "% of the friction force" is a share of: RMS of a fitted model's friction force (tests, samples),
+    but at least each loop's own level, for a model that does not fit may have next to none."""
+    return np.maximum(np.sqrt(np.mean(model_N**2, axis=-1)), friction_level_N(loops))
 
 
 def harmonics_of(force_N: Array, count: int) -> Array:

@@ -299,7 +299,8 @@ def make_problem(
     if not fitted:
         raise ValueError('no test is left to fit: every test has role = "held-out"')
     scales = scales_of(fitted) if scales is None else scales
-    model = iwan_model(scales, settings.model) if simulator is None else simulator
+    parts = settings.model if fitted[0].record.clock else settings.model.without_speed
+    model = iwan_model(scales, parts) if simulator is None else simulator
     likelihood = make_likelihood(settings.likelihood.kind, fitted, scales)
     parameters = list(model.parameters(scales))
     if all(p.name != FORCE_ZERO for p in parameters):

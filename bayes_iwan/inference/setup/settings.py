@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 
@@ -43,6 +43,11 @@ class ModelSettings:
     grip: str = "hunt_crossley"
     stiffness: str = "saturating"
     embedded: bool = True
+
+    @property
+    def without_speed(self) -> ModelSettings:
+        """The same with a normal force that does not follow speed: what records without a clock can tell."""
+        return replace(self, grip="hunt_crossley_no_speed") if self.grip == "hunt_crossley" else self
 
 
 @dataclass(frozen=True)

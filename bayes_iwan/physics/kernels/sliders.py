@@ -243,7 +243,8 @@ def _run_in(at, stop, last, j, first, grip, stiff):
         nearest, furthest = np.uint64(e), np.uint64(s)
         for i in range(np.uint64(s + 1), np.uint64(e)):
             near = grip[i] < stiff[i] * (const + slope * at[j, i])
-            nearest, furthest = min(nearest, i if near else np.uint64(e)), max(furthest, i if near else np.uint64(s))
+            nearest = min(nearest, i if near else np.uint64(e))  # type: ignore[arg-type]
+            furthest = max(furthest, i if near else np.uint64(s))  # type: ignore[arg-type]
         low -= 1
         at[j, low], grip[low], stiff[low] = at[j, e], grip[e], stiff[e]
         if nearest <= furthest:

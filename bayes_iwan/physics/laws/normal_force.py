@@ -13,8 +13,10 @@ from bayes_iwan.physics.interface.motion import Motion
 from bayes_iwan.physics.interface.scales import Reference
 from bayes_iwan.physics.kernels import pointwise
 
-#: α is kept at or above this: a normal force cannot pull (Table 1 as printed would reach −0.79 at u = A)
-ALPHA_FLOOR = 0.05
+#: α is kept at or above this: a normal force cannot pull. Where a law asks for less, contact is lost and elements carry
+#: nothing (1e-6 of what they carry at rest); by Eqs. (3) and (12) they keep the deflection that they can hold as α → 0,
+#: α φ/k(α) → φ/k_i
+ALPHA_FLOOR = 1e-6
 
 
 class NormalForce(Protocol):

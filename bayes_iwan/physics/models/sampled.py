@@ -29,6 +29,9 @@ TILT_SD, EXPONENT_SD, CORNER_SD = 0.3, 0.1, 0.05
 #: scale of the t₂ priors of what changes the normal force: its median magnitude is 0.27, that of N(0, 0.4). The paper
 #: gives no scale, and by Table 1 the change grows with the amplitude (2.2 at 5 mm), so the tails are heavy
 NORMAL_FORCE_SCALE = 0.33
+#: of ln kp and ln k(1) about what secants of the loops say: friction that jumps at a reversal has a k(1) far above any
+#: secant, and a damper next to no kp (an MR damper: 3 sd out of 1.0 each)
+STIFFNESS_SD = 1.5
 #: prior of β, 0.004 to 5: Table 1's 0.0062 lies 2.4 sd below the median; loops hardly tell β ≲ 0.05 from its limit
 EXPONENT_PRIOR = stats.lognorm(s=2.0, scale=0.7)
 
@@ -110,7 +113,7 @@ def _slip_parameters(family: slip_force.SlipForce, s: Scales) -> list[Parameter]
 
 def parallel_spring(scales: Scales) -> Parameter:
     """Stiffness of a spring beside the friction."""
-    prior = _lognormal(0.7 * scales.soft_N_mm, 1.0)
+    prior = _lognormal(0.7 * scales.soft_N_mm, STIFFNESS_SD)
     return Parameter("kp_N_mm", "kp", "N/mm", "stiffness of the parallel spring", prior)
 
 
@@ -120,7 +123,9 @@ def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
     out = [
         parallel_spring(s),
         force_zero(s),
-        Parameter("k1_N_mm", "k(1)", "N/mm", "stiffness of the elements at α = 1", _lognormal(s.stiff_N_mm, 1.0)),
+        Parameter(
+            "k1_N_mm", "k(1)", "N/mm", "stiffness of the elements at α = 1", _lognormal(s.stiff_N_mm, STIFFNESS_SD)
+        ),
     ]
     if model.stiffness == "saturating":
         out.append(

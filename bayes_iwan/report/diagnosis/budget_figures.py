@@ -29,7 +29,7 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
         top -= c.share.value
     rest = budget.rest.share
     flagged = budget.rest.probability >= 0.5
-    label = "rest: no name" if flagged else "rest"
+    label = "unexplained"
     rows.append((label, 0.0, top, ORANGE if flagged else GREEN, (rest.low, rest.high) if budget.causes else None))
     hatched = []
     for x in one_of:

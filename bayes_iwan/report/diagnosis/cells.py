@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bayes_iwan.gap.telling import words
+
 
 def newton(x: float | None) -> str:
-    if x is None or x != x:
-        return "–"
-    return f"{x:.3g} N" if abs(x) >= 0.1 or x == 0 else f"{1e3 * x:.3g} mN"
+    return "–" if x is None or x != x else words.force(x)
 
 
 def force_range(pair: Sequence[float] | None) -> str:
@@ -16,9 +16,7 @@ def force_range(pair: Sequence[float] | None) -> str:
 
 
 def percent(x: float | None) -> str:
-    if x is None or x != x:
-        return "–"
-    return f"{100 * x:.1f} %" if abs(x) < 0.1 else f"{100 * x:.0f} %"
+    return "–" if x is None or x != x else words.percent(x)
 
 
 def percent_range(pair: Sequence[float] | None) -> str:
@@ -26,4 +24,4 @@ def percent_range(pair: Sequence[float] | None) -> str:
 
 
 def digits(x: float | None) -> str:
-    return "–" if x is None or x != x else f"{x:.4g}"
+    return "–" if x is None or x != x else words.plain(x, 4)

@@ -278,10 +278,11 @@ def figures_of_gap(p: GapPictures) -> dict[str, Figure]:
         "gap_map": gap_map_figure(p.names, p.residual_N, p.expected_N, p.displacement_mm, p.sticking),
         "gap_regions": gap_regions_figure(p.regions),
         "gap_harmonics": gap_harmonics_figure(p.names, p.in_phase_N, p.quadrature_N, p.expected_harmonic_N),
-        "gap_growth": gap_growth_figure(
-            p.frequency_hz, p.amplitude_mm, p.gap_N, p.gap_low_N, p.gap_high_N, p.significant
-        ),
     }
+    if p.clock:
+        out["gap_growth"] = gap_growth_figure(
+            p.frequency_hz, p.amplitude_mm, p.gap_N, p.gap_low_N, p.gap_high_N, p.significant
+        )
     if any(len(x) > 1 for x in p.cycle):
         out["gap_cycles"] = gap_cycles_figure(p.names, p.cycle, p.along_N, p.along_low_N, p.along_high_N)
     return out

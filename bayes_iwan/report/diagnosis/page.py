@@ -11,7 +11,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.recording.units import Units
-from bayes_iwan.gap.telling.words import listed, title
+from bayes_iwan.gap.telling.words import few, listed, plain, title
 from bayes_iwan.report.diagnosis.answer import diagnosis_answer, put_figures
 from bayes_iwan.report.diagnosis.cells import digits, force_range, newton, percent
 from bayes_iwan.report.identification.viewer import add_viewer
@@ -76,35 +76,25 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         items = Markup("").join(Markup("<li>{}</li>").format(x) for x in found)
         section.html(Markup("<ul>{}</ul>").format(items))
     put_figures(section, figures, *(n for n in WHERE_FIGURES if "headline" in figures or n != "gap_loops"))
-    rows = [
-        (
-            "all tests",
-            "",
-            "",
-            newton(gap["before_rms_N"]),
-            force_range(gap["before_interval_N"]),
-            percent(gap["before_share"]),
-            "",
-        )
-    ]
+    clock = d.get("clock", True)
+    frequencies = [f"{t['frequency_hz']:.3g}" if clock else "" for t in w["tests"]]
+    whole = {"rms": gap["before_rms_N"], "interval": gap["before_interval_N"], "share": gap["before_share"]}
+    rows = [("all tests", "", "", newton(whole["rms"]), force_range(whole["interval"]), percent(whole["share"]), "")]
     rows += [
         (
             t["file"],
-            f"{t['frequency_hz']:.3g}",
+            f,
             f"{t['amplitude_mm']:.3g}",
             newton(t["gap_rms_N"]),
             force_range(t.get("interval_N")),
             percent(t["share"]),
             "yes" if t["significant"] else "no",
         )
-        for t in w["tests"]
+        for t, f in zip(w["tests"], frequencies)
     ]
-    section.table(
-        ("test", "frequency, Hz", "amplitude, mm", "gap (RMS)", "90 % interval", "share of friction", "stands out"),
-        rows,
-        "The gap of each test",
-        fold=len(rows) > 16,
-    )
+    head = ("test", "frequency, Hz", "amplitude, mm", "gap (RMS)", "90 % interval", "share of friction", "stands out")
+    shown = [tuple(row) if clock else (row[0], *row[2:]) for row in (head, *rows)]
+    section.table(shown[0], shown[1:], "The gap of each test", fold=len(rows) > 16)
     section.table(
         ("part of the loop", "gap (RMS)", "share of the gap", "share of the time", "stands out"),
         [
@@ -177,11 +167,11 @@ def _which(
         if told.get("reference"):
             section.text(f"Source: {told['reference']}.")
     if not d["effects"]:
-        section.text("No effect of the catalogue is named.")
+        section.text("No effect is named.")
     for one in d["verdict"].get("one_of") or []:
         section.text(
-            f"One of {listed(one['names'], 'or')} contributes (probability {one['probability']:.2f}) and removes "
-            f"{percent(one['share'])} of the gap; each of them alone is too improbable to be named."
+            f"One of {few(one['names'])} contributes (probability {one['probability']:.2f}) and removes "
+            f"{percent(one['share'])} of the gap. Each of them alone is too improbable to be named."
         )
     rows = [
         (
@@ -224,21 +214,23 @@ def _sampled(section: Section, d: Mapping[str, Any]) -> None:
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     gap = d["gap"]
     section.text(
-        f"The gap before is {newton(gap['before_rms_N'])} RMS, with all named causes {newton(gap['after_rms_N'])}. "
-        "What a cause does on the tests that it was fitted to flatters it; the tests left out of the fit judge it. "
-        f"The ceiling is {100 * gap['ceiling_shrink']:.0f} %: so far a smooth rest, free of any "
-        "cause, closes the gap, and no added effect can be expected to close it further."
+        f"The gap is {newton(gap['before_rms_N'])} RMS without and {newton(gap['after_rms_N'])} with all named "
+        "effects. "
+        "On the tests that it was fitted to an effect looks better than it is. The held-out tests count. "
+        f"A smooth discrepancy of any shape would remove {100 * gap['ceiling_shrink']:.0f} % of the gap. No effect "
+        "can be "
+        "expected to remove more."
     )
     put_figures(section, figures, "budget", "shares", "before_after")
 
 
 def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure], meanings: Mapping[str, str]) -> None:
     if not d["moved"]:
-        section.text("No cause is named, so the identified values stand as they are.")
+        section.text("No effect is named, so the identified values stay as they are.")
         return
     section.text(
-        "A model without the causes bends its own parameters to imitate them. These are the specimen's without and "
-        "with them."
+        "Without the named effects the base model changes its own parameters to imitate them. These are the values "
+        "without and with the effects."
     )
     put_figures(section, figures, "moved")
     section.table(
@@ -254,7 +246,7 @@ def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
             )
             for n, m in d["moved"].items()
         ],
-        "Identified parameters without and with the causes",
+        "Identified parameters without and with the named effects",
     )
 
 
@@ -266,16 +258,45 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
     section.text(
         *(f"These tests do not separate {title(c['name'])} from {listed(c['cannot_tell_apart'])}." for c in tied),
         *(f"One of {listed(x['names'], 'or')} contributes; these tests cannot tell which." for x in some),
-        *(() if tied or some else ("No named cause has a rival that explains these tests nearly as well.",)),
+        *(() if tied or some else ("No named effect has a rival that explains these tests nearly as well.",)),
     )
+    rows = [
+        (
+            x["what"],
+            title(e["name"]),
+            "yes" if e["name"] in x["tied"] else "no",
+            percent(x["without"]),
+            percent(e["share"]),
+        )
+        for x in d["imitations"]
+        for e in x["explanations"]
+    ]
+    if rows:
+        section.table(
+            ("dependence", "explained by", "possible", "gap without, of friction", "gap with, of friction"),
+            rows,
+            "What the base model's own freedoms can imitate",
+        )
+    far = [
+        (x["name"], digits(x["value"]), x["unit"], f"{x['deviations']:+.1f}", x["prior"])
+        for x in d["far_from_plausible"]
+    ]
+    if far:
+        section.table(
+            ("parameter", "value", "unit", "prior sd from the median", "prior"),
+            far,
+            "Base parameters far from plausible",
+        )
     section.heading_below("Next test")
     if verdict["kind"] == "drive":
         section.note("Run these tests again with sines.")
     elif following is None:
-        section.text("None is needed to settle which of the catalogue's effects contribute.")
+        section.text("No further test would separate these effects better.")
     else:
         pair = " from ".join(title(x) for x in following["separates"])
-        test = f"{following['frequency_hz']:.3g} Hz at {following['amplitude_mm']:.3g} mm"
+        at = following["frequency_hz"]
+        test = "" if at is None else f"{plain(at)} Hz at "
+        test += f"{plain(following['amplitude_mm'])} mm"
         test += f" for {following['cycles']} cycles" if following.get("cycles") else ""
         odds = f"{following['expected_log_odds']:.1f} expected log odds (5 is strong evidence)"
         if following.get("bench"):
@@ -284,7 +305,9 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
         else:
             section.note(f"Run {test}: it separates {pair}, with {odds}.")
     section.heading_below("Not testable with these data")
-    hidden = verdict["not_testable"]
+    hidden, clocked = verdict["not_testable"], verdict["needs_clock"]
+    if clocked:
+        section.text(f"Without a clock nothing can be said of: {listed(clocked)}.")
     section.text(
         f"Had one of these been there, these tests would not have shown it: {listed(hidden)}. They are not ruled out."
         if hidden
@@ -301,7 +324,7 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
     asked |= {n for x in some for n in x["names"]}
     benches = [(title(n), a["bench"]) for n, a in about.items() if a.get("bench") and n in asked]
     if benches:
-        section.table(("cause", "what on the bench would show it"), benches, "At the bench")
+        section.table(("effect", "what on the bench would show it"), benches, "At the bench")
 
 
 def _settings(section: Section, d: Mapping[str, Any]) -> None:
@@ -309,11 +332,10 @@ def _settings(section: Section, d: Mapping[str, Any]) -> None:
     section.text(
         "Residual: measured − predicted force. Gap: its RMS with the records' own repeatability taken off, so "
         "that a perfect model reads zero within its interval; as a share it is divided by the RMS friction "
-        "force. The mean force of a test is left out: it hangs on where the specimen rests, which a dynamic "
+        "force. The mean force of a test is left out: it depends on the rest position, which a dynamic "
         "displacement channel does not tell.",
-        "A place “stands out” when it misses more than a right model would leave there, so much that no "
-        "such finding at all is expected in 19 of 20 campaigns; "
-        f"{d['where'].get('statistics', 'all')} statistics are allowed for.",
+        "A part “stands out” when its gap is significant at 5 %, corrected for "
+        f"{d['where'].get('statistics', 'all')} statistics.",
     )
     rows = [("seed", str(d["seed"])), ("quick run", "yes" if d.get("quick") else "no")]
     rows += [
@@ -323,7 +345,7 @@ def _settings(section: Section, d: Mapping[str, Any]) -> None:
             ("noise_rms_N", "noise, RMS"),
             ("averaged_loop_rms_N", "gap in the averaged loops"),
             ("along_record_rms_N", "gap along the records"),
-            ("mains_rms_N", "gap at the mains' lines"),
+            ("mains_rms_N", "gap by mains interference"),
             ("mean_force_rms_N", "gap of the mean forces (not counted)"),
         )
         if gap.get(key) is not None

@@ -23,7 +23,8 @@ from bayes_iwan.report.style import BLACK, MODEL, asked_width, band, into_given_
 
 def test_name(loop: Loop, role: bool = True) -> str:
     """'10 Hz, 0.3 mm', with '(held out)' where it was; nominal values, and other stated numbers if there are any."""
-    name = f"{loop.record.frequency_hz:g} Hz, {loop.record.amplitude_mm:g} mm"
+    name = f"{loop.record.frequency_hz:g} Hz, " if loop.record.clock else ""
+    name += f"{loop.record.amplitude_mm:g} mm"
     extras = ", ".join(f"{key} {value:g}" for key, value in list(loop.extras.items())[:1])
     name += f", {extras}" if extras else ""
     return name + (" (held out)" if role and loop.role == "held-out" else "")

@@ -1,0 +1,128 @@
+"""Search and weigh the campaigns of a study and keep what judging needs: one JSON a case.
+
+    python analyses/study_fits.py /work/cache/draws/4101_*.pickle --out /work/cache/fits [--workers 2]
+    python analyses/study_fits.py ../shared/data/mr_damper_off ... --out /work/cache/fits
+
+A case is a pickle of `study_draws.py`, or the folder of a campaign (whose truth nobody knows). --set BEAM=1 searches
+with another value of a constant, for `ablate_diagnosis.py`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import pickle
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_iwan.campaign import average, read_campaign
+from bayes_iwan.executors import Failure, finished, opened
+from bayes_iwan.files import finite, write_whole
+from bayes_iwan.gap.diagnosis import searched
+from bayes_iwan.gap.fitting.data import gap_data
+from bayes_iwan.gap.judging.figures import ranked_by_training
+from bayes_iwan.gap.judging.weighing import weighed
+from bayes_iwan.gap.searching.found import OWN_FORM
+from bayes_iwan.gap.telling.saved_fits import LOOPS
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.threads import linear_algebra
+
+
+def named(names: frozenset[str]) -> str:
+    """As JSON holds a set."""
+    return "+".join(sorted(names))
+
+
+def changed(constants: dict[str, float]) -> None:
+    """Other values of constants wherever they have been imported."""
+    for module in [m for n, m in sys.modules.items() if n.startswith("bayes_iwan.gap")]:
+        for name, value in constants.items():
+            if hasattr(module, name):
+                setattr(module, name, value)
+
+
+def fitted(shared: dict[str, Any], path: str) -> dict[str, Any]:
+    """One case: searched and weighed."""
+    changed(shared)
+    if Path(path).is_dir():
+        loops = [x for x in read_campaign(path).loops(**LOOPS) if x.role != "held-out"]
+        case = {
+            "kind": "measured",
+            "foreign": None,
+            "family": Path(path).name,
+            "truth": {"kind": "measured", "effects": []},
+        }
+    else:
+        case = pickle.loads(Path(path).read_bytes())
+        loops = [average(r, **LOOPS) for r in case.pop("records")]
+    began = time.process_time()
+    with linear_algebra().limit(limits=1):
+        data = gap_data(loops)
+        search = searched(data, DiagnoseSettings(), 0)
+        took = time.process_time() - began
+        found = weighed(search, 0)
+    took_all = time.process_time() - began
+    whole = frozenset(search.chosen)
+    beside = (whole & OWN_FORM, *(frozenset(some) | (whole & OWN_FORM) for some in ([n] for n in search.chosen)))
+    subsets = {whole, *beside, *found.models.sizes}
+    for k in range(2 ** len(whole)):
+        subsets.add(frozenset(n for i, n in enumerate(sorted(whole)) if k >> i & 1))
+    found.models.find(subsets)
+    base = search.base
+    return case | {
+        "path": path,
+        "tests": data.tests,
+        "chosen": list(search.chosen),
+        "figures": [asdict(f) for f in found.figures],
+        "scores": {named(k): v for k, v in search.scores.items()},
+        "evidence": {named(k): f.log_evidence for k, f in search.fits.items()},
+        "gap_N": {named(k): s.all.rms_N for k, s in found.models.sizes.items()},
+        "gap_share": {named(k): s.all.share for k, s in found.models.sizes.items()},
+        "gap_resolved": {named(k): s.all.resolved_share for k, s in found.models.sizes.items()},
+        "along_N": {named(k): s.along.rms_N for k, s in found.models.sizes.items()},
+        "noise_N": found.sizes[frozenset()].all.noise_N,
+        "unseen": [
+            {
+                "by": u.by,
+                "power_N2": {named(k): v.tolist() for k, v in u.power_N2.items()},
+                "along_N2": {named(k): v.tolist() for k, v in u.along_N2.items()},
+                "trained": dict(zip(map(named, ranked[0]), ranked[1].tolist())),
+            }
+            for u in found.unseen
+            for ranked in [ranked_by_training(search, u)]
+        ],
+        "base_z": dict(zip(base.problem.names, base.z.tolist())),
+        "whole_z": dict(zip(search.fit(whole).problem.names, search.fit(whole).z.tolist())),
+        "subharmonic": found.subharmonic,
+        "fits": len(search.fits),
+        "search_s": took,
+        "cpu_s": took_all,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("cases", type=Path, nargs="+")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="other values of constants")
+    parser.add_argument("--workers", type=int, default=1)
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    pieces = {str(args.out / f"{p.stem}.json"): str(p) for p in args.cases}
+    left = {k: v for k, v in pieces.items() if not Path(k).is_file()}
+    constants = {name: json.loads(value) for name, value in (x.split("=") for x in args.set)}
+    with opened(workers=args.workers) as executor:
+        for path, result in finished(left, fitted, constants, executor=executor, what="fits", unit="case"):
+            if isinstance(result, Failure):
+                print(f"{path}: {result}", flush=True)
+            else:
+                write_whole(path, json.dumps(finite(result), default=np.ndarray.tolist))
+
+
+if __name__ == "__main__":
+    main()

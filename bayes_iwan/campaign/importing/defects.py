@@ -1,0 +1,97 @@
+"""What recorders do to a channel and a reader must not take for numbers: range passed, values held, coarse steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+
+OVER = 9e36  # SCPI writes 9.9E37 and 9.91E37 where the range is passed or there is no number
+FAR = 20.0  # times the range of all other values: a code, no measurement
+FEW_LEVELS = 500  # over a channel's range: fewer are said
+LATTICE = 0.03  # of a step that values may be off its multiples
+HELD = 0.9  # of the runs of equal values have one length
+
+
+def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
+    """The samples (n,) with NaN for what says "range passed" or "no number", and what was found."""
+    over = np.isinf(values) | (np.abs(np.nan_to_num(values, posinf=np.inf, neginf=-np.inf)) >= OVER)
+    notes = []
+    if n := int(np.count_nonzero(over)):
+        notes.append(
+            f"{n} sample(s) of {name!r} say that the range was passed (infinite, or 9.9E37): left out, so the highest "
+            "values are missing. Raise the range (lower the gain) and record again"
+        )
+        values = np.where(over, np.nan, values)
+    known = values[np.isfinite(values)]
+    for code in (known.max(), known.min()) if known.size > 16 else ():
+        others = known[known != code]
+        n = known.size - others.size
+        if 1 < n < 0.5 * known.size and others.size > 8:
+            middle, span = float(np.median(others)), float(np.ptp(others))
+            if span > 0 and abs(code - middle) > FAR * span:
+                notes.append(
+                    f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, left out"
+                )
+                values = np.where(values == code, np.nan, values)
+    return values, tuple(notes)
+
+
+def without_repeats(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
+    """The samples (n,) with NaN for those that only repeat the one before, in a slower channel that is held.
+
+    Runs of equal values have one length then (or two, one apart); a coarse step makes runs of many lengths.
+    """
+    change = np.flatnonzero(values[1:] != values[:-1]) + 1
+    length = np.diff(change)
+    if length.size < 12:
+        return values, ()
+    usual = int(np.bincount(length).argmax())
+    mean = float(length.mean())
+    whole = usual > 1 and np.mean(length % usual == 0) > 0.97 and np.mean(length == usual) > 0.7
+    low = int(np.floor(mean))
+    broken = 1.2 < mean and np.mean((length == low) | (length == low + 1)) > 0.97 and np.mean(length == low) < 0.9
+    jumps = np.abs(np.diff(values[change]))
+    if jumps.size and np.ptp(jumps) <= 1e-6 * jumps.max():
+        return values, ()  # one level at a time: steps of the converter
+    if not whole and not broken:
+        return values, ()
+    starts = np.concatenate([[0], change]) if not whole or change[0] == usual else change
+    kept = np.zeros(values.size, dtype=bool)
+    if whole:
+        for first, n in zip(starts, np.diff(np.append(starts, values.size))):
+            kept[first : first + n : usual] = True
+        often = f"{usual}"
+    else:
+        kept[starts] = True
+        often = f"{low} or {low + 1}"
+    late = (mean if broken else usual) / 2 - 0.5
+    said = (
+        f"{name!r} repeats each value {often} times: a slower channel that is held, late by {late:.3g} samples. Only "
+        "the first of each is kept, as the one that is on time; check the delay between the channels"
+    )
+    return np.where(kept, values, np.nan), (said,)
+
+
+def coarse_steps(values: Array, name: str, unit: str) -> tuple[str, ...]:
+    """A word where a channel (n,) moves in steps so coarse that they cost something."""
+    levels = np.unique(values[np.isfinite(values)])
+    if levels.size < 3:
+        return ()
+    span = float(np.ptp(levels))
+    gaps = np.diff(levels)
+    step = float(gaps[gaps > 1e-9 * span].min())
+    count = span / step
+    place = (levels - levels[0]) / step
+    if (
+        count > FEW_LEVELS
+        or np.mean(np.abs(place - np.rint(place)) < LATTICE) < 0.98
+        or levels.size > 0.9 * values.size
+    ):
+        return ()
+    share = step / np.sqrt(12) / float(np.std(values[np.isfinite(values)]))
+    return (
+        f"{name!r} moves in steps of {step:.4g} {unit}, {count:.0f} over its range: each sample is off by up to half a "
+        f"step ({share:.2g} of the signal, RMS), which averaging takes out only where noise is larger than a step. "
+        "Raise the gain, or narrow the range",
+    )

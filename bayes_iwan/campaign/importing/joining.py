@@ -1,0 +1,79 @@
+"""One test from several files or parts of a file, each with one sensor: a channel a file, a TDMS group a sensor."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from bayes_iwan.campaign.importing.channels import WORDS, named, roles_held
+from bayes_iwan.campaign.importing.recipe import Recipe
+from bayes_iwan.campaign.importing.recordings import Channel, Recording
+from bayes_iwan.campaign.recording.records import CampaignError
+
+
+def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) -> list[Recording]:
+    """Recordings that lack the motion or the force, put together with those that hold it.
+
+    Parts of one file belong together, and files whose names differ in what they hold alone (f10_disp, f10_load).
+    all_in_one : all files are one test, whatever their names. Raises CampaignError where the pieces do not fit.
+    """
+    pieces = [_by_file(x) for x in recordings]
+    held = [roles_held(x, recipe) for x in pieces]
+    if all_in_one:
+        return [_one(pieces)] if pieces else []
+    groups: dict[tuple[str, str], list[int]] = {}
+    for k, (x, roles) in enumerate(zip(pieces, held)):
+        if len(roles) < 2:
+            same_file = sum(y.file == x.file for y in pieces) > 1
+            groups.setdefault((x.file, "") if same_file else ("", _stem(x)), []).append(k)
+    out: list[Recording] = list(recordings)
+    gone: set[int] = set()
+    for members in groups.values():
+        some = [held[k] for k in members]
+        whole = set().union(*some) == {"motion", "force"} and sum(map(len, some)) == 2
+        if len(members) > 1 and whole:
+            out[members[0]] = _one([pieces[k] for k in members])
+            gone.update(members[1:])
+    return [x for k, x in enumerate(out) if k not in gone]
+
+
+def _by_file(recording: Recording) -> Recording:
+    """A recording whose only channel has no name of its own is named by its file."""
+    own = [c for c in recording.channels if not re.fullmatch(r"column \d+|Untitled( \d+)?|channel \d+", c.name)]
+    if len(recording.channels) - len(own) != 1 or any(named(c.name, r) for c in own for r in WORDS if r != "time"):
+        return recording
+    stem = Path(recording.file).stem
+    name = recording.part or stem
+    channels = tuple(c if c in own else replace(c, name=name, heading=name) for c in recording.channels)
+    return replace(recording, channels=channels)
+
+
+def _stem(recording: Recording) -> str:
+    """A file's name without the word that says what it holds."""
+    stem = Path(recording.file).stem
+    for role in ("displacement", "acceleration", "force"):
+        stem = re.sub(rf"(?<![^\W_])({WORDS[role]})(?![^\W\d_])", "", stem, flags=re.IGNORECASE)
+    return re.sub(r"[\W_]+", " ", stem).strip().lower()
+
+
+def _one(pieces: Sequence[Recording]) -> Recording:
+    channels: list[Channel] = []
+    for x in pieces:
+        label = x.part or Path(x.file).stem
+        for c in x.channels:
+            twice = any(c.name == y.name for p in pieces if p is not x for y in p.channels)
+            name = f"{label} {c.name}" if twice else c.name
+            rate = c.rate_hz or x.rate_hz
+            channels.append(replace(c, name=name, group=f"{label}/{c.group}", rate_hz=rate))
+    sizes = {c.values.size for c in channels if c.rate_hz is None}
+    timed = all(any(named(c.name, "time") or c.rate_hz for c in x.channels) for x in pieces)
+    if len(sizes) > 1 and not timed:
+        raise CampaignError(
+            f"{pieces[0].where}: channels that belong together have {', '.join(map(str, sorted(sizes)))} samples "
+            "and no times; export them with a time column"
+        )
+    first = pieces[0]
+    others = ", ".join(x.where if x.file != first.file else repr(x.part) for x in pieces[1:])
+    return Recording(first.file, "", tuple(channels), (*first.notes, f"joined with {others}"), first.rate_hz)

@@ -1,0 +1,23 @@
+"""Parquet, read by pandas and pyarrow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from bayes_iwan.campaign.importing.recordings import Recording, channel, library
+from bayes_iwan.campaign.recording.records import CampaignError, shown
+
+
+def read_parquet(path: Path, file: str) -> list[Recording]:
+    """The columns of a Parquet file."""
+    library("pyarrow", "pyarrow", file, "a Parquet file")
+    try:
+        table = pd.read_parquet(path, engine="pyarrow")
+    except Exception as error:  # pyarrow's errors are its own
+        raise CampaignError(f"{file}: cannot be read as Parquet ({shown(str(error))})") from None
+    if not isinstance(table.index, pd.RangeIndex):
+        table = table.reset_index()
+    channels = [channel(str(name), "", table[name].to_numpy()) for name in table.columns]
+    return [Recording(file, "", tuple(c for c in channels if c is not None), ("Parquet",))]

@@ -1,0 +1,52 @@
+"""A file of any format that is known: which one its first bytes tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bayes_iwan.campaign.importing.excel import read_excel
+from bayes_iwan.campaign.importing.layout import Layout
+from bayes_iwan.campaign.importing.matlab import read_hdf5, read_matlab
+from bayes_iwan.campaign.importing.parquet import read_parquet
+from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Recording
+from bayes_iwan.campaign.importing.tdms import read_tdms
+from bayes_iwan.campaign.importing.text import read_text
+from bayes_iwan.campaign.importing.uff import read_uff
+from bayes_iwan.campaign.importing.wav import read_wav
+from bayes_iwan.campaign.recording.records import CampaignError
+
+
+def read_file(path: Path, layout: Layout) -> list[Recording]:
+    """All recordings of a file. Raises CampaignError."""
+    file = path.name
+    try:
+        with path.open("rb") as handle:
+            start = handle.read(1024)
+    except FileNotFoundError:
+        raise CampaignError(f"{path}: not found") from None
+    except OSError as error:
+        raise CampaignError(f"{path}: cannot be read ({error.strerror})") from None
+    if not start:
+        raise CampaignError(f"{file}: empty")
+    ending = path.suffix.lower()
+    if start.startswith(b"TDSm"):
+        out = read_tdms(path, file)
+    elif b"\x89HDF\r\n\x1a\n" in (start[:8], start[512:520]):
+        out = read_hdf5(path, file)
+    elif start.startswith(b"MATLAB 5.0") or ending == ".mat":
+        out = read_matlab(path, file)
+    elif start.startswith(b"PAR1"):
+        out = read_parquet(path, file)
+    elif start.lstrip(b"\r\n").startswith(b"    -1") or ending in (".uff", ".unv", ".bunv"):
+        out = read_uff(path, file)
+    elif start[:4] in (b"RIFF", b"RIFX", b"RF64") and start[8:12] == b"WAVE":
+        out = read_wav(path, file)
+    elif start.startswith(b"PK\x03\x04"):
+        out = read_excel(path, file)
+    elif start.startswith(b"\xd0\xcf\x11\xe0"):
+        raise CampaignError(f"{file}: an Excel file of before 2007; save it as .xlsx or CSV")
+    else:
+        out = read_text(path, file, layout)
+    if not any(x.channels for x in out):
+        raise CampaignError(f"{file}: no signals of {FEWEST_SAMPLES} samples or more in it")
+    return [x for x in out if x.channels]

@@ -1,0 +1,114 @@
+"""Dates and times of day in text columns, as seconds: 12-hour clocks, minutes as Excel shows them, midnight."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from bayes_iwan.arrays import Array
+
+_DATE = r"\d{1,4}[-./ ](?:\d{1,2}|[A-Za-z]{3})[-./ ]\d{1,4}"
+_TIME = r"\d{1,2}:\d{2}(?::\d{2})?(?:[.,:]\d+)?(?: ?[AaPp]\.?[Mm]\.?)?"
+STAMP = re.compile(rf"(?:{_DATE})?(?:[ T,]+)?(?:{_TIME})?(?:Z|[+-]\d\d:?\d\d)?(?<=\w\w|\w\.)")
+_DATE_ONLY = re.compile(_DATE)
+_PARTS = (
+    rf"^(?:(?P<date>{_DATE})[ T,]+)?(?P<a>\d{{1,2}}):(?P<b>\d{{2}})(?::(?P<c>\d{{2}}))?(?:[.,:](?P<f>\d+))?"
+    r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?(?:Z|[+-]\d\d:?\d\d)?$"
+)
+_MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
+_DAY_S = 86_400.0
+
+
+def is_stamp(cell: str) -> bool:
+    """Whether a cell is a date, a time of day or both."""
+    return any(c in cell for c in ":-./ ") and bool(STAMP.fullmatch(cell)) and not re.fullmatch(r"[\d.]*", cell)
+
+
+def is_date(cell: str) -> bool:
+    """Whether a cell is a date alone."""
+    return bool(_DATE_ONLY.fullmatch(cell.strip()))
+
+
+def seconds(cells: Sequence[str], dates: Sequence[str] | None = None) -> tuple[Array, str] | None:
+    """(n,) seconds from the first stamp, with what was done to them ("" for nothing); None for what is no time of day.
+
+    dates : a column of dates beside a column of times.
+    """
+    parts = pd.Series(list(cells)).str.strip().str.extract(_PARTS)
+    if parts["a"].isna().any():
+        return None
+    a, b = parts["a"].astype(float).to_numpy(), parts["b"].astype(float).to_numpy()
+    has_c = parts["c"].notna()
+    c = parts["c"].fillna("0").astype(float).to_numpy()
+    fraction = ("0." + parts["f"].fillna("0")).astype(float).to_numpy()
+    said = ""
+    if not has_c.any() and parts["f"].notna().any():  # 12:34.5, as Excel shows minutes and seconds
+        out, wrap = 60.0 * a + b + fraction, 3600.0
+        said = "minutes and seconds"
+    else:
+        half = parts["half"].str.lower()
+        if half.notna().any():
+            a = a % 12 + 12.0 * (half == "p").to_numpy()
+        out, wrap = 3600.0 * a + 60.0 * b + c + fraction, _DAY_S
+    days = _days(dates if dates is not None else parts["date"].tolist())
+    if days is not None:
+        return (days - days[0]) * _DAY_S + (out - out[0]), said
+    wraps = [wrap] if wrap < _DAY_S else [_DAY_S, _DAY_S / 2]
+    out, note = unwrapped(out, wraps)
+    return out - out[0], "; ".join(x for x in (said, note) if x)
+
+
+def unwrapped(values: Array, wraps: Sequence[float]) -> tuple[Array, str]:
+    """A clock (n,) that starts again at one of some periods, counted on; with a word on what was done.
+
+    It wraps where a step back and the period together are a usual step forward; other steps back stay as they are.
+    """
+    steps = np.diff(values)
+    back = np.flatnonzero(steps < 0)
+    forward = steps[steps > 0]
+    if not back.size or not forward.size:
+        return values, ""
+    usual = float(np.median(forward))
+    for wrap in wraps:
+        if (np.abs(steps[back] + wrap - usual) <= 2.0 * usual).all():
+            jumps = np.zeros(values.size)
+            jumps[back + 1] = wrap
+            return values + np.cumsum(
+                jumps
+            ), f"the clock starts again after {wrap:.10g} {back.size} time(s): counted on"
+    return values, ""
+
+
+def _days(dates: Sequence[object]) -> Array | None:
+    """(n,) days since some day, the order of day and month being that which makes the record shorter."""
+    if any(not isinstance(x, str) for x in dates):
+        return None
+    unique = sorted({str(x).strip() for x in dates})
+    found = []
+    for order in ("ymd", "dmy", "mdy"):
+        days = [_ordinal(x, order) for x in unique]
+        if all(days):
+            found.append(dict(zip(unique, days)))
+    if not found:
+        return None
+    best = min(found, key=lambda x: max(x.values()) - min(x.values()))
+    return np.array([best[str(x).strip()] for x in dates], dtype=float)
+
+
+def _ordinal(date: str, order: str) -> int:
+    """Number of a day; 0 for what is none in this order of year, month and day."""
+    cells = re.split(r"[-./ ]", date)
+    if len(cells) != 3:
+        return 0
+    part = dict(zip(order, cells))
+    month = part["m"].lower()[:3]
+    try:
+        year, day = int(part["y"]), int(part["d"])
+        number = _MONTHS.index(month) + 1 if month in _MONTHS else int(month)
+        return datetime.date(year + 2000 if year < 100 else year, number, day).toordinal()
+    except ValueError:
+        return 0

@@ -1,0 +1,48 @@
+"""National Instruments' TDMS: channels with their own start and rate, read by npTDMS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
+from bayes_iwan.campaign.recording.records import CampaignError, shown
+
+
+def read_tdms(path: Path, file: str) -> list[Recording]:
+    """One recording a group."""
+    nptdms = library("nptdms", "npTDMS", file, "a TDMS file")
+    try:
+        whole = nptdms.TdmsFile.read(path)
+        sources = [(group.name, source) for group in whole.groups() for source in group.channels()]
+        clock = _starts([source.properties for _, source in sources])
+        groups: dict[str, list[Channel]] = {}
+        for (group, source), start in zip(sources, clock):
+            step = source.properties.get("wf_increment")
+            unit = str(source.properties.get("unit_string", "") or "")
+            one = channel(source.name, unit, source[:], 1 / float(step) if step else None, start, group)
+            if one is not None:
+                groups.setdefault(group, []).append(one)
+    except Exception as error:  # a damaged file makes npTDMS fail in many ways
+        raise CampaignError(f"{file}: cannot be read as TDMS ({shown(str(error))}); copy or export it again") from None
+    if len(groups) == 1:
+        return [Recording(file, "", tuple(c), (f"TDMS, group {name!r}",)) for name, c in groups.items()]
+    return [Recording(file, name, tuple(c), ("TDMS",)) for name, c in groups.items()]
+
+
+def _starts(properties: list[Mapping[str, Any]]) -> list[float | None]:
+    """Seconds from the earliest start of all waveforms to each one's; None where it states none."""
+    stamps = [np.datetime64(p["wf_start_time"], "ns") if "wf_start_time" in p else None for p in properties]
+    known = [s for s in stamps if s is not None and not np.isnat(s)]
+    first: Any = min(known) if known else None
+    out: list[float | None] = []
+    for p, stamp in zip(properties, stamps):
+        offset = float(p.get("wf_start_offset", 0.0) or 0.0)
+        if stamp is not None and first is not None and not np.isnat(stamp):
+            out.append(float((stamp - first) / np.timedelta64(1, "ns")) * 1e-9 + offset)
+        else:
+            out.append(offset if "wf_start_offset" in p and first is None else None)
+    return out

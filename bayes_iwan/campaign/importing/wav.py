@@ -1,0 +1,28 @@
+"""WAV files of recorders and sound cards, read by SciPy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bayes_iwan.campaign.importing.recordings import Recording, channel
+from bayes_iwan.campaign.recording.records import CampaignError, shown
+
+
+def read_wav(path: Path, file: str) -> list[Recording]:
+    """The channels of a WAV file as shares of full scale, -1 to 1."""
+    from scipy.io import wavfile
+
+    try:
+        rate, values = wavfile.read(path)
+    except Exception as error:  # SciPy raises errors of many kinds for a damaged file
+        raise CampaignError(f"{file}: cannot be read as WAV ({shown(str(error))})") from None
+    if values.dtype.kind == "u":
+        values = (values.astype(float) - 128.0) / 128.0
+    elif values.dtype.kind == "i":
+        values = values / -float(np.iinfo(values.dtype).min)
+    columns = values[:, None] if values.ndim == 1 else values
+    channels = [channel(f"channel {k}", "", c, float(rate)) for k, c in enumerate(columns.T, 1)]
+    said = 'WAV: samples are shares of full scale; --unit "force=100 N" says what full scale is'
+    return [Recording(file, "", tuple(c for c in channels if c is not None), (said,))]

@@ -1,0 +1,40 @@
+"""The command that writes the identified device for other simulators."""
+
+from __future__ import annotations
+
+import argparse
+
+from bayes_iwan.cli.command import OUT, argument, command, say
+
+
+@command(
+    "export",
+    "the identified device as files that run elsewhere: C, FMU, OpenSees, MuJoCo, Drake, JSON",
+    argument("folder", metavar="RUN", help="folder that identify or diagnose wrote"),
+    argument("--to", metavar="TARGET", required=True, help="c, fmu, opensees, mujoco, drake or json"),
+    OUT,
+    argument("--draws", metavar="N", type=int, default=20, help="draws beside the point estimate (default: 20)"),
+    argument("--campaign", metavar="DIR", help="the campaign's folder: for a diagnosis, or where it has moved"),
+    argument("--approximate", action="store_true", help="drop what the target cannot hold, instead of refusing"),
+    argument(
+        "--error",
+        metavar="SHARE",
+        type=float,
+        default=1e-3,
+        help="opensees: largest error of the springs over the mean slip force (default: 0.001)",
+    ),
+)
+def run_export(args: argparse.Namespace) -> None:
+    from bayes_iwan.export import export
+
+    folder = export(
+        args.folder,
+        args.to,
+        args.out,
+        draws=args.draws,
+        approximate=args.approximate,
+        campaign=args.campaign,
+        error=args.error,
+    )
+    say((folder / "model_card.txt").read_text(encoding="utf-8").rstrip())
+    say(f"{', '.join(sorted(p.name for p in folder.iterdir() if p.is_file()))} are in {args.out}")

@@ -1,0 +1,173 @@
+"""The model card: what was identified, where it was tested, what is in it and what is not."""
+
+from __future__ import annotations
+
+import hashlib
+import textwrap
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from bayes_iwan import __version__
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Campaign, Loop
+from bayes_iwan.export.c_code import substeps
+from bayes_iwan.export.device import Device, effects_text
+from bayes_iwan.export.round_trip import fixed_amplitude
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.physics.interface.motion import Y_FLOOR
+from bayes_iwan.physics.kernels.sliders import MAX_PIECES
+from bayes_iwan.physics.laws.normal_force import ALPHA_FLOOR
+
+CITATION = (
+    "Rajaei, Ahmadian and Tavakoli, generalized Iwan model of a friction vibration isolator (the model); "
+    f"bayes_iwan {__version__} (the identification)"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card:
+    """The card as its JSON holds it; ranges are (least, largest)."""
+
+    specimen: str
+    description: str
+    fingerprint: str
+    date: str
+    version: str
+    seed: int
+    model: str
+    method: str
+    draws: int
+    units: dict[str, str]
+    tests: int
+    amplitude_mm: tuple[float, float]
+    frequency_hz: tuple[float, float]
+    speed_m_s: tuple[float, float]
+    mean_displacement_mm: tuple[float, float]
+    beyond: tuple[str, ...]
+    amplitude: str
+    effects: dict[str, str]
+    left_out: dict[str, str]
+    unexplained_N: float
+    unexplained_share: float
+    discretisation: str
+    step: str
+    target: tuple[str, ...] = ()
+    cite: str = CITATION
+
+    def to_dict(self) -> dict[str, Any]:
+        """What model_card.json holds."""
+        return {"schema": 1} | asdict(self)
+
+    def text(self) -> str:
+        """What model_card.txt holds, and the head of each file."""
+
+        def between(pair: tuple[float, float], unit: str) -> str:
+            return f"{pair[0]:.4g} to {pair[1]:.4g} {unit}"
+
+        displacement, force, velocity = (self.units[x] for x in ("displacement", "force", "velocity"))
+        rows = [
+            ("Specimen", self.specimen + (f": {self.description}" if self.description else "")),
+            ("Campaign", f"{self.tests} fitted tests, fingerprint {self.fingerprint}"),
+            ("Made", f"{self.date} by bayes_iwan {self.version}, seed {self.seed}"),
+            ("Model", f"{self.model}; {self.method}; set 0 is the point estimate, 1 to {self.draws} are draws"),
+            ("Units", f"force in {force}, stretch in {self.units['stretch']}; parameters in {displacement}, {force}"),
+            ("Tested", f"amplitude {between(self.amplitude_mm, displacement)}"),
+            ("", f"frequency {between(self.frequency_hz, 'Hz')}"),
+            ("", f"speed {between(self.speed_m_s, velocity)}; mean displacement "
+             f"{between(self.mean_displacement_mm, displacement)}, taken off: 0 is the tests' mean position"),
+            *(("Beyond" if i == 0 else "", text) for i, text in enumerate(self.beyond)),
+            ("A of Eq. (11)", self.amplitude),
+            ("Effects in", effects_text(self.effects)),
+            ("Effects out", effects_text(self.left_out)),
+            ("Unexplained", f"{self.unexplained_N:.3g} {force} RMS, {100 * self.unexplained_share:.2g} % of friction"),
+            ("Error", self.discretisation),
+            ("Step", self.step),
+            *(("This target" if i == 0 else "", text) for i, text in enumerate(self.target)),
+            ("Cite", self.cite),
+        ]  # fmt: skip
+        return "\n".join(
+            textwrap.fill(text, 110, initial_indent=f"{name:14s} ", subsequent_indent=" " * 15) for name, text in rows
+        )
+
+
+def fingerprint(loops: Sequence[Loop]) -> str:
+    """16 hexadecimal digits of the fitted records."""
+    digest = hashlib.sha256()
+    for loop in loops:
+        for column in (loop.record.time_s, loop.record.displacement_mm, loop.record.force_N):
+            digest.update(np.ascontiguousarray(column).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def card_of(
+    device: Device,
+    problem: Problem,
+    z: Array,
+    campaign: Campaign | None,
+    method: str,
+    seed: int,
+    unexplained: tuple[float, float],
+) -> Card:
+    """The card of a device from a problem's fitted tests; unexplained : RMS in N, and as a share of the friction's."""
+    loops, units = problem.loops, problem.units
+
+    def span(values: Array) -> tuple[float, float]:
+        return float(np.min(values)), float(np.max(values))
+
+    amplitude = span(problem.motion.amplitude_mm)
+    stretch = "m (velocity m/s)" if units.displacement == "mm" else f"1000 {units.displacement}"
+    return Card(
+        specimen="loops in memory" if campaign is None else campaign.name,
+        description="" if campaign is None else campaign.description,
+        fingerprint=fingerprint(loops),
+        date=f"{datetime.now(UTC):%Y-%m-%d %H:%M UTC}",
+        version=__version__,
+        seed=seed,
+        model=problem.model.name,
+        method=method,
+        draws=device.sets - 1,
+        units={
+            "displacement": units.displacement,
+            "force": units.force,
+            "velocity": units.velocity,
+            "stretch": stretch,
+        },
+        tests=len(loops),
+        amplitude_mm=amplitude,
+        frequency_hz=span(problem.motion.frequency_hz),
+        speed_m_s=span(problem.motion.speed_m_s.max(axis=-1)),
+        mean_displacement_mm=span(np.array([x.offset_mm for x in loops])),
+        beyond=(
+            "larger strokes, other frequencies and speeds: the laws go on as they are, untested",
+            f"slip forces end at {float(device.top_N[0]):.4g} {units.force}: with larger strokes all elements slip",
+        ),
+        amplitude=_amplitude(device, problem, z),
+        effects=device.named,
+        left_out=device.left_out | {"force_zero": "belongs to the rig or its channels, not to the device"},
+        unexplained_N=unexplained[0],
+        unexplained_share=unexplained[1],
+        discretisation=f"slip forces are continuous, not discretised; at most {MAX_PIECES} pieces of memory. From the "
+        "forward model: below 0.1 % of the friction force (RMS) and of the energy at 20 steps a cycle of the highest "
+        "frequency and more (analyses/export_round_trip.py)",
+        step=f"a twentieth of the shortest cycle in the motion, or less; each is divided by {substeps(device)} inside",
+    )
+
+
+def _amplitude(device: Device, problem: Problem, z: Array) -> str:
+    """What is said of A, which an arbitrary motion does not have."""
+    if device.constant_normal_force or "A" not in "".join(device.stages["alpha"]).replace("ALPHA", ""):
+        return "not used: the normal force of this model does not depend on it"
+    largest = float(device.parameters["amplitude_mm"][0])
+    change = fixed_amplitude(problem, problem.parameter_values(z[:1]), largest)
+    own = problem.motion.amplitude_mm
+    return (
+        f"any motion has none, so it is a parameter: {largest:.4g} {problem.units.displacement}, the largest tested. "
+        f"For u > A the normal force stays at its value for A - u = {Y_FLOOR:g} A, and never falls below "
+        f"{ALPHA_FLOOR:g} of that at rest. The tests were fitted with their own A; with this one instead the force "
+        f"differs by {100 * change.max():.2g} % of friction's RMS in the worst of them ({own[np.argmax(change)]:.4g} "
+        f"{problem.units.displacement}). For a steady cycle set A to its amplitude"
+    )

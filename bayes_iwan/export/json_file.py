@@ -1,0 +1,145 @@
+"""The json target: the model as numbers with units, draws and covariance, and its reader.
+
+Schema 1 of `isolator.json`: `schema` ("bayes_iwan.export 1"), `card` (as model_card.json), `scales` and `model` (what
+rebuilds the simulator), `effects` (class, name and what made it), `parameters` (name, unit, description, point, draws),
+`covariance` of the draws of the free parameters (`names` gives the order), in the units of each parameter.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.effects import catalogue, conditions
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.export.card import Card
+from bayes_iwan.export.device import ExportError
+from bayes_iwan.export.laws import OF_THE_RIG
+from bayes_iwan.files import finite
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.physics import Model, Motion, Scales
+from bayes_iwan.physics.interface.simulator import FORCE_ZERO, recorded_force
+
+NAME, SCHEMA = "isolator.json", "bayes_iwan.export 1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportedModel:
+    """What :func:`bayes_iwan.load` makes of an exported isolator.json.
+
+    Attributes
+    ----------
+    card
+        as model_card.json.
+    model, effects
+        the simulator and the device's effects.
+    values
+        (sets,) of each sampled parameter by name; set 0 is the point estimate, the others draws.
+    names, covariance
+        free parameters and their covariance (n, n) over the draws.
+    """
+
+    card: Mapping[str, Any]
+    model: Model
+    effects: tuple[Effect, ...]
+    values: ParameterValues
+    names: tuple[str, ...]
+    covariance: Array
+
+    def force(self, motion: Motion) -> Array:
+        """Force of the device in N, (sets, loops, samples), for steady loops or a record from rest."""
+        values = {n: x for n, x in self.values.items() if n != FORCE_ZERO}
+        return recorded_force(self.model, self.effects, {**values, **self.model.parameter_values(values)}, motion)
+
+
+def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:
+    """isolator.json of a problem at coordinates z (sets, ndim), the point first."""
+    model = problem.model
+    values = problem.prior.values(z)
+    kept = [e for e in problem.effects if isinstance(e, Effect) and not isinstance(e, OF_THE_RIG)]
+    mine = {p.name for e in kept for p in e.parameters} | {p.name for p in problem.prior.parameters if not p.owner}
+    noise = {p.name for p in problem.likelihood.parameters}
+    told = [p for p in problem.prior.parameters if p.name in mine - noise]
+    free = [n for n in problem.names if n in {p.name for p in told}]
+    draws = np.stack([values[n][1:] for n in free])
+    out = {
+        "schema": SCHEMA,
+        "card": card.to_dict(),
+        "scales": asdict(problem.scales),
+        "model": {n: getattr(model, n) for n in ("slip", "grip", "stiffness", "embedded")}
+        if isinstance(model, Model)
+        else {"simulator": model.name},
+        "effects": [
+            {"class": type(e).__name__, "name": e.name, "strength_value": e.strength_value}
+            | (
+                {"condition": e.condition, "values": list(e.values)}
+                if isinstance(e, conditions.FollowsCondition)
+                else {}
+            )
+            for e in kept
+        ],
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "description": p.description,
+                "point": float(values[p.name][0]),
+                "draws": values[p.name][1:].tolist(),
+            }
+            for p in told
+        ],
+        "names": free,
+        "covariance": np.cov(draws).reshape(len(free), len(free)).tolist() if draws.shape[1] > 1 else None,
+    }
+    return {NAME: json.dumps(finite(out), indent=1) + "\n"}
+
+
+def read(path: Path) -> ExportedModel:
+    """An exported isolator.json. Raises ExportError in one line where it is missing, damaged or not of this version."""
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ExportError(f"{path}: cannot be read ({error.strerror}); export the model again") from None
+    except (ValueError, RecursionError):
+        raise ExportError(f"{path}: damaged, no JSON; export the model again") from None
+    if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
+        raise ExportError(f"{path}: not a model of this version ({SCHEMA}); export it again")
+    try:
+        parts = stored["model"]
+        if "simulator" in parts:
+            raise ExportError(f"{path}: holds draws of {parts['simulator']}, a simulator of your own; read its numbers")
+        scales = Scales(**stored["scales"])
+        model = Model(scales.reference, parts["slip"], parts["grip"], parts["stiffness"], embedded=parts["embedded"])
+        values = {str(p["name"]): np.array([p["point"], *p["draws"]], float) for p in stored["parameters"]}
+        covariance = np.zeros((0, 0)) if stored["covariance"] is None else np.array(stored["covariance"], float)
+        if len({len(x) for x in values.values()}) != 1 or not all(np.isfinite(x).all() for x in values.values()):
+            raise ValueError("parameters of different lengths, or not finite")
+        return ExportedModel(
+            card=stored["card"],
+            model=model,
+            effects=_effects(stored["effects"], scales, model),
+            values=values,
+            names=tuple(map(str, stored["names"])),
+            covariance=covariance,
+        )
+    except ExportError:
+        raise
+    except Exception as error:  # a file that somebody has changed breaks whatever is made of it, in any way
+        said = " ".join(str(error).split())[:120]
+        raise ExportError(f"{path}: damaged ({type(error).__name__}: {said}); export the model again") from None
+
+
+def _effects(stored: Sequence[Mapping[str, Any]], scales: Scales, model: Model) -> tuple[Effect, ...]:
+    kinds = [k for some in catalogue.variants((), model, form=True).values() for k in some]
+    classes = {k.__name__: k for k in (*kinds, *conditions.EFFECTS) if isinstance(k, type)}
+    out = []
+    for e in stored:
+        more = {"condition": e["condition"], "values": tuple(e["values"])} if "condition" in e else {}
+        out.append(classes[e["class"]](scales, (), e["strength_value"], **more))
+    return tuple(out)

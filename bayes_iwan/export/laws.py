@@ -1,0 +1,370 @@
+"""Laws in time, as C: what each effect of the catalogue does at a stage of the step, for any motion.
+
+C sees u (mm), v (m/s) and a (m/s²) at the end of the step, h (s) its length, A (mm) of Eq. (11), alpha, k (N/mm), slip
+(what the elements carry, relative to rest) and force (N). `$name` is a parameter of the effect, `@name` a state; the
+parameters `p->length_mm` and `p->speed_m_s` are the campaign's scales. Each law is the effect's own formula
+(:mod:`bayes_iwan.effects`), with what is a filter over a closed loop there as a state here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import nnls
+
+from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.effects import along_record, channels, conditions, form, friction, lag, mounting, paper, specimen
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.physics.interface.motion import Y_FLOOR
+from bayes_iwan.physics.laws import stiffness
+
+#: relaxing branches that stand for a spread of relaxation times
+BRANCHES = 12
+#: smallest stroke, over the campaign's largest amplitude, that counts as half a cycle
+LEAST_STROKE = 0.05
+#: a tested frequency range, Hz
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law:
+    """An effect's law at each stage where it acts: "before", "alpha", "stiffness", "slip", "force", "asymmetry",
+    "specimen" (in the place of the call of it).
+
+    states : length and value at rest by name. numbers : own parameters from the effect and what the simulator reads,
+    (sets,) or (sets, n) each; without it the effect's parameters. note : what differs from the effect's own law.
+    """
+
+    stages: Mapping[str, str] = field(default_factory=dict)
+    states: Mapping[str, tuple[int, float]] = field(default_factory=dict)
+    numbers: Callable[[Effect, ParameterValues, Range], dict[str, Array]] | None = None
+    note: str = ""
+
+
+#: functions that laws call, by name; each is written into the file if its name occurs
+HELPERS = {
+    "power_of": """static double power_of(double x, double exponent)
+{
+    return fabs(x) > 0.0 ? pow(fabs(x), exponent) : 0.0;
+}""",
+    "falling": """static double falling(double x, double q) /* (1 + q x)^(-1/q), e^-x at q = 0 */
+{
+    const double grown = 1.0 + q * x;
+    return fabs(q) < 1e-7 ? exp(-x) : (grown > 0.0 ? exp(-log(grown) / q) : 0.0);
+}""",
+    "growing": """static double growing(double x, double q) /* ((1 + x)^q - 1)/q, ln(1 + x) at q = 0 */
+{
+    return fabs(q) < 1e-7 ? log1p(x) : expm1(q * log1p(x)) / q;
+}""",
+    "relaxed": """/* x of tau dx/dt = y - x after h seconds in which y runs straight from y0 to y1 */
+static double relaxed(double y1, double y0, double x0, double h, double tau)
+{
+    const double n = h / (tau > 1e-15 ? tau : 1e-15), stay = exp(-n), lead = n > 1e-12 ? -expm1(-n) / n : 1.0;
+    return y1 - (y1 - y0) * lead + (x0 - y0) * stay;
+}""",
+    "softplus": """static double softplus(double x)
+{
+    return x > 0.0 ? x + log1p(exp(-x)) : log1p(exp(x));
+}""",
+    "beyond": """static double beyond(double x, double bend, double width) /* two slopes, its slope at 0 taken off */
+{
+    return width * (softplus((x - bend) / width) - softplus(-bend / width)) - x / (1.0 + exp(bend / width));
+}""",
+    "contact": """static double contact(double into, double speed, double scale, double exponent, double loss)
+{
+    return into > 0.0 ? scale * power_of(into / scale, exponent) * fmax(1.0 + loss * speed, 0.0) : 0.0;
+}""",
+    "resonance": """/* y of y'' / w^2 + 2 z y' / w + y = x after h seconds in which x runs straight from x0 to x1 */
+static void resonance(double w, double z, double h, double x0, double x1, double *y, double *speed)
+{
+    const double slope = h > 0.0 ? (x1 - x0) / h : 0.0, late = 2.0 * z * slope / w;
+    const double wd = w * sqrt(fmax(1.0 - z * z, 0.0)), c = cos(wd * h), s = wd > 1e-9 * w ? sin(wd * h) / wd : h;
+    const double y0 = *y - (x0 - late), v0 = *speed - slope, stay = exp(-z * w * h);
+    if (h > 0.0) {
+        *y = x1 - late + stay * (y0 * c + (v0 + z * w * y0) * s);
+        *speed = slope + stay * (v0 * c - (w * w * y0 + z * w * v0) * s);
+    }
+}""",
+    "half_cycle": """/* 1 where half a cycle has ended: u has gone back from a far point by a stroke that counts */
+static int half_cycle(const isolator_parameters *p, isolator_state *s, double now, double u)
+{
+    const double least = LEAST_STROKE * p->length_mm;
+    if (!(s->cycle_way > 0.0 || s->cycle_way < 0.0)) {
+        s->cycle_way = fabs(u) < least ? 0.0 : (u > 0.0 ? 1.0 : -1.0);
+        s->cycle_far_mm = u;
+        s->cycle_far_s = now;
+        return 0;
+    }
+    if ((u - s->cycle_far_mm) * s->cycle_way > 0.0) {
+        s->cycle_far_mm = u;
+        s->cycle_far_s = now;
+        return 0;
+    }
+    if (fabs(u - s->cycle_far_mm) < least) {
+        return 0;
+    }
+    s->cycle_amplitude_mm = 0.5 * fabs(s->cycle_far_mm - s->cycle_turn_mm);
+    s->cycle_hz = 0.5 / fmax(s->cycle_far_s - s->cycle_turn_s, 1e-12);
+    s->cycle_turn_mm = s->cycle_far_mm;
+    s->cycle_turn_s = s->cycle_far_s;
+    s->cycle_far_mm = u;
+    s->cycle_far_s = now;
+    s->cycle_way = -s->cycle_way;
+    return 1;
+}""".replace("LEAST_STROKE", f"{LEAST_STROKE}"),
+    "through_play": """/* The specimen's force where it follows u at half the play's width, zero within it. */
+static double through_play(const isolator_parameters *p, isolator_state *s, double h, double u, double v, double half)
+{
+    const isolator_state before = *s;
+    double low = u - half, high = u + half, f_low, f_high, f = specimen(p, s, h, low, v);
+    int i, side = 0;
+    if (f > 0.0) {
+        return f;
+    }
+    f_low = f;
+    *s = before;
+    f_high = f = specimen(p, s, h, high, v);
+    for (i = 0; i < 60 && f_high > 0.0 && high - low > 1e-13 * (fabs(u) + half); i++) {
+        const double at = low + (high - low) * (f_low / (f_low - f_high)); /* Illinois */
+        *s = before;
+        f = specimen(p, s, h, at, 0.0);
+        if (f < 0.0) {
+            low = at;
+            f_low = f;
+            f_high *= side < 0 ? 0.5 : 1.0;
+            side = -1;
+        } else {
+            high = at;
+            f_high = f;
+            f_low *= side > 0 ? 0.5 : 1.0;
+            side = 1;
+        }
+    }
+    return f;
+}""",
+}
+#: the states of `half_cycle`
+CYCLE_STATES = {f"cycle_{n}": (1, 0.0) for n in ("way", "far_mm", "far_s", "turn_mm", "turn_s", "amplitude_mm", "hz")}
+
+
+def branches(effect: Effect, values: ParameterValues, tested: Range) -> dict[str, Array]:
+    """Stiffness and time of relaxing branches, (sets, BRANCHES), that follow a fractional Maxwell branch from a
+    hundredth of the lowest tested frequency to thirty times the highest; exact for one relaxation time."""
+    k, tau, order = (np.atleast_1d(values[f"{effect.name}.{n}"]) for n in ("k_N_mm", "tau_s", "spread"))
+    f = np.geomspace(tested[0] / 100.0, tested[1] * 30.0, 160)
+    time = np.geomspace(1.0 / (2 * np.pi * f[-1]), 1.0 / (2 * np.pi * f[0]), BRANCHES)
+    at = 2j * np.pi * f[:, None] * time
+    parts = at / (1.0 + at)
+    stacked = np.concatenate([parts.real, parts.imag])
+    out_k, out_tau = np.zeros((len(k), BRANCHES)), np.tile(time, (len(k), 1))
+    for d in range(len(k)):
+        if order[d] == 1.0:
+            out_k[d, 0], out_tau[d, 0] = k[d], tau[d]
+            continue
+        s = (2j * np.pi * f * tau[d]) ** order[d]
+        wanted = s / (1.0 + s)
+        out_k[d] = k[d] * nnls(stacked, np.concatenate([wanted.real, wanted.imag]))[0]
+    return {"k_N_mm": out_k, "tau_s": out_tau}
+
+
+def _of_speed_term(effect: Effect, values: ParameterValues, tested: Range) -> dict[str, Array]:
+    assert isinstance(effect, paper.SpeedDependentNormalForce)
+    return {"rate": values[effect.strength_name], "beta": effect.exponent(values)}
+
+
+def _bend(effect: Effect, values: ParameterValues, tested: Range) -> dict[str, Array]:
+    value = np.atleast_1d(values[effect.strength_name])
+    bend = stiffness.bend_of_elasticity(np.clip(value, paper.LEAST_ELASTICITY, paper.StiffnessOfNormalForce.limit))
+    return {"bend": np.where(value < paper.LEAST_ELASTICITY, 0.0, bend)}
+
+
+_LATE = """{
+    const double tau = $tau_s * exp((alpha > @late ? -0.5 : 0.5) * $release);
+    @late = relaxed(alpha, @before, @late, h, tau);
+"""
+_LATE_STATES = {"late": (1, 1.0), "before": (1, 1.0)}
+_SLOW_SPEED = "    @speed_m_s = relaxed(fabs(v), @before_m_s, @speed_m_s, h, $memory_s);\n    @before_m_s = fabs(v);\n"
+_SPEED_STATES = {"speed_m_s": (1, 0.0), "before_m_s": (1, 0.0)}
+_PER_MM = "2e-3 * 3.14159265358979323846 * s->cycle_hz / p->speed_m_s"
+_COUNTED = (
+    f"cycles and their amplitudes are counted by half cycles between reversals, strokes below {LEAST_STROKE:g} of the "
+    "largest tested amplitude aside"
+)
+
+LAWS: dict[type[Effect], Law] = {
+    specimen.ViscousDamping: Law(
+        stages={
+            "force": """{
+    const double thinned = ($bend_m_s * $bend_m_s + v * v) / ($bend_m_s * $bend_m_s + p->speed_m_s * p->speed_m_s);
+    const double way = (v > 0.0 ? 1.0 : (v < 0.0 ? -1.0 : 0.0)) + $one_way;
+    force += $c_N_s_mm * 1e3 * fabs(v) * power_of(thinned, 0.5 * ($exponent - 1.0)) * way;
+}"""
+        }
+    ),
+    specimen.MaxwellBranch: Law(
+        stages={
+            "force": f"""{{
+    int i;
+    for (i = 0; i < {BRANCHES}; i++) {{
+        @q_N[i] = relaxed(0.0, 0.0, @q_N[i], h, $tau_s[i])
+                  + $k_N_mm[i] * (u - s->u_mm) * (1.0 - relaxed(1.0, 0.0, 0.0, h, $tau_s[i]));
+        force += @q_N[i];
+    }}
+}}"""
+        },
+        states={"q_N": (BRANCHES, 0.0)},
+        numbers=branches,
+        note=f"a spread of relaxation times is {BRANCHES} branches, fitted from 1/100 of the lowest to 30 times the "
+        "highest tested frequency",
+    ),
+    specimen.MovingMass: Law(
+        stages={
+            "force": """{
+    if ($period_s > 1e-9) {
+        resonance(2.0 * 3.14159265358979323846 / $period_s, $damping, h, s->a_m_s2, a, &@y, &@speed);
+    } else {
+        @y = a;
+    }
+    force += $m_kg * @y;
+}"""
+        },
+        states={"y": (1, 0.0), "speed": (1, 0.0)},
+    ),
+    specimen.QuadraticStiffness: Law(
+        stages={
+            "force": "force += $k2_N_mm2 * p->length_mm * p->length_mm * power_of(u / p->length_mm, $exponent)\n"
+            "         * (1.0 + $one_sided * (u > 0.0 ? 1.0 : (u < 0.0 ? -1.0 : 0.0)));"
+        }
+    ),
+    specimen.CubicStiffness: Law(
+        stages={
+            "force": "force += $k3_N_mm3 * p->length_mm * p->length_mm * p->length_mm * (u < 0.0 ? -1.0 : 1.0)\n"
+            "         * power_of(u / p->length_mm, $exponent);"
+        }
+    ),
+    specimen.BentStiffness: Law(
+        stages={
+            "force": "force += $k3_N_mm3 * p->length_mm * p->length_mm * p->length_mm * (u < 0.0 ? -1.0 : 1.0)\n"
+            "         * beyond(fabs(u) / p->length_mm, $bend, $width) / beyond(1.0, $bend, $width);"
+        }
+    ),
+    specimen.EndStop: Law(
+        stages={
+            "force": """{
+    const double side = $k_N_mm < 0.0 ? -1.0 : 1.0;
+    force += $k_N_mm * contact(side * u - $clearance_mm, side * v, 0.1 * p->length_mm, $exponent, $loss_s_m);
+}"""
+        }
+    ),
+    specimen.EndStops: Law(
+        stages={
+            "force": """{
+    const double side = u < 0.0 ? -1.0 : 1.0;
+    force += $k_N_mm * side * contact(fabs(u) - $clearance_mm, side * v, 0.1 * p->length_mm, $exponent, $loss_s_m);
+}"""
+        }
+    ),
+    friction.StribeckWeakening: Law(
+        stages={
+            "slip": _SLOW_SPEED + "    slip *= 1.0 - $drop\n"
+            "        * (1.0 - falling(power_of(fmax(@speed_m_s, 0.0) / $v_s_m_s, $exponent), $tail));"
+        },
+        states=_SPEED_STATES,
+    ),
+    friction.RateStrengthening: Law(
+        stages={"slip": _SLOW_SPEED + "    slip *= 1.0 + $c * growing(fmax(@speed_m_s, 0.0) / $v0_m_s, $power);"},
+        states=_SPEED_STATES,
+    ),
+    friction.FrictionFade: Law(
+        stages={
+            "before": f"""if (turned) {{
+    const double per_mm = {_PER_MM};
+    @x += 0.5 * pow(s->cycle_amplitude_mm / p->length_mm, $by_stroke) / $cycles
+          / pow(per_mm * p->length_mm, $by_time);
+    @level = pow(per_mm * s->cycle_amplitude_mm, $by_power);
+    @left = fmax(1.0 - $drop * @level * (1.0 - falling(@x, $tail)) * exp(-$recovery * @x), 0.05);
+}}""",
+            "stiffness": "k *= pow(@left, $of_stiffness);",
+            "slip": "slip *= @left;",
+        },
+        states={"x": (1, 0.0), "level": (1, 1.0), "left": (1, 1.0)},
+        note=_COUNTED,
+    ),
+    friction.SpringSoftening: Law(
+        stages={
+            "before": f"""if (turned) {{
+    const double per_mm = {_PER_MM};
+    @x += 0.5 * pow(per_mm * p->length_mm, $by_cycles) / (s->cycle_hz * $tau_s);
+    @level = pow(per_mm * s->cycle_amplitude_mm, $by_power)
+             * pow(s->cycle_amplitude_mm / p->length_mm, $by_amplitude);
+    @left = fmax(1.0 - $drop * @level * (1.0 - falling(@x, $tail)), 0.05);
+}}""",
+            "stiffness": "k *= @left;",
+            "force": "force -= (1.0 - @left) * p->kp_N_mm * u;",
+        },
+        states={"x": (1, 0.0), "level": (1, 1.0), "left": (1, 1.0)},
+        note=_COUNTED,
+    ),
+    friction.DirectionDependentFriction: Law(stages={"asymmetry": "$asymmetry"}),
+    friction.DirectionDependentGrip: Law(stages={"alpha": "alpha *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"}),
+    friction.DirectionDependentSlip: Law(stages={"slip": "slip *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"}),
+    lag.NormalForceLag: Law(
+        stages={"alpha": _LATE + "    @before = alpha;\n    alpha = @late;\n}"}, states=_LATE_STATES
+    ),
+    lag.NormalForceLagFromStart: Law(
+        stages={
+            "alpha": _LATE
+            + """    @slow = relaxed(alpha, @before, @slow, h, $tau_s * $slow_ratio);
+    @before = alpha;
+    @start_left *= exp(-h / fmax($tau_s * $slow_ratio, 1e-15));
+    alpha = @late + $slow_share * (@slow - @late) + $start * @start_left;
+}"""
+        },
+        states={**_LATE_STATES, "slow": (1, 1.0), "start_left": (1, 1.0)},
+        note="the simulation's start is a record's start",
+    ),
+    mounting.FreePlay: Law(
+        stages={"specimen": "force = through_play(p, s, h, u, v, 0.5 * $play_mm);"},
+        note="the play's ends are hard; identified ends that close softly over the share w of half the play differ by "
+        "at most 0.7 w of it in displacement",
+    ),
+    form.SlipForcesFree: Law(),
+    form.StiffnessLawFree: Law(stages={"stiffness": "k *= exp(log(alpha) * ($exponent + 0.5 * $bend * log(alpha)));"}),
+    form.NormalForceFree: Law(
+        stages={
+            "alpha": """{
+    const double x = u / p->length_mm, y = v / p->speed_m_s, w = fabs(y);
+    alpha *= exp($u * x + $u2 * x * x + $speed * w + $u_speed * x * w + $direction * y + $u_direction * x * y);
+}"""
+        }
+    ),
+    paper.VaryingNormalForce: Law(
+        stages={
+            "alpha": f"""{{
+    const double y = log(fmax(A - u, {Y_FLOOR} * A) / p->length_mm), top = log(A / p->length_mm);
+    alpha += $slope * (expm1($beta * y) - expm1($beta * top)) / $beta;
+}}"""
+        }
+    ),
+    paper.SpeedDependentNormalForce: Law(
+        stages={
+            "alpha": f"alpha += $rate * pow(fmax(A - u, {Y_FLOOR} * A) / p->length_mm, $beta) * fabs(v) / p->speed_m_s;"
+        },
+        numbers=_of_speed_term,
+    ),
+    paper.StiffnessOfNormalForce: Law(
+        stages={"stiffness": "k *= $bend > 0.0 ? expm1(-$bend * alpha) / expm1(-$bend) : 1.0;"}, numbers=_bend
+    ),
+    conditions.SlipFollowsCondition: Law(note="at the mean of the condition over the tests"),
+    conditions.StiffnessFollowsCondition: Law(note="at the mean of the condition over the tests"),
+}
+
+#: what belongs to the rig and its channels, not to the device: left out, and the model card says so
+OF_THE_RIG: tuple[type[Effect], ...] = (
+    *channels.EFFECTS,
+    *along_record.EFFECTS,
+    mounting.RigCompliance,
+    conditions.ZeroFollowsCondition,
+)

@@ -1,0 +1,105 @@
+"""The opensees target: elastic-perfectly-plastic springs in parallel, where the model allows it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.export.c_code import filled, template
+from bayes_iwan.export.card import Card
+from bayes_iwan.export.device import Device, ExportError, elements
+from bayes_iwan.export.laws import LAWS
+from bayes_iwan.export.round_trip import steady_loops
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.physics.kernels import sliders
+
+NAMES = ("isolator_opensees.py",)
+
+
+def files(
+    device: Device, problem: Problem, z: Array, card: Card, *, approximate: bool, error: float
+) -> tuple[dict[str, str], tuple[str, ...]]:
+    """isolator_opensees.py, and what the card says of it. Raises ExportError for what springs cannot do, with the error
+    that dropping it would cost, unless `approximate`."""
+    if not 0.0 < error < 0.5:
+        raise ExportError(f"error must lie between 0 and 0.5 of the mean slip force, not {error:g}")
+    laws = dropped(device, problem)
+    if laws:
+        cost = cost_of_dropping(device, problem, z)
+        what = ", ".join(laws)
+        if not approximate:
+            raise ExportError(
+                f"OpenSees' springs have a constant normal force, so this would be dropped: {what}. The force on the "
+                f"tested loops would then differ by {100 * cost:.3g} % of friction's RMS; give --approximate to accept "
+                "that, or export to fmu or c"
+            )
+        notes: tuple[str, ...] = (
+            f"dropped as asked (--approximate): {what}. On the tested loops the force differs by {100 * cost:.3g} % of "
+            "friction's RMS for that",
+        )
+    else:
+        notes = ("exact but for the number of springs: normal force and stiffness are constant",)
+    values, counts = [], []
+    for i in range(device.sets):
+        stiffness, pulled, pushed = springs(device, i, error)
+        spring = 1e3 * float(device.parameters["kp_N_mm"][i])
+        rows = ", ".join(f"({k:.9g}, {a:.9g}, {b:.9g})" for k, a, b in zip(stiffness, pulled, pushed))
+        values.append(f"    ({spring:.9g}, [{rows}]),")
+        counts.append(len(stiffness))
+    notes += (
+        f"{min(counts)} to {max(counts)} springs, so many that the backbone is within {100 * error:.2g} % of the mean "
+        "slip force; set error= for fewer or more",
+        "a material sees displacements only, so a reversal inside a step is missed: take 100 steps a cycle and more",
+    )
+    text = replace(card, target=notes).text()
+    return {
+        NAMES[0]: filled(template(NAMES[0]), {"CARD": text, "VALUES": "\n".join(["one line each", *values])})
+    }, notes
+
+
+def springs(device: Device, index: int, error: float) -> tuple[Array, Array, Array]:
+    """Stiffness (N/m) and the stretches (m) at which each spring yields when pulled and when pushed, of one set."""
+    phi, share = elements(device, index, error)
+    k = float(device.parameters["k1_N_mm"][index])
+    asymmetry = sum(float(device.parameters[n][index]) for n in device.parameters if n.endswith("friction_asymmetry"))
+    stretch = 1e-3 * phi / k
+    return 1e3 * k * share, stretch * (1.0 + asymmetry), stretch * (1.0 - asymmetry)
+
+
+def dropped(device: Device, problem: Problem) -> list[str]:
+    """What parallel springs cannot do, in words."""
+    out = []
+    if device.stages["alpha"]:
+        out.append(f"the normal force's law ({problem.model.name})")
+    elif device.stages["stiffness"] or device.stages["slip"]:
+        out.append("changing stiffness or friction")
+    named = {e.name: LAWS[type(e)] for e in problem.effects if isinstance(e, Effect) and type(e) in LAWS}
+    out += [n for n, law in named.items() if set(law.stages) - {"asymmetry"}]
+    return out
+
+
+def cost_of_dropping(device: Device, problem: Problem, z: Array) -> float:
+    """RMS over the RMS friction force, all tests together, by which the point's loops change without these laws."""
+    motion, values = problem.motion, problem.parameter_values(z[:1])
+    whole = steady_loops(problem, values, motion)
+    still = np.empty_like(whole)
+    ones = np.ones_like(whole)
+    asymmetry = sum(
+        (device.parameters[n][:1] for n in device.parameters if n.endswith("friction_asymmetry")), np.zeros(1)
+    )
+    sliders.friction(
+        np.ascontiguousarray(motion.displacement_mm),
+        ones,
+        ones * float(device.parameters["k1_N_mm"][0]),
+        asymmetry,
+        True,
+        device.tables[:1],
+        device.top_N[:1],
+        device.parameters["kp_N_mm"][:1],
+        still,
+    )
+    friction = problem.friction_force(values, motion)
+    return float(np.sqrt(np.mean((still - whole) ** 2) / np.mean(friction**2)))

@@ -1,0 +1,231 @@
+"""`bayes-iwan export`: a finished run, or a result in memory, as files for a target."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Campaign, read_campaign
+from bayes_iwan.export import c_code, drake, fmu, json_file, mujoco, opensees
+from bayes_iwan.export.card import Card, card_of
+from bayes_iwan.export.device import STAGES, Device, ExportError, device_of
+from bayes_iwan.files import clear, owned, write_json, write_whole
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.run_files import load
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.physics import Model
+
+if TYPE_CHECKING:
+    from bayes_iwan.gap.diagnosis import Diagnosis
+
+TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")
+CARD_TEXT, CARD_JSON = "model_card.txt", "model_card.json"
+PathLike = str | os.PathLike[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """What is exported: a problem, its point estimate and draws z (1 + draws, ndim), and where they come from."""
+
+    problem: Problem
+    z: Array
+    campaign: Campaign | None
+    method: str
+    seed: int
+    unexplained: tuple[float, float]
+
+
+def export(
+    result: Posterior | Diagnosis | PathLike,
+    to: str,
+    out: PathLike,
+    *,
+    draws: int = 20,
+    approximate: bool = False,
+    campaign: PathLike | None = None,
+    error: float = 1e-3,
+) -> Path:
+    """The identified device as files that run elsewhere, with a model card.
+
+    Parameters
+    ----------
+    result
+        a posterior, a diagnosis, or the folder of either.
+    to
+        "c", "fmu", "opensees", "mujoco", "drake" or "json".
+    out
+        folder for the files; an older export there is replaced.
+    draws
+        of the posterior, beside the point estimate.
+    approximate
+        drop what a target cannot hold (opensees), instead of refusing.
+    campaign
+        the campaign's folder, where `result` is the folder of a diagnosis, or has moved.
+    error
+        largest difference of a finite set of stop elements (opensees), as a share of the mean slip force.
+
+    Returns
+    -------
+    Path
+        the folder.
+
+    Raises
+    ------
+    ExportError, ResultsError, SavedFitsError, OutputError
+        ValueErrors of one line; nothing is written then.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder, out = tempfile.mkdtemp(), tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> sorted(path.name for path in posterior.export("json", out, draws=5).iterdir())
+    ['isolator.json', 'model_card.json', 'model_card.txt']
+    """
+    if to not in TARGETS:
+        raise ExportError(f"{to!r} is no target; choose one of {', '.join(TARGETS)}")
+    if draws < 0:
+        raise ExportError(f"draws must be 0 or more, not {draws}")
+    source = source_of(result, draws, campaign)
+    made, card = files_of(source, to, approximate, error)
+    with owned(out) as folder:
+        clear(folder, *OWN, *(p.name for p in folder.glob("isolator_*.so")))
+        for name, content in made.items():
+            write_whole(folder / name, content)
+        write_whole(folder / CARD_TEXT, card.text() + "\n")
+        write_json(folder / CARD_JSON, card.to_dict())
+        return folder
+
+
+#: what any target writes
+OWN = (
+    c_code.NAME, "isolator.py", *fmu.NAMES, *mujoco.NAMES, *drake.NAMES, *opensees.NAMES, json_file.NAME,
+    CARD_TEXT, CARD_JSON,
+)  # fmt: skip
+
+
+def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[dict[str, str | bytes], Card]:
+    """Files of a target by name, and the card."""
+    problem = source.problem
+    hz = problem.motion.frequency_hz
+    if to == "json" and not isinstance(problem.model, Model):
+        device = _no_device(len(source.z))
+    else:
+        device = device_of(problem, source.z, (float(hz.min()), float(hz.max())))
+    card = card_of(device, problem, source.z, source.campaign, source.method, source.seed, source.unexplained)
+    if to == "json":
+        return {**json_file.files(problem, source.z, card)}, card
+    if to == "opensees":
+        springs, notes = opensees.files(device, problem, source.z, card, approximate=approximate, error=error)
+        return {**springs}, replace(card, target=notes)
+    beside: dict[str, Callable[[Device, Card], tuple[dict[str, str | bytes], tuple[str, ...]]]] = {
+        "c": lambda device, card: ({}, ()),
+        "fmu": fmu.files,
+        "mujoco": mujoco.files,
+        "drake": drake.files,
+    }
+    more, notes = beside[to](device, card)
+    card = replace(card, target=notes)
+    files = {c_code.NAME: c_code.c_source(device, card.text())} | more
+    if to != "fmu":
+        files["isolator.py"] = c_code.filled(c_code.template("isolator.py"), {"SETS": str(device.sets)})
+    return files, card
+
+
+def _no_device(sets: int) -> Device:
+    """A simulator of the user's own has no stages here."""
+    return Device(
+        parameters={},
+        tables=np.zeros((sets, 1, 4)),
+        top_N=np.full(sets, np.nan),
+        stages={name: () for name in STAGES},
+        states={},
+        named={},
+        left_out={},
+    )
+
+
+def source_of(result: Posterior | Diagnosis | PathLike, draws: int, campaign: PathLike | None = None) -> Source:
+    """Problem, point and draws of a result or of a run's folder. Raises ExportError for a run that did not converge."""
+    if isinstance(result, Posterior):
+        return _of_posterior(result, draws)
+    if not isinstance(result, str | os.PathLike):
+        return _of_diagnosis(result, draws)
+    folder = Path(result)
+    if (folder / "posterior.nc").is_file():
+        return _of_posterior(load(folder, campaign), draws)
+    if (folder / "fits.json").is_file():
+        return _of_saved_diagnosis(folder, draws, campaign)
+    raise ExportError(
+        f"{folder}: no finished run there (posterior.nc or fits.json); name what identify or diagnose wrote"
+    )
+
+
+def _of_posterior(posterior: Posterior, draws: int) -> Source:
+    if not posterior.converged and not posterior.quick:
+        raise ExportError(
+            f"the run has not converged ({posterior.message}); sample on with identify --resume, then export"
+        )
+    kept = posterior.flat_z(draws) if draws else posterior.z[:0].reshape(0, posterior.ndim)
+    misfit = posterior.misfit()
+    return Source(
+        problem=posterior.problem,
+        z=np.concatenate([posterior.point.z[None], kept]),
+        campaign=posterior.campaign,
+        method="Laplace's approximation about the most probable point" if posterior.quick else "sampled posterior",
+        seed=posterior.seed,
+        unexplained=(misfit.rms_N, misfit.share),
+    )
+
+
+def _of_diagnosis(found: Diagnosis, draws: int) -> Source:
+    fit = found.fit
+    after = found.budget.after
+    return Source(
+        problem=fit.problem,
+        z=_gaussian(fit.z, fit.covariance, draws, found.seed),
+        campaign=found.campaign,
+        method="diagnosis: a Gaussian about the fit with all named effects",
+        seed=found.seed,
+        unexplained=(after.rms_N, after.share),
+    )
+
+
+def _of_saved_diagnosis(folder: Path, draws: int, campaign: PathLike | None) -> Source:
+    if campaign is None:
+        raise ExportError(f"{folder}: is a diagnosis; name its campaign as well (--campaign DIR)")
+    from bayes_iwan.gap.fitting.data import gap_data
+    from bayes_iwan.gap.fitting.gap_size import gap_power_N2
+    from bayes_iwan.gap.fitting.residuals import residual_of
+    from bayes_iwan.gap.telling.saved_fits import LOOPS, read_fits, rebuilt
+
+    stored = read_fits(folder / "fits.json")
+    if stored.effects_file or stored.simulator_file:
+        raise ExportError(f"{folder}: was made with a Python file of your own, which has no law in C to export")
+    read = read_campaign(campaign)
+    data = gap_data([x for x in read.loops(**LOOPS) if x.role != "held-out"])
+    fit = rebuilt(stored, stored.fits[max(stored.fits, key=len)], data)
+    power = float(gap_power_N2(residual_of(data, fit, refitted=False)).mean())
+    left = float(np.sqrt(max(power, 0.0)))
+    friction = fit.problem.friction_force(fit.problem.parameter_values(fit.z[None]))
+    return Source(
+        problem=fit.problem,
+        z=_gaussian(fit.z, fit.covariance, draws, 0),
+        campaign=read,
+        method="diagnosis: a Gaussian about the fit with all named effects",
+        seed=0,
+        unexplained=(left, left / float(np.sqrt(np.mean(friction**2)))),
+    )
+
+
+def _gaussian(z: Array, covariance: Array, draws: int, seed: int) -> Array:
+    """The optimum and draws about it, (1 + draws, ndim)."""
+    rng = np.random.default_rng([seed, 3])
+    return np.concatenate([z[None], z + rng.standard_normal((draws, len(z))) @ np.linalg.cholesky(covariance).T])

@@ -1,0 +1,211 @@
+"""What a batch of specimens says together: populations, lots, who is unusual, values shrunk within lots."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from bayes_iwan.arrays import Array, brief
+from bayes_iwan.comparison.shrinkage import Shrunk, shrunk
+from bayes_iwan.comparison.unusual import Unusual, rank_unusual
+from bayes_iwan.inference.results.population import Population, SpecimenDraws, population
+from bayes_iwan.report.table import Cell, Table
+
+
+class BatchError(ValueError):
+    """A batch that cannot be begun; the message says why."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One identifiable quantity of one specimen: its unit, median and 90 % interval, and draws (with the prior's)."""
+
+    label: str
+    unit: str
+    median: float
+    low: float
+    high: float
+    draws: Array
+    prior: Array
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True)
+class Finished:
+    """One specimen that was finished: what was identified (if asked for) and the cause found (if asked for).
+
+    converged : None where nothing was sampled.
+    """
+
+    name: str
+    seconds: float
+    converged: bool | None
+    message: str
+    quantities: Mapping[str, Quantity]
+    cause: str | None
+    second_cause: str | None
+    probability: float | None
+    gap_share: float | None
+    shrink: float | None
+    misfit_share: float | None = None
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, kw_only=True)
+class LotDifference:
+    """One quantity of lot a against lot b: the typical value's ratio a/b where it is positive (`relative`), else the
+    difference a − b; median and 90 % interval, and the probability that a's is larger."""
+
+    quantity: str
+    a: str
+    b: str
+    relative: bool
+    median: float
+    low: float
+    high: float
+    larger: float
+
+
+@dataclass(frozen=True, repr=False)
+class Batch:
+    """All specimens.
+
+    finished, failures : those that were finished, and the reason of each failure. populations : of each quantity that
+    at least three specimens determine. unusual : every specimen, the most unusual first. group : name of what lots are
+    told by; lots : of each specimen; lot_populations : by lot and quantity. shrunk : by quantity and specimen, what all
+    others of its lot (of the batch, without lots) say of it.
+    """
+
+    finished: tuple[Finished, ...]
+    failures: Mapping[str, str]
+    populations: Mapping[str, Population]
+    unusual: tuple[Unusual, ...] = ()
+    group: str = ""
+    lots: Mapping[str, str] = field(default_factory=dict)
+    lot_populations: Mapping[str, Mapping[str, Population]] = field(default_factory=dict)
+    shrunk: Mapping[str, Mapping[str, Shrunk]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        lines = [f"{len(self.finished)} specimens finished, {len(self.failures)} failed"]
+        lines += [f"  failed: {n}: {reason[:80]}" for n, reason in list(self.failures.items())[:5]]
+        for name, p in list(self.populations.items())[:12]:
+            lines.append(f"  {name:28s} {p.typical[0]:.4g} ({p.typical[1]:.4g} to {p.typical[2]:.4g})")
+        odd = [x for x in self.unusual if x.notable][:8]
+        lines += [f"  unusual: {x.name} (distance {x.distance:.1f}) in {', '.join(x.notable[:4])}" for x in odd]
+        return "\n".join(lines)
+
+    def label(self, quantity: str) -> str:
+        """A quantity as figures and tables name it."""
+        return next(x.quantities[quantity].label for x in self.finished if quantity in x.quantities)
+
+    def outliers(self) -> dict[str, tuple[str, ...]]:
+        """Quantities in which a specimen stands out from the others, by specimen, the most unusual first."""
+        return {x.name: x.notable for x in self.unusual if x.notable}
+
+    def differences(self) -> tuple[LotDifference, ...]:
+        """Every pair of lots with a population of their own, quantity by quantity."""
+        out = []
+        names = sorted(self.lot_populations)
+        for i, a in enumerate(names):
+            for b in names[i + 1 :]:
+                for q, first in self.lot_populations[a].items():
+                    if q not in self.lot_populations[b]:
+                        continue
+                    second = self.lot_populations[b][q]
+                    relative = first.relative and second.relative
+                    x, y = first.typical_draws, second.typical_draws
+                    d = x / y if relative else x - y
+                    low, middle, high = (float(v) for v in np.quantile(d, [0.05, 0.5, 0.95]))
+                    larger = float(np.mean(x > y))
+                    out.append(
+                        LotDifference(
+                            quantity=q, a=a, b=b, relative=relative, median=middle, low=low, high=high, larger=larger
+                        )
+                    )
+        return tuple(out)
+
+    def table(self) -> Table:
+        """One row a specimen, failed ones included."""
+        names = sorted({(q, x.quantities[q].unit) for x in self.finished for q in x.quantities})
+        columns = ["specimen", "state", "message", "seconds", "cause", "second_cause", "probability"]
+        columns += ["gap_share", "shrink", "misfit_share", "distance", "unusual_in", self.group or "lot"]
+        columns += [f"{q}_{s}" for q, _ in names for s in ("q05", "q50", "q95", "q05_lot", "q50_lot", "q95_lot")]
+        ranked = {x.name: x for x in self.unusual}
+        rows: list[tuple[Cell, ...]] = []
+        for x in self.finished:
+            state = "finished" if x.converged in (None, True) else "not converged"
+            some = (x.cause or "", x.second_cause or "", _number(x.probability))
+            row: list[Cell] = [x.name, state, x.message, x.seconds, *some, _number(x.gap_share), _number(x.shrink)]
+            odd = ranked.get(x.name)
+            row += [_number(x.misfit_share), np.nan if odd is None else odd.distance]
+            row += ["" if odd is None else " ".join(odd.notable), self.lots.get(x.name, "")]
+            for quantity, _ in names:
+                q, lot = x.quantities.get(quantity), self.shrunk.get(quantity, {}).get(x.name)
+                row += [np.nan] * 3 if q is None else [q.low, q.median, q.high]
+                row += [np.nan] * 3 if lot is None or not lot.usable else [lot.q05, lot.q50, lot.q95]
+            rows.append(tuple(row))
+        for name, reason in self.failures.items():
+            empty: list[Cell] = [np.nan, "", "", *[np.nan] * 5, "", self.lots.get(name, "")]
+            rows.append((name, "failed", reason, *empty, *[np.nan] * (len(columns) - 3 - len(empty))))
+        return Table("batch", "Specimens", tuple(columns), tuple(sorted(rows, key=lambda r: str(r[0]))))
+
+
+def lots_of(folder: Path, group: str) -> dict[str, str]:
+    """The lot of each specimen, from a column of FOLDER/specimens.csv.
+
+    Raises BatchError where the file, its column "specimen" or that of the lots is missing.
+    """
+    path = folder / "specimens.csv"
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError):
+        raise BatchError(
+            f'{path}: cannot be read; --group {group} takes lots from it: write a line "specimen,{group}" and below it '
+            "a line for each campaign folder"
+        ) from None
+    head = text.splitlines()[0] if text.strip() else ""
+    rows = list(csv.DictReader(io.StringIO(text), delimiter=";" if ";" in head else ","))
+    for name in ("specimen", group):
+        if not rows or name not in rows[0]:
+            known = ", ".join(rows[0]) if rows else "no rows"
+            raise BatchError(f'{path}: has no column "{name}" (it has {known}); add it, or name another with --group')
+    return {str(row["specimen"]).strip(): str(row[group] or "").strip() for row in rows}
+
+
+def summarised(
+    finished: tuple[Finished, ...], failures: Mapping[str, str], seed: int, group: str, lots: Mapping[str, str]
+) -> Batch:
+    """All that is said across specimens: populations, lots, who is unusual, and values shrunk within lots."""
+    every = populations(finished, seed)
+    by_lot = {}
+    for lot in sorted({lots[x.name] for x in finished if lots.get(x.name)}):
+        by_lot[lot] = populations(tuple(x for x in finished if lots.get(x.name) == lot), seed)
+    towards: dict[str, dict[str, Shrunk]] = {}
+    for found in by_lot.values() if group else [every]:
+        for q, p in found.items():
+            some = [x for x in finished if x.name in p.names]
+            draws = [SpecimenDraws(x.name, x.quantities[q].draws, x.quantities[q].prior) for x in some]
+            towards.setdefault(q, {}).update(shrunk(draws, p))
+    return Batch(finished, failures, every, rank_unusual(every), group, lots, by_lot, towards)
+
+
+def populations(finished: tuple[Finished, ...], seed: int = 0) -> dict[str, Population]:
+    """The population of every quantity that at least three specimens determine."""
+    out = {}
+    for name in dict.fromkeys(q for x in finished for q in x.quantities):
+        of = [(x.name, x.quantities[name]) for x in finished if name in x.quantities]
+        found = population([SpecimenDraws(n, q.draws, q.prior) for n, q in of], seed)
+        if found is not None:
+            out[name] = found
+    return out
+
+
+def _number(x: float | None) -> float:
+    return float("nan") if x is None else x

@@ -1,0 +1,74 @@
+"""An amplifier's limit is told from a specimen that yields, slides, or is recorded coarsely."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign.loops.checks import check_record
+from bayes_iwan.campaign.loops.clipping import limits_of_loops
+
+AMPLITUDES = (0.5, 1.0, 1.5)
+
+
+def sliding(amplitude, level, stiffness=60.0, spring=0.0, rate=1280.0, frequency=10.0, cycles=10):
+    """Force of an element that sticks, then slides at one force, on a sine."""
+    t = np.arange(int(cycles * rate / frequency)) / rate
+    u = amplitude * np.sin(2 * np.pi * frequency * t)
+    z = np.zeros_like(u)
+    for i in range(1, u.size):
+        z[i] = np.clip(z[i - 1] + stiffness * (u[i] - u[i - 1]), -level, level)
+    return t, u, z + spring * u
+
+
+def campaign_of(record, forces):
+    records = []
+    for a, (t, u, f) in zip(AMPLITUDES, forces, strict=True):
+        r = record(amplitude_mm=a, file=f"a{a:g}.csv", time_s=t)
+        records.append(replace(r, displacement_mm=u, force_N=f))
+    loops = [check_record(r)[1] for r in records]
+    return limits_of_loops(records, loops)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_sliding_at_one_force_is_not_clipped(record, noise):
+    rng = np.random.default_rng(0)
+    forces = [sliding(a, 5.0) for a in AMPLITUDES]
+    assert not campaign_of(record, [(t, u, f + noise * rng.standard_normal(f.size)) for t, u, f in forces])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_levels_that_differ_with_amplitude_are_a_specimen_s(record, noise):
+    """Clipped shapes, each at its own level."""
+    rng = np.random.default_rng(0)
+    out = []
+    for a in AMPLITUDES:
+        t, u, f = sliding(a, 5.0, stiffness=20.0, spring=6.0)
+        out.append((t, u, np.clip(f, -0.6 * f.max(), 0.6 * f.max()) + noise * rng.standard_normal(f.size)))
+    assert not campaign_of(record, out)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_one_level_in_every_test_that_reaches_it_is_clipped(record, noise):
+    rng = np.random.default_rng(0)
+    out = []
+    for a in AMPLITUDES:
+        t, u, f = sliding(a, 5.0, stiffness=20.0, spring=6.0)
+        out.append((t, u, np.clip(f, -8.5, 8.5) + noise * rng.standard_normal(f.size)))
+    found = campaign_of(record, out)
+    assert {x.file for x in found} == {"a1.csv", "a1.5.csv"}
+    assert all(x.channel == "force" and abs(x.level) == pytest.approx(8.5, abs=0.1) for x in found)
+
+
+def test_a_force_in_coarse_steps_is_not_clipped(record):
+    """A flat top of one recorded value, as a recorder with steps of a fiftieth of the range makes it."""
+    out = [(t, u, np.round(f / 0.25) * 0.25) for t, u, f in (sliding(a, 5.05, spring=0.4) for a in AMPLITUDES)]
+    assert not campaign_of(record, out)
+
+
+def test_a_displacement_that_dwells_at_its_ends_is_not_clipped(record):
+    out = []
+    for a in AMPLITUDES:
+        t, u, f = sliding(1.3 * a, 5.0, spring=2.0)
+        out.append((t, np.clip(u, -a, a), f))
+    assert not [x for x in campaign_of(record, out) if x.channel == "displacement"]

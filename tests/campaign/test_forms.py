@@ -1,0 +1,371 @@
+"""A known signal, written in every form that public programs write, comes back within the form's own rounding.
+
+Hypothesis draws the signal and how it is written: 12 examples a form, or as many as BAYES_IWAN_EXAMPLES says.
+"""
+
+import datetime
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bayes_iwan.campaign.importing import Recipe, import_tests
+
+EXAMPLES = int(os.environ.get("BAYES_IWAN_EXAMPLES", "12"))
+form = settings(
+    max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@st.composite
+def signals(draw):
+    """Rate (Hz), displacement (mm) and force (N) of a friction loop, of other frequency, size and length each time."""
+    rate = draw(st.sampled_from([200.0, 250.0, 1000.0, 1280.0]))
+    per_cycle = draw(st.integers(24, 90)) + draw(st.sampled_from([0.0, 0.37]))
+    cycles = draw(st.floats(5.3, 9.0))
+    amplitude = draw(st.floats(0.2, 3.0))
+    p = 2 * np.pi * np.arange(int(per_cycle * cycles)) / per_cycle + draw(st.floats(0.0, 6.0))
+    force = draw(st.floats(20.0, 3000.0)) * (np.sin(p + 0.4) + 0.15 * np.sin(3 * p + 0.9))
+    return rate, amplitude * np.sin(p), force
+
+
+def back(write, recipe=None, rtol=1e-6, shift=0, **options):
+    """Write into a folder by write(folder) -> path, import, and give the record."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = import_tests([write(Path(folder))], recipe or Recipe(), **options)
+    assert len(found) == 1
+    return found[0].record
+
+
+def same(record, rate, x, f, digits=5, time_digits=6):
+    """The record holds the signal within what so many digits behind the point round."""
+    n = record.time_s.size
+    assert abs(n - x.size) <= 1
+    np.testing.assert_allclose(record.displacement_mm, x[:n], atol=0.51 * 10.0**-digits + 1e-9 * np.abs(x).max())
+    np.testing.assert_allclose(record.force_N, f[:n], atol=0.51 * 10.0**-digits + 1e-9 * np.abs(f).max())
+    np.testing.assert_allclose(record.time_s - record.time_s[0], np.arange(n) / rate, atol=1.01 * 10.0**-time_digits)
+
+
+@form
+@given(
+    signals(),
+    st.sampled_from([";", "\t", "|", ","]),
+    st.sampled_from([".", ","]),
+    st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252", "gb18030"]),
+    st.sampled_from(["\n", "\r\n"]),
+    st.sampled_from(["brackets", "row below", "row above", "upper case", "underscore", "comma"]),
+    st.booleans(),
+    st.booleans(),
+)
+def test_text(signal, separator, decimal, encoding, end, units, quoted, thousands):
+    rate, x, f = signal
+    quoted = quoted or separator == decimal or (separator == "," and (thousands or units == "comma"))
+    heads = {
+        "brackets": ["Zeit [s]", "Weg (mm)", "Kraft {N}"],
+        "row below": ["Time", "Displacement", "Force"],
+        "row above": ["Time", "Displacement", "Force"],
+        "upper case": ["TIME (SEC)", "DISP (MM)", "LOAD (KN)"],
+        "underscore": ["t_s", "x_mm", "F_N"],
+        "comma": ["Time, s", "Displacement, mm", "Force, N"],
+    }[units]
+    scale = 1e-3 if units == "upper case" else 1.0
+
+    def number(value, digits):
+        text = f"{value:{',' if thousands else ''}.{digits}f}"
+        return text.translate(str.maketrans(",.", ".,")) if decimal == "," else text
+
+    def row(cells):
+        return separator.join(f'"{c}"' if quoted else c for c in cells)
+
+    lines = [row(heads)]
+    if units == "row below":
+        lines.append(row(["s", "mm", "N"]))
+    elif units == "row above":
+        lines.insert(0, row(["s", "mm", "N"]))
+    lines += [row([number(k / rate, 6), number(a, 6), number(b * scale, 8)]) for k, (a, b) in enumerate(zip(x, f))]
+    text = end.join([*lines, ""])
+
+    def write(folder):
+        (folder / "a.csv").write_bytes(text.encode(encoding))
+        return folder / "a.csv"
+
+    same(back(write), rate, x, f)
+
+
+@form
+@given(
+    signals(),
+    st.sampled_from(["24 h", "12 h", "date beside", "iso", "minutes", "us counter", "german"]),
+    st.integers(1, 40),
+)
+def test_stamps_through_midnight_and_rollover(signal, kind, before):
+    """The clock starts again `before` samples after the start; times go on."""
+    rate, x, f = signal
+    midnight = datetime.datetime(2024, 3, 1) - datetime.timedelta(seconds=before / rate)
+    stamps = [midnight + datetime.timedelta(seconds=round(k / rate, 6)) for k in range(x.size)]
+    formats = {"24 h": "%H:%M:%S.%f", "12 h": "%I:%M:%S.%f %p", "date beside": "%d.%m.%Y;%H:%M:%S.%f"}
+    formats |= {"iso": "%Y-%m-%dT%H:%M:%S.%f", "minutes": "%M:%S.%f", "german": "%d.%m.%Y %H:%M:%S,%f"}
+    head = "Datum;Zeit" if kind == "date beside" else "Zeit [us]" if kind == "us counter" else "Zeit"
+    if kind == "us counter":
+        cells = [f"{(2**32 - before * 1e6 / rate + k * 1e6 / rate) % 2**32:.1f}" for k in range(x.size)]
+    else:
+        cells = [stamp.strftime(formats[kind]) for stamp in stamps]
+    rows = "".join(f"{c};{a:.6f};{b:.6f}\n" for c, a, b in zip(cells, x, f))
+
+    def write(folder):
+        (folder / "a.csv").write_text(f"{head};Weg [mm];Kraft [N]\n{rows}")
+        return folder / "a.csv"
+
+    same(back(write), rate, x, f, time_digits=5)
+
+
+def _lvm(rate, x, f, columns, separator, decimal, late):
+    sep = {"Tab": "\t", "Comma": ","}[separator]
+    head = {"No": ["", ""], "One": ["", ""], "Multi": ["", "", ""]}[columns]
+    places = sep + sep.join(["{}", "", "{}"] if columns == "Multi" else ["{}", "{}"]) + sep
+    lines = ["LabVIEW Measurement" + sep, f"Separator{sep}{separator}", f"Decimal_Separator{sep}{decimal}"]
+    lines += [f"X_Columns{sep}{columns}", "***End_of_Header***" + sep, sep, f"Channels{sep}2" + sep * len(head)]
+    for key, a, b in (
+        ("Samples", x.size, x.size),
+        ("Y_Unit_Label", "mm", "N"),
+        ("X0", "0", f"{late / rate:.9f}"),
+        ("Delta_X", f"{1 / rate:.9f}", f"{1 / rate:.9f}"),
+    ):
+        lines.append(key + places.format(str(a).replace(".", decimal), str(b).replace(".", decimal)))
+    lines.append("***End_of_Header***" + sep)
+    names = ["X_Value", "Weg", "X_Value", "Kraft"] if columns == "Multi" else ["X_Value", "Weg", "Kraft"]
+    lines.append(sep.join([*names, "Comment"]))
+    for k, (a, b) in enumerate(zip(x, f)):
+        times = [f"{k / rate:.6f}", f"{(k + late) / rate:.6f}"]
+        cells = {"No": ["", f"{a:.6f}", f"{b:.6f}"], "One": [times[0], f"{a:.6f}", f"{b:.6f}"]}.get(
+            columns, [times[0], f"{a:.6f}", times[1], f"{b:.6f}"]
+        )
+        lines.append(sep.join(c.replace(".", decimal) for c in cells) + (sep + "remark" if k == 3 else ""))
+    return "\n".join([*lines, ""])
+
+
+@form
+@given(
+    signals(), st.sampled_from(["No", "One", "Multi"]), st.sampled_from([("Tab", "."), ("Tab", ","), ("Comma", ".")])
+)
+def test_labview(signal, columns, style):
+    rate, x, f = signal
+
+    def write(folder):
+        (folder / "a.lvm").write_text(_lvm(rate, x, f, columns, *style, 0))
+        return folder / "a.lvm"
+
+    same(back(write), rate, x, f)
+
+
+def _late(folder, form, rate, x, f, late):
+    """A file in which the force began `late` samples after the displacement, and says so."""
+    f = f[late:]
+    if form in ("tdms start", "tdms offset", "tdms groups"):
+        nptdms = pytest.importorskip("nptdms")
+        start = np.datetime64("2024-03-01T10:00:00.000000")
+        properties = [{"wf_increment": 1 / rate, "unit_string": unit} for unit in ("mm", "N")]
+        for k, one in enumerate(properties):
+            seconds = k * late / rate
+            offset = seconds if form == "tdms offset" else 0.0
+            one |= {
+                "wf_start_time": start + np.timedelta64(round(1e6 * (seconds - offset)), "us"),
+                "wf_start_offset": offset,
+            }
+        group = ("laser", "cell") if form == "tdms groups" else ("rig", "rig")
+        with nptdms.TdmsWriter(folder / "a.tdms") as writer:
+            writer.write_segment(
+                [
+                    nptdms.ChannelObject(group[k], n, v, properties[k])
+                    for k, (n, v) in enumerate((("Weg", x), ("Kraft", f)))
+                ]
+            )
+        return folder / "a.tdms"
+    if form == "uff":
+        pyuff = pytest.importorskip("pyuff")
+        for k, (label, values, unit) in enumerate((("Weg", x, "mm"), ("Kraft", f, "N"))):
+            data = {
+                "type": 58, "binary": 0, "func_type": 1, "rsp_node": k, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0,
+                "rsp_ent_name": "NONE", "id1": "run", "data": values, "x": (np.arange(values.size) + k * late) / rate,
+                "abscissa_spacing": 1, "abscissa_spec_data_type": 17, "ordinate_spec_data_type": 8,
+                "orddenom_spec_data_type": 0, "ordinate_axis_lab": label, "ordinate_axis_units_lab": unit,
+                "ord_data_type": 4, "abscissa_inc": 1 / rate, "abscissa_min": k * late / rate,
+            }  # fmt: skip
+            pyuff.UFF(str(folder / "a.uff")).write_sets([data], "add", force_double=True)
+        return folder / "a.uff"
+    if form.startswith("matlab"):
+        import scipy.io
+
+        a = {"t": np.arange(x.size) / rate, "weg_mm": x}
+        b = {"t": (np.arange(f.size) + late) / rate, "kraft_N": f}
+        scipy.io.savemat(folder / "a.mat", {"laser": a, "cell": b})
+        return folder / "a.mat"
+    n = f.size
+    table = zip(np.arange(n) / rate, x, (np.arange(n) + late) / rate, f)
+    rows = "".join(f"{a:.7f},{b:.6f},{c:.7f},{d:.6f}\n" for a, b, c, d in table)
+    if form == "lvm":
+        (folder / "a.lvm").write_text(_lvm(rate, x[:n], f, "Multi", "Tab", ".", late))
+        return folder / "a.lvm"
+    (folder / "a.csv").write_text("Time 1 [s],Weg [mm],Time 2 [s],Kraft [N]\n" + rows)
+    return folder / "a.csv"
+
+
+@form
+@given(
+    signals(),
+    st.sampled_from(["tdms start", "tdms offset", "tdms groups", "uff", "matlab", "csv", "lvm"]),
+    st.integers(1, 9),
+)
+def test_a_channel_that_starts_late_is_put_in_its_place(signal, form, late):
+    rate, x, f = signal
+    record = back(lambda folder: _late(folder, form, rate, x, f, late))
+    n = min(record.time_s.size, x.size - late)
+    assert n > 0.9 * (x.size - 2 * late)
+    tolerance = 1e-5 * np.abs(x).max() + 1e-6
+    np.testing.assert_allclose(record.displacement_mm[:n], x[late : late + n], atol=max(tolerance, 1e-3 * np.ptp(x)))
+    np.testing.assert_allclose(record.force_N[:n], f[late : late + n], atol=1e-3 * np.ptp(f))
+    assert any("aligned by start" in w for w in record.warnings)
+
+
+def _binary(folder, form, rate, x, f):
+    t = np.arange(x.size) / rate
+    if form == "tdms":
+        nptdms = pytest.importorskip("nptdms")
+        with nptdms.TdmsWriter(folder / "a.tdms") as writer:
+            channels = [("Weg", x, "mm"), ("Kraft", f / 1e3, "kN")]
+            writer.write_segment(
+                [nptdms.ChannelObject("g", n, v, {"unit_string": u, "wf_increment": 1 / rate}) for n, v, u in channels]
+            )
+        return folder / "a.tdms"
+    if form == "parquet":
+        pd = pytest.importorskip("pandas")
+        pytest.importorskip("pyarrow")
+        pd.DataFrame({"time_s": t, "weg_mm": x, "kraft_N": f}).to_parquet(folder / "a.parquet")
+        return folder / "a.parquet"
+    if form.startswith("xlsx"):
+        openpyxl = pytest.importorskip("openpyxl")
+        book = openpyxl.Workbook()
+        sheet = book.active
+        sheet.append(["Rig", 3])
+        if form == "xlsx":
+            sheet.append(["Time", "Weg", "Kraft"])
+            sheet.append(["s", "mm", "N"])
+            rows = zip(t.tolist(), x.tolist(), f.tolist())
+        else:
+            sheet.append(["Sampling rate [Hz]", rate])
+            sheet.append(["Weg [mm]", "Kraft [N]"])
+            rows = zip(x.tolist(), f.tolist())
+        for row in rows:
+            sheet.append(row)
+        book.create_sheet("remarks").append(["nothing here"])
+        book.save(folder / "a.xlsx")
+        return folder / "a.xlsx"
+    import scipy.io
+
+    if form == "matlab complex":
+        data = {"fs": rate, "weg_mm": x.astype(complex), "kraft_N": f.astype(complex)}
+    elif form == "matlab cell":
+        cell = np.empty((1, 1), dtype=object)
+        cell[0, 0] = {"t": t, "weg_mm": x, "kraft_N": f}
+        data = {"runs": cell}
+    elif form == "matlab struct array":
+        array = np.zeros((1, 1), dtype=[("t", object), ("weg_mm", object), ("kraft_N", object)])
+        array[0, 0] = (t, x, f)
+        data = {"run": array}
+    else:
+        import h5py
+
+        with h5py.File(folder / "a.mat", "w", userblock_size=512) as file:
+            references = file.create_group("#refs#")
+            for name, values in (("t", t), ("weg_mm", x), ("kraft_N", f)):
+                one = references.create_dataset(name, data=values[None])
+                one.attrs["MATLAB_class"] = np.bytes_("double")
+                field = file.create_dataset(f"run/{name}", (1, 1), dtype=h5py.ref_dtype)
+                field[0, 0] = one.ref
+        return folder / "a.mat"
+    scipy.io.savemat(folder / "a.mat", data)
+    return folder / "a.mat"
+
+
+@form
+@given(
+    signals(),
+    st.sampled_from(
+        ["tdms", "parquet", "xlsx", "xlsx rate", "matlab complex", "matlab cell", "matlab struct array", "matlab 7.3"]
+    ),
+)
+def test_binary_forms(signal, form):
+    rate, x, f = signal
+    same(back(lambda folder: _binary(folder, form, rate, x, f)), rate, x, f, digits=9)
+
+
+@form
+@given(signals(), st.sampled_from(["int16", "int32", "float32", "uint8"]))
+def test_wav(signal, dtype):
+    """A sample of 1 is what the user says that full scale is."""
+    from scipy.io import wavfile
+
+    rate, x, f = signal
+    scaled = np.column_stack([x / np.abs(x).max(), f / np.abs(f).max()]) * 0.99
+    top = {"int16": 32768.0, "int32": 2.0**31, "float32": 1.0, "uint8": 128.0}[dtype]
+    raw = scaled * top + (128.0 if dtype == "uint8" else 0.0)
+    stored = (np.rint(raw) if dtype != "float32" else raw).astype(dtype)
+    sizes = [float(np.abs(y).max() / 0.99) for y in (x, f)]
+    recipe = Recipe(
+        channels={"displacement": "1", "force": "2"},
+        units={"displacement": f"{sizes[0]!r} mm", "force": f"{sizes[1]!r} N"},
+    )
+
+    def write(folder):
+        wavfile.write(folder / "a.wav", int(rate), stored)
+        return folder / "a.wav"
+
+    record = back(write, recipe)
+    step = {"int16": 2.0**-15, "int32": 2.0**-30, "float32": 1e-7, "uint8": 2.0**-7}[dtype]
+    if record.force_N.size == f.size:  # else samples that repeat were taken for a held channel, and that is said
+        np.testing.assert_allclose(record.displacement_mm, x, atol=step * sizes[0])
+        np.testing.assert_allclose(record.force_N, f, atol=step * sizes[1])
+    else:
+        assert any("repeats each value" in w for w in record.warnings)
+
+
+@form
+@given(signals(), st.integers(2, 5))
+def test_a_held_channel_is_said_and_put_on_time(signal, times):
+    rate, x, f = signal
+    keep = x.size // times * times
+    held = np.repeat(x[:keep:times], times)
+    rows = "".join(f"{k / rate:.7f},{a:.7f},{b:.6f}\n" for k, (a, b) in enumerate(zip(held, f)))
+
+    def write(folder):
+        (folder / "a.csv").write_text("Time [s],Weg [mm],Kraft [N]\n" + rows)
+        return folder / "a.csv"
+
+    record = back(write)
+    assert any("repeats each value" in w for w in record.warnings)
+    at = np.rint(record.time_s * rate).astype(int)
+    np.testing.assert_allclose(record.displacement_mm, x[at], atol=1e-6)
+    np.testing.assert_allclose(record.force_N, f[at], atol=1e-5)
+
+
+@form
+@given(signals(), st.sampled_from(["9.91E+37", "9.9E37", "∞", "1.#INF", "OL", "999999"]), st.integers(1, 4))
+def test_overrange_is_missing_and_said(signal, code, wide):
+    rate, x, f = signal
+    over = np.zeros(x.size, dtype=bool)
+    for k in range(20, x.size - 10, 40):
+        over[k : k + wide] = True
+    cells = [code if o else f"{a:.7f}" for a, o in zip(x, over)]
+    rows = "".join(f"{k / rate:.7f};{a};{b:.6f}\n" for k, (a, b) in enumerate(zip(cells, f)))
+
+    def write(folder):
+        (folder / "a.csv").write_text("Time [s];Weg [mm];Kraft [N]\n" + rows, encoding="utf-8")
+        return folder / "a.csv"
+
+    record = back(write)
+    np.testing.assert_allclose(record.displacement_mm, x[~over], atol=1e-6)
+    assert any("left out" in w for w in record.warnings)

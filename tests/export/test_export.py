@@ -1,0 +1,156 @@
+"""`bayes-iwan export` and the results' own method: files, the card, and bad input in one line each."""
+
+import json
+import os
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import bayes_iwan as bi
+from bayes_iwan.cli import main
+from bayes_iwan.effects.channels import ChannelDelay
+from bayes_iwan.effects.specimen import ViscousDamping
+from bayes_iwan.export import TARGETS, ExportError, export, run
+from bayes_iwan.inference.results.posterior import Stop
+from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.inference.setup.settings import ModelSettings
+from bayes_iwan.physics import Simulator
+
+
+@pytest.fixture(scope="module")
+def posterior(made_up_campaign):
+    config = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+    return bi.identify(made_up_campaign, quick=True, seed=1, progress=False, config=config)
+
+
+@pytest.fixture(scope="module")
+def run_folder(posterior, tmp_path_factory):
+    from bayes_iwan.inference.results.run_files import write
+
+    folder = tmp_path_factory.mktemp("run")
+    write(posterior, folder)
+    return folder
+
+
+def test_the_command_writes_a_target_and_says_what_is_in_it(run_folder, tmp_path, capsys):
+    assert main(["export", str(run_folder), "--to", "c", "--out", str(tmp_path), "--draws", "3"]) == 0
+    said = capsys.readouterr().out
+    assert "Tested" in said and "isolator.c" in said
+    card = json.loads((tmp_path / "model_card.json").read_text())
+    assert card["schema"] == 1 and card["draws"] == 3 and card["effects"] == {}
+    assert card["frequency_hz"] == pytest.approx([10.0, 10.0], rel=1e-3)
+    assert card["amplitude_mm"] == pytest.approx([0.3, 1.0], rel=1e-2)
+    assert "force_zero" in card["left_out"] and card["unexplained_N"] > 0.0
+    source = (tmp_path / "isolator.c").read_text()
+    assert "#define ISOLATOR_SETS 4" in source and source.isascii()
+    assert main(["export", str(run_folder), "--to", "json", "--out", str(tmp_path)]) == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["isolator.json", "model_card.json", "model_card.txt"]
+
+
+def test_without_draws_it_is_the_point_alone(posterior, tmp_path):
+    posterior.export("json", tmp_path, draws=0)
+    assert bi.load(tmp_path).values["kp_N_mm"].shape == (1,)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"to": "simulink"}, "'simulink' is no target; choose one of c, fmu"),
+        ({"draws": -1}, "draws must be 0 or more"),
+        ({"result": "nowhere"}, "nowhere: no finished run there"),
+        ({"error": 7.0, "to": "opensees"}, "error must lie between 0 and 0.5"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(change, message, posterior, tmp_path):
+    given = {"result": posterior, "to": "c", "draws": 2, "error": 1e-3} | change
+    out = tmp_path / "out"
+    with pytest.raises(ValueError, match=message) as caught:
+        export(given["result"], given["to"], out, draws=given["draws"], error=given["error"])
+    assert "\n" not in str(caught.value) and not out.exists()
+
+
+def test_a_run_that_did_not_converge_is_refused(posterior, tmp_path):
+    unfinished = replace(posterior, converged=False, stop=Stop.BUDGET, message="R-hat 1.2 after 100 s")
+    with pytest.raises(ExportError, match=r"has not converged \(R-hat 1.2 after 100 s\)"):
+        unfinished.export("c", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused(posterior, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match="there is a file of this name"):
+        posterior.export("c", tmp_path / "file")
+    if os.geteuid() != 0:
+        (tmp_path / "locked").mkdir(mode=0o500)
+        with pytest.raises(ValueError, match="cannot be written to"):
+            posterior.export("c", tmp_path / "locked")
+
+
+def test_a_missing_compiler_is_one_line(posterior, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    with pytest.raises(ExportError, match="no C compiler; install one"):
+        posterior.export("fmu", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+class Spring(Simulator):
+    name = "spring"
+
+    def parameters(self, scales):
+        from scipy import stats
+
+        return (bi.Parameter("k_N_mm", "k", "N/mm", "stiffness", stats.lognorm(s=1.0, scale=scales.soft_N_mm)),)
+
+    def force(self, parameter_values, motion, effects=()):
+        return parameter_values["k_N_mm"][:, None, None] * motion.displacement_mm
+
+
+def test_a_simulator_of_ones_own_cannot_be_written_in_c_but_its_draws_can(made_up_campaign, tmp_path, draws):
+    problem = make_problem(bi.read_campaign(made_up_campaign).loops(), None, Spring())
+    source = run.Source(problem=problem, z=draws(problem, 3), campaign=None, method="", seed=0, unexplained=(0.0, 0.0))
+    for target in TARGETS:
+        if target == "json":
+            files, _ = run.files_of(source, "json", False, 1e-3)
+            assert len(json.loads(files["isolator.json"])["parameters"][0]["draws"]) == 2
+        else:
+            with pytest.raises(ExportError, match="a simulator of your own, which cannot be written in C"):
+                run.files_of(source, target, False, 1e-3)
+
+
+@pytest.fixture
+def fit(problem_of):
+    """What a diagnosis holds of its fit with all named effects: viscous damping, and a delay of the channels."""
+    problem = problem_of(grip="constant", stiffness="constant")
+    effects = [kind(problem.scales) for kind in (ViscousDamping, ChannelDelay)]
+    problem = problem.with_effects([replace(e, strength_value=e.first_guess()) for e in effects])
+    z = np.zeros(problem.ndim)
+    return SimpleNamespace(problem=problem, z=z, covariance=0.01 * np.eye(len(z)), effects=problem.effects)
+
+
+def test_a_diagnosis_is_exported_with_its_named_effects(fit, tmp_path):
+    after = SimpleNamespace(rms_N=0.03, share=0.01)
+    found = SimpleNamespace(fit=fit, budget=SimpleNamespace(after=after), campaign=None, seed=1)
+    export(found, "c", tmp_path, draws=2)
+    card = json.loads((tmp_path / "model_card.json").read_text())
+    assert set(card["effects"]) == {"viscous_damping"} and "channel_delay" in card["left_out"]
+    assert card["unexplained_N"] == 0.03
+    assert "viscous_damping_c_N_s_mm" in (tmp_path / "isolator.c").read_text()
+
+
+def test_the_folder_of_a_diagnosis_needs_its_campaign(fit, problem_of, tmp_path):
+    saved_fits = pytest.importorskip("bayes_iwan.gap.telling.saved_fits")
+    size = SimpleNamespace(share=0.01, length=1.0, along=0.01, spectrum=(), along_spectrum=(), between=(1.0, 1.0, 0.5))
+    fits = {frozenset({"viscous_damping", "channel_delay"}): SimpleNamespace(**vars(fit), size=size)}
+    settings = bi.DiagnoseSettings(model=ModelSettings(grip="constant", stiffness="constant"))
+    run_of, campaign = tmp_path / "run", tmp_path / "campaign"
+    saved_fits.write_fits(run_of / "fits.json", fits, fit.problem.scales, settings, None, None)
+    with pytest.raises(ExportError, match="name its campaign as well"):
+        export(run_of, "json", tmp_path / "out")
+    plan = [bi.PlannedTest(f, a, cycles=6) for f in (8.0, 20.0) for a in (0.4, 1.0)]
+    bi.simulate_campaign(plan, seed=1).write(campaign)
+    export(run_of, "json", tmp_path / "out", draws=4, campaign=campaign)
+    model = bi.load(tmp_path / "out")
+    assert [e.name for e in model.effects] == ["viscous_damping"] and model.values["kp_N_mm"].shape == (5,)

@@ -1,0 +1,74 @@
+"""Each effect's law in time against its law over closed loops, once the motion is steady; and effects without one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.effects import catalogue, conditions, lag, mounting, paper, specimen
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.export import round_trip as rt
+from bayes_iwan.export.device import ExportError, device_of
+from bayes_iwan.export.laws import LAWS, OF_THE_RIG
+from bayes_iwan.physics import sine_motion
+
+HZ, AMPLITUDE, STEPS = 12.0, 0.9, 100
+#: laws with slow parts need many cycles until they are steady
+SLOW = {specimen.MaxwellBranch: 300, lag.NormalForceLagFromStart: 300}
+#: where the law in time is not the same, by how much the force may differ: a play's soft ends are hard in time
+OTHER = {mounting.FreePlay: 1e-2}
+
+
+def made(kind, problem):
+    """The effect on a problem's scales."""
+    more = {"condition": "pressure_bar", "values": (1.0, 2.0)} if issubclass(kind, conditions.FollowsCondition) else {}
+    return kind(problem.scales, tuple(x.file for x in problem.loops), None, **more)
+
+
+@pytest.mark.usefixtures("compiler")
+@pytest.mark.parametrize("kind", LAWS, ids=lambda kind: kind.__name__)
+def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported, draws):
+    classical = {"grip": "constant", "stiffness": "constant"} if kind in paper.EFFECTS else {"embedded": True}
+    problem = problem_of(**classical)
+    problem = problem.with_effects([made(kind, problem)])
+    z, cycles, w = draws(problem, 3, seed=2), SLOW.get(kind, 20), 2 * np.pi * HZ
+    isolator = rt.module(exported(problem, z))
+    motion = sine_motion(frequency_hz=HZ, amplitude_mm=AMPLITUDE, samples=10 * STEPS)
+    motion = replace(motion, cycle=np.array([cycles - 0.5]))
+    values = problem.parameter_values(z)
+    ours, friction = rt.steady_loops(problem, values, motion)[:, 0], problem.friction_force(values, motion)[:, 0]
+    t = np.arange(1, cycles * STEPS + 1) / STEPS / HZ
+    u, v, a = AMPLITUDE * np.sin(w * t), 1e-3 * AMPLITUDE * w * np.cos(w * t), -1e-3 * AMPLITUDE * w**2 * np.sin(w * t)
+    for d in range(len(z)):
+        force = rt.in_c(isolator)(d, 1 / HZ / STEPS, 1e-3 * u, v, a, 1e-3 * AMPLITUDE)[-STEPS:]
+        difference = force - np.roll(ours[d, ::10], -1)
+        assert np.sqrt(np.mean(difference**2) / np.mean(friction[d] ** 2)) < OTHER.get(kind, 1e-3)
+
+
+def test_every_effect_of_the_catalogue_is_exported_or_left_out_for_a_reason():
+    known = {*LAWS, *OF_THE_RIG}
+    every = {*catalogue.BUILT_IN, *catalogue.FORM, *paper.EFFECTS, *conditions.EFFECTS}
+    assert every == known
+
+
+def test_the_rigs_effects_are_left_out_and_named(problem_of, draws):
+    problem = problem_of()
+    with_rig = problem.with_effects([made(k, problem) for k in (specimen.ViscousDamping, mounting.RigCompliance)])
+    device = device_of(with_rig, draws(with_rig, 2), (8.0, 20.0))
+    assert set(device.named) == {"viscous_damping"} and set(device.left_out) == {"rig_compliance"}
+
+
+def test_an_effect_without_a_law_in_time_is_refused_in_one_line(problem_of, draws):
+    class Odd(Effect):
+        name, strength, physics, reference, signature = "odd", ("x", "x", "N", "odd"), "", "", ""
+
+        def first_guess(self):
+            return 1.0
+
+        def force(self, force_N, motion, parameter_values):
+            return force_N + self.get(parameter_values, "x")
+
+    problem = problem_of()
+    problem = problem.with_effects([Odd(problem.scales)])
+    with pytest.raises(ExportError, match="effect odd has no law in time"):
+        device_of(problem, draws(problem, 1), (8.0, 20.0))
