@@ -10,7 +10,6 @@ OVER = 9e36  # SCPI writes 9.9E37 and 9.91E37 where the range is passed or there
 FAR = 20.0  # times the range of all other values: a code, no measurement
 FEW_LEVELS = 500  # over a channel's range: fewer are said
 LATTICE = 0.03  # of a step that values may be off its multiples
-HELD = 0.9  # of the runs of equal values have one length
 
 
 def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
@@ -48,7 +47,7 @@ def without_repeats(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
         return values, ()
     usual = int(np.bincount(length).argmax())
     mean = float(length.mean())
-    whole = usual > 1 and np.mean(length % usual == 0) > 0.97 and np.mean(length == usual) > 0.7
+    whole = usual > 1 and np.mean(length % usual == 0) > 0.97 and np.mean(length == usual) > 0.4
     low = int(np.floor(mean))
     broken = 1.2 < mean and np.mean((length == low) | (length == low + 1)) > 0.97 and np.mean(length == low) < 0.9
     jumps = np.abs(np.diff(values[change]))
