@@ -12,7 +12,7 @@ from bayes_iwan.export.c_code import filled, template
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import Device, ExportError, elements
 from bayes_iwan.export.laws import LAWS
-from bayes_iwan.export.round_trip import steady_loops
+from bayes_iwan.export.tested import steady_loops
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.physics.kernels import sliders
 
