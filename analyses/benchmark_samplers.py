@@ -106,7 +106,7 @@ def package(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: 
 
 
 def emcee_side(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
-    """emcee with the side move (arXiv 2505.02987): a walker moves by the difference of two others, its length normal."""
+    """emcee with the side move (arXiv 2505.02987): a walker moves by a random part of the difference of two others."""
     from emcee.moves.red_blue import RedBlueMove
 
     class SideMove(RedBlueMove):
