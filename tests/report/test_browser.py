@@ -7,9 +7,11 @@ import re
 import shutil
 
 import pytest
+from layout import run_browser, unescaped
 from pypdf import PdfReader
 
 from bayes_iwan.report import predict
+from bayes_iwan.report.browser import print_pdf
 
 BROWSER = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p), None)
 pytestmark = [
