@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 
 import bayes_iwan as bi
-from bayes_iwan.export import round_trip as rt
+import export_courses as rt
 from bayes_iwan.export.run import source_of
+from bayes_iwan.export.tested import steady_loops
 from bayes_iwan.physics.interface.motion import motion_of
 from bayes_iwan.physics.interface.simulator import FORCE_ZERO
 
@@ -71,7 +72,7 @@ def main() -> None:
         source = source_of(posterior, args.draws)
         values = posterior.problem.parameter_values(source.z)
         zero = values[FORCE_ZERO][:, None, None]
-        ours = rt.steady_loops(posterior.problem, values, motion_of(held)) + zero
+        ours = steady_loops(posterior.problem, values, motion_of(held)) + zero
         theirs = exported_loops(folder, held, args.draws) + zero
         measured = np.stack([x.force_N for x in held])
         difference = np.sqrt(np.mean((theirs - ours) ** 2, axis=2) / np.mean(ours**2, axis=2)).max()

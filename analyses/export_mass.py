@@ -4,8 +4,7 @@
 
 RUN is a folder of `bayes-iwan identify` (default: data/rope_spring, identified quickly without embedded model error,
 which design_isolator.py does not know). A sine of the base is stepped from low to high; u is the isolator's stretch,
-and A of Eq. (11) the largest |u| of the last cycle, as there. design_isolator.py follows 64 stop elements, the export
-all.
+and A of Eq. (11) the largest |u| of the last cycle, as there. It follows 64 stop elements, the export all.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import bayes_iwan as bi
-from bayes_iwan.export import round_trip as rt
+import export_courses as rt
 from bayes_iwan.report.style import BLUE, ORANGE, save, styled, subplots
 from design_isolator import STEP_S, element_values, sweep
 from export_targets import MJCF, Unavailable, exported, needed

@@ -5,7 +5,8 @@
 RUN is a folder of `bayes-iwan identify`; without one, data/rope_spring is identified quickly (Laplace's draws), once
 with the default model and once with a constant normal force (for OpenSees). Four motions (steady cycles, a random
 record, a staircase, a shock), 20, 50 and 100 steps a cycle of their highest frequency; each figure is the largest over
-the draws. Then: variable and rejected steps in the FMU, a million cycles, and the work of closed cycles.
+the draws.
+Then: variable and rejected steps in the FMU, a million cycles, and the work of closed cycles.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from pathlib import Path
 import numpy as np
 
 import bayes_iwan as bi
-from bayes_iwan.export import round_trip as rt
+import export_courses as rt
 from bayes_iwan.export import run as export_run
+from bayes_iwan.export.tested import steady_loops
 from bayes_iwan.physics import Model
 from export_targets import Unavailable, drake_force, fmu_force, mujoco_force, opensees_force, plugin_force
 
@@ -57,7 +59,7 @@ def json_difference(posterior: bi.Posterior, folder: Path, draws: int) -> float:
     model = bi.load(posterior.export("json", folder, draws=draws))
     motion = posterior.problem.motion
     source = export_run.source_of(posterior, draws)
-    ours = rt.steady_loops(posterior.problem, posterior.problem.parameter_values(source.z), motion)
+    ours = steady_loops(posterior.problem, posterior.problem.parameter_values(source.z), motion)
     return float(np.abs(model.force(motion) - ours).max() / np.sqrt(np.mean(ours**2)))
 
 

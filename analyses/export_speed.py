@@ -3,8 +3,7 @@
     python analyses/export_speed.py [RUN]
 
 RUN is a folder of `bayes-iwan identify` (default: data/rope_spring, identified quickly). Beside it a constant normal
-force with stop elements for errors of 1e-2 to 1e-5, which the step's cost must not follow. A missing simulator is
-named.
+force with stop elements for errors of 1e-2 to 1e-5, which the step's cost must not follow.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import bayes_iwan as bi
-from bayes_iwan.export import round_trip as rt
+import export_courses as rt
 from export_round_trip import CLASSICAL
 from export_targets import MJCF, Unavailable, exported, fmu_force, needed, opensees_force, plugin_force
 

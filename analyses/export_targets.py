@@ -1,6 +1,6 @@
 """Forces of an exported device for a given motion, computed in each simulator; for export_round_trip.py and tests.
 
-Each function takes the folder of an export and returns a :data:`bayes_iwan.export.round_trip.Force`. Raises
+Each function takes the folder of an export and returns a :data:`export_courses.Force`. Raises
 Unavailable, with what to install, where a simulator is missing.
 """
 
@@ -16,7 +16,7 @@ from types import ModuleType
 
 import numpy as np
 
-from bayes_iwan.export.round_trip import Force
+from export_courses import Force
 
 
 class Unavailable(RuntimeError):

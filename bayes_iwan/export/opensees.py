@@ -12,11 +12,17 @@ from bayes_iwan.export.c_code import filled, template
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import Device, ExportError, elements
 from bayes_iwan.export.laws import LAWS
-from bayes_iwan.export.round_trip import steady_loops
+from bayes_iwan.export.tested import steady_loops
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.physics.kernels import sliders
 
 NAMES = ("isolator_opensees.py",)
+#: what the card says in the place of the step's
+DISCRETISATION = "slip forces are lumped into as many springs as a stated error of the backbone asks"
+STEP = (
+    "a hundredth of the shortest cycle in the motion, or less: a material sees no velocity, so it misses where between "
+)
+STEP += "two steps a motion turns"
 
 
 def files(
@@ -52,7 +58,6 @@ def files(
     notes += (
         f"{min(counts)} to {max(counts)} springs, so many that the backbone is within {100 * error:.2g} % of the mean "
         "slip force; set error= for fewer or more",
-        "a material sees displacements only, so a reversal inside a step is missed: take 100 steps a cycle and more",
     )
     text = replace(card, target=notes).text()
     return {

@@ -123,6 +123,7 @@ def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[
     if to == "json":
         return {**json_file.files(problem, source.z, card)}, card
     if to == "opensees":
+        card = replace(card, discretisation=opensees.DISCRETISATION, step=opensees.STEP)
         springs, notes = opensees.files(device, problem, source.z, card, approximate=approximate, error=error)
         return {**springs}, replace(card, target=notes)
     beside: dict[str, Callable[[Device, Card], tuple[dict[str, str | bytes], tuple[str, ...]]]] = {

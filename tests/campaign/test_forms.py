@@ -13,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.importing import Recipe, import_tests
 
 EXAMPLES = int(os.environ.get("BAYES_IWAN_EXAMPLES", "12"))
@@ -39,6 +40,15 @@ def back(write, recipe=None, rtol=1e-6, shift=0, **options):
         found = import_tests([write(Path(folder))], recipe or Recipe(), **options)
     assert len(found) == 1
     return found[0].record
+
+
+def back_or_said(write, words):
+    """The same; None where too little is left of the record, and that is said."""
+    try:
+        return back(write)
+    except CampaignError as error:
+        assert words in str(error)
+        return None
 
 
 def same(record, rate, x, f, digits=5, time_digits=6):
@@ -345,7 +355,9 @@ def test_a_held_channel_is_said_and_put_on_time(signal, times):
         (folder / "a.csv").write_text("Time [s],Weg [mm],Kraft [N]\n" + rows)
         return folder / "a.csv"
 
-    record = back(write)
+    record = back_or_said(write, "samples a cycle")
+    if record is None:
+        return
     assert any("repeats each value" in w for w in record.warnings)
     at = np.rint(record.time_s * rate).astype(int)
     np.testing.assert_allclose(record.displacement_mm, x[at], atol=1e-6)
@@ -366,6 +378,8 @@ def test_overrange_is_missing_and_said(signal, code, wide):
         (folder / "a.csv").write_text("Time [s];Weg [mm];Kraft [N]\n" + rows, encoding="utf-8")
         return folder / "a.csv"
 
-    record = back(write)
+    record = back_or_said(write, "lost to gaps")
+    if record is None:
+        return
     np.testing.assert_allclose(record.displacement_mm, x[~over], atol=1e-6)
-    assert any("left out" in w for w in record.warnings)
+    assert any("dropped" in w for w in record.warnings)

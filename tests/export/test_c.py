@@ -5,7 +5,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from bayes_iwan.export import round_trip as rt
+import export_courses as rt
 
 pytestmark = pytest.mark.usefixtures("compiler")
 

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import export_courses as rt
 from bayes_iwan.effects import catalogue, conditions, lag, mounting, paper, specimen
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.export import round_trip as rt
 from bayes_iwan.export.device import ExportError, device_of
 from bayes_iwan.export.laws import LAWS, OF_THE_RIG
+from bayes_iwan.export.tested import steady_loops
 from bayes_iwan.physics import sine_motion
 
 HZ, AMPLITUDE, STEPS = 12.0, 0.9, 100
@@ -36,7 +37,7 @@ def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported
     motion = sine_motion(frequency_hz=HZ, amplitude_mm=AMPLITUDE, samples=10 * STEPS)
     motion = replace(motion, cycle=np.array([cycles - 0.5]))
     values = problem.parameter_values(z)
-    ours, friction = rt.steady_loops(problem, values, motion)[:, 0], problem.friction_force(values, motion)[:, 0]
+    ours, friction = steady_loops(problem, values, motion)[:, 0], problem.friction_force(values, motion)[:, 0]
     t = np.arange(1, cycles * STEPS + 1) / STEPS / HZ
     u, v, a = AMPLITUDE * np.sin(w * t), 1e-3 * AMPLITUDE * w * np.cos(w * t), -1e-3 * AMPLITUDE * w**2 * np.sin(w * t)
     for d in range(len(z)):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import bayes_iwan as bi
+import export_courses as rt
 import export_targets as simulators
-from bayes_iwan.export import round_trip as rt
 from bayes_iwan.export.device import ExportError, device_of, elements
 from bayes_iwan.export.json_file import ExportedModel
+from bayes_iwan.export.tested import steady_loops
 
 CLASSICAL = {"slip": "gamma3", "grip": "constant", "stiffness": "constant"}
 
@@ -68,7 +69,7 @@ def test_an_fmu_is_simulated_by_fmpy_itself(problem_of, exported, draws):
     assert np.array_equal(forces[0], forces[2]) and np.array_equal(forces[1], forces[3])
     assert not np.array_equal(forces[0], forces[1]), "A is a parameter"
     motion = bi.sine_motion(frequency_hz=10.0, amplitude_mm=0.5, samples=400)
-    ours = rt.steady_loops(problem, problem.parameter_values(draws(problem, 1)), motion)[0, 0]
+    ours = steady_loops(problem, problem.parameter_values(draws(problem, 1)), motion)[0, 0]
     # fmpy sets inputs before a step and reads outputs after it: the force is what these inputs lead to
     assert np.std(forces[1][401:801] - np.roll(ours, -1)) < 2e-3 * np.std(ours)
 
@@ -121,7 +122,7 @@ def test_json_is_read_back_as_it_was(problem_of, exported, draws):
     for given in (path, path.parent):
         model = bi.load(given)
         assert isinstance(model, ExportedModel)
-        ours = rt.steady_loops(problem, problem.parameter_values(z), problem.motion)
+        ours = steady_loops(problem, problem.parameter_values(z), problem.motion)
         assert np.array_equal(model.force(problem.motion), ours)
     assert model.covariance.shape == (len(model.names), len(model.names))
     assert model.covariance[0, 0] == pytest.approx(np.var(model.values[model.names[0]][1:], ddof=1))

@@ -44,8 +44,9 @@ def test_next_test_separates_two_models_within_reach(kit):
     delay, base = found.fit({"channel_delay"}), found.base
     plan = next_test(found.data, delay, base, ("channel_delay", "none"), ["bench action"], RigLimits())
     f, a = [x.frequency_hz for x in found.data.loops], [x.amplitude_mm for x in found.data.loops]
-    assert min(f) - 0.01 <= plan.frequency_hz <= max(f) + 0.01  # nothing is stated of the rig: the range measured
-    assert min(a) - 0.001 <= plan.amplitude_mm <= max(a) + 0.001
+    # nothing is stated of the rig: the range measured, to three digits
+    assert 0.995 * min(f) <= plan.frequency_hz <= 1.005 * max(f)
+    assert 0.995 * min(a) <= plan.amplitude_mm <= 1.005 * max(a)
     assert plan.expected_log_odds > 4.0 and plan.bench == "" and plan.cycles >= 20
     assert plan.separates == ("channel_delay", "none")
 

@@ -13,7 +13,7 @@ from bayes_iwan.report.browser import print_pdf
 
 from .layout import BROWSER, NO_BROWSER, run_browser, unescaped
 
-pytestmark = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
+pytestmark = [pytest.mark.usefixtures("no_figure_files"), pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)]
 
 # runs in the page after its own scripts; what it finds goes into an element that --dump-dom brings back
 CHECK = """

@@ -10,7 +10,6 @@ OVER = 9e36  # SCPI writes 9.9E37 and 9.91E37 where the range is passed or there
 FAR = 20.0  # times the range of all other values: a code, no measurement
 FEW_LEVELS = 500  # over a channel's range: fewer are said
 LATTICE = 0.03  # of a step that values may be off its multiples
-HELD = 0.9  # of the runs of equal values have one length
 
 
 def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
@@ -19,7 +18,7 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
     notes = []
     if n := int(np.count_nonzero(over)):
         notes.append(
-            f"{n} sample(s) of {name!r} say that the range was passed (infinite, or 9.9E37): left out, so the highest "
+            f"{n} sample(s) of {name!r} say that the range was passed (infinite, or 9.9E37): dropped, so the highest "
             "values are missing. Raise the range (lower the gain) and record again"
         )
         values = np.where(over, np.nan, values)
@@ -30,9 +29,7 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
         if 1 < n < 0.5 * known.size and others.size > 8:
             middle, span = float(np.median(others)), float(np.ptp(others))
             if span > 0 and abs(code - middle) > FAR * span:
-                notes.append(
-                    f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, left out"
-                )
+                notes.append(f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, dropped")
                 values = np.where(values == code, np.nan, values)
     return values, tuple(notes)
 
@@ -48,7 +45,7 @@ def without_repeats(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
         return values, ()
     usual = int(np.bincount(length).argmax())
     mean = float(length.mean())
-    whole = usual > 1 and np.mean(length % usual == 0) > 0.97 and np.mean(length == usual) > 0.7
+    whole = usual > 1 and np.mean(length % usual == 0) > 0.97 and np.mean(length == usual) > 0.4
     low = int(np.floor(mean))
     broken = 1.2 < mean and np.mean((length == low) | (length == low + 1)) > 0.97 and np.mean(length == low) < 0.9
     jumps = np.abs(np.diff(values[change]))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import glob
+import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from bayes_iwan.campaign.importing.excel import read_excel
@@ -50,3 +53,25 @@ def read_file(path: Path, layout: Layout) -> list[Recording]:
     if not any(x.channels for x in out):
         raise CampaignError(f"{file}: no signals of {FEWEST_SAMPLES} samples or more in it")
     return [x for x in out if x.channels]
+
+
+def expanded(files: Sequence[str | os.PathLike[str]]) -> list[Path]:
+    """Files, the files of folders, and those that patterns match, each once. Raises CampaignError for none."""
+    out: list[Path] = []
+    for name in (str(os.fspath(x)) for x in files):
+        path = Path(name)
+        if path.is_dir():
+            some = [p for p in sorted(path.iterdir()) if p.is_file() and not p.name.startswith((".", "~$"))]
+            some = [
+                p for p in some if p.suffix.lower() not in (".toml", ".md", ".html", ".json", ".tdms_index", ".png")
+            ]
+            if (path / "campaign.toml").exists():
+                raise CampaignError(f'{name}: is a campaign already; run: bayes-iwan check "{name}"')
+        elif not path.exists() and any(c in name for c in "*?["):
+            some = [Path(p) for p in sorted(glob.glob(name, recursive=True)) if Path(p).is_file()]
+        else:
+            some = [path]
+        if not some:
+            raise CampaignError(f"{name}: no files there")
+        out += [p for p in some if p not in out]
+    return out

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -16,17 +15,18 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import NO_TIME, TRANSDUCER, Assigned, assign, matching, named
-from bayes_iwan.campaign.importing.clocks import Series, counted_on, on_rate, paired, runs
+from bayes_iwan.campaign.importing.clocks import Series, counted_on, paired, runs
 from bayes_iwan.campaign.importing.defects import coarse_steps, without_codes, without_repeats
 from bayes_iwan.campaign.importing.joining import joined
 from bayes_iwan.campaign.importing.questions import ImportAsks, Question
-from bayes_iwan.campaign.importing.read import read_file
+from bayes_iwan.campaign.importing.read import expanded, read_file
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.units import ROLES, converted, decimal_point, is_ratio, is_volts, role_of
+from bayes_iwan.campaign.importing.scaling import scaled, times_of
+from bayes_iwan.campaign.importing.units import ROLES, is_ratio, is_volts, role_of
 from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
-from bayes_iwan.campaign.loops.checks import check_epoch, check_record, check_time, step_warnings
+from bayes_iwan.campaign.loops.checks import check_record, check_time, step_warnings
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
@@ -34,7 +34,6 @@ from bayes_iwan.campaign.timing.drift import without_drift
 from bayes_iwan.campaign.timing.drive import judge, split_levels, staircase_said
 
 ACCELERATION_COLUMNS = {"mm": "acceleration_m_s2", "mrad": "acceleration_rad_s2"}
-SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other
 NO_FREQUENCY_HZ = 1e-9
 #: digits of what campaign.toml states; it names the test, so that 0.9962 and 1.003 mm belong together as 1 mm
 FREQUENCY_DIGITS, AMPLITUDE_DIGITS = 4, 2
@@ -107,28 +106,6 @@ def import_tests(
         raise CampaignError(str(error).replace("delete one [[test]]", "leave one out of the import")) from None
     records = _held_out(joint, held_out)
     return tuple(replace(test, record=record) for test, record in zip(tests, records))
-
-
-def expanded(files: Sequence[str | os.PathLike[str]]) -> list[Path]:
-    """Files, the files of folders, and those that patterns match, each once. Raises CampaignError for none."""
-    out: list[Path] = []
-    for name in (str(os.fspath(x)) for x in files):
-        path = Path(name)
-        if path.is_dir():
-            some = [p for p in sorted(path.iterdir()) if p.is_file() and not p.name.startswith((".", "~$"))]
-            some = [
-                p for p in some if p.suffix.lower() not in (".toml", ".md", ".html", ".json", ".tdms_index", ".png")
-            ]
-            if (path / "campaign.toml").exists():
-                raise CampaignError(f'{name}: is a campaign already; run: bayes-iwan check "{name}"')
-        elif not path.exists() and any(c in name for c in "*?["):
-            some = [Path(p) for p in sorted(glob.glob(name, recursive=True)) if Path(p).is_file()]
-        else:
-            some = [path]
-        if not some:
-            raise CampaignError(f"{name}: no files there")
-        out += [p for p in some if p not in out]
-    return out
 
 
 def _named_parts(recordings: Sequence[Recording], recipe: Recipe) -> list[Recording]:
@@ -281,6 +258,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     where = recording.where
     said = [f"{where} ({'; '.join(recording.notes)}): {found.motion.values.size} samples"]
     warnings: tuple[str, ...] = ()
+    codes: tuple[str, ...] = ()
     series: list[Series] = []
     in_units: list[str] = []
     lines: list[str] = []
@@ -288,10 +266,11 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         (found.motion, found.role, found.motion_time),
         (found.force, "force", found.force_time),
     ):
-        raw, codes = without_codes(channel.values, channel.name)
+        raw, found_codes = without_codes(channel.values, channel.name)
+        codes += found_codes
         raw, held = without_repeats(raw, channel.name)
-        values, unit, line = _scaled(replace(channel, values=raw), role, recipe, where)
-        warnings += (*codes, *held, *coarse_steps(values, channel.name, unit))
+        values, unit, line = scaled(replace(channel, values=raw), role, recipe, where)
+        warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit))
         said.append(line)
         in_units.append(unit)
         if time is found.motion_time and series and (time is not None or _alike(found.motion, found.force)):
@@ -302,7 +281,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
                     f"{values.size}, and nothing says when each was taken; export them with their times"
                 )
             continue
-        times, rate, more = _time(channel, time, recording, recipe)
+        times, rate, more = times_of(channel, time, recording, recipe)
         lines += more
         series.append(Series(channel.name, times, values, rate))
     missing = [
@@ -312,7 +291,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     time_s, motion_values, force_values, how = paired(series[0], series[1], where)
     said += [*dict.fromkeys(lines), *found.notes]
     if any(missing):
-        said.append(f"{max(missing)} sample(s) without a number left out: the gaps are bridged")
+        said.append(f"{max(missing)} sample(s) without a number dropped: the gaps are bridged")
     warnings += how
     rate = series[0].rate_hz if series[0].rate_hz == series[1].rate_hz else None
     if rate is not None and abs(float(np.median(np.diff(time_s))) * rate - 1) > 0.01:
@@ -330,7 +309,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     level = motion_values
     if found.role == "displacement":
         level, drift = without_drift(time_s, motion_values)
-        if split and drift:  # levels are told by crossings, which a drift moves; else it is for who reads the campaign
+        if split and drift:  # levels are found by crossings, which a drift moves; else it is for who reads the campaign
             motion_values, warnings = level, (*warnings, *drift)
     record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units)
     drive = None if split else judge(time_s, level)
@@ -345,8 +324,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             checked, loop = check_record(named)
         except CampaignError as error:
             if len(pieces) == 1:
-                raise
-            dropped = (*dropped, f"left out: {error}")
+                raise CampaignError(" ".join((f"{error}.", *codes)).rstrip(".")) from None
+            dropped = (*dropped, f"dropped: {error}")
             continue
         columns = {
             "time_s": named.time_s,
@@ -380,73 +359,6 @@ def _named(record: Record) -> Record:
         frequency_hz=float(f"{found.frequency_hz:.{FREQUENCY_DIGITS}g}"),
         amplitude_mm=float(f"{found.amplitude_mm:.{AMPLITUDE_DIGITS}g}"),
     )
-
-
-def _scaled(channel: Channel, role: str, recipe: Recipe, where: str) -> tuple[Array, str, str]:
-    """A channel in the campaign's working unit, that unit, and a line that says what was done."""
-    stated_unit = recipe.units.get(role, channel.unit)
-    sensitivity, gain = recipe.sensitivities.get(role, ""), float(recipe.gains.get(role, 1.0))
-    values, unit = converted(channel.values, stated_unit, sensitivity, role, f"{where}: {channel.name!r}")
-    values = values / (-gain if role in recipe.reverse else gain)
-    how = [stated_unit or "no unit: taken for V"]
-    how += [decimal_point(sensitivity)] if sensitivity else []
-    how += [f"gain {gain:g}"] if gain != 1.0 else []
-    how += ["reversed"] if role in recipe.reverse else []
-    some = values[np.isfinite(values)]
-    if not some.size:
-        raise CampaignError(f"{where}: {channel.name!r} holds no number")
-    if some.min() == some.max():
-        raise CampaignError(f"{where}: {channel.name!r} stays at {some[0]:.4g} {unit}: a dead or wrong channel?")
-    return values, unit, f"{role}: {channel.name!r} ({', '.join(how)}), {some.min():.4g} to {some.max():.4g} {unit}"
-
-
-def _time(
-    channel: Channel, clock: Channel | None, recording: Recording, recipe: Recipe
-) -> tuple[Array, float | None, list[str]]:
-    """A channel's times in s, the sample rate if there is one, and lines that say where they come from."""
-    where, n = recording.where, channel.values.size
-    asked, from_file = recipe.sample_rate_hz, channel.rate_hz or recording.rate_hz
-    if clock is None:
-        if asked is not None and from_file is not None and abs(asked / from_file - 1) > SAME_RATE:
-            raise CampaignError(
-                f"{where}: the file says {from_file:g} samples a second, you say {asked:g}; which is right?"
-            )
-        known = asked or from_file or 1.0
-        return np.arange(n) / known + (channel.start_s or 0.0), known, [f"time: {known:.9g} samples a second"]
-    if clock.values.size != n:
-        raise CampaignError(f"{where}: {clock.name!r} has {clock.values.size} samples, {channel.name!r} has {n}")
-    unit = recipe.units.get("time", clock.unit) or "s"
-    raw, wrapped = counted_on(clock.values)
-    time, _ = converted(raw, unit, "", "time", f"{where}: {clock.name!r}")
-    lines = [f"time: {clock.name!r}: {wrapped}"] if wrapped else []
-    if asked is None and from_file is not None and abs(_usual_rate(time) / from_file - 1) > 0.02:
-        rounded = (np.diff(time) >= 0).all() and (np.diff(time) == 0).any()
-        if not rounded:
-            lines.append(
-                f"the file says {from_file:g} samples a second, its time {_usual_rate(time):.6g}: the time is used"
-            )
-            from_file = None
-    rate: float | None = asked or from_file
-    if rate is not None:
-        time = on_rate(time, rate)
-    start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())
-    check_epoch(where, start, "Say --unit time=ms")
-    if not (np.diff(time[np.isfinite(time)]) > 0).all():
-        k = int(np.argmin(np.nan_to_num(np.diff(time), nan=1.0) > 0))
-        raise CampaignError(
-            f"{where}: the time {clock.name!r} does not increase at sample {k + 2} ({time[k]:.12g} s, then "
-            f"{time[k + 1]:.12g} s): neither a counter that starts again nor a new run. Name another with --time NAME, "
-            "or leave it out with --time none --sample-rate HZ"
-        )
-    shared = recording.rate_hz is None and channel.rate_hz is None and asked is None
-    per_second = f"{_usual_rate(time):.6g} samples a second"
-    return time, None if shared else rate, [*lines, f"time: {clock.name!r} ({unit}), {per_second}"]
-
-
-def _usual_rate(time: Array) -> float:
-    known = time[np.isfinite(time)]
-    span = float(np.ptp(known)) if known.size > 1 else 0.0
-    return (known.size - 1) / span if span > 0 else np.inf
 
 
 def _file_name(recording: Recording) -> str:

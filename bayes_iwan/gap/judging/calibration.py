@@ -22,7 +22,7 @@ from bayes_iwan.gap.judging.figures import Figures
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
 #: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
-EFFECT_FIGURES = ("gain", "fitted", "unseen", "explained")
+EFFECT_FIGURES = ("gain", "fitted", "unseen")
 REST_FIGURES = ("left", "subharmonic")
 
 
@@ -71,16 +71,15 @@ class Calibration:
 
 
 def effect_figures(f: Figures) -> Array:
-    """(4,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES.
+    """(3,) figures of an effect as they enter the logistic law, in the order of EFFECT_FIGURES.
 
     Its evidence counts by test, and the more the larger the gap is beside a sound specimen's: what absorbs finds the
     same to take in every test, but little more than such a specimen's difference from the model. Then the share of the
-    gap that it removes as the last effect, on the fitted tests and on tests left out (the former where none can be),
-    and the share that the whole set explains: a true set leaves little.
+    gap that it removes as the last effect, on the fitted tests and on tests left out (the former where none can be).
     """
     gain = np.log1p(max(f.gain, 0.0) / (LINEAR_NATS * max(f.tests, LEAST_TESTS))) * np.log1p(f.gap / USUAL_GAP)
     fitted = float(np.clip(f.fitted, -1.0, 1.0))
-    return np.array([gain, fitted, f.unseen if f.judged else fitted, 1.0 - min(f.left, 1.0)])
+    return np.array([gain, fitted, f.unseen if f.judged else fitted])
 
 
 def rest_figures(left: float, subharmonic: float) -> Array:

@@ -113,7 +113,7 @@ def figures_of(
                 fitted=float(fitted),
                 alone=1.0 - sizes[frozenset({name})].all.rms_N / before,
                 unseen=_mean([_chosen_share(search, u, effect) for u in unseen]) if predicts else float("nan"),
-                fixed=_pooled_share(unseen, whole, name) if predicts else float("nan"),
+                fixed=_pooled_share(unseen, whole, effect) if predicts else float("nan"),
                 differs=max((float(u.moved[whole][name].max()) for u in unseen), default=0.0) if predicts else 0.0,
                 left=left / before,
                 moved=moved[name],
@@ -168,13 +168,15 @@ def _chosen_share(search: Search, unseen: Unseen, effect: Effect) -> float:
     return float(np.mean(out))
 
 
-def _pooled_share(unseen: Sequence[Unseen], whole: Names, name: str) -> float:
-    """Share of the gap of all tests left out that an effect removes: the mean of what it removes as the only one, where
-    that was fitted, and as the last one."""
+def _pooled_share(unseen: Sequence[Unseen], whole: Names, effect: Effect) -> float:
+    """Share of the gap of all tests left out, or of what changes along them, that an effect removes: the mean of what
+    it removes as the only one, where that was fitted, and as the last one."""
+    name, along = effect.name, any(_along(u, effect) for u in unseen)
+    power_N2 = [u.along_N2 if along else u.power_N2 for u in unseen]
     gap_N = {
-        k: float(np.sqrt(max(np.mean(np.concatenate([u.power_N2[k] for u in unseen])), 0.0)))
+        k: float(np.sqrt(max(np.mean(np.concatenate([p[k] for p in power_N2])), 0.0)))
         for k in (Names(), frozenset({name}), whole - {name}, whole)
-        if k in unseen[0].power_N2
+        if k in power_N2[0]
     }
     before, last = gap_N[Names()], gap_N[whole - {name}] - gap_N[whole]
     first = before - gap_N[frozenset({name})] if frozenset({name}) in gap_N else last

@@ -49,5 +49,5 @@ def replaced(less: Fit, whole: Fit) -> str:
 
 
 def of_time(effect: Effect) -> bool:
-    """Does an effect act by a time constant or a corner frequency, on signals that repeat with the cycle?"""
-    return not effect.evolving and any(p.unit in ("s", "Hz") for p in effect.parameters)
+    """Is an effect a delay, a lag or a filter of signals that repeat with the cycle?"""
+    return not effect.evolving and effect.strength[2] in ("s", "Hz")

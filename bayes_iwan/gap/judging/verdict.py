@@ -151,8 +151,9 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
 
 
 def _idle(x: Cause) -> bool:
-    """Does a cause remove nothing on tests left out? Tests with role "held-out" do not change what is named."""
-    return x.held_out is not None and x.held_out_by != HELD_OUT and x.held_out.value <= 0.0
+    """Does a cause remove nothing on tests left out? Tests with role "held-out" do not change what is named, and what
+    acts along the record is asked there."""
+    return not x.along and x.held_out is not None and x.held_out_by != HELD_OUT and x.held_out.value <= 0.0
 
 
 def suspects(found: Weighed, named: Sequence[str], c: Calibration) -> tuple[Suspect, ...]:

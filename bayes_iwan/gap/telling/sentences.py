@@ -167,6 +167,8 @@ def _cause(c: Cause, d: Diagnosis) -> str:
     if d.search.effects[c.name][0].needs_clock and c.name not in NO_TIME_CONSTANT and not _frequencies_differ(d):
         text += " The tests' frequencies hardly differ, so its dependence on time is not told from one on amplitude."
     said = remedy(d, c.name)
+    if c.name == "force_clipping" and not d.clipped:  # no amplifier: the remedy of one would be wrong
+        said = "No record shows the one level of an amplifier: a specimen that yields or slides there looks alike"
     return f"{text} {said.rstrip('.')}." if said else text
 
 

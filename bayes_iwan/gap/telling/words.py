@@ -19,6 +19,7 @@ TITLES = {
     "force_highpass": "a high-pass in the force channel",
     "force_lowpass": "a low-pass in the force channel",
     "integration_highpass": "a high-pass of the integration",
+    "force_clipping": "a limit of the force",
     "stribeck_weakening": "Stribeck weakening",
     "slip_forces_free": "another distribution of slip forces",
     "stiffness_law_free": "another law of the stiffness",

@@ -1,0 +1,82 @@
+"""A channel in the campaign's working unit, and its times in seconds, with lines that say where both come from."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.importing.clocks import counted_on, on_rate
+from bayes_iwan.campaign.importing.recipe import Recipe
+from bayes_iwan.campaign.importing.recordings import Channel, Recording
+from bayes_iwan.campaign.importing.units import converted, decimal_point
+from bayes_iwan.campaign.loops.checks import check_epoch
+from bayes_iwan.campaign.recording.records import CampaignError
+
+SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other
+
+
+def scaled(channel: Channel, role: str, recipe: Recipe, where: str) -> tuple[Array, str, str]:
+    """A channel in the campaign's working unit, that unit, and a line that says what was done."""
+    stated_unit = recipe.units.get(role, channel.unit)
+    sensitivity, gain = recipe.sensitivities.get(role, ""), float(recipe.gains.get(role, 1.0))
+    values, unit = converted(channel.values, stated_unit, sensitivity, role, f"{where}: {channel.name!r}")
+    values = values / (-gain if role in recipe.reverse else gain)
+    how = [stated_unit or "no unit: taken for V"]
+    how += [decimal_point(sensitivity)] if sensitivity else []
+    how += [f"gain {gain:g}"] if gain != 1.0 else []
+    how += ["reversed"] if role in recipe.reverse else []
+    some = values[np.isfinite(values)]
+    if not some.size:
+        raise CampaignError(f"{where}: {channel.name!r} holds no number")
+    if some.min() == some.max():
+        raise CampaignError(f"{where}: {channel.name!r} stays at {some[0]:.4g} {unit}: a dead or wrong channel?")
+    return values, unit, f"{role}: {channel.name!r} ({', '.join(how)}), {some.min():.4g} to {some.max():.4g} {unit}"
+
+
+def times_of(
+    channel: Channel, clock: Channel | None, recording: Recording, recipe: Recipe
+) -> tuple[Array, float | None, list[str]]:
+    """A channel's times in s, the sample rate if there is one, and lines that say where they come from."""
+    where, n = recording.where, channel.values.size
+    asked, from_file = recipe.sample_rate_hz, channel.rate_hz or recording.rate_hz
+    if clock is None:
+        if asked is not None and from_file is not None and abs(asked / from_file - 1) > SAME_RATE:
+            raise CampaignError(
+                f"{where}: the file says {from_file:g} samples a second, you say {asked:g}; which is right?"
+            )
+        known = asked or from_file or 1.0
+        return np.arange(n) / known + (channel.start_s or 0.0), known, [f"time: {known:.9g} samples a second"]
+    if clock.values.size != n:
+        raise CampaignError(f"{where}: {clock.name!r} has {clock.values.size} samples, {channel.name!r} has {n}")
+    unit = recipe.units.get("time", clock.unit) or "s"
+    raw, wrapped = counted_on(clock.values)
+    time, _ = converted(raw, unit, "", "time", f"{where}: {clock.name!r}")
+    lines = [f"time: {clock.name!r}: {wrapped}"] if wrapped else []
+    if asked is None and from_file is not None and abs(_usual_rate(time) / from_file - 1) > 0.02:
+        rounded = (np.diff(time) >= 0).all() and (np.diff(time) == 0).any()
+        if not rounded:
+            lines.append(
+                f"the file says {from_file:g} samples a second, its time {_usual_rate(time):.6g}: the time is used"
+            )
+            from_file = None
+    rate: float | None = asked or from_file
+    if rate is not None:
+        time = on_rate(time, rate)
+    start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())
+    check_epoch(where, start, "Say --unit time=ms")
+    if not (np.diff(time[np.isfinite(time)]) > 0).all():
+        k = int(np.argmin(np.nan_to_num(np.diff(time), nan=1.0) > 0))
+        raise CampaignError(
+            f"{where}: the time {clock.name!r} does not increase at sample {k + 2} ({time[k]:.12g} s, then "
+            f"{time[k + 1]:.12g} s): neither a counter that starts again nor a new run. Name another with --time NAME, "
+            "or leave it out with --time none --sample-rate HZ"
+        )
+    shared = recording.rate_hz is None and channel.rate_hz is None and asked is None
+    per_second = f"{_usual_rate(time):.6g} samples a second"
+    return time, None if shared else rate, [*lines, f"time: {clock.name!r} ({unit}), {per_second}"]
+
+
+def _usual_rate(time: Array) -> float:
+    known = time[np.isfinite(time)]
+    span = float(np.ptp(known)) if known.size > 1 else 0.0
+    return (known.size - 1) / span if span > 0 else np.inf
