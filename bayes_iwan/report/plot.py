@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.gap.diagnosis import Diagnosis
 from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.report import accessors as accessors  # `posterior.plot` as well
 from bayes_iwan.report.comparison import ranking_figure
 from bayes_iwan.report.diagnosis.files import diagnosis_figures
 from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figure

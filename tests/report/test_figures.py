@@ -145,3 +145,37 @@ def test_loops_of_one_frequency_alone_lie_around_the_joint_ones(posterior):
 def test_a_checkpoint_that_cannot_be_read_is_done_without(posterior, tmp_path):
     (tmp_path / "chains.ckpt").write_bytes(b"not a checkpoint")
     np.testing.assert_array_equal(sampling.history(posterior, tmp_path).z, sampling.history(posterior).z)
+
+
+def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_path):
+    """`bi.plot`: as pages have them by default, with what the user's rcParams say, into axes of theirs."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    import bayes_iwan as bi
+
+    figure = bi.plot.loops(posterior, width="column")
+    assert figure.get_figwidth() == 3.5 and figure._repr_png_().startswith(b"\x89PNG")
+    with mpl.rc_context({"lines.linewidth": 7.0}):
+        own = Figure()
+        ax = own.subplots()
+        assert posterior.plot.frequencies(ax=ax) is own and any(x.get_linewidth() == 7.0 for x in ax.lines)
+    for name in ("f.svg", "f.pdf", "f.png"):
+        assert bi.plot.save(figure, tmp_path / name).stat().st_size > 1000
+    with pytest.raises(ValueError, match="panels, 1 axes"):
+        bi.plot.trends(posterior, ax=ax)
+    with pytest.raises(ValueError, match="use 'column', 'page' or inches"):
+        bi.plot.loops(posterior, width="colum")
+    with pytest.raises(ValueError, match='did you mean "f10_a0'):
+        bi.plot.loop(posterior, "f10_a0.csv")
+    with pytest.raises(AttributeError, match="did you mean 'loops'"):
+        posterior.plot.lops()
+
+
+def test_methods_and_citation_are_of_what_was_run(posterior):
+    import bayes_iwan as bi
+    from bayes_iwan.report.identification.methods import methods
+
+    said = methods(posterior)
+    assert "4 harmonic tests at 10 to 20 Hz" in said and "Seed 1;" in said and bi.__version__ in said
+    assert "emcee" in bi.cite() and "@software" in bi.cite().bibtex
