@@ -10,7 +10,7 @@ nested samplers and pocoMC start from the prior, as they must. Burn-in and adapt
 the whole time bought. MCMC: bulk and tail ESS of the worst sampled number from four independent ensembles or chains,
 the first half of the draws left out (ours says itself when adaptation ended), and their R-hat; where that is above
 1.05 the ESS means nothing. Nested and sequential samplers: Kish's ESS of the weights if the run ended in time. The
-package's own ways, importance sampling and chains along the manifold, stop by their own rule when that is sooner.
+package stops by its own rule when that is sooner.
 
 NUTS needs a gradient, which the forward model does not have. It gets forward differences, ndim + 1 evaluations in one
 batch; leapfrog steps by whatever field are reversible and keep volume, and the density itself decides what is accepted,
@@ -34,16 +34,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bayes_iwan.sampling.common.convergence import convergence_of
-from bayes_iwan.sampling.common.plan import Plan
-from bayes_iwan.sampling.ensemble.ensembles import sample
 from scipy import special
 
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
-from bayes_iwan.inference.solving.chains import Run, independent_chains, manifold_chains
-from bayes_iwan.inference.solving.point import Point, find_point, starting_population
+from bayes_iwan.inference.solving.approximation import approximate_draws
+from bayes_iwan.inference.solving.chains import Run, sampled
+from bayes_iwan.inference.solving.point import Point, find_point
+from bayes_iwan.sampling.convergence import convergence_of
 
 ENSEMBLES, WALKERS = 4, 40
 LEAST_STORED = 20
@@ -96,53 +95,46 @@ def worth(draws: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def package(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
-    """What `identify` does: independent proposals, weighted, until its own rule is met."""
-    return by_its_own_rule(independent_chains, density, seed)
-
-
-def package_manifold(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
-    """What `identify` does where importance sampling does not fit: chains along the manifold."""
-    return by_its_own_rule(manifold_chains, density, seed)
-
-
-def by_its_own_rule(way: Callable, density: Density, seed: int) -> dict[str, Any]:
-    """A way of sampling of this package, until its rule is met or the clock has gone on by as many seconds."""
+    """What `identify` does, until its own rule is met or the clock has gone on by as many seconds."""
     settings = replace(settings_of().sampling, budget_s=density.seconds)
-    chains = way(density.problem, density.point, settings, Run(seed))
-    if chains is None or chains.convergence is None:
-        return {"note": "does not fit this posterior" if chains is None else chains.message}
-    density.evaluations, density.best = chains.n_evaluations, float(chains.log_prob.max())
+    chains = sampled(density.problem, density.point, settings, Run(seed))
+    if chains.convergence is None:
+        return {"note": chains.message}
+    density.best = float(chains.log_prob.max())
     kept = {"ess": float(chains.convergence.least_ess), "r_hat": float(chains.convergence.worst_r_hat)}
     return kept | {"log_prob": float(np.median(chains.log_prob)), "note": chains.message}
 
 
-def package_ensembles(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
-    """Our ensembles of walkers, which would stop at R-hat 1.01 and ESS 400: told to go on until the time is over."""
-    kept: dict[str, Any] = {}
+def emcee_side(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
+    """emcee with the side move (arXiv 2505.02987): a walker moves by a random part of the difference of two others."""
+    from emcee.moves.red_blue import RedBlueMove
 
-    def log_prob(z: np.ndarray) -> np.ndarray:
-        if density.late:
-            raise KeyboardInterrupt  # ends a run with the draws that there are
-        return density(z)
+    class SideMove(RedBlueMove):
+        def get_proposal(self, s: np.ndarray, c: list, random: np.random.RandomState) -> tuple:
+            others = np.concatenate(c, axis=0)
+            first = random.randint(len(others), size=len(s))
+            second = (first + random.randint(1, len(others), size=len(s))) % len(others)
+            length = 1.687 / np.sqrt(s.shape[1]) * random.standard_normal((len(s), 1))
+            return s + length * (others[first] - others[second]), np.zeros(len(s))
 
-    chains = sample(log_prob, starts, Plan(names, seed, target_ess=1e9, progress=False))
-    if chains.convergence is None:
-        return {"note": chains.message}
-    kept |= {"ess": float(chains.convergence.least_ess), "r_hat": float(chains.convergence.worst_r_hat)}
-    return kept | {"log_prob": float(np.median(chains.log_prob))}
+    return by_emcee(density, starts, names, [SideMove()])
 
 
 def emcee_default(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
-    """emcee's stretch move, four ensembles."""
+    """emcee as it comes: the stretch move, four ensembles."""
+    return by_emcee(density, starts, names, None)
+
+
+def by_emcee(density: Density, starts: np.ndarray, names: tuple[str, ...], moves: list | None) -> dict[str, Any]:
+    """Four ensembles of emcee by turns, until time is up."""
     import emcee
 
-    rng, ndim = np.random.default_rng(seed), starts.shape[1]
-    np.random.seed(seed)  # noqa: NPY002 - it draws from the old global generator
+    ndim, walkers = starts.shape[1], max(WALKERS, 2 * starts.shape[1] + 2)
     runs = [
-        emcee.EnsembleSampler(WALKERS, ndim, density, vectorize=True).sample(
-            starts[rng.permutation(len(starts))[:WALKERS]], iterations=10**7, thin_by=10, store=False
+        emcee.EnsembleSampler(walkers, ndim, density, moves=moves, vectorize=True).sample(
+            starts[k * walkers : (k + 1) * walkers], iterations=10**7, store=False
         )
-        for _ in range(ENSEMBLES)
+        for k in range(ENSEMBLES)
     ]
     return by_turns(runs, lambda state: state.coords, lambda state: state.log_prob, names)
 
@@ -296,9 +288,8 @@ def pocomc_flow(density: Density, starts: np.ndarray, names: tuple[str, ...], se
 
 SAMPLERS: dict[str, tuple[Callable[..., dict[str, Any]], str]] = {
     "this package": (package, "bayes-iwan"),
-    "this package, manifold": (package_manifold, "bayes-iwan"),
-    "this package, ensembles": (package_ensembles, "bayes-iwan"),
     "emcee, default": (emcee_default, "emcee"),
+    "emcee, side move": (emcee_side, "emcee"),
     "zeus": (zeus_default, "zeus-mcmc"),
     "PINTS, Haario–Bardenet": (pints_haario_bardenet, "pints"),
     "NUTS, forward differences": (nutpie_nuts, "nutpie"),
@@ -333,7 +324,7 @@ def main() -> None:
     settings = settings_of({"model": {"embedded": args.embedded}})
     problem = make_problem(read_campaign(args.campaign).loops(**asdict(settings.loops)), settings)
     point = find_point(problem, args.seed, settings.search)
-    starts = starting_population(problem, point, args.seed, 1024)
+    starts = approximate_draws(problem, point.z, 1024, (args.seed, 12))
     print(f"most probable point: ln posterior {point.log_prob:.1f}, from which those below count")
     print(f"{len(starts)} starts; {os.cpu_count()} cores")
     print(

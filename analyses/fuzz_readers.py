@@ -9,17 +9,13 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-from bayes_iwan.sampling.common import checkpoint
-from bayes_iwan.sampling.common.plan import Plan
-from bayes_iwan.sampling.ensemble.ensembles import sample
 
 import mutations
 from bayes_iwan.campaign import Record, average, read_campaign, write_campaign
-from bayes_iwan.campaign.importing import Recipe, import_tests, read_recipe
 from bayes_iwan.effects.user_file import load_effects
 from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.gap.fitting.data import gap_data
@@ -32,16 +28,20 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.report.batch import Batch, populations, stored_specimen
-from bayes_iwan.sampling.ensemble import run as sampling_run
+from bayes_iwan.sampling import checkpoint
+from bayes_iwan.sampling import run as sampling_run
+from bayes_iwan.sampling.moves.metropolis import LeastSquares
+from bayes_iwan.sampling.nuisance import Nuisance
+from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.validation import scoring
 from bayes_iwan.validation import sealed as withheld
 from bayes_iwan.validation.answering import read_diagnosis
 from bayes_iwan.validation.answers import read_answer
 from bayes_iwan.validation.truths import read_truth
+from fuzz_recordings import Reader, recording_readers
 from kill_runs import CONFIG, made_up
 
 HERE = Path(__file__).parent
-Damage = Callable[[bytes, mutations.Rng], bytes]
 
 LONG_CONFIG = (
     CONFIG
@@ -63,25 +63,6 @@ lower = 1.0
 [parameters.eta1]
 tied = "eta2"
 """
-RECIPE = """
-sample_rate_hz = 640
-reverse = ["force"]
-[channels]
-displacement = "Weg"
-force = "2"
-[units]
-force = "V"
-[sensitivities]
-force = "9.55 mV/N"
-[gains]
-force = 10
-[text]
-separator = ";"
-decimal = ","
-header_line = 1
-[specimen]
-name = "isolator 7"
-"""
 CAUSE = {
     "name": "moving_mass", "probability": 0.98, "share": 0.7, "share_interval": [0.6, 0.8], "share_held_out": 0.65,
     "cannot_tell_apart": ["force_delay"],
@@ -92,15 +73,6 @@ ANSWER = {
     "probabilities": {"moving_mass": 0.98, "none": 0.01, "unknown_rest": 0.05},
     "rest": {"share": 0.1, "interval": [0.0, 0.2]},
 }
-
-
-@dataclass(frozen=True)
-class Reader:
-    """Sound files, of which one is damaged each time; what reads them (None: refused without a word); how to damage."""
-
-    files: tuple[Path, ...]
-    read: Callable[[], object]
-    damage: Damage = mutations.damaged
 
 
 def resealed_netcdf(raw: bytes, rng: mutations.Rng) -> bytes:
@@ -178,77 +150,11 @@ def _gauss(z: np.ndarray) -> np.ndarray:
 
 def _sampled(path: Path, resume: bool) -> object:
     """A short run of a normal distribution in two numbers, or what going on from its checkpoint gives."""
-    sampling_run._WARMUP_STEPS, sampling_run._ROUND_STEPS, sampling_run._ROUNDS = 20, (10, 10), (3, 3)
-    start = np.random.default_rng(0).standard_normal((80, 2))
+    sampling_run._WARM_UP = 1
+    none = Nuisance(np.empty(0, np.int64), np.empty(0), np.empty((0, 0)))
+    target = LeastSquares(lambda z: 0.0 * z, lambda z, _: _gauss(z)[:, None], none, 2, 8.0)
     plan = Plan(("a", "b"), 1, checkpoint=path, resume=resume, max_steps=40, progress=False)
-    return sample(_gauss, start, plan, n_ensembles=2, n_walkers=8)
-
-
-def _recordings(folder: Path, record: Record) -> dict[str, Path]:
-    """One record as every format that `import` reads."""
-    import h5py
-    import nptdms
-    import pandas as pd
-    import pyuff
-    import scipy.io
-    from scipy.io import wavfile
-
-    folder.mkdir()
-    t, x, f = record.time_s, record.displacement_mm, record.force_N
-    step = float(t[1] - t[0])
-    german = "\n".join(f"{a:.6f};{b:.6f};{c:.6f}".replace(".", ",") for a, b, c in zip(t, x, f))
-    out = {"text": write_whole(folder / "a.csv", f"Zeit;Weg;Kraft\ns;mm;N\n{german}\n")}
-    out["tdms"] = folder / "a.tdms"
-    with nptdms.TdmsWriter(out["tdms"]) as writer:
-        more = {"wf_increment": step}
-        channels = [("Weg", x, "mm"), ("Kraft", f, "N")]
-        writer.write_segment(
-            [nptdms.ChannelObject("Messung", n, v, {"unit_string": u, **more}) for n, v, u in channels]
-        )
-    out["uff"] = folder / "a.uff"
-    for node, (label, values, unit) in enumerate(channels, 1):
-        data = {
-            "type": 58, "binary": 0, "func_type": 1, "rsp_node": node, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0,
-            "rsp_ent_name": "NONE", "id1": "run", "data": values, "x": t, "abscissa_spacing": 1,
-            "abscissa_spec_data_type": 17, "ordinate_spec_data_type": 8, "orddenom_spec_data_type": 0,
-            "ordinate_axis_lab": label, "ordinate_axis_units_lab": unit, "ord_data_type": 4, "abscissa_inc": step,
-            "abscissa_min": 0.0,
-        }  # fmt: skip
-        pyuff.UFF(str(out["uff"])).write_sets([data], "add", force_double=True)
-    out["matlab"] = folder / "a.mat"
-    scipy.io.savemat(out["matlab"], {"run": {"Weg_mm": x, "Kraft_N": f, "note": "good"}, "fs": 1 / step})
-    out["matlab 7.3"] = folder / "b.mat"
-    with h5py.File(out["matlab 7.3"], "w", userblock_size=512) as file:
-        for name, y in (("Weg_mm", x[None]), ("Kraft_N", f[:, None]), ("fs", [[1 / step]])):
-            file.create_dataset(name, data=y).attrs["MATLAB_class"] = np.bytes_("double")
-    with out["matlab 7.3"].open("r+b") as handle:
-        handle.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-    out["parquet"] = folder / "a.parquet"
-    pd.DataFrame({"time_s": t, "Weg_mm": x, "Kraft_N": f}).to_parquet(out["parquet"])
-    rows = [f"\t{a:.6f}\t{b:.6f}" for a, b in zip(x, f)]
-    lvm = [
-        "LabVIEW Measurement\t",
-        "Separator\tTab",
-        "Decimal_Separator\t.",
-        "X_Columns\tNo",
-        "***End_of_Header***\t",
-        "",
-    ]
-    lvm += ["Channels\t2\t\t", f"Samples\t{x.size}\t{x.size}", "Y_Unit_Label\tmm\tN", "X0\t0\t0"]
-    lvm += [f"Delta_X\t{step:.9f}\t{step:.9f}", "***End_of_Header***\t\t", "X_Value\tWeg\tKraft\tComment", *rows, ""]
-    out["labview"] = write_whole(folder / "a.lvm", "\n".join(lvm))
-    stamps = [f"{a:%H:%M:%S.%f}" for a in pd.Timestamp("2024-03-01 23:59:59") + pd.to_timedelta(t, unit="s")]
-    stamped = "\n".join(f'01.03.2024;{a};"{b:,.6f}";{c:.6f}' for a, b, c in zip(stamps, x, f))
-    out["stamps"] = write_whole(folder / "b.csv", f"Rate: {1 / step} Hz\nDatum;Zeit;Weg [mm];Kraft [N]\n{stamped}\n")
-    blocks = "\n".join(f"{a:.6f}\t{b:.6f}\t{c:.6f}" for a, b, c in zip(t, x, f))
-    other = "\n".join(f"{a + 99:.6f}\t{0.7 * b:.6f}\t{0.9 * c:.6f}" for a, b, c in zip(t, x, f))
-    head = "Data Acquisition: cyclic\nTime\tAxial Displacement\tAxial Force\nSec\tmm\tN\n"
-    out["blocks"] = write_whole(folder / "a.dat", f"{head}{blocks}\n\n{head}{other}\n")
-    pd.DataFrame({"Time (s)": t, "Weg (mm)": x, "Kraft (N)": f}).to_excel(folder / "a.xlsx", index=False)
-    out["excel"] = folder / "a.xlsx"
-    out["wav"] = folder / "a.wav"
-    wavfile.write(out["wav"], round(1 / step), np.column_stack([x / 4, f / (4 * np.abs(f).max())]).astype("float32"))
-    return out
+    return sampling_run.sample(_gauss, target, np.zeros((1, 2)), plan, n_ensembles=2, n_walkers=8)
 
 
 def _fits(path: Path) -> Callable[[], object]:
@@ -337,8 +243,6 @@ def readers() -> dict[str, Reader]:
     cases, truths = Path("cases"), Path("cases-truth/truth.json")
     _withheld(cases, truths)
     write_json("answer/diagnosis.json", ANSWER)
-    recordings = _recordings(Path("recordings"), tests[1])
-    recipe = write_whole("recipe.toml", RECIPE)
     effects = write_whole("effects.py", (HERE / "effects" / "quadratic_drag.py").read_text())
     simulator = write_whole("simulator.py", (HERE / "simulators" / "damped_spring.py").read_text())
     answers, folder = cases / "answers" / "answers.json", (campaign / "campaign.toml", *sorted(campaign.glob("*.csv")))
@@ -354,7 +258,6 @@ def readers() -> dict[str, Reader]:
         "campaign": Reader(folder, lambda: read_campaign(campaign)),
         "config": Reader((config,), configured),
         "diagnose config": Reader((other,), for_a_diagnosis),
-        "recipe": Reader((recipe,), lambda: Recipe().over(read_recipe(recipe))),
         "effects": Reader((effects,), lambda: load_effects(effects)),
         "simulator": Reader((simulator,), lambda: load_simulator(simulator)),
         "posterior.nc": Reader((Path("run/posterior.nc"),), lambda: run_files.load("run", campaign)),
@@ -375,11 +278,7 @@ def readers() -> dict[str, Reader]:
         "answers.json": Reader((answers,), scored),
         "specimen.json": Reader((Path("specimen/specimen.json"),), specimen),
     }  # fmt: skip
-    for name, path in recordings.items():
-        # a WAV says neither names nor units
-        said = Recipe(channels={"displacement": "1", "force": "2"}, units={"displacement": "4 mm", "force": "400 N"})
-        recipe_of = said if name == "wav" else Recipe()
-        out[f"import {name}"] = Reader((path,), lambda path=path, r=recipe_of: import_tests([path], r))
+    out |= recording_readers(tests[1])
     for name, reader in out.items():
         if reader.read() is None:
             raise RuntimeError(f"{name}: the sound file is not read")

@@ -27,7 +27,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-from bayes_iwan.sampling.common.checkpoint import NAME as CHECKPOINT
 from matplotlib.figure import Figure
 
 import bayes_iwan
@@ -42,6 +41,7 @@ from bayes_iwan.report.diagnosis import files as diagnosis_room
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import subplots
 from bayes_iwan.sampling import run as sampling_run
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.validation import answering
 from bayes_iwan.validation import sealed as withheld
 
@@ -70,8 +70,6 @@ taus = 8
 draws = 500
 budget_s = 100000
 """
-#: as long a way as there is: ensembles keep a checkpoint, which a run that is killed goes on from
-ENSEMBLES = CONFIG.replace("[sampling]", '[sampling]\nmethod = "ensembles"')
 #: files of which every byte must be the same after an interruption as without
 SAME = ("summary.csv", "diagnosis.json", "fits.json", "answers.json", "batch.csv", "draws")
 
@@ -137,7 +135,7 @@ def small_page(*rest: object) -> Path:
 
 def lighten() -> None:
     """Short adaptation, pages of one figure, a diagnosis that is told: in this process and its children alone."""
-    sampling_run._WARMUP_STEPS, sampling_run._ROUND_STEPS, sampling_run._ROUNDS = 40, (30, 40), (3, 5)
+    sampling_run._WARM_UP = 1
     report_room.identification_report = small_page
     fit = SimpleNamespace(problem=SimpleNamespace(prior=SimpleNamespace(free=())))
     diagnosis_room.diagnose_folder = lambda campaign, **options: SimpleNamespace(
@@ -421,7 +419,7 @@ def main() -> None:
     rng = np.random.default_rng(args.seed)
     tmp = Path(tempfile.mkdtemp(prefix="kills"))
     config, short = tmp / "config.toml", tmp / "short.toml"
-    config.write_text(ENSEMBLES)
+    config.write_text(CONFIG)
     short.write_text(CONFIG)
     campaign = made_up(tmp / "campaign", 5.5, 7)
     for i in range(3):

@@ -1,4 +1,4 @@
-"""`posterior.export` and `diagnosis.export`: added by the folder that exports, as plots are by the one that draws."""
+"""`posterior.export`, `diagnosis.export`: put there by the folder that exports, as plots are by the one that draws."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ LARGEST_REST: Final = 0.05
 #: twice, since evidence and newtons both count what it gains
 EFFECT_NATS: Final = 8.0
 #: nats that two effects cost together that look alike: nature seldom has both
-ALIKE_NATS: Final = 12.0
+ALIKE_NATS: Final = 25.0
 #: nats of the logarithm of the gap in newtons, for each test: two for one harmonic, twice as many since half of what
 #: evidence says of two laws is true of neither
 NEWTON_NATS: Final = 4.0

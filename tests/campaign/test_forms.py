@@ -382,4 +382,4 @@ def test_overrange_is_missing_and_said(signal, code, wide):
     if record is None:
         return
     np.testing.assert_allclose(record.displacement_mm, x[~over], atol=1e-6)
-    assert any("left out" in w for w in record.warnings)
+    assert any("dropped" in w for w in record.warnings)

@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import pytest
 
+from bayes_iwan.campaign.loops.clipping import Limit
 from bayes_iwan.campaign.recording.records import Record
 from bayes_iwan.gap.judging.budget import Kind, OneOf, Suspect
 from bayes_iwan.gap.judging.sample_fit import Sampling
 from bayes_iwan.gap.telling.answer import to_dict
 from bayes_iwan.gap.telling.imitation import Edge, Explanation, Imitation
 from bayes_iwan.gap.telling.next_test import NextTest
+from bayes_iwan.gap.telling.sentences import sentences
 from bayes_iwan.gap.telling.words import few, force, percent, plain, title, value_of
 
 TIED = Imitation(
@@ -164,3 +166,16 @@ def test_numbers_read_as_numbers():
 
 def test_a_record_has_a_clock_unless_it_says_so(kit):
     assert all(isinstance(r, Record) and r.clock for r in kit.diagnosed(None).campaign.tests)
+
+
+def test_a_limit_of_the_force_is_the_channel_s_only_where_a_record_shows_its_level(answers):
+    found = answers["named"]
+    (c,) = found.verdict.causes
+    parameters = dict(found.parameters) | {"force_clipping": found.parameters[c.name]}
+    limited = replace(turned(found, Kind.EXPLAINED, (replace(c, name="force_clipping"),)), parameters=parameters)
+    (said,) = (s for s in sentences(limited) if s.startswith("A limit of the force"))
+    assert "Raise the force range" not in said and "a specimen that yields or slides there looks alike" in said
+    files = [x.file for x in found.data.loops]
+    clipped = replace(limited, clipped=tuple(Limit(f, "force", 1, 3.2, True, 0.1) for f in files))
+    text = " ".join(sentences(clipped))
+    assert "may be clipped in 4 of 4 tests" in text and "Raise the force range and repeat" in text

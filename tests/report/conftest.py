@@ -69,7 +69,6 @@ def made_posterior(records, settings=SETTINGS, draws=1024, path=Path(".")):
     c = convergence_of(np.moveaxis(z.reshape(4, 8, -1, problem.ndim), 1, 2), problem.names)
     rows = tuple(ConvergenceRow(*x) for x in zip(c.names, c.ess_bulk, c.ess_tail, c.r_hat, c.tau_steps))
     point = Point(
-        "eq8",
         optima[0],
         float(problem.goal(optima[:1])[0]),
         0.01,
@@ -78,8 +77,7 @@ def made_posterior(records, settings=SETTINGS, draws=1024, path=Path(".")):
         0.0,
         optima,
         log_prob,
-        None,
-        None,
+        (),
         1,
         0.1,
         optima[:1],
@@ -126,7 +124,8 @@ def wandering():
 def page(posterior, tmp_path_factory):
     """The folder of a report, with report.html and report.pdf in it."""
     from bayes_iwan.report import identification_report
+    from bayes_iwan.report.browser import find_browser
 
     out = tmp_path_factory.mktemp("report")
-    identification_report(posterior, out, pdf=True)
+    identification_report(posterior, out, pdf=find_browser() is not None)
     return out

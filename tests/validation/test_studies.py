@@ -193,6 +193,7 @@ def made_case(rng, kind, name, strong):
         "figures": [figure],
         "gap_resolved": {"": before, name: 0.003 if true else before},
         "subharmonic": 1.0,
+        "chosen": [],
         "cpu_s": 1.0,
     }
 

@@ -18,7 +18,7 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
     notes = []
     if n := int(np.count_nonzero(over)):
         notes.append(
-            f"{n} sample(s) of {name!r} say that the range was passed (infinite, or 9.9E37): left out, so the highest "
+            f"{n} sample(s) of {name!r} say that the range was passed (infinite, or 9.9E37): dropped, so the highest "
             "values are missing. Raise the range (lower the gain) and record again"
         )
         values = np.where(over, np.nan, values)
@@ -29,9 +29,7 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
         if 1 < n < 0.5 * known.size and others.size > 8:
             middle, span = float(np.median(others)), float(np.ptp(others))
             if span > 0 and abs(code - middle) > FAR * span:
-                notes.append(
-                    f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, left out"
-                )
+                notes.append(f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, dropped")
                 values = np.where(values == code, np.nan, values)
     return values, tuple(notes)
 

@@ -39,7 +39,7 @@ SPECIMEN = ("name", "description", "source", "licence")
 
 @dataclass(frozen=True)
 class Recipe:
-    """How recordings become tests; everything left out is taken from the files or found in them.
+    """How recordings become tests; whatever is open is taken from the files or found in them.
 
     channels, units, sensitivities, gains : by role (time, displacement, acceleration, force). reverse : roles.
     specimen : name, description, source, licence.

@@ -40,7 +40,7 @@ class Channel:
 class Recording:
     """The channels that were recorded together: a file, or one of several parts of it.
 
-    file : for messages. part : name of the part, "" where the file is one. notes : what was left out or guessed.
+    file : for messages. part : name of the part, "" where the file is one. notes : what was dropped or guessed.
     rate_hz : as the lines above a table state it, beside whatever time column there is.
     """
 

@@ -258,6 +258,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     where = recording.where
     said = [f"{where} ({'; '.join(recording.notes)}): {found.motion.values.size} samples"]
     warnings: tuple[str, ...] = ()
+    codes: tuple[str, ...] = ()
     series: list[Series] = []
     in_units: list[str] = []
     lines: list[str] = []
@@ -265,10 +266,11 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         (found.motion, found.role, found.motion_time),
         (found.force, "force", found.force_time),
     ):
-        raw, codes = without_codes(channel.values, channel.name)
+        raw, found_codes = without_codes(channel.values, channel.name)
+        codes += found_codes
         raw, held = without_repeats(raw, channel.name)
         values, unit, line = scaled(replace(channel, values=raw), role, recipe, where)
-        warnings += (*codes, *held, *coarse_steps(values, channel.name, unit))
+        warnings += (*found_codes, *held, *coarse_steps(values, channel.name, unit))
         said.append(line)
         in_units.append(unit)
         if time is found.motion_time and series and (time is not None or _alike(found.motion, found.force)):
@@ -289,7 +291,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     time_s, motion_values, force_values, how = paired(series[0], series[1], where)
     said += [*dict.fromkeys(lines), *found.notes]
     if any(missing):
-        said.append(f"{max(missing)} sample(s) without a number left out: the gaps are bridged")
+        said.append(f"{max(missing)} sample(s) without a number dropped: the gaps are bridged")
     warnings += how
     rate = series[0].rate_hz if series[0].rate_hz == series[1].rate_hz else None
     if rate is not None and abs(float(np.median(np.diff(time_s))) * rate - 1) > 0.01:
@@ -307,7 +309,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     level = motion_values
     if found.role == "displacement":
         level, drift = without_drift(time_s, motion_values)
-        if split and drift:  # levels are told by crossings, which a drift moves; else it is for who reads the campaign
+        if split and drift:  # levels are found by crossings, which a drift moves; else it is for who reads the campaign
             motion_values, warnings = level, (*warnings, *drift)
     record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units)
     drive = None if split else judge(time_s, level)
@@ -322,8 +324,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             checked, loop = check_record(named)
         except CampaignError as error:
             if len(pieces) == 1:
-                raise
-            dropped = (*dropped, f"left out: {error}")
+                raise CampaignError(" ".join((f"{error}.", *codes)).rstrip(".")) from None
+            dropped = (*dropped, f"dropped: {error}")
             continue
         columns = {
             "time_s": named.time_s,

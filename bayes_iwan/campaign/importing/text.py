@@ -103,13 +103,13 @@ def _without_remarks(body: str) -> tuple[str, tuple[str, ...]]:
     if not re.search(r"\n[ \t]*(#|//|!)", body):
         return body, ()
     body, n = re.subn(r"(?m)^[ \t]*(#(?!IND|N/A|INF)|//|!).*$", "", body)
-    return body, (f"{n} line(s) of remarks left out",)
+    return body, (f"{n} line(s) of remarks dropped",)
 
 
 def _numbers(
     file: str, body: str, style: Style, width: int, first: int, strict: bool = False
 ) -> tuple[pd.DataFrame | None, tuple[str, ...]]:
-    """A table's columns as numbers or text, and what was left out; None where the body is several tables."""
+    """A table's columns as numbers or text, and what was dropped; None where the body is several tables."""
     try:
         raw = io.BytesIO(body.encode("utf-8", "replace"))
         table = pd.read_csv(
@@ -135,7 +135,7 @@ def _numbers(
             isinstance(x, str) and not isinstance(y, str) for x, y in zip(row, table.iloc[-2])
         ):
             table = table.iloc[:-1]
-            notes.append("the last line is cut off and was left out")
+            notes.append("the last line is cut off and was dropped")
     columns: dict[int, pd.Series] = {}
     for k in table:
         column = table[k]
@@ -145,15 +145,15 @@ def _numbers(
             columns[k] = column
             continue
         column = column.map(lambda x: x.strip() if isinstance(x, str) else x)
-        told = column.dropna()
-        if len(told) and len(told) < (1 - SIDE) * len(column):
+        filled = column.dropna()
+        if len(filled) and len(filled) < (1 - SIDE) * len(column):
             columns[k] = column
             continue
         values = [_number(x, style) for x in column]
         bad = [j for j, (x, y) in enumerate(zip(column, values)) if y is None]
         if not bad:
             columns[k] = pd.Series(np.array(values, dtype=float))
-        elif len(bad) == len(told) or all(_words(x) for x in told):
+        elif len(bad) == len(filled) or all(_words(x) for x in filled):
             columns[k] = column  # stamps, or remarks
         elif not strict and _has_header(body, style):
             return None, ()

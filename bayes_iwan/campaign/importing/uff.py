@@ -36,7 +36,7 @@ def read_uff(path: Path, file: str) -> list[Recording]:
     for k in sets:
         found = _data_set(source, k, file)
         if int(found.get("func_type", 1)) not in (0, 1) or np.iscomplexobj(found["data"]):
-            notes.append(f"data set {k + 1} is no time history and was left out")
+            notes.append(f"data set {k + 1} is no time history and was dropped")
             continue
         unit = _said(found.get("ordinate_axis_units_lab")) or (
             UNITS.get(int(found.get("ordinate_spec_data_type", 0)), "") if si else ""

@@ -9,7 +9,7 @@ from typing import Any
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
-#: role → working unit of a campaign → the same for pint. An angle has no dimension: it is told by its unit's name
+#: role → working unit of a campaign → the same for pint. An angle has no dimension: it is known by its unit's name
 ROLES: dict[str, dict[str, str]] = {
     "time": {"s": "second"},
     "displacement": {"mm": "millimeter", "mrad": "milliradian"},

@@ -249,6 +249,7 @@ def _stretches(loop: Loop, name: str, values: Array, height: float) -> list[str]
     table = np.bincount(cell, left, loop.n_cycles * n_bins) / np.maximum(count, 1)
     table[count == 0] = np.nan
     table = table.reshape(loop.n_cycles, n_bins)
+    table[:, np.isnan(table).all(axis=0)] = 0.0  # phases that no cycle has a sample of
     off = np.abs(table - np.nanmedian(table, axis=0))
     scale = 1.4826 * np.maximum(np.nanmedian(off, axis=0), np.nanmedian(off))
     bad = (off > np.maximum(OFF * height, SIGMAS * scale)).ravel()[cell]

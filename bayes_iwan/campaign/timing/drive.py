@@ -1,7 +1,7 @@
 """The drive, judged first: is this one record one test?
 
 A loop is the average of cycles that are alike. A record may hold something else: a staircase of amplitudes, steps of
-frequency, a sweep, an amplitude that runs away. Averaged all the same, each of these looks like a specimen that
+frequency, a sweep, an amplitude that runs away. Averaged all the same, each of these seems to be a specimen that
 warms, settles or has an unknown fault. So frequency and amplitude are taken cycle by cycle, before any averaging, and
 described by whichever is closer: levels that are held, or a smooth change. Levels can be split into tests
 (`split`); a smooth change of more than SMOOTH cannot be one test, and is refused.
@@ -171,12 +171,12 @@ def refuse_unsteady(file: str, drive: Drive | None) -> None:
         first, last = float(np.median(values[:end])), float(np.median(values[-end:]))
         if drive.kind == "drift":
             how = f"{'sweeps' if name == 'frequency' else 'drifts'} in {name}, from {first:.3g} to {last:.3g} {unit}"
-            mend = "Run each frequency and amplitude steadily, and list one test for each"
+            fix = "Run each frequency and amplitude steadily, and list one test for each"
         else:
             how = f"varies in {name} from cycle to cycle"
-            mend = "Steady the drive, or cut out a part that is steady"
+            fix = "Steady the drive, or cut out a part that is steady"
         raise CampaignError(
-            f"{file}: the drive {how} (between {low:.3g} and {high:.3g} {unit}): no one loop stands for it. {mend}"
+            f"{file}: the drive {how} (between {low:.3g} and {high:.3g} {unit}): no one loop stands for it. {fix}"
         )
 
 
@@ -193,7 +193,7 @@ def staircase_said(drive: Drive) -> str:
 def split(record: Record) -> tuple[Record, ...]:
     """One record for each level of a staircase of amplitudes or frequencies; the record itself where it is steady.
 
-    Each piece holds the whole cycles of its level (transitions are left out), its own time from 0, and the frequency
+    Each piece holds the whole cycles of its level (transitions are dropped), its own time from 0, and the frequency
     and amplitude that were found; role and other numbers are the record's. Names are the record's with _1, _2 ...
 
     Raises CampaignError where the drive drifts, sweeps or wanders instead: then there are no levels to split at.
@@ -238,13 +238,13 @@ def _left_out(record: Record, drive: Drive) -> list[str]:
         if b > a:
             sizes = ", ".join(f"{x:.3g}" for x in drive.amplitude_mm[a : min(b, a + 4)])
             said.append(
-                f"left out: {b - a} cycle(s) from {drive.start_s[a]:.4g} to {drive.start_s[b]:.4g} s ({sizes} mm): no "
+                f"dropped: {b - a} cycle(s) from {drive.start_s[a]:.4g} to {drive.start_s[b]:.4g} s ({sizes} mm): no "
                 f"level that is held for {SHORT[0]} cycles"
             )
     longest = 2.0 / float(np.min(drive.frequency_hz))
     for a, b in ((record.time_s[0], drive.start_s[0]), (drive.start_s[-1], record.time_s[-1])):
         if b - a > longest:
             said.append(
-                f"left out: {a:.4g} to {b:.4g} s: no cycle of more than {SMALLEST_SPLIT:.0%} of the largest stroke"
+                f"dropped: {a:.4g} to {b:.4g} s: no cycle of more than {SMALLEST_SPLIT:.0%} of the largest stroke"
             )
     return said

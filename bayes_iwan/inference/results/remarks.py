@@ -29,7 +29,10 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
     floors that act."""
     out = []
     if posterior.quick:
-        out.append("Quick: a normal approximation about the most probable point, not sampled; a first result only.")
+        out.append(
+            "Quick: a normal approximation about the most probable point, not sampled; a first result, with "
+            "intervals that are too narrow."
+        )
     elif not posterior.converged:
         out.append(f"The chains have not converged ({posterior.message}); read every interval as too narrow.")
     said, agree = searches_said(posterior)

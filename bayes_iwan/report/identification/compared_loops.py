@@ -8,7 +8,9 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.setup.loop_error import friction_rms_N
 from bayes_iwan.inference.setup.quantities import loop_quantities
+from bayes_iwan.physics.interface.motion import motion_of
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive
 
@@ -52,7 +54,9 @@ def compared_loops(posterior: Posterior, p: Predictive) -> tuple[LoopRow, ...]:
     """Every test of a prediction, measured beside predicted."""
     measured, again = loop_quantities(p.displacement_mm, p.measured_N), loop_quantities(p.displacement_mm, p.loop_N)
     rms = np.std(p.residual_N(), axis=1)
-    share = rms / np.std(p.measured_N - p.spring_N, axis=1)
+    problem = posterior.problem
+    friction = problem.friction_force(problem.parameter_values(posterior.flat_z(400)), motion_of(p.loops))
+    share = rms / friction_rms_N(np.median(friction, axis=0), p.loops)
 
     def compared(name: str, seen: Array, repeated: Array, t: int) -> Compared:
         at = f"{name}[{p.loops[t].file}]"
