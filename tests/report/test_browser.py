@@ -7,7 +7,7 @@ import re
 import shutil
 
 import pytest
-from layout import run_browser, unescaped
+from .layout import run_browser, unescaped
 from pypdf import PdfReader
 
 from bayes_iwan.report import predict
