@@ -4,27 +4,21 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 
 import pytest
-from layout import run_browser, unescaped
 from pypdf import PdfReader
 
 from bayes_iwan.report import predict
 from bayes_iwan.report.browser import print_pdf
 
-BROWSER = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p), None)
-pytestmark = [
-    pytest.mark.usefixtures("no_figure_files"),
-    pytest.mark.skipif(
-        BROWSER is None, reason="no Chromium here; to run these tests: apt-get update && apt-get install -y chromium"
-    ),
-]
+from .layout import BROWSER, NO_BROWSER, run_browser, unescaped
+
+pytestmark = [pytest.mark.usefixtures("no_figure_files"), pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)]
 
 # runs in the page after its own scripts; what it finds goes into an element that --dump-dom brings back
 CHECK = """
 <script>
-(function () {
+(async function () {
   const get = (id) => document.getElementById(id), out = { errors: window.pageErrors, tests: [],
     resources: performance.getEntriesByType("resource").map((e) => e.name).filter((n) => !n.startsWith("data:")) };
   const set = (id, value) => { get(id).value = value; get(id).dispatchEvent(new Event("change", { bubbles: true })); };
@@ -41,9 +35,11 @@ CHECK = """
       get("v-phase").value = 32; get("v-phase").dispatchEvent(new Event("input"));
       one[what + " reading"] = get("v-read").textContent;
       one[what + " title"] = get("v-plot").getAttribute("aria-label");
-      // pointed at: the reading follows the pointer
+      // pointed at, once the plot stands: the reading follows the pointer
+      await new Promise((done) => setTimeout(done, 20));
       const over = get("v-plot").querySelector(".u-over"), r = over.getBoundingClientRect();
-      const at = { bubbles: true, clientX: r.left + 0.9 * r.width, clientY: r.top + 0.2 * r.height };
+      const at = { bubbles: true, movementX: 5, movementY: 5, clientX: r.left + 0.1 * r.width, clientY: r.top +
+          0.8 * r.height };
       over.dispatchEvent(new MouseEvent("mouseenter", at));
       over.dispatchEvent(new MouseEvent("mousemove", at));
       one[what + " pointed"] = +get("v-phase").value;
