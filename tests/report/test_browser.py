@@ -38,8 +38,7 @@ CHECK = """
       // pointed at, once the plot stands: the reading follows the pointer
       await new Promise((done) => setTimeout(done, 20));
       const over = get("v-plot").querySelector(".u-over"), r = over.getBoundingClientRect();
-      const at = { bubbles: true, movementX: 5, movementY: 5, clientX: r.left + 0.1 * r.width, clientY: r.top +
-          0.8 * r.height };
+      const at = { bubbles: true, clientX: r.left + 0.1 * r.width, clientY: r.top + 0.8 * r.height };
       over.dispatchEvent(new MouseEvent("mouseenter", at));
       over.dispatchEvent(new MouseEvent("mousemove", at));
       one[what + " pointed"] = +get("v-phase").value;

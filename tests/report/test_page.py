@@ -92,7 +92,7 @@ def test_readable_without_pictures(outline, text):
     assert all(inside for _, inside in outline.controls) and outline.controls
     assert '<html lang="en">' in text and 'name="viewport"' in text
     assert all(link in outline.ids for link in outline.links)
-    assert text.count("<caption>") == text.count("<table>")
+    assert text.count("<caption>") == len(re.findall(r"<table\b", text))
 
 
 def test_small_enough_and_no_rubble(page):
@@ -196,7 +196,7 @@ def test_a_figure_is_laid_out_once(tmp_path, monkeypatch):
 
 def test_the_head_says_when_with_what_and_from_where(text, posterior):
     head = text.split("<main")[0]
-    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d \w+ · bayes-iwan [\d.]+, seed 1 · from /", head)
+    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d \w+ · bayes-iwan [\d.]+, seed 1 · from \w", head), "no local path"
     assert f"({len(posterior.campaign.tests) + 1} files)" in head
     foot = text.split("<footer>")[1]
     assert all(test.file in foot for test in posterior.campaign.tests)
@@ -211,7 +211,7 @@ def test_the_answer_comes_first_and_symbols_before_what_uses_them(text, posterio
     legend = re.search(r'<dl class="symbols">(.*?)</dl>', text, re.S)
     symbols = {html.unescape(x) for x in re.findall(r"<dt>(.*?)</dt>", legend.group(1))}
     assert {q.symbol for q in posterior.problem.prior.parameters} <= symbols
-    assert legend.start() < text.index("<svg")
+    assert legend.start() < text.index("[parameters]</span>")
 
 
 def test_one_set_of_numbers(page, text, posterior):
@@ -223,7 +223,6 @@ def test_one_set_of_numbers(page, text, posterior):
             assert tuple(float(r[x]) for x in ("q50", "q05", "q95")) == pytest.approx(
                 (row.q50, row.q05, row.q95), rel=1e-7
             )
-            assert float(r["median"]) == pytest.approx(row.q50, rel=1e-7, abs=1e-12)
     with (page / "tables" / "convergence.csv").open() as file:
         for r in csv.DictReader(file):
             assert float(r["ess_bulk"]) == pytest.approx(rows[r["name"]].ess_bulk, rel=1e-7)
@@ -237,7 +236,7 @@ def test_one_set_of_numbers(page, text, posterior):
     fitted = [float(r["rms_residual_N"]) for r in loops if r["role"] != "held-out"]
     assert np.sqrt(np.mean(np.square(fitted))) == pytest.approx(misfit.rms_N, rel=1e-6)
     shares = [float(r["residual_share_of_friction"]) for r in loops if r["role"] != "held-out"]
-    friction = np.array(fitted) / np.array(shares)  # one definition: the RMS over the RMS friction force of all tests
+    friction = np.array(fitted) / np.array(shares)  # one friction force for every percentage
     assert misfit.rms_N / np.sqrt(np.mean(friction**2)) == pytest.approx(misfit.share, rel=1e-6)
     for name in ("kp_N_mm", "k1_N_mm", "mean_slip_force_N"):
         middle, low, high = reported(posterior, name)
@@ -263,13 +262,13 @@ def test_tables_beside_the_page(page, posterior):
         rows = {r["name"]: r for r in csv.DictReader(file)}
     assert set(rows) == set(posterior.names)
     kp = posterior.values()["kp_N_mm"]
-    assert float(rows["kp_N_mm"]["median"]) == pytest.approx(np.median(kp), rel=1e-8)
+    assert float(rows["kp_N_mm"]["q50"]) == pytest.approx(np.median(kp), rel=1e-8)
     assert float(rows["kp_N_mm"]["q05"]) == pytest.approx(np.quantile(kp, 0.05), rel=1e-8)
     with (page / "tables" / "loops.csv").open() as file:
         loops = list(csv.DictReader(file))
     assert [r["role"] for r in loops].count("held-out") == 1
     for row in loops:
-        assert float(row["energy_mJ_value"]) == pytest.approx(float(row["energy_mJ_measured"]), rel=0.03)
+        assert float(row["energy_mJ_q50"]) == pytest.approx(float(row["energy_mJ_measured"]), rel=0.03)
     with (page / "tables" / "per_frequency.csv").open() as file:
         assert {"all"} == {r["frequency"] for r in csv.DictReader(file)}
 
