@@ -29,8 +29,8 @@ import bayes_iwan as bi
 GUIDE = Path(__file__).parent
 #: pages in their order; those about export follow where they are written
 PAGES = (
-    "index", "first_identification", "reading_the_report", "first_diagnosis", "how_it_decides", "own_effect",
-    "own_simulator", "importing", "batch", "withheld", "glossary", "measured",
+    "index", "first_identification", "reading_the_report", "likelihood", "first_diagnosis", "how_it_decides",
+    "own_effect", "own_simulator", "importing", "batch", "withheld", "glossary", "measured",
 )  # fmt: skip
 #: the picture shows these tests of data/rope_spring
 SHOWN = ("f10_a0.3.csv.gz", "f15_a0.6.csv.gz", "f20_a1.csv.gz")

@@ -45,14 +45,24 @@ class Assigned:
 
 
 def named(name: str, role: str) -> bool:
-    """Whether a name says that a channel is of a role."""
-    words = WORDS[role].split("|")
-    letters = "|".join(w for w in words if len(w) == 1 and w.isascii())  # a letter alone begins a name: no "Channel A"
-    longer = "|".join(w for w in words if len(w) > 1 or not w.isascii())
-    return bool(
-        re.search(rf"(?<![^\W_])({longer})(?![^\W\d_])", name, re.IGNORECASE)
-        or re.search(rf"(^|\.)({letters or longer})(?![^\W\d_])", name, re.IGNORECASE)
-    )
+    """Whether a name says that a channel is of a role; of `laser.t` the last part, unless that says nothing."""
+    leaf = name.rpartition(".")[2]
+    return _says(leaf if any(_says(leaf, other) for other in WORDS) else name, role)
+
+
+def _says(name: str, role: str) -> bool:
+    """By a word, or by a letter at its start where there is no word."""
+    if _has_word(name, role):
+        return True
+    letters = "|".join(w for w in WORDS[role].split("|") if len(w) == 1 and w.isascii())
+    if not letters or any(_has_word(name, other) for other in WORDS):
+        return False
+    return bool(re.match(rf"({letters})(?![^\W\d_])", name, re.IGNORECASE))
+
+
+def _has_word(name: str, role: str) -> bool:
+    longer = "|".join(w for w in WORDS[role].split("|") if len(w) > 1 or not w.isascii())
+    return bool(re.search(rf"(?<![^\W_])({longer})(?![^\W\d_])", name, re.IGNORECASE))
 
 
 def roles_held(recording: Recording, recipe: Recipe) -> set[str]:

@@ -18,7 +18,7 @@ from bayes_iwan.campaign.timing.harmonics import evaluate, fit, inverse_grams, p
 from bayes_iwan.campaign.timing.period import period_marks, whole_period
 
 HYSTERESIS = 0.25  # of the amplitude: far above any usable noise, well inside any motion
-AT_END = 1.05  # steps that a crossing may lie beyond the first or last sample: a record cut at its crossings
+AT_END = 1.5  # steps that a crossing may lie beyond the first or last sample: a record cut at its crossings
 FEW_CROSSINGS = 12  # with more, a cycle at either end is not missed, and may hold the drive's start or stop
 LONG_GAP = 0.1  # of a cycle: a longer hole in the record costs the cycle it falls in
 RUN_IN_SHARE = 0.01  # of the loop's RMS: differences below this are never taken for run-in
@@ -55,9 +55,17 @@ class Cut:
 
 
 def crossings(
-    time: Array, signal: Array, middle: float, half_range: float, up: bool = True, hysteresis: float = HYSTERESIS
+    time: Array,
+    signal: Array,
+    middle: float,
+    half_range: float,
+    up: bool = True,
+    hysteresis: float = HYSTERESIS,
+    ends: bool = False,
 ) -> Array:
     """Times at which `signal` crosses `middle`, one per passage through +-hysteresis * half_range.
+
+    ends : also a crossing at which the record was cut, of however many; of few it is always counted.
 
     Each time comes from a straight line fitted to the samples inside the hysteresis band.
     """
@@ -68,14 +76,15 @@ def crossings(
     turns = np.flatnonzero((state[seen][:-1] < 0) & (state[seen][1:] > 0))
     pieces = [(seen[i], seen[i + 1] + 1) for i in turns]
     times = [_zero(time[a:b], v[a:b], 0.0) for a, b in pieces]
-    if seen.size and len(times) < FEW_CROSSINGS:  # a record that was cut at a crossing begins, or ends, within the band
+    if seen.size and (ends or len(times) < FEW_CROSSINGS):  # a record that was cut at a crossing
         step = float(np.median(np.diff(time)))
-        if state[seen[0]] > 0 and seen[0] > 0 and v[0] <= v[1]:
-            at = _zero(time[: seen[0] + 1], v[: seen[0] + 1], AT_END * step)
-            times = [at, *times] if at <= time[0] + AT_END * step else times
-        if state[seen[-1]] < 0 and seen[-1] < time.size - 1 and v[-1] >= v[-2]:
-            at = _zero(time[seen[-1] :], v[seen[-1] :], AT_END * step)
-            times = [*times, at] if at >= time[-1] - AT_END * step else times
+        first, last = slice(0, max(seen[0], 1) + 1), slice(min(seen[-1], time.size - 2), None)
+        if state[seen[0]] > 0 and v[0] <= v[1]:
+            at = _zero(time[first], v[first], AT_END * step)
+            times = [at, *times] if time[0] - AT_END * step < at <= time[0] + AT_END * step else times
+        if state[seen[-1]] < 0 and v[-1] >= v[-2]:
+            at = _zero(time[last], v[last], AT_END * step)
+            times = [*times, at] if time[-1] - AT_END * step <= at < time[-1] + AT_END * step else times
     return np.array(times)
 
 

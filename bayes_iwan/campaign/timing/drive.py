@@ -69,7 +69,12 @@ def judge(time_s: Array, displacement: Array, smallest: float = SMALLEST) -> Dri
         return None
     noise = float(np.median(np.abs(np.diff(displacement, 2)))) * 1.4826 / np.sqrt(6)
     times = crossings(
-        time_s, displacement, (low + high) / 2, half, hysteresis=min(max(smallest, 8 * noise / half), HYSTERESIS)
+        time_s,
+        displacement,
+        (low + high) / 2,
+        half,
+        hysteresis=min(max(smallest, 8 * noise / half), HYSTERESIS),
+        ends=True,
     )
     repeats = whole_period(time_s, displacement, times)
     if repeats is not None:

@@ -1,0 +1,142 @@
+"""Periodic drives that are no sine are tests like any other; few cycles are counted; staircases become tests."""
+
+import numpy as np
+import pytest
+from scipy.signal import sawtooth
+
+from bayes_iwan import cli
+from bayes_iwan.campaign import Record
+from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
+from bayes_iwan.campaign.loops.checks import check_record
+from bayes_iwan.campaign.timing.drift import without_drift
+from bayes_iwan.campaign.timing.drive import split_levels
+
+TAU = 2 * np.pi
+RATE, BASE = 500.0, 2.0
+
+
+def multisine(*orders):
+    return lambda p: sum(np.sin(TAU * k * p + k * k) for k in orders)
+
+
+WAVES = {
+    "multisine 1 2 3 5": multisine(1, 2, 3, 5),
+    "no fundamental": multisine(3, 4, 5),
+    "sparse": multisine(5, 7, 11),
+    "strong third": lambda p: np.sin(TAU * p) + 2.0 * np.sin(3 * TAU * p + 0.3),
+    "third 0.6": lambda p: np.sin(TAU * p) + 0.6 * np.sin(3 * TAU * p),
+    "second": lambda p: np.sin(TAU * p) + 0.8 * np.sin(2 * TAU * p + 1.0),
+    "triangle": lambda p: sawtooth(TAU * p, 0.5),
+    "trapezoid": lambda p: np.clip(1.8 * sawtooth(TAU * p + np.pi / 2, 0.5), -1.0, 1.0),
+}
+
+
+def slider(u, stiffness=40.0, slip=12.0):
+    """Force of one elastic slider beside a spring, N."""
+    out, force = np.empty(u.size), 0.0
+    for k, du in enumerate(np.diff(u, prepend=u[0])):
+        force = float(np.clip(force + stiffness * du, -slip, slip))
+        out[k] = force
+    return out + 5.0 * u
+
+
+def recorded(wave, cycles, noise=0.002):
+    """A record of so many periods after one that was not recorded, and its amplitude."""
+    n, skip = round(cycles * RATE / BASE), round(RATE / BASE)
+    u = wave(BASE * np.arange(-skip, n) / RATE)
+    u = u / (np.ptp(u) / 2)
+    force = slider(u)[skip:]
+    rng = np.random.default_rng(0)
+    u = u[skip:] + noise * rng.standard_normal(n)
+    return Record("a.csv", BASE, 1.0, "fit", {}, np.arange(n) / RATE, u, force + 20 * noise * rng.standard_normal(n))
+
+
+@pytest.mark.parametrize("name", WAVES)
+def test_a_periodic_drive_is_a_test(name):
+    record, loop = check_record(recorded(WAVES[name], 12.0))
+    assert loop.frequency_hz == pytest.approx(BASE, rel=2e-4) and loop.n_cycles >= 10
+    n = round(RATE / BASE)
+    whole = slice(record.time_s.size % n + n, None)
+    u, force = record.displacement_mm[whole], record.force_N[whole]
+    energy = float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(u))) / ((u.size - 1) / n)
+    found = float(np.mean(loop.force_N * loop.velocity_m_s)) * 1e3 / loop.frequency_hz
+    assert found == pytest.approx(energy, rel=0.02)
+    assert not any("phase wanders" in w or "frequency drifts" in w for w in record.warnings)
+
+
+@pytest.mark.parametrize("cycles", [2, 3, 4])
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+def test_cycles_cut_at_the_crossings_are_counted(cycles, noise):
+    _, loop = check_record(recorded(lambda p: np.sin(TAU * p), cycles, noise))
+    assert loop.n_cycles == cycles and loop.frequency_hz == pytest.approx(BASE, rel=1e-3)
+
+
+@pytest.mark.parametrize("cycles", [2, 3, 4, 7, 10])
+@pytest.mark.parametrize("one_speed", [False, True])
+def test_a_staircase_gives_a_test_a_level(cycles, one_speed):
+    u = []
+    for size in (0.5, 1.0, 1.5, 2.0, 3.0):
+        n = round(100 * (size if one_speed else 1.0))
+        u.append(size * np.sin(TAU * np.arange(cycles * n) / n))
+    u = np.concatenate(u)
+    record = Record("s.csv", 1.0, 1.0, "fit", {}, np.arange(u.size) / 10.0, u, slider(u))
+    pieces, dropped = split_levels(record)
+    assert [p.amplitude_mm for p in pieces] == pytest.approx([0.5, 1.0, 1.5, 2.0, 3.0], rel=0.01) and not dropped
+
+
+@pytest.mark.parametrize("amplitudes", [0.0, 0.9, 2.0, 6.0, -3.0])
+def test_a_straight_drift_is_taken_off(amplitudes):
+    record = recorded(lambda p: np.sin(TAU * p), 20.3)
+    line = amplitudes * record.time_s / record.time_s[-1]
+    level, said = without_drift(record.time_s, record.displacement_mm + line)
+    assert bool(said) == (amplitudes != 0.0)
+    np.testing.assert_allclose(level - level.mean(), record.displacement_mm - record.displacement_mm.mean(), atol=0.01)
+
+
+def columns(path, **values):
+    rows = zip(*values.values())
+    path.write_text(",".join(values) + "\n" + "".join(",".join(f"{x:.7g}" for x in row) + "\n" for row in rows))
+    return str(path)
+
+
+def test_all_that_is_missing_is_asked_at_once(tmp_path, capsys, monkeypatch):
+    """One message with the complete command; with the blanks filled in, that command works, and so does --ask."""
+    r = recorded(lambda p: np.sin(TAU * p), 9.3)
+    file = columns(tmp_path / "run 1.csv", ai0=r.displacement_mm, ai1=r.force_N)
+    with pytest.raises(ImportAsks) as caught:
+        import_tests([file])
+    asked = {(q.option, q.role) for q in caught.value.questions}
+    assert asked == {
+        ("--force", ""), ("--displacement", ""), ("--unit", "force"), ("--unit", "displacement"), ("--sample-rate", "")
+    }  # fmt: skip
+    assert cli.main(["import", file, "--dry-run"]) == 2
+    command = capsys.readouterr().err.strip().partition("Run: ")[2]
+    assert command.startswith(f'bayes-iwan import "{file}" --dry-run ') and "'" not in command
+    answers = {"force": "ai1", "displacement": "ai0", "force=": "N", "displacement=": "mm", "rate": "500"}
+    replies = [answers[{"--sample-rate": "rate"}.get(q.option, q.option[2:] if not q.role else q.role + "=")]
+               for q in caught.value.questions]  # fmt: skip
+    monkeypatch.setattr("builtins.input", lambda prompt: replies.pop(0))
+    assert cli.main(["import", file, "--dry-run", "--ask"]) == 0
+    assert "found: 2 Hz" in capsys.readouterr().out
+
+
+def test_a_channel_a_file_and_held_out_tests(tmp_path, capsys):
+    r, s = (recorded(WAVES["third 0.6"], n) for n in (9.3, 8.3))
+    for name, x in (("a", r), ("b", s)):
+        (tmp_path / f"{name}_disp.txt").write_text("\n".join(f"{v:.6f}" for v in x.displacement_mm) + "\n")
+        (tmp_path / f"{name}_load.txt").write_text("\n".join(f"{v:.6f}" for v in x.force_N) + "\n")
+    recipe = Recipe(units={"displacement": "mm", "force": "N"}, sample_rate_hz=RATE)
+    first, second = import_tests([tmp_path], recipe, held_out=["b_*"])
+    np.testing.assert_allclose(first.record.force_N, r.force_N, atol=1e-6)
+    np.testing.assert_allclose(second.record.displacement_mm, s.displacement_mm, atol=1e-6)
+    assert (first.record.role, second.record.role) == ("fit", "held-out")
+
+
+@pytest.mark.parametrize(("said", "newtons"), [("9,55 mV/N", 1.0), ("9.55 mV/N", 1.0)])
+def test_a_decimal_comma_in_a_sensitivity(tmp_path, said, newtons):
+    r = recorded(lambda p: np.sin(TAU * p), 9.3)
+    file = columns(tmp_path / "a.csv", t_s=r.time_s, x_mm=r.displacement_mm, F_V=r.force_N * 9.55e-3)
+    (test,) = import_tests([file], Recipe(sensitivities={"force": said}))
+    np.testing.assert_allclose(test.record.force_N, newtons * r.force_N, rtol=1e-4, atol=1e-4)
+    with pytest.raises(ValueError, match="is the comma"):
+        import_tests([file], Recipe(sensitivities={"force": "1,000 mV/N"}))
