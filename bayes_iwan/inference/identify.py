@@ -39,6 +39,7 @@ from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 #: `quick`: the search unless the configuration has its own, and the draws of the normal distribution
 QUICK_SEARCH = SearchSettings(members=100, evaluations=4000, second_search=False, starts=8)
 QUICK_DRAWS = 2000
+_LEAST_KEPT = 16  # steps of each walker
 _VERSIONED = ("bayes-iwan", "numpy", "scipy", "numba", "emcee", "arviz")
 
 
@@ -303,7 +304,8 @@ def _posterior(
 ) -> Posterior:
     """The draws thinned to about as many as were asked for, and the diagnostics of the whole run beside them."""
     ensembles, stored, walkers, ndim = chains.draws.shape
-    every = max(1, -(-stored * ensembles * walkers // settings.sampling.draws))
+    # what is kept has steps enough for its own diagnostics
+    every = max(1, min(-(-stored * ensembles * walkers // settings.sampling.draws), stored // _LEAST_KEPT))
     kept = slice(stored - 1 - every * ((stored - 1) // every), None, every)
     z = np.moveaxis(chains.draws[:, kept], 2, 1).reshape(ensembles, -1, ndim)
     log_prob = np.moveaxis(chains.log_prob[:, kept], 2, 1).reshape(ensembles, -1)

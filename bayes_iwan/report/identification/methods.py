@@ -57,14 +57,17 @@ def methods(posterior: Posterior) -> str:
         )
         chains = posterior.z.shape[0]
         way = f"{chains} independent ensembles of {posterior.walkers} walkers"
-        if posterior.walkers == 1:
-            way = f"{chains} chains" + (" of independent proposals" if posterior.independent else "")
-        rows = [r for r in posterior.summary() if r.r_hat == r.r_hat]
+        rows = posterior.convergence
+        reached = ""
+        if rows:
+            reached = (
+                f" (largest R-hat {max(r.r_hat for r in rows):.3f}, smallest bulk effective sample size "
+                f"{min(r.ess_bulk for r in rows):.0f})"
+            )
         parts.append(
-            f"The posterior was sampled by {way} with {timings.get('evaluations', 0.0):.2g} evaluations of the model; "
-            f"{'convergence was reached' if posterior.converged else 'it had not converged'} (largest R-hat "
-            f"{max(r.r_hat for r in rows):.3f}, smallest bulk effective sample size {min(r.ess_bulk for r in rows):.0f}"
-            f"), and {posterior.z.shape[0] * posterior.z.shape[1]} draws were kept."
+            f"The posterior was sampled by emcee, {way} and {timings.get('steps', 0.0):.0f} steps; "
+            f"{'convergence was reached' if posterior.converged else 'it had not converged'}{reached}, and "
+            f"{posterior.z.shape[0] * posterior.z.shape[1]} draws were kept."
         )
     shown = ", ".join(f"{k} {v}" for k, v in posterior.versions.items() if k != "bayes_iwan")
     parts.append(f"Seed {posterior.seed}; {SOFTWARE}, with {shown}.")
