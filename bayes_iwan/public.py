@@ -489,6 +489,13 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
     ------
     OutputError, TypeError
         a folder that cannot be written to; something that is no result.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> posterior = bi.identify(bi.demo(), quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> bi.write(posterior, tempfile.mkdtemp()).name
+    'report.html'
     """
     if isinstance(result, Posterior):
         from bayes_iwan.report.identification.page import identification_report

@@ -101,7 +101,7 @@ def test_the_family_that_made_the_loops_wins(comparison):
 
 def test_page_and_table_of_a_comparison(comparison, tmp_path):
     text = comparison_report(comparison, tmp_path).read_text(encoding="utf-8")
-    assert "one-gamma slip forces" in text and "<table>" in text
+    assert "one-gamma slip forces" in text and "<table" in text
     with (tmp_path / "compare.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [r["family"] for r in rows] == ["gamma1", "constant_grip"] and float(rows[1]["difference"]) < 0
@@ -138,4 +138,4 @@ def test_loo_pit_is_uniform_and_without_means(posterior):
 
 def test_short_runs_have_walkers_enough_for_the_paper_s_model(posterior):
     ndim = make_problem(posterior.problem.loops).ndim
-    assert ndim == 19 and all(short.sampling.walkers >= 2 * ndim + 2 for short in (per_frequency.SHORT, SHORT))
+    assert ndim == 27 and all(short.sampling.walkers >= 2 * ndim + 2 for short in (per_frequency.SHORT, SHORT))
