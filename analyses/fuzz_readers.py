@@ -27,7 +27,8 @@ from bayes_iwan.inference.setup.config import diagnose_settings_of, settings_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.user_file import load_simulator
-from bayes_iwan.report.batch import Batch, populations, stored_specimen
+from bayes_iwan.report.batch import stored_specimen
+from bayes_iwan.report.specimens import Batch, populations
 from bayes_iwan.sampling import checkpoint
 from bayes_iwan.sampling import run as sampling_run
 from bayes_iwan.sampling.moves.metropolis import LeastSquares

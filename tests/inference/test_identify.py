@@ -338,4 +338,5 @@ def test_intervals_are_quantiles_of_the_draws(run):
     for row in posterior.summary():
         x = posterior.quantities()[row.name].values
         np.testing.assert_allclose((row.q05, row.q50, row.q95), np.quantile(x, [0.05, 0.5, 0.95]))
-        assert posterior.interval(row.name) == (row.q05, row.q95) and posterior.median(row.name) == row.q50
+        assert posterior.interval(row.name) == pytest.approx((row.q05, row.q95), rel=1e-12)
+        assert posterior.median(row.name) == pytest.approx(row.q50, rel=1e-12)

@@ -17,7 +17,7 @@ from bayes_iwan.comparison.families import FAMILIES, Comparison, Entry
 from bayes_iwan.comparison.loo import Loo
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.report import batch, comparison_report
+from bayes_iwan.report import batch, comparison_report, specimens
 from bayes_iwan.report.batch_page import write_batch_page
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.provenance import of_folder
@@ -107,7 +107,7 @@ def test_batch_and_compare_of_torque_over_angle(tmp_path, posterior, monkeypatch
     finished = tuple(
         batch.Finished(x, 1.0, True, "", quantities, None, None, None, None, None) for x in ("one", "two", "three")
     )
-    result = batch.Batch(finished, {}, batch.populations(finished))
+    result = batch.Batch(finished, {}, specimens.populations(finished))
     page = write_batch_page(result, tmp_path, of_folder(tmp_path, 0)).read_text()
     loo = Loo(10.0, 1.0, 13.0, np.ones(10), np.zeros(10))
     entry = Entry(FAMILIES["gamma1"], torsion, 13, 0.01, loo, None, 1.0)
