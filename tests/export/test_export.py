@@ -46,7 +46,12 @@ def test_the_command_writes_a_target_and_says_what_is_in_it(run_folder, tmp_path
     source = (tmp_path / "isolator.c").read_text()
     assert "#define ISOLATOR_SETS 4" in source and source.isascii()
     assert main(["export", str(run_folder), "--to", "json", "--out", str(tmp_path)]) == 0
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["isolator.json", "log.txt", "model_card.json", "model_card.txt"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "isolator.json",
+        "log.txt",
+        "model_card.json",
+        "model_card.txt",
+    ]
 
 
 def test_without_draws_it_is_the_point_alone(posterior, tmp_path):
