@@ -22,6 +22,6 @@ if __name__ == "__main__":
     args = parser.parse_args()
     run = bi.identify(args.campaign, args.out, config={"sampling": {"budget_s": args.budget_s}}, seed=args.seed)
     for row in run.summary():
-        print(f"{row.name:42s} {row.value:10.4g}  ({row.low_90:.4g} to {row.high_90:.4g}) {row.unit}")
+        print(f"{row.name:42s} {row.q50:10.4g}  ({row.q05:.4g} to {row.q95:.4g}) {row.unit}")
     print(run.message)
     print(save(prior_posterior_figure(run), args.out / "determined.png"))

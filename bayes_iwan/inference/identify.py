@@ -286,7 +286,7 @@ def _approximation(
         message="quick: a normal approximation about the most probable point, not sampled",
         settings=settings,
         versions=versions(),
-        timings={"point_s": seconds, "sampling_s": 0.0, "steps": 0.0, "evaluations": float(point.n_evaluations)},
+        timings={"point_s": seconds, "sampling_s": 0.0, "steps": 0.0},
         convergence=(),
         stop=Stop.QUICK,
     )

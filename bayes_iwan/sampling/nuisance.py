@@ -89,12 +89,6 @@ def t_log_density(unit: Array, nu: float) -> Array:
     return np.asarray(norm - 0.5 * (nu + ndim) * np.log1p(np.sum(unit * unit, axis=-1) / nu))
 
 
-def log_t(x: Array, centre: Array, root: Array, nu: float) -> Array:
-    """ln of the t density (n,) of x (n, ndim) about a centre, with a lower triangular root of its scale."""
-    unit = solve_triangular(root, (x - centre).T, lower=True).T
-    return t_log_density(unit, nu) - np.log(np.diag(root)).sum()
-
-
 def log_mean_exp(x: Array) -> tuple[Array, Array]:
     """(n,) logarithm of the mean of e^x (n, count), and the terms' shares added up (n, count); −∞ where all are."""
     top = np.max(x, axis=1, keepdims=True)

@@ -331,12 +331,9 @@ def _sampling(
     section.note(said, "good" if agree else "warning")
     t = posterior.timings
     if "sampling_s" in t:
-        way = f"{posterior.z.shape[0]} ensembles with {posterior.walkers} walkers each"
-        if posterior.walkers == 1:
-            way = f"{posterior.z.shape[0]} chains of independent proposals, each as often as its weight says"
         section.text(
-            f"{t.get('steps', 0):.0f} steps of {way}, {t.get('evaluations', 0):.3g} evaluations; point estimate "
-            f"{t.get('point_s', 0):.3g} s, sampling {t['sampling_s']:.3g} s."
+            f"{t.get('steps', 0):.0f} steps of {posterior.z.shape[0]} ensembles with {posterior.walkers} walkers each; "
+            f"point estimate {t.get('point_s', 0):.3g} s, sampling {t['sampling_s']:.3g} s."
         )
 
 
