@@ -152,7 +152,8 @@ def _answer(args: argparse.Namespace, asks: ImportAsks) -> None:
         if not question.placeholder:
             setattr(args, name, True)
         elif question.role:
-            getattr(args, name).append(f"{question.role}={answer}")
+            # a new list: argparse hands out its default itself, and the next command of this process would inherit it
+            setattr(args, name, [*getattr(args, name), f"{question.role}={answer}"])
         else:
             setattr(args, name, answer)
 

@@ -118,6 +118,7 @@ def test_all_that_is_missing_is_asked_at_once(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("builtins.input", lambda prompt: replies.pop(0))
     assert cli.main(["import", file, "--dry-run", "--ask"]) == 0
     assert "found: 2 Hz" in capsys.readouterr().out
+    assert cli.main(["import", file, "--dry-run"]) == 2, "what was answered once is no answer for the next command"
 
 
 def test_a_channel_a_file_and_held_out_tests(tmp_path, capsys):
