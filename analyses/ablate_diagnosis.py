@@ -26,8 +26,8 @@ import numpy as np
 
 import calibrate_diagnosis as calibrate
 import study_cases
-from bayes_iwan.gap.judging import calibration, verdict
-from bayes_iwan.gap.judging.calibration import EFFECT_FIGURES, REST_FIGURES
+from bayes_iwan.diagnosis.assessment import calibration, verdict
+from bayes_iwan.diagnosis.assessment.calibration import EFFECT_FIGURES, REST_FIGURES
 from study_cases import Case, counts, log_loss, read_cases
 
 #: what is added up of a case: right names, false names, unexplained parts flagged, alarms

@@ -15,9 +15,9 @@ import shutil
 from pathlib import Path
 
 from bayes_iwan import executors
-from bayes_iwan.gap.telling.answer import diagnose_case
-from bayes_iwan.validation.answering import answer
-from bayes_iwan.validation.answers import read_answer
+from bayes_iwan.diagnosis.answer.diagnosis_json import diagnose_case
+from bayes_iwan.withheld.answering import answer
+from bayes_iwan.withheld.answers import read_answer
 
 
 def main() -> None:

@@ -23,10 +23,10 @@ from pathlib import Path
 import numba as nb
 import numpy as np
 
-from bayes_iwan.physics import Model, Motion, Reference, sine_motion
-from bayes_iwan.physics.kernels import sliders
-from bayes_iwan.physics.kernels.elements import element_force, equal_probability_sliders
-from bayes_iwan.physics.laws.paper import table_1
+from bayes_iwan.models import Model, Motion, Reference, sine_motion
+from bayes_iwan.models.kernels import sliders
+from bayes_iwan.models.kernels.elements import element_force, equal_probability_sliders
+from bayes_iwan.models.paper_parameters import table_1
 
 LOOPS, SAMPLES = 9, 128
 #: floating-point operations a sample, counted in the source: sliders, α, k, and the draw's table shared by its samples
@@ -160,7 +160,8 @@ def errors(
 def cold_start() -> float:
     """Processor seconds from starting Python to the first force, with nothing compiled."""
     code = (
-        "from bayes_iwan.physics import *; from bayes_iwan.physics.laws.paper import table_1; r = Reference(1.0, 0.1); "
+        "from bayes_iwan.models import *; from bayes_iwan.models.paper_parameters import table_1; "
+        "r = Reference(1.0, 0.1); "
         "Model(r).force(table_1(r), sine_motion(frequency_hz=10.0, amplitude_mm=1.0))"
     )
     with tempfile.TemporaryDirectory() as empty:

@@ -16,9 +16,9 @@ import numpy as np
 
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.physics import Model, Scales, sine_motion
-from bayes_iwan.physics.interface.simulator import recorded_force
-from bayes_iwan.physics.laws.paper import table_1
+from bayes_iwan.models import Model, Scales, sine_motion
+from bayes_iwan.models.paper_parameters import table_1
+from bayes_iwan.models.simulator import recorded_force
 
 SCALES = Scales(length_mm=1.0, speed_m_s=0.12566, force_N=4.0, slip_N=1.2, soft_N_mm=5.5, stiff_N_mm=15.0)
 FILES = tuple(f"{i}.csv" for i in range(9))

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from bayes_iwan.gap.judging.budget import NO_CAUSE, Gaps, Share
-from bayes_iwan.gap.judging.calibration import (
+from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Gaps, Share
+from bayes_iwan.diagnosis.assessment.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
     REST_FIGURES,
@@ -30,7 +30,7 @@ from bayes_iwan.gap.judging.calibration import (
     effect_figures,
     rest_figures,
 )
-from bayes_iwan.gap.searching.found import OWN_FORM
+from bayes_iwan.diagnosis.search.search_result import OWN_FORM
 from study_cases import (
     Answer,
     Case,

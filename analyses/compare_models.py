@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 
 from bayes_iwan.comparison.families import FAMILIES, compare_families
-from bayes_iwan.report.comparison import ranking_figure
+from bayes_iwan.report.comparison_page import ranking_figure
 from bayes_iwan.report.style import save
 
 if __name__ == "__main__":

@@ -30,14 +30,14 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.loops.averaging import average, in_band
 from bayes_iwan.files import write_json
+from bayes_iwan.inference.setup.loop_scales import loop_energy_mJ
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import quantities
-from bayes_iwan.inference.setup.scales import loop_energy_mJ
 from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.approximation import approximate_draws
 from bayes_iwan.inference.solving.point import laplace_scale, most_probable
-from bayes_iwan.rig import cases as rig_cases
-from bayes_iwan.rig import simulate as rig
+from bayes_iwan.virtual_rig import cases as rig_cases
+from bayes_iwan.virtual_rig import simulate as rig
 from runs import each
 from sbc import maxima, short_posterior
 

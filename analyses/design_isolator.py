@@ -19,9 +19,9 @@ import numba as nb
 import numpy as np
 
 import bayes_iwan as bi
-from bayes_iwan.physics.interface.motion import Y_FLOOR
-from bayes_iwan.physics.kernels.elements import equal_probability_sliders
-from bayes_iwan.physics.laws.normal_force import ALPHA_FLOOR
+from bayes_iwan.models.kernels.elements import equal_probability_sliders
+from bayes_iwan.models.motion import Y_FLOOR
+from bayes_iwan.models.normal_force import ALPHA_FLOOR
 from bayes_iwan.report.style import BLUE, ORANGE, band, save, styled, subplots
 
 SLIDERS = 64

@@ -10,8 +10,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from bayes_iwan.gap.diagnosis import BASES
-from bayes_iwan.report.diagnosis.files import diagnose_campaign
+from bayes_iwan.diagnosis.diagnosis import BASES
+from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

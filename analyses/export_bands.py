@@ -20,8 +20,8 @@ import bayes_iwan as bi
 import export_courses as rt
 from bayes_iwan.export.run import source_of
 from bayes_iwan.export.tested import steady_loops
-from bayes_iwan.physics.interface.motion import motion_of
-from bayes_iwan.physics.interface.simulator import FORCE_ZERO
+from bayes_iwan.models.motion import motion_of
+from bayes_iwan.models.simulator import FORCE_ZERO
 
 HERE = Path(__file__).resolve().parents[1]
 DEFAULT = [HERE / "data" / "rope_spring"]

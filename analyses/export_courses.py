@@ -13,8 +13,8 @@ import numpy as np
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.export.laws import OF_THE_RIG
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics import Motion
-from bayes_iwan.physics.interface.simulator import FORCE_ZERO, inner_effects, recorded_force
+from bayes_iwan.models import Motion
+from bayes_iwan.models.simulator import FORCE_ZERO, inner_effects, recorded_force
 
 #: samples of a cycle at the highest frequency with which the forward model follows a record
 FINE = 800

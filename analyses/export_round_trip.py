@@ -23,7 +23,7 @@ import bayes_iwan as bi
 import export_courses as rt
 from bayes_iwan.export import run as export_run
 from bayes_iwan.export.tested import steady_loops
-from bayes_iwan.physics import Model
+from bayes_iwan.models import Model
 from export_targets import Unavailable, drake_force, fmu_force, mujoco_force, opensees_force, plugin_force
 
 STEPS = (20, 50, 100)

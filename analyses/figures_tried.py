@@ -18,10 +18,10 @@ import numpy as np
 
 import calibrate_diagnosis as calibrate
 from ablate_diagnosis import patched, row, scored, seconds_of, write
-from bayes_iwan.gap.judging import calibration
-from bayes_iwan.gap.judging.budget import NO_CAUSE
-from bayes_iwan.gap.judging.figures import Figures
-from bayes_iwan.gap.searching.found import OWN_FORM
+from bayes_iwan.diagnosis.assessment import calibration
+from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE
+from bayes_iwan.diagnosis.assessment.indicators import Figures
+from bayes_iwan.diagnosis.search.search_result import OWN_FORM
 from study_cases import read_cases
 
 #: one figure each, larger for a cause

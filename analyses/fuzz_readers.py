@@ -13,32 +13,32 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+from bayes_iwan.report.batch.batch_run.specimens import Batch, populations
 
 import mutations
 from bayes_iwan.campaign import Record, average, read_campaign, write_campaign
-from bayes_iwan.effects.user_file import load_effects
+from bayes_iwan.diagnosis.answer import saved_fits
+from bayes_iwan.diagnosis.fits.data import gap_data
+from bayes_iwan.diagnosis.fits.evidence import base_model, base_problem
+from bayes_iwan.effects.own_effects import load_effects
 from bayes_iwan.files import write_json, write_whole
-from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.fitting.evidence import base_model, base_problem
-from bayes_iwan.gap.telling import saved_fits
 from bayes_iwan.inference.identify import identify_campaign
 from bayes_iwan.inference.results import netcdf, run_files
 from bayes_iwan.inference.setup.config import diagnose_settings_of, settings_of
+from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.inference.setup.scales import scales_of
-from bayes_iwan.inference.setup.user_file import load_simulator
-from bayes_iwan.report.batch import stored_specimen
-from bayes_iwan.report.specimens import Batch, populations
+from bayes_iwan.models.user_file import load_simulator
+from bayes_iwan.report.batch.batch_run import stored_specimen
 from bayes_iwan.sampling import checkpoint
 from bayes_iwan.sampling import run as sampling_run
 from bayes_iwan.sampling.moves.metropolis import LeastSquares
 from bayes_iwan.sampling.nuisance import Nuisance
 from bayes_iwan.sampling.plan import Plan
-from bayes_iwan.validation import scoring
-from bayes_iwan.validation import sealed as withheld
-from bayes_iwan.validation.answering import read_diagnosis
-from bayes_iwan.validation.answers import read_answer
-from bayes_iwan.validation.truths import read_truth
+from bayes_iwan.withheld import scoring
+from bayes_iwan.withheld import sealed as withheld
+from bayes_iwan.withheld.answering import read_diagnosis
+from bayes_iwan.withheld.answers import read_answer
+from bayes_iwan.withheld.truths import read_truth
 from fuzz_recordings import Reader, recording_readers
 from kill_runs import CONFIG, made_up
 

@@ -25,14 +25,14 @@ import numpy as np
 from scipy import interpolate, signal
 
 from bayes_iwan.campaign import Record, read_campaign
+from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict
+from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
+from bayes_iwan.diagnosis.assessment.calibration import calibration
+from bayes_iwan.diagnosis.assessment.indicators import Figures
+from bayes_iwan.diagnosis.diagnosis import diagnose_loops
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_json
-from bayes_iwan.gap.diagnosis import diagnose_loops
-from bayes_iwan.gap.judging.calibration import calibration
-from bayes_iwan.gap.judging.figures import Figures
-from bayes_iwan.gap.telling.answer import to_dict
-from bayes_iwan.gap.telling.saved_fits import LOOPS
-from bayes_iwan.validation.estimates import share
+from bayes_iwan.withheld.estimates import share
 
 #: campaign folders
 SOURCES = {

@@ -36,14 +36,14 @@ from bayes_iwan import report as report_room
 from bayes_iwan.campaign import Record, read_campaign, write_campaign
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.results.run_files import load
-from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.report.diagnosis import files as diagnosis_room
+from bayes_iwan.models import Model, Reference, sine_motion
+from bayes_iwan.report.diagnosis import diagnosis_files as diagnosis_room
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import subplots
 from bayes_iwan.sampling import run as sampling_run
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
-from bayes_iwan.validation import answering
-from bayes_iwan.validation import sealed as withheld
+from bayes_iwan.withheld import answering
+from bayes_iwan.withheld import sealed as withheld
 
 CONFIG = """
 [model]

@@ -26,15 +26,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import CampaignError, Loop, read_campaign
-from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.fitting.evidence import base_problem
-from bayes_iwan.gap.searching.base import cheapest, fit_base
+from bayes_iwan.diagnosis.fits.data import gap_data
+from bayes_iwan.diagnosis.fits.evidence import base_problem
+from bayes_iwan.diagnosis.search.base_fit import cheapest, fit_base
+from bayes_iwan.fitting.least_squares import least_squares_batch
+from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
-from bayes_iwan.optimize.least_squares import least_squares_batch
-from bayes_iwan.physics.interface.motion import motion_of
-from bayes_iwan.physics.interface.parameter import Z_LIMIT
+from bayes_iwan.models.motion import motion_of
+from bayes_iwan.models.parameter import Z_LIMIT
 
 #: least yield displacement over the largest amplitude, and ridge over the largest singular value: elements that no loop
 #: tells apart share their load

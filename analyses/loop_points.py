@@ -17,8 +17,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bayes_iwan.campaign.loops.resolution import points_for, reversals
-from bayes_iwan.physics import Model, Motion, Scales
-from bayes_iwan.physics.laws.paper import table_1
+from bayes_iwan.models import Model, Motion, Scales
+from bayes_iwan.models.paper_parameters import table_1
 
 SCALES = Scales(1.0, 0.063, 10.0, 1.2, 6.0, 14.0)
 FINE, POINTS = 8192, (64, 128, 256, 512, 1024)

@@ -30,10 +30,10 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 #: tests of a folder's own; a second command's worth of others would catch more, and take longer
 TESTS = {
-    "physics": ["tests/physics"],
-    "effects": ["tests/effects", "tests/rig/test_faults_against_effects.py"],
+    "physics": ["tests/models"],
+    "effects": ["tests/effects", "tests/virtual_rig/test_faults_against_effects.py"],
     "inference": ["tests/inference"],
-    "gap": ["tests/gap"],
+    "gap": ["tests/diagnosis"],
 }
 OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.Mod: ast.Mult,

@@ -18,10 +18,10 @@ import numpy as np
 
 from bayes_iwan.campaign import Campaign, Record, write_campaign
 from bayes_iwan.effects.catalogue import BUILT_IN
-from bayes_iwan.inference.setup.scales import scales_of
-from bayes_iwan.inference.setup.user_file import load_simulator
-from bayes_iwan.physics import Simulator, sine_motion
-from bayes_iwan.physics.interface.simulator import recorded_force
+from bayes_iwan.inference.setup.loop_scales import scales_of
+from bayes_iwan.models import Simulator, sine_motion
+from bayes_iwan.models.simulator import recorded_force
+from bayes_iwan.models.user_file import load_simulator
 
 SIMULATORS = Path(__file__).parent / "simulators"
 TESTS = tuple((f, a) for f in (5.0, 10.0, 20.0) for a in (0.4, 1.0))
@@ -87,7 +87,7 @@ def figure(found: dict[str, dict], folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    from bayes_iwan.report.diagnosis.files import diagnose_campaign
+    from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("runs/other_models"))

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign import Record, write_campaign
-from bayes_iwan.report.diagnosis.files import diagnose_campaign
-from bayes_iwan.rig.planning import simulate_campaign
-from bayes_iwan.rig.simulate import PlannedTest
+from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
+from bayes_iwan.virtual_rig.planning import simulate_campaign
+from bayes_iwan.virtual_rig.simulate import PlannedTest
 
 
 def with_drag(records: tuple[Record, ...], drag_N_s2_m2: float) -> list[Record]:

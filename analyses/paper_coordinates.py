@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics import Model
-from bayes_iwan.physics.laws.normal_force import from_paper_hunt_crossley, paper_hunt_crossley
-from bayes_iwan.physics.laws.slip_force import Gammas
-from bayes_iwan.physics.laws.stiffness import from_paper_stiffness, paper_stiffness
+from bayes_iwan.models import Model
+from bayes_iwan.models.normal_force import from_paper_hunt_crossley, paper_hunt_crossley
+from bayes_iwan.models.slip_force import Gammas
+from bayes_iwan.models.stiffness import from_paper_stiffness, paper_stiffness
 
 
 @dataclass(frozen=True)

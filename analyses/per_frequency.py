@@ -11,7 +11,7 @@ import argparse
 
 import bayes_iwan as bi
 from bayes_iwan.comparison.frequencies import compare_frequencies
-from bayes_iwan.report.identification.frequencies import wander_figure, wander_rows
+from bayes_iwan.report.identification.by_frequency import wander_figure, wander_rows
 from bayes_iwan.report.style import save
 
 if __name__ == "__main__":

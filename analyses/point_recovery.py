@@ -20,9 +20,9 @@ from bayes_iwan.campaign import Loop, Record, average, read_campaign
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import SearchSettings
 from bayes_iwan.inference.solving.point import find_point
-from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.physics.laws.normal_force import from_paper_hunt_crossley
-from bayes_iwan.physics.laws.stiffness import from_paper_stiffness
+from bayes_iwan.models import Model, Reference, sine_motion
+from bayes_iwan.models.normal_force import from_paper_hunt_crossley
+from bayes_iwan.models.stiffness import from_paper_stiffness
 
 TESTS = [(f, a) for f in (10.0, 15.0, 20.0) for a in (0.3, 0.6, 1.0)]
 REFERENCE = Reference(1.0, 0.12566)

@@ -18,7 +18,7 @@ import numpy as np
 
 import bayes_iwan as bi
 from bayes_iwan.comparison.families import SHORT
-from bayes_iwan.inference.results.left_out import HELD, left_out_frequencies, left_out_said
+from bayes_iwan.inference.results.held_out_frequencies import HELD, left_out_frequencies, left_out_said
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.report.identification.loops import test_name

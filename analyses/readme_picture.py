@@ -9,9 +9,9 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from bayes_iwan.report.diagnosis.files import diagnose_campaign
-from bayes_iwan.rig.planning import simulate_campaign
-from bayes_iwan.rig.simulate import PlannedTest
+from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
+from bayes_iwan.virtual_rig.planning import simulate_campaign
+from bayes_iwan.virtual_rig.simulate import PlannedTest
 
 PICTURE = Path(__file__).parent / "pictures" / "headline.png"
 

@@ -5,8 +5,8 @@
 Cases are drawn on the virtual rig: sound ones, single effects, foreign causes, both. The base model is fitted to each
 beside a rest that hangs together in one way only, for 37 ways: lengths of its correlation in ln f and ln A, and the
 share that each test has to itself. Printed: the ways that gain most when they are offered one after the other, beside
-the first (that and the five that follow are `bayes_iwan.gap.fitting.rest.BETWEEN`), and by how much a case is short of
-its best way. An interrupted run goes on.
+the first (that and the five that follow are `bayes_iwan.diagnosis.fits.discrepancy_size.BETWEEN`), and by how much a
+case is short of its best way. An interrupted run goes on.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign import average
-from bayes_iwan.gap.fitting import evidence
-from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.fitting.rest import BETWEEN
-from bayes_iwan.gap.searching.base import fit_base
-from bayes_iwan.gap.telling.saved_fits import LOOPS
-from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
+from bayes_iwan.diagnosis.fits import evidence
+from bayes_iwan.diagnosis.fits.data import gap_data
+from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN
+from bayes_iwan.diagnosis.search.base_fit import fit_base
+from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
-from bayes_iwan.rig import cases as rig_cases
+from bayes_iwan.virtual_rig import cases as rig_cases
 from runs import each
 
 WAYS = [*product((0.4, 0.8, 3.0, 10.0), (0.25, 0.5, 2.0), (0.3, 0.1, 0.03)), (0.8, 0.5, 1.0)]

@@ -28,21 +28,21 @@ import numpy as np
 import bayes_iwan
 from bayes_iwan import executors
 from bayes_iwan.campaign import Loop, Record, average, read_campaign
+from bayes_iwan.diagnosis import diagnosis
+from bayes_iwan.diagnosis.assessment.assessed_search import weighed
+from bayes_iwan.diagnosis.fits.data import GapData, gap_data
+from bayes_iwan.diagnosis.fits.evidence import base_problem
+from bayes_iwan.diagnosis.search.model_search import search
+from bayes_iwan.diagnosis.search.search_result import Search
 from bayes_iwan.effects import catalogue
 from bayes_iwan.files import write_json, write_whole
-from bayes_iwan.gap import diagnosis
-from bayes_iwan.gap.fitting.data import GapData, gap_data
-from bayes_iwan.gap.fitting.evidence import base_problem
-from bayes_iwan.gap.judging.weighing import weighed
-from bayes_iwan.gap.searching.found import Search
-from bayes_iwan.gap.searching.search import search
 from bayes_iwan.inference.results.population import SpecimenDraws, population
+from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
-from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
-from bayes_iwan.rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
-from bayes_iwan.rig.sizing import size_fault, surroundings
-from bayes_iwan.rig.specimen import paper_specimen
+from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, records, simulate_tests, with_noise
+from bayes_iwan.virtual_rig.sizing import size_fault, surroundings
+from bayes_iwan.virtual_rig.specimen import paper_specimen
 from kill_runs import CONFIG, made_up
 
 HERE = Path(__file__).parent

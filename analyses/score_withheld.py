@@ -13,13 +13,13 @@ import argparse
 from pathlib import Path
 
 from bayes_iwan import executors
+from bayes_iwan.diagnosis.answer.diagnosis_json import diagnose_case
+from bayes_iwan.diagnosis.answer.saved_fits import find_shares
 from bayes_iwan.files import write_json
-from bayes_iwan.gap.telling.answer import diagnose_case
-from bayes_iwan.gap.telling.saved_fits import find_shares
-from bayes_iwan.report.score_figures import figures
-from bayes_iwan.validation import scoring
-from bayes_iwan.validation.answering import answer
-from bayes_iwan.validation.sealed import make, read_json, truth_folder
+from bayes_iwan.report.withheld.score_figures import figures
+from bayes_iwan.withheld import scoring
+from bayes_iwan.withheld.answering import answer
+from bayes_iwan.withheld.sealed import make, read_json, truth_folder
 
 
 def share_found(folder: Path, unseen: Path, cause: str) -> float | None:

@@ -12,8 +12,8 @@ import argparse
 import time
 from pathlib import Path
 
+from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_folder
 from bayes_iwan.executors import serial
-from bayes_iwan.gap.diagnosis import Diagnosis, diagnose_folder
 
 #: probabilities below this with every seed are not listed
 LEAST = 0.2

@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.campaign import read_campaign
+from bayes_iwan.diagnosis.fits.data import gap_data
+from bayes_iwan.diagnosis.fits.evidence import Fit, extended, fit_model
+from bayes_iwan.diagnosis.fits.gap_size import gap_size
+from bayes_iwan.diagnosis.fits.residuals import residual_of
+from bayes_iwan.diagnosis.search.base_fit import fit_base
+from bayes_iwan.diagnosis.search.strength import calibrated
 from bayes_iwan.effects.conditions import conditions_of, following
-from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.fitting.evidence import Fit, extended, fit_model
-from bayes_iwan.gap.fitting.gap_size import gap_size
-from bayes_iwan.gap.fitting.residuals import residual_of
-from bayes_iwan.gap.searching.base import fit_base
-from bayes_iwan.gap.searching.strength import calibrated
-from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 
 SEAL = Path(__file__).parents[2] / "shared" / "data" / "pneumatic_seal"

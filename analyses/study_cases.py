@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from bayes_iwan.gap.constants import LEAST_OF_FRICTION, USUAL_GAP
-from bayes_iwan.gap.judging import verdict
-from bayes_iwan.gap.judging.budget import NO_CAUSE, Gaps, gaps_of
-from bayes_iwan.gap.judging.calibration import Calibration, rest_figures
-from bayes_iwan.gap.judging.figures import Figures
-from bayes_iwan.gap.searching.found import OWN_FORM
-from bayes_iwan.rig.faults import OUTSIDE
-from bayes_iwan.validation.true_gaps import by_set
+from bayes_iwan.diagnosis.assessment import verdict
+from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Gaps, gaps_of
+from bayes_iwan.diagnosis.assessment.calibration import Calibration, rest_figures
+from bayes_iwan.diagnosis.assessment.indicators import Figures
+from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, USUAL_GAP
+from bayes_iwan.diagnosis.search.search_result import OWN_FORM
+from bayes_iwan.virtual_rig.faults import OUTSIDE
+from bayes_iwan.withheld.true_gaps import by_set
 
 FIGURES = tuple(f.name for f in fields(Figures))
 

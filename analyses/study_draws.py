@@ -20,9 +20,9 @@ import bayes_iwan as bi
 from bayes_iwan.campaign import Record
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import write_whole
-from bayes_iwan.physics.laws.paper import table_1
-from bayes_iwan.rig import cases as rig_cases
-from bayes_iwan.rig.faults import CATALOGUE, FAMILY, OUTSIDE
+from bayes_iwan.models.paper_parameters import table_1
+from bayes_iwan.virtual_rig import cases as rig_cases
+from bayes_iwan.virtual_rig.faults import CATALOGUE, FAMILY, OUTSIDE
 
 #: kind of case and how many of it there are in one round of 22 foreign kinds
 ROUND = {

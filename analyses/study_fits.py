@@ -21,14 +21,14 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.campaign import average, read_campaign
+from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
+from bayes_iwan.diagnosis.assessment.assessed_search import weighed
+from bayes_iwan.diagnosis.assessment.indicators import ranked_by_training
+from bayes_iwan.diagnosis.diagnosis import searched
+from bayes_iwan.diagnosis.fits.data import gap_data
+from bayes_iwan.diagnosis.search.search_result import OWN_FORM
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import finite, write_whole
-from bayes_iwan.gap.diagnosis import searched
-from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.judging.figures import ranked_by_training
-from bayes_iwan.gap.judging.weighing import weighed
-from bayes_iwan.gap.searching.found import OWN_FORM
-from bayes_iwan.gap.telling.saved_fits import LOOPS
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.threads import linear_algebra
 
@@ -40,7 +40,7 @@ def named(names: frozenset[str]) -> str:
 
 def changed(constants: dict[str, float]) -> None:
     """Other values of constants wherever they have been imported."""
-    for module in [m for n, m in sys.modules.items() if n.startswith("bayes_iwan.gap")]:
+    for module in [m for n, m in sys.modules.items() if n.startswith("bayes_iwan.diagnosis")]:
         for name, value in constants.items():
             if hasattr(module, name):
                 setattr(module, name, value)

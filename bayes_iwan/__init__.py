@@ -17,6 +17,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bayes_iwan.api import Check as Check
+    from bayes_iwan.api import check as check
+    from bayes_iwan.api import compare as compare
+    from bayes_iwan.api import demo as demo
+    from bayes_iwan.api import diagnose as diagnose
+    from bayes_iwan.api import identify as identify
+    from bayes_iwan.api import load as load
+    from bayes_iwan.api import write as write
     from bayes_iwan.campaign import Campaign as Campaign
     from bayes_iwan.campaign import CampaignError as CampaignError
     from bayes_iwan.campaign import Loop as Loop
@@ -24,8 +32,8 @@ if TYPE_CHECKING:
     from bayes_iwan.campaign import read_campaign as read_campaign
     from bayes_iwan.campaign import write_campaign as write_campaign
     from bayes_iwan.comparison.families import Comparison as Comparison
+    from bayes_iwan.diagnosis.diagnosis import Diagnosis as Diagnosis
     from bayes_iwan.effects.base import Effect as Effect
-    from bayes_iwan.gap.diagnosis import Diagnosis as Diagnosis
     from bayes_iwan.inference.identify import NotConverged as NotConverged
     from bayes_iwan.inference.identify import identify_problem as identify_problem
     from bayes_iwan.inference.results.posterior import Posterior as Posterior
@@ -35,26 +43,18 @@ if TYPE_CHECKING:
     from bayes_iwan.inference.setup.problem import make_problem as make_problem
     from bayes_iwan.inference.setup.settings import DiagnoseSettings as DiagnoseSettings
     from bayes_iwan.inference.setup.settings import IdentifySettings as IdentifySettings
-    from bayes_iwan.physics import Model as Model
-    from bayes_iwan.physics import Motion as Motion
-    from bayes_iwan.physics import Parameter as Parameter
-    from bayes_iwan.physics import Scales as Scales
-    from bayes_iwan.physics import Simulator as Simulator
-    from bayes_iwan.physics import sine_motion as sine_motion
-    from bayes_iwan.public import Check as Check
-    from bayes_iwan.public import check as check
-    from bayes_iwan.public import compare as compare
-    from bayes_iwan.public import demo as demo
-    from bayes_iwan.public import diagnose as diagnose
-    from bayes_iwan.public import identify as identify
-    from bayes_iwan.public import load as load
-    from bayes_iwan.public import write as write
+    from bayes_iwan.models import Model as Model
+    from bayes_iwan.models import Motion as Motion
+    from bayes_iwan.models import Parameter as Parameter
+    from bayes_iwan.models import Scales as Scales
+    from bayes_iwan.models import Simulator as Simulator
+    from bayes_iwan.models import sine_motion as sine_motion
     from bayes_iwan.report import plot as plot
-    from bayes_iwan.report.batch import batch as batch
+    from bayes_iwan.report.batch.batch_run import batch as batch
     from bayes_iwan.report.cite import cite as cite
-    from bayes_iwan.rig.planning import VirtualCampaign as VirtualCampaign
-    from bayes_iwan.rig.planning import simulate_campaign as simulate_campaign
-    from bayes_iwan.rig.simulate import PlannedTest as PlannedTest
+    from bayes_iwan.virtual_rig.planning import VirtualCampaign as VirtualCampaign
+    from bayes_iwan.virtual_rig.planning import simulate_campaign as simulate_campaign
+    from bayes_iwan.virtual_rig.simulate import PlannedTest as PlannedTest
 
 __version__ = "0.1.0"
 
@@ -63,18 +63,18 @@ _FROM = {
     "campaign": ("Campaign", "CampaignError", "Loop", "Record", "read_campaign", "write_campaign"),
     "comparison.families": ("Comparison",),
     "effects.base": ("Effect",),
-    "gap.diagnosis": ("Diagnosis",),
+    "diagnosis.diagnosis": ("Diagnosis",),
     "inference.setup.config": ("ConfigError", "settings_of"),
     "inference.identify": ("NotConverged", "identify_problem"),
     "inference.results.posterior": ("Posterior",),
     "inference.setup.problem": ("Problem", "make_problem"),
     "inference.setup.settings": ("DiagnoseSettings", "IdentifySettings"),
-    "physics": ("Model", "Motion", "Parameter", "Scales", "Simulator", "sine_motion"),
-    "public": ("Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"),
-    "report.batch": ("batch",),
+    "models": ("Model", "Motion", "Parameter", "Scales", "Simulator", "sine_motion"),
+    "api": ("Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"),
+    "report.batch.batch_run": ("batch",),
     "report.cite": ("cite",),
-    "rig.planning": ("VirtualCampaign", "simulate_campaign"),
-    "rig.simulate": ("PlannedTest",),
+    "virtual_rig.planning": ("VirtualCampaign", "simulate_campaign"),
+    "virtual_rig.simulate": ("PlannedTest",),
 }
 _WHERE = {name: module for module, names in _FROM.items() for name in names}
 __all__ = sorted([*_WHERE, "__version__", "plot"])

@@ -13,13 +13,12 @@ import pytest
 from markupsafe import Markup
 
 from bayes_iwan.campaign import Campaign, Record, average, read_campaign, write_campaign
+from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.inference.setup.scales import Scales
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
-from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.physics.laws import embedded, paper
-from bayes_iwan.physics.laws.normal_force import from_paper_hunt_crossley
-from bayes_iwan.physics.laws.stiffness import from_paper_stiffness
+from bayes_iwan.models import Model, Reference, embedded_error, paper_parameters, sine_motion
+from bayes_iwan.models.normal_force import from_paper_hunt_crossley
+from bayes_iwan.models.stiffness import from_paper_stiffness
 from bayes_iwan.report import page, rendering
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
@@ -154,7 +153,7 @@ TWO_GAMMAS = DiagnoseSettings(ModelSettings(slip="gamma2"))
 
 def parameter_values_of(model: Model, draws: int = 1, **others) -> dict:
     """Table 1 (with what the model reads of it), (draws,) each, and other numbers of (draws,) or one for all."""
-    out = {n: np.repeat(v, draws) for n, v in paper.table_1(model.reference).items() if n in model.names}
+    out = {n: np.repeat(v, draws) for n, v in paper_parameters.table_1(model.reference).items() if n in model.names}
     return out | {n: np.broadcast_to(np.asarray(v, float), (draws,)).copy() for n, v in others.items()}
 
 
@@ -215,8 +214,8 @@ PLANS["held out"] = [*PLANS["grid"], (13.0, 0.6, "held-out")]
 @cache
 def rig_records(effect: str | None, plan: str = "grid"):
     """Tests on the virtual rig, the effect at an eighth of the friction force."""
-    from bayes_iwan.rig.planning import simulate_campaign
-    from bayes_iwan.rig.simulate import PlannedTest
+    from bayes_iwan.virtual_rig.planning import simulate_campaign
+    from bayes_iwan.virtual_rig.simulate import PlannedTest
 
     tests = [PlannedTest(f, a, cycles=12, role=role) for f, a, role in PLANS[plan]]
     return simulate_campaign(tests, fault=effect, size=0.12, seed=3)
@@ -229,7 +228,7 @@ def campaign_of(virtual) -> Campaign:
 @cache
 def diagnosed(effect: str | None, plan: str = "grid"):
     """Quick diagnosis of a rig campaign, once a session."""
-    from bayes_iwan.gap.diagnosis import diagnose_loops
+    from bayes_iwan.diagnosis.diagnosis import diagnose_loops
 
     campaign = campaign_of(rig_records(effect, plan))
     return diagnose_loops(campaign, campaign.loops(**SMALL), seed=1, quick=True, settings=TWO_GAMMAS)
@@ -313,7 +312,7 @@ def true_z(problem, values=None, **noise):
         n["grip_rate"] = n["grip_rate"] * length ** n["beta"] * s.speed_m_s / REFERENCE.speed_m_s
     default = {"noise_scale": 1.0, "discrepancy_share": 1e-4, "discrepancy_length": 0.06, "noise_N": 0.02}
     default |= {"discrepancy_odd": 1e-4, "discrepancy_even": 1e-4, "discrepancy_slope": 2.0}
-    default |= dict.fromkeys(embedded.NAMES, 0.0)
+    default |= dict.fromkeys(embedded_error.NAMES, 0.0)
     return problem.prior.scores(problem.model.values(n) | default | noise)
 
 

@@ -15,12 +15,12 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from bayes_iwan import executors
+from bayes_iwan.diagnosis.fits.data import gap_data
+from bayes_iwan.diagnosis.search.model_search import search
 from bayes_iwan.effects import catalogue
-from bayes_iwan.effects.user_file import load_effects
+from bayes_iwan.effects.own_effects import load_effects
 from bayes_iwan.executors import ExecutorError, Failure
-from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.searching.search import search
-from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.loop_scales import scales_of
 
 ANALYSES = Path(__file__).parents[1] / "analyses"
 PIECES = {f"piece {i}": i for i in range(6)}

@@ -144,7 +144,7 @@ def test_out_is_looked_at_before_anything_is_computed(tmp_path, made_up_campaign
     def never(*a, **k):
         raise AssertionError("computed before the folder was looked at")
 
-    monkeypatch.setattr("bayes_iwan.public.identify_campaign", never)
+    monkeypatch.setattr("bayes_iwan.api.identify_campaign", never)
     file, held = tmp_path / "file", tmp_path / "held"
     file.write_text("")
     held.mkdir()
@@ -159,7 +159,7 @@ def test_an_error_of_the_disk_is_one_line(monkeypatch, capsys, tmp_path, made_up
     def full(*a, **k):
         raise OSError(28, "No space left on device", "summary.csv")
 
-    monkeypatch.setattr("bayes_iwan.public.identify_campaign", full)
+    monkeypatch.setattr("bayes_iwan.api.identify_campaign", full)
     assert main(["identify", str(made_up_campaign), "--out", str(tmp_path / "out")]) == 2
     printed = capsys.readouterr().err
     assert "summary.csv: No space left on device" in printed and printed.count("\n") == 1

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.physics import Motion
+from bayes_iwan.models import Motion
 
 
 class QuadraticDrag(Effect):

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.physics import Parameter, Simulator
+from bayes_iwan.models import Parameter, Simulator
 
 
 class Dahl(Simulator):

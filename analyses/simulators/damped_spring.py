@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.physics import ModelError, Parameter, Simulator
+from bayes_iwan.models import ModelError, Parameter, Simulator
 
 
 class DampedSpring(Simulator):

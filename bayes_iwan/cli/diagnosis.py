@@ -59,8 +59,8 @@ def run_diagnose(args: argparse.Namespace) -> None:
     workers = args.workers
     if workers is None:
         workers = 1 if args.dask else min(numba.get_num_threads(), WORKERS_MOST)
-    with opened(workers, args.dask, along=True, needs=("bayes_iwan.gap.diagnosis",)) as executor:
-        from bayes_iwan.report.diagnosis.files import diagnose_campaign  # while the processes start
+    with opened(workers, args.dask, along=True, needs=("bayes_iwan.diagnosis.diagnosis",)) as executor:
+        from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign  # while the processes start
 
         answer = diagnose_campaign(
             args.campaign,

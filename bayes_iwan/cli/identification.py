@@ -71,7 +71,7 @@ def run_identify(args: argparse.Namespace) -> int:
 
     from bayes_iwan import Model, NotConverged, identify
     from bayes_iwan.executors import opened
-    from bayes_iwan.inference.results.left_out import left_out_said
+    from bayes_iwan.inference.results.held_out_frequencies import left_out_said
 
     warnings.simplefilter("ignore", NotConverged)  # said below
 

@@ -93,7 +93,7 @@ def _recipe(args: argparse.Namespace) -> Recipe:
     """What the options say, over what the recipe file says. Raises CampaignError."""
     from bayes_iwan.campaign import CampaignError
     from bayes_iwan.campaign.importing import Layout, Recipe, read_recipe
-    from bayes_iwan.campaign.importing.units import decimal_point
+    from bayes_iwan.campaign.importing.unit_texts import decimal_point
 
     def by_role(option: str) -> dict[str, str]:
         pairs = [text.partition("=") for text in getattr(args, option)]
@@ -178,7 +178,7 @@ def run_check(args: argparse.Namespace) -> None:
     examples=("bayes-iwan inspect campaign --out seen",),
 )
 def run_inspect(args: argparse.Namespace) -> None:
-    from bayes_iwan.report.inspect_page import inspect_to
+    from bayes_iwan.report.inspection.inspect_page import inspect_to
 
     say(inspect_to(args.campaign, args.out))
     if args.out:

@@ -22,7 +22,7 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     *ELSEWHERE,
 )
 def run_make(args: argparse.Namespace) -> None:
-    from bayes_iwan.validation.sealed import make
+    from bayes_iwan.withheld.sealed import make
 
     with executor_of(args) as executor:
         truth = make(
@@ -47,10 +47,10 @@ def run_make(args: argparse.Namespace) -> None:
     *ELSEWHERE,
 )
 def run_answer(args: argparse.Namespace) -> None:
+    from bayes_iwan.diagnosis.answer.diagnosis_json import diagnose_case
     from bayes_iwan.files import owned
-    from bayes_iwan.gap.telling.answer import diagnose_case
-    from bayes_iwan.validation.answering import answer
-    from bayes_iwan.validation.confinement import available
+    from bayes_iwan.withheld.answering import answer
+    from bayes_iwan.withheld.confinement import available
 
     if not available():
         say("this machine cannot close the truths to the answering processes (it has no Landlock)")
@@ -73,7 +73,7 @@ def run_answer(args: argparse.Namespace) -> None:
     argument("--allow-effects-file", action="store_true", help="run the code of the Python files that answers name"),
 )
 def run_score(args: argparse.Namespace) -> None:
-    from bayes_iwan.report.scores import write_score
+    from bayes_iwan.report.withheld.scores import write_score
 
     say(
         write_score(

@@ -20,8 +20,8 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import Config, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, ModelSettings, SamplingSettings, SearchSettings
-from bayes_iwan.physics import Simulator
-from bayes_iwan.physics.models.bouc_wen import RIVALS
+from bayes_iwan.models import Simulator
+from bayes_iwan.models.bouc_wen import RIVALS
 
 
 class CompareError(ValueError):

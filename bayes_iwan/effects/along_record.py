@@ -10,7 +10,7 @@ import numpy as np
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Records
 from bayes_iwan.effects.by_test import ByTest
-from bayes_iwan.effects.spanning import about
+from bayes_iwan.effects.law_families import about
 
 #: powers of time that a drift is made of: enough for e^(−b x) on [0, 1] to 1e-4 for |b| ≤ 4
 RAMPS = 7

@@ -6,7 +6,7 @@ the file to `bayes-iwan diagnose --effects FILE` (`analyses/own_effect.py` is an
 
 Priors of strengths are not in physical units: a strength is given the prior share of the friction force that it moves
 (:data:`TYPICAL_SHARE`), and turned into the effect's own unit on the fitted base model
-(:mod:`bayes_iwan.gap.searching.strength`). So no effect is favoured because its unit happens to suit the specimen.
+(:mod:`bayes_iwan.diagnosis.search.strength`). So no effect is favoured because its unit happens to suit the specimen.
 
 Nature follows no one's formula. So an effect's law is a family: extra parameters, with priors about the classical law,
 span what the literature uses and what lies between; where one number cannot, several classes share one `name`. The
@@ -24,14 +24,12 @@ import numpy as np
 from scipy import fft, stats
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.inference.setup.parameters import Parameter
-from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.inference.setup.scales import Scales
-from bayes_iwan.physics import Motion
-from bayes_iwan.physics.interface.distinct import for_distinct
-from bayes_iwan.physics.interface.parameter import Distribution
-from bayes_iwan.physics.interface.simulator import INNER, OUTER
-from bayes_iwan.physics.kernels.pointwise import speeds_of_change
+from bayes_iwan.models import Motion
+from bayes_iwan.models.distinct import for_distinct
+from bayes_iwan.models.kernels.pointwise import speeds_of_change
+from bayes_iwan.models.parameter import Distribution, Parameter
+from bayes_iwan.models.scales import Scales
+from bayes_iwan.models.simulator import INNER, OUTER
 
 #: prior of an effect's strength: the RMS force it moves over the RMS friction force has this median, ×/÷ e^0.9
 TYPICAL_SHARE = 0.08
@@ -103,7 +101,7 @@ class Effect:
         files of the fitted tests, for effects with a parameter of their own in each.
     strength_value
         median size of the strength, in its unit, for a typical share of the friction force; None until
-        :func:`bayes_iwan.gap.searching.strength.calibrated` has found it on a fitted base model.
+        :func:`bayes_iwan.diagnosis.search.strength.calibrated` has found it on a fitted base model.
 
     Attributes
     ----------
@@ -196,7 +194,7 @@ class Effect:
         raise NotImplementedError
 
     def possible(self, data: Records) -> bool:
-        """Do the records allow it at all? data : the campaign's :class:`bayes_iwan.gap.fitting.data.GapData`."""
+        """Do the records allow it at all? data : the campaign's :class:`bayes_iwan.diagnosis.fits.data.GapData`."""
         return True
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
@@ -300,7 +298,7 @@ class Effect:
 
     def slip_table(self, tables: Array, top: Array, parameter_values: ParameterValues) -> Array:
         """The slip forces at rest: coefficients (draws, cells, 4) of E[min(Φ, φ)] up to φ = top (draws,), N, as
-        :mod:`bayes_iwan.physics.laws.warp` bends them."""
+        :mod:`bayes_iwan.models.series` bends them."""
         return tables
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -315,7 +313,7 @@ class Effect:
         """What the effect adds along whole records, as block harmonics (draws, tests, blocks, H + 1), or None.
 
         For what does not repeat with the cycle (`evolving`): a drift, a line of the mains.
-        data : :class:`bayes_iwan.gap.fitting.data.GapData`.
+        data : :class:`bayes_iwan.diagnosis.fits.data.GapData`.
         """
         return None
 
@@ -336,11 +334,6 @@ class Effect:
 def stations_of(kind: type[Effect]) -> frozenset[str]:
     """The stations at which effects of a class act."""
     return frozenset(s for s in (*OUTER, *INNER) if getattr(kind, s) is not getattr(Effect, s))
-
-
-def effects_of(problem: Problem) -> tuple[Effect, ...]:
-    """A problem's effects, as what they are here."""
-    return tuple(e for e in problem.effects if isinstance(e, Effect))
 
 
 def filtered(signal: Array, frequency_hz: Array, response: Callable[[Array], np.ndarray]) -> Array:

@@ -11,7 +11,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.inference.setup.parameters import Parameter
+from bayes_iwan.models.parameter import Parameter
 
 
 class ByTest(Effect):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from bayes_iwan.effects import along_record, channels, form, friction, lag, mounting, specimen
+from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting, specimen
 from bayes_iwan.effects.base import Effect, EffectError, stations_of
 from bayes_iwan.effects.conditions import following
-from bayes_iwan.effects.paper import missing_terms
-from bayes_iwan.effects.unlisted import EFFECTS as WITHOUT_CAUSE
-from bayes_iwan.physics import Simulator
-from bayes_iwan.physics.interface.simulator import OUTER, offered
+from bayes_iwan.effects.empirical_patterns import EFFECTS as WITHOUT_CAUSE
+from bayes_iwan.effects.paper_stages import missing_terms
+from bayes_iwan.models import Simulator
+from bayes_iwan.models.simulator import OUTER, offered
 
 #: what makes an effect from (scales, tests): its class, or one that knows the condition that it follows
 Maker = Callable[..., Effect]
@@ -20,7 +20,7 @@ BUILT_IN: tuple[type[Effect], ...] = (
     *friction.EFFECTS,
     *lag.EFFECTS,
     *mounting.EFFECTS,
-    *channels.EFFECTS,
+    *measuring_chain.EFFECTS,
     *along_record.EFFECTS,
 )
 #: names, in the order of the signal; an effect with several laws is one name
@@ -28,7 +28,7 @@ NAMES: tuple[str, ...] = tuple(dict.fromkeys(e.name for e in BUILT_IN))
 #: patterns without a cause, which stand for "unknown"
 UNLISTED: tuple[type[Effect], ...] = WITHOUT_CAUSE
 #: causes in the base's own form
-FORM: tuple[type[Effect], ...] = form.EFFECTS
+FORM: tuple[type[Effect], ...] = model_form.EFFECTS
 
 
 def variants(

@@ -15,8 +15,8 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Records
-from bayes_iwan.effects.spanning import about
-from bayes_iwan.physics import Motion
+from bayes_iwan.effects.law_families import about
+from bayes_iwan.models import Motion
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
-from bayes_iwan.effects.spanning import about, decay_over_block
-from bayes_iwan.physics.kernels.relaxing import relaxed
+from bayes_iwan.effects.law_families import about, decay_over_block
+from bayes_iwan.models.kernels.relaxing import relaxed
 
 
 class NormalForceLag(Effect):

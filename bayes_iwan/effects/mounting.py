@@ -11,7 +11,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, moved_by
-from bayes_iwan.physics.kernels import pointwise
+from bayes_iwan.models.kernels import pointwise
 
 #: passes over the loop that settle how far the rig gives, or where the force crosses zero
 PASSES = 4

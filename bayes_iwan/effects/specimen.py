@@ -7,7 +7,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
-from bayes_iwan.effects.spanning import about, power_of
+from bayes_iwan.effects.law_families import about, power_of
 
 
 class ViscousDamping(Effect):

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_iwan.export.device import Device, rows_of
 from bayes_iwan.export.laws import HELPERS
-from bayes_iwan.physics.kernels.sliders import MAX_PIECES, OCTAVES
+from bayes_iwan.models.kernels.sliders import MAX_PIECES, OCTAVES
 
 TEMPLATES = Path(__file__).parent / "templates"
 #: steps within a step of the solver, and where friction follows the speed besides: so many keep the difference from the

@@ -18,9 +18,9 @@ from bayes_iwan.export.c_code import substeps
 from bayes_iwan.export.device import Device, effects_text
 from bayes_iwan.export.tested import fixed_amplitude
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics.interface.motion import Y_FLOOR
-from bayes_iwan.physics.kernels.sliders import MAX_PIECES
-from bayes_iwan.physics.laws.normal_force import ALPHA_FLOOR
+from bayes_iwan.models.kernels.sliders import MAX_PIECES
+from bayes_iwan.models.motion import Y_FLOOR
+from bayes_iwan.models.normal_force import ALPHA_FLOOR
 
 CITATION = (
     "Rajaei, Ahmadian and Tavakoli, generalized Iwan model of a friction vibration isolator (the model); "

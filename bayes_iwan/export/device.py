@@ -12,10 +12,9 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.laws import CYCLE_STATES, LAWS, OF_THE_RIG, Law
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics import Model
-from bayes_iwan.physics.interface.motion import Y_FLOOR
-from bayes_iwan.physics.laws import embedded, normal_force, slip_force
-from bayes_iwan.physics.laws.normal_force import ALPHA_FLOOR
+from bayes_iwan.models import Model, embedded_error, normal_force, slip_force
+from bayes_iwan.models.motion import Y_FLOOR
+from bayes_iwan.models.normal_force import ALPHA_FLOOR
 
 #: in the order of the step
 STAGES = ("before", "alpha", "stiffness", "slip", "asymmetry", "specimen", "force")
@@ -113,7 +112,7 @@ def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[st
     """Parameters and stages of the Iwan model itself; floored : is α held above its floor after effects?"""
     ell, speed = model.reference.length_mm, model.reference.speed_m_s
     sets = len(values["kp_N_mm"])
-    names = [n for n in model.names if n not in (*model.slip_family.names, *embedded.TILT_NAMES)]
+    names = [n for n in model.names if n not in (*model.slip_family.names, *embedded_error.TILT_NAMES)]
     parameters = {n: np.asarray(values[n], float) for n in names}
     parameters["amplitude_mm"] = np.full(sets, ell)
     stages: dict[str, list[str]] = {name: [] for name in STAGES}
@@ -140,11 +139,11 @@ def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[st
     if model.stiffness == "saturating":
         stages["stiffness"].append("k = p->k1_N_mm * expm1(-p->stiffness_bend * alpha) / expm1(-p->stiffness_bend);")
     if model.embedded:
-        at_corner = f"(A - u) / ({embedded.CORNER_WIDTH!r} * A)"
-        alpha.append(f"alpha *= exp(p->{embedded.CORNER_NAME} / (1.0 + {at_corner} * {at_corner}));")
-        stages["stiffness"].append(f"k *= exp(p->{embedded.STIFFNESS_NAME} * log(alpha));")
+        at_corner = f"(A - u) / ({embedded_error.CORNER_WIDTH!r} * A)"
+        alpha.append(f"alpha *= exp(p->{embedded_error.CORNER_NAME} / (1.0 + {at_corner} * {at_corner}));")
+        stages["stiffness"].append(f"k *= exp(p->{embedded_error.STIFFNESS_NAME} * log(alpha));")
     if law.name == "constant" and not floored:  # α is 1, so k is k(1) whatever the law of the stiffness
-        keep = model.embedded and np.any(parameters[embedded.CORNER_NAME] != 0.0)
+        keep = model.embedded and np.any(parameters[embedded_error.CORNER_NAME] != 0.0)
         if not keep:
             alpha.clear()
             stages["stiffness"].clear()

@@ -23,8 +23,8 @@ from bayes_iwan.export.device import ExportError
 from bayes_iwan.export.laws import OF_THE_RIG
 from bayes_iwan.files import finite
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics import Model, Motion, Scales
-from bayes_iwan.physics.interface.simulator import FORCE_ZERO, recorded_force
+from bayes_iwan.models import Model, Motion, Scales
+from bayes_iwan.models.simulator import FORCE_ZERO, recorded_force
 
 NAME, SCHEMA = "isolator.json", "bayes_iwan.export 1"
 
@@ -62,7 +62,7 @@ def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:
     """isolator.json of a problem at coordinates z (sets, ndim), the point first."""
     model = problem.model
     values = problem.prior.values(z)
-    kept = [e for e in problem.effects if isinstance(e, Effect) and not isinstance(e, OF_THE_RIG)]
+    kept = [e for e in problem.effects if not isinstance(e, OF_THE_RIG)]
     mine = {p.name for e in kept for p in e.parameters} | {p.name for p in problem.prior.parameters if not p.owner}
     noise = {p.name for p in problem.likelihood.parameters}
     told = [p for p in problem.prior.parameters if p.name in mine - noise]

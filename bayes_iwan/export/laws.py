@@ -15,10 +15,20 @@ import numpy as np
 from scipy.optimize import nnls
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects import along_record, channels, conditions, form, friction, lag, mounting, paper, specimen
+from bayes_iwan.effects import (
+    along_record,
+    conditions,
+    friction,
+    lag,
+    measuring_chain,
+    model_form,
+    mounting,
+    paper_stages,
+    specimen,
+)
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.physics.interface.motion import Y_FLOOR
-from bayes_iwan.physics.laws import stiffness
+from bayes_iwan.models import stiffness
+from bayes_iwan.models.motion import Y_FLOOR
 
 #: relaxing branches that stand for a spread of relaxation times
 BRANCHES = 12
@@ -170,14 +180,16 @@ def branches(effect: Effect, values: ParameterValues, tested: Range) -> dict[str
 
 
 def _of_speed_term(effect: Effect, values: ParameterValues, tested: Range) -> dict[str, Array]:
-    assert isinstance(effect, paper.SpeedDependentNormalForce)
+    assert isinstance(effect, paper_stages.SpeedDependentNormalForce)
     return {"rate": values[effect.strength_name], "beta": effect.exponent(values)}
 
 
 def _bend(effect: Effect, values: ParameterValues, tested: Range) -> dict[str, Array]:
     value = np.atleast_1d(values[effect.strength_name])
-    bend = stiffness.bend_of_elasticity(np.clip(value, paper.LEAST_ELASTICITY, paper.StiffnessOfNormalForce.limit))
-    return {"bend": np.where(value < paper.LEAST_ELASTICITY, 0.0, bend)}
+    bend = stiffness.bend_of_elasticity(
+        np.clip(value, paper_stages.LEAST_ELASTICITY, paper_stages.StiffnessOfNormalForce.limit)
+    )
+    return {"bend": np.where(value < paper_stages.LEAST_ELASTICITY, 0.0, bend)}
 
 
 _LATE = """{
@@ -330,9 +342,11 @@ LAWS: dict[type[Effect], Law] = {
         note="the play's ends are hard; identified ends that close softly over the share w of half the play differ by "
         "at most 0.7 w of it in displacement",
     ),
-    form.SlipForcesFree: Law(),
-    form.StiffnessLawFree: Law(stages={"stiffness": "k *= exp(log(alpha) * ($exponent + 0.5 * $bend * log(alpha)));"}),
-    form.NormalForceFree: Law(
+    model_form.SlipForcesFree: Law(),
+    model_form.StiffnessLawFree: Law(
+        stages={"stiffness": "k *= exp(log(alpha) * ($exponent + 0.5 * $bend * log(alpha)));"}
+    ),
+    model_form.NormalForceFree: Law(
         stages={
             "alpha": """{
     const double x = u / p->length_mm, y = v / p->speed_m_s, w = fabs(y);
@@ -340,7 +354,7 @@ LAWS: dict[type[Effect], Law] = {
 }"""
         }
     ),
-    paper.VaryingNormalForce: Law(
+    paper_stages.VaryingNormalForce: Law(
         stages={
             "alpha": f"""{{
     const double y = log(fmax(A - u, {Y_FLOOR} * A) / p->length_mm), top = log(A / p->length_mm);
@@ -348,13 +362,13 @@ LAWS: dict[type[Effect], Law] = {
 }}"""
         }
     ),
-    paper.SpeedDependentNormalForce: Law(
+    paper_stages.SpeedDependentNormalForce: Law(
         stages={
             "alpha": f"alpha += $rate * pow(fmax(A - u, {Y_FLOOR} * A) / p->length_mm, $beta) * fabs(v) / p->speed_m_s;"
         },
         numbers=_of_speed_term,
     ),
-    paper.StiffnessOfNormalForce: Law(
+    paper_stages.StiffnessOfNormalForce: Law(
         stages={"stiffness": "k *= $bend > 0.0 ? expm1(-$bend * alpha) / expm1(-$bend) : 1.0;"}, numbers=_bend
     ),
     conditions.SlipFollowsCondition: Law(note="at the mean of the condition over the tests"),
@@ -363,7 +377,7 @@ LAWS: dict[type[Effect], Law] = {
 
 #: what belongs to the rig and its channels, not to the device: left out, and the model card says so
 OF_THE_RIG: tuple[type[Effect], ...] = (
-    *channels.EFFECTS,
+    *measuring_chain.EFFECTS,
     *along_record.EFFECTS,
     mounting.RigCompliance,
     conditions.ZeroFollowsCondition,

@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.c_code import filled, template
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import Device, ExportError, elements
 from bayes_iwan.export.laws import LAWS
 from bayes_iwan.export.tested import steady_loops
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics.kernels import sliders
+from bayes_iwan.models.kernels import sliders
 
 NAMES = ("isolator_opensees.py",)
 #: what the card says in the place of the step's
@@ -81,7 +80,7 @@ def dropped(device: Device, problem: Problem) -> list[str]:
         out.append(f"the normal force's law ({problem.model.name})")
     elif device.stages["stiffness"] or device.stages["slip"]:
         out.append("changing stiffness or friction")
-    named = {e.name: LAWS[type(e)] for e in problem.effects if isinstance(e, Effect) and type(e) in LAWS}
+    named = {e.name: LAWS[type(e)] for e in problem.effects if type(e) in LAWS}
     out += [n for n, law in named.items() if set(law.stages) - {"asymmetry"}]
     return out
 

@@ -19,10 +19,10 @@ from bayes_iwan.files import clear, owned, write_json, write_whole
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics import Model
+from bayes_iwan.models import Model
 
 if TYPE_CHECKING:
-    from bayes_iwan.gap.diagnosis import Diagnosis
+    from bayes_iwan.diagnosis.diagnosis import Diagnosis
 
 TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")
 CARD_TEXT, CARD_JSON = "model_card.txt", "model_card.json"
@@ -202,10 +202,10 @@ def _of_diagnosis(found: Diagnosis, draws: int) -> Source:
 def _of_saved_diagnosis(folder: Path, draws: int, campaign: PathLike | None) -> Source:
     if campaign is None:
         raise ExportError(f"{folder}: is a diagnosis; name its campaign as well (--campaign DIR)")
-    from bayes_iwan.gap.fitting.data import gap_data
-    from bayes_iwan.gap.fitting.gap_size import gap_power_N2
-    from bayes_iwan.gap.fitting.residuals import residual_of
-    from bayes_iwan.gap.telling.saved_fits import LOOPS, read_fits, rebuilt
+    from bayes_iwan.diagnosis.answer.saved_fits import LOOPS, read_fits, rebuilt
+    from bayes_iwan.diagnosis.fits.data import gap_data
+    from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
+    from bayes_iwan.diagnosis.fits.residuals import residual_of
 
     stored = read_fits(folder / "fits.json")
     if stored.effects_file or stored.simulator_file:

@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.laws import OF_THE_RIG
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics import Motion
-from bayes_iwan.physics.interface.simulator import FORCE_ZERO, recorded_force
+from bayes_iwan.models import Motion
+from bayes_iwan.models.simulator import FORCE_ZERO, recorded_force
 
 
 def steady_loops(problem: Problem, values: ParameterValues, motion: Motion) -> Array:
     """Force (draws, loops, samples) of our own forward model, the rig's effects and the channel's zero left out."""
-    effects = [e for e in problem.effects if isinstance(e, Effect) and not isinstance(e, OF_THE_RIG)]
+    effects = [e for e in problem.effects if not isinstance(e, OF_THE_RIG)]
     return recorded_force(problem.model, effects, {n: x for n, x in values.items() if n != FORCE_ZERO}, motion)
 
 

@@ -22,17 +22,17 @@ from bayes_iwan import executors
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.inference.results import run_files
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.rows import ConvergenceRow
+from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
-from bayes_iwan.inference.setup.frequencies import by_frequency
 from bayes_iwan.inference.setup.problem import Problem, make_problem
+from bayes_iwan.inference.setup.same_frequency import by_frequency
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
-from bayes_iwan.inference.setup.user_file import load_simulator
 from bayes_iwan.inference.solving.approximation import approximate_draws
 from bayes_iwan.inference.solving.chains import Run, sampled
 from bayes_iwan.inference.solving.point import Point, find_point
-from bayes_iwan.physics import Scales, Simulator
+from bayes_iwan.models import Scales, Simulator
+from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.sampling.chains import Chains, Stop
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 
@@ -349,8 +349,8 @@ def _origin(search: SearchSettings, simulator_file: str) -> dict[str, str]:
 def _code() -> str:
     """SHA-256 of the package's source, as far as draws depend on it."""
     package = Path(__file__).parents[1]
-    rooms = ("campaign", "physics", "optimize", "sampling", "inference", "effects")
-    files = sorted([*package.glob("*.py"), *(p for room in rooms for p in (package / room).rglob("*.py"))])
+    folders = ("campaign", "models", "effects", "fitting", "sampling", "inference")
+    files = sorted([*package.glob("*.py"), *(p for folder in folders for p in (package / folder).rglob("*.py"))])
     digest = hashlib.sha256()
     for path in files:
         if path.name != "__init__.py":

@@ -6,19 +6,21 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bayes_iwan.report.comparison import comparison_report as comparison_report
-    from bayes_iwan.report.comparison import ranking_figure as ranking_figure
-    from bayes_iwan.report.diagnosis.files import headline_of as headline_of
-    from bayes_iwan.report.diagnosis.files import write_diagnosis as write_diagnosis
-    from bayes_iwan.report.diagnosis.files import write_found as write_found
+    from bayes_iwan.report.comparison_page import comparison_report as comparison_report
+    from bayes_iwan.report.comparison_page import ranking_figure as ranking_figure
+    from bayes_iwan.report.diagnosis.diagnosis_files import headline_of as headline_of
+    from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis as write_diagnosis
+    from bayes_iwan.report.diagnosis.diagnosis_files import write_found as write_found
+    from bayes_iwan.report.identification.by_frequency import wander_figure as wander_figure
     from bayes_iwan.report.identification.checks import loo_pit as loo_pit
     from bayes_iwan.report.identification.checks import loo_pit_figure as loo_pit_figure
     from bayes_iwan.report.identification.checks import region_checks as region_checks
     from bayes_iwan.report.identification.checks import regions_figure as regions_figure
-    from bayes_iwan.report.identification.frequencies import wander_figure as wander_figure
-    from bayes_iwan.report.identification.laws import grip_figure as grip_figure
-    from bayes_iwan.report.identification.laws import slip_density_figure as slip_density_figure
-    from bayes_iwan.report.identification.laws import stiffness_figure as stiffness_figure
+    from bayes_iwan.report.identification.identification_page import identification_report as identification_report
+    from bayes_iwan.report.identification.identification_page import report_run as report_run
+    from bayes_iwan.report.identification.law_figures import grip_figure as grip_figure
+    from bayes_iwan.report.identification.law_figures import slip_density_figure as slip_density_figure
+    from bayes_iwan.report.identification.law_figures import stiffness_figure as stiffness_figure
     from bayes_iwan.report.identification.loops import frequencies_figure as frequencies_figure
     from bayes_iwan.report.identification.loops import loops_figure as loops_figure
     from bayes_iwan.report.identification.loops import paper_fig3 as paper_fig3
@@ -27,8 +29,6 @@ if TYPE_CHECKING:
     from bayes_iwan.report.identification.marginals import identifiable_corner as identifiable_corner
     from bayes_iwan.report.identification.marginals import paper_corner as paper_corner
     from bayes_iwan.report.identification.marginals import prior_posterior_figure as prior_posterior_figure
-    from bayes_iwan.report.identification.page import identification_report as identification_report
-    from bayes_iwan.report.identification.page import report_run as report_run
     from bayes_iwan.report.identification.predictive import predict as predict
     from bayes_iwan.report.identification.sampling import tau_figure as tau_figure
     from bayes_iwan.report.identification.sampling import traces_figure as traces_figure

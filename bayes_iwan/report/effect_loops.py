@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.effects.base import effects_of
-from bayes_iwan.gap.diagnosis import Diagnosis
-from bayes_iwan.gap.fitting.data import predicted
-from bayes_iwan.gap.telling.words import title
-from bayes_iwan.physics.interface.simulator import straight_part
+from bayes_iwan.diagnosis.answer.wording import title
+from bayes_iwan.diagnosis.diagnosis import Diagnosis
+from bayes_iwan.diagnosis.fits.data import predicted
+from bayes_iwan.models.simulator import straight_part
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import measured_cycles
 from bayes_iwan.report.identification.viewer import CYCLES, places, rounded
@@ -29,7 +28,7 @@ def effect_sets(found: Diagnosis) -> tuple[tuple[str, ...], Array]:
     averaged loops do, their means are zero.
     """
     fit = found.fit
-    every = effects_of(fit.problem)
+    every = fit.problem.effects
     samples = found.data.loops[0].displacement_mm[:: _step(found)].size
     switched, z = every[:MOST], dict(zip(fit.problem.names, fit.z))
     out = []

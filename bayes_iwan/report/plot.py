@@ -15,18 +15,18 @@ import difflib
 
 from matplotlib.figure import Figure
 
-from bayes_iwan.gap.diagnosis import Diagnosis
+from bayes_iwan.diagnosis.diagnosis import Diagnosis
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report import accessors as accessors  # `posterior.plot` as well
-from bayes_iwan.report.comparison import ranking_figure
-from bayes_iwan.report.diagnosis.files import diagnosis_figures
+from bayes_iwan.report.batch.batch_run.specimens import Batch
+from bayes_iwan.report.comparison_page import ranking_figure
+from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
 from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figure
-from bayes_iwan.report.identification.laws import grip_figure, slip_density_figure, stiffness_figure
+from bayes_iwan.report.identification.law_figures import grip_figure, slip_density_figure, stiffness_figure
 from bayes_iwan.report.identification.loops import frequencies_figure, loops_figure, paper_fig3, residuals_figure
 from bayes_iwan.report.identification.marginals import identifiable_corner, paper_corner, prior_posterior_figure
 from bayes_iwan.report.identification.sampling import tau_figure, traces_figure
 from bayes_iwan.report.identification.trends import trends_figure
-from bayes_iwan.report.specimens import Batch
 from bayes_iwan.report.style import save, styled
 
 __all__ = [
@@ -93,6 +93,6 @@ def gap(diagnosis: Diagnosis, name: str = "headline") -> Figure:
 
 def specimens(batch: Batch) -> Figure:
     """Each quantity of every specimen of a batch over the population's band."""
-    from bayes_iwan.report.batch_page import parameters_figure
+    from bayes_iwan.report.batch.batch_run.batch_page import parameters_figure
 
     return parameters_figure(batch)

@@ -10,8 +10,8 @@ import pytest
 from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record
-from bayes_iwan.rig.planning import simulate_campaign
-from bayes_iwan.rig.simulate import PlannedTest
+from bayes_iwan.virtual_rig.planning import simulate_campaign
+from bayes_iwan.virtual_rig.simulate import PlannedTest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "analyses"))
 import fuzz_campaigns

@@ -11,7 +11,7 @@ import pytest
 
 from bayes_iwan import cli
 from bayes_iwan.campaign import CampaignError, average, read_campaign
-from bayes_iwan.campaign.importing import Layout, Recipe, import_tests, read_recipe, units, write_tests
+from bayes_iwan.campaign.importing import Layout, Recipe, import_tests, read_recipe, unit_texts, write_tests
 
 DATA = Path(__file__).parents[2] / "data"
 G = 9.80665
@@ -341,11 +341,11 @@ def test_units_in_names():
         "torque_N_m": ("torque", "N*m"), "F (Sensor 2)": ("F (Sensor 2)", ""), "x/y": ("x/y", ""),
         "a_g": ("a", "g"), "run_2": ("run_2", ""), "plain": ("plain", ""), "both(1)": ("both(1)", ""),
     }.items():  # fmt: skip
-        assert units.split_name(name) == expected, name
+        assert unit_texts.split_name(name) == expected, name
     for text in ("t", "F", "x", "Kraft", "time", "disp"):
-        assert not units.is_unit(text), text
+        assert not unit_texts.is_unit(text), text
     for text in ("s", "mm", "[N]", "(V)", "m/s²", "-", "", "°", "kN", "g", "bar", "Nm"):
-        assert units.is_unit(text), text
+        assert unit_texts.is_unit(text), text
 
 
 def test_the_command(tmp_path, capsys, volts, table):

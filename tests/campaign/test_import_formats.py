@@ -12,7 +12,7 @@ import scipy.io
 
 from bayes_iwan.campaign import CampaignError
 from bayes_iwan.campaign.importing import recordings
-from bayes_iwan.campaign.importing.layout import Layout
+from bayes_iwan.campaign.importing.formats.text_layout import Layout
 from bayes_iwan.campaign.importing.read import read_file
 
 N, RATE = 500, 1280.0

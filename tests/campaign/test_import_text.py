@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError
-from bayes_iwan.campaign.importing.layout import Layout
+from bayes_iwan.campaign.importing.formats.text_layout import Layout
 from bayes_iwan.campaign.importing.read import read_file
-from bayes_iwan.campaign.importing.units import is_unit
+from bayes_iwan.campaign.importing.unit_texts import is_unit
 
 N = 200
 T = np.arange(N) / 1000.0

@@ -8,7 +8,7 @@ from bayes_iwan import cli
 from bayes_iwan.campaign import Record
 from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
 from bayes_iwan.campaign.loops.checks import check_record
-from bayes_iwan.campaign.timing.drift import without_drift
+from bayes_iwan.campaign.timing.displacement_drift import without_drift
 from bayes_iwan.campaign.timing.drive import split_levels
 
 TAU = 2 * np.pi

@@ -8,9 +8,9 @@ import pytest
 from bayes_iwan.campaign import Record, average
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.conditions import conditions_of
-from bayes_iwan.physics import Model, sine_motion
-from bayes_iwan.physics.interface.motion import motion_of
-from bayes_iwan.physics.interface.simulator import recorded_force
+from bayes_iwan.models import Model, sine_motion
+from bayes_iwan.models.motion import motion_of
+from bayes_iwan.models.simulator import recorded_force
 
 PRESSURES = (1.0, 2.0, 4.0)
 

@@ -8,11 +8,11 @@ import pytest
 
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect, moved_by
-from bayes_iwan.effects.paper import EFFECTS as PAPER
-from bayes_iwan.effects.paper import missing_terms
-from bayes_iwan.effects.unlisted import lag_behind
-from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.physics.interface.simulator import recorded_force
+from bayes_iwan.effects.empirical_patterns import lag_behind
+from bayes_iwan.effects.paper_stages import EFFECTS as PAPER
+from bayes_iwan.effects.paper_stages import missing_terms
+from bayes_iwan.models import Model, Reference, sine_motion
+from bayes_iwan.models.simulator import recorded_force
 
 ISSUE = (
     "viscous_damping maxwell_branch moving_mass quadratic_stiffness cubic_stiffness end_stop stribeck_weakening "

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from bayes_iwan.effects.form import EFFECTS, NormalForceFree, SlipForcesFree, StiffnessLawFree
-from bayes_iwan.physics import Model, sine_motion
-from bayes_iwan.physics.interface.simulator import recorded_force
-from bayes_iwan.physics.laws.warp import tilt
+from bayes_iwan.effects.model_form import EFFECTS, NormalForceFree, SlipForcesFree, StiffnessLawFree
+from bayes_iwan.models import Model, sine_motion
+from bayes_iwan.models.series import tilt
+from bayes_iwan.models.simulator import recorded_force
 
 AT = sine_motion(frequency_hz=10.0, amplitude_mm=[0.15, 0.35, 0.9], samples=64)
 

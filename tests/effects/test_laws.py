@@ -8,9 +8,9 @@ from scipy import integrate, optimize, signal, special
 
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import EffectError, moved_by
-from bayes_iwan.effects.spanning import decay_over_block, falling, growing, over_block
-from bayes_iwan.physics import Model, sine_motion
-from bayes_iwan.physics.interface.simulator import recorded_force
+from bayes_iwan.effects.law_families import decay_over_block, falling, growing, over_block
+from bayes_iwan.models import Model, sine_motion
+from bayes_iwan.models.simulator import recorded_force
 
 A_MM, F_HZ = 0.9, 20.0
 OMEGA = 2.0 * np.pi * F_HZ

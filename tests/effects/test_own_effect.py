@@ -9,10 +9,10 @@ import pytest
 
 from bayes_iwan.effects.base import Effect, EffectError
 from bayes_iwan.effects.catalogue import variants
-from bayes_iwan.effects.user_file import load_effects
-from bayes_iwan.inference.setup.scales import Scales
-from bayes_iwan.physics import Model, sine_motion
-from bayes_iwan.physics.interface.simulator import recorded_force
+from bayes_iwan.effects.own_effects import load_effects
+from bayes_iwan.inference.setup.loop_scales import Scales
+from bayes_iwan.models import Model, sine_motion
+from bayes_iwan.models.simulator import recorded_force
 
 FILE = Path(__file__).parents[2] / "analyses" / "effects" / "quadratic_drag.py"
 SCALES = Scales(1.0, 0.2, 5.0, 1.0, 6.0, 20.0)

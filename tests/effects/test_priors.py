@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from bayes_iwan.effects import catalogue
-from bayes_iwan.effects.paper import EFFECTS as PAPER
-from bayes_iwan.inference.setup.scales import Scales
+from bayes_iwan.effects.paper_stages import EFFECTS as PAPER
+from bayes_iwan.inference.setup.loop_scales import Scales
 
 TABLE = Path(__file__).with_name("priors.json")
 KINDS = tuple(dict.fromkeys((*catalogue.BUILT_IN, *PAPER, *catalogue.FORM, *catalogue.UNLISTED)))

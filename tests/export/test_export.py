@@ -10,13 +10,13 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.cli import main
-from bayes_iwan.effects.channels import ChannelDelay
+from bayes_iwan.effects.measuring_chain import ChannelDelay
 from bayes_iwan.effects.specimen import ViscousDamping
 from bayes_iwan.export import TARGETS, ExportError, export, run
 from bayes_iwan.inference.results.posterior import Stop
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import ModelSettings
-from bayes_iwan.physics import Simulator
+from bayes_iwan.models import Simulator
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +146,7 @@ def test_a_diagnosis_is_exported_with_its_named_effects(fit, tmp_path):
 
 
 def test_the_folder_of_a_diagnosis_needs_its_campaign(fit, problem_of, tmp_path):
-    saved_fits = pytest.importorskip("bayes_iwan.gap.telling.saved_fits")
+    saved_fits = pytest.importorskip("bayes_iwan.diagnosis.answer.saved_fits")
     size = SimpleNamespace(share=0.01, length=1.0, along=0.01, spectrum=(), along_spectrum=(), between=(1.0, 1.0, 0.5))
     fits = {frozenset({"viscous_damping", "channel_delay"}): SimpleNamespace(**vars(fit), size=size)}
     settings = bi.DiagnoseSettings(model=ModelSettings(grip="constant", stiffness="constant"))

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import export_courses as rt
-from bayes_iwan.effects import catalogue, conditions, lag, mounting, paper, specimen
+from bayes_iwan.effects import catalogue, conditions, lag, mounting, paper_stages, specimen
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.device import ExportError, device_of
 from bayes_iwan.export.laws import LAWS, OF_THE_RIG
 from bayes_iwan.export.tested import steady_loops
-from bayes_iwan.physics import sine_motion
+from bayes_iwan.models import sine_motion
 
 HZ, AMPLITUDE, STEPS = 12.0, 0.9, 100
 #: laws with slow parts need many cycles until they are steady
@@ -29,7 +29,7 @@ def made(kind, problem):
 @pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("kind", LAWS, ids=lambda kind: kind.__name__)
 def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported, draws):
-    classical = {"grip": "constant", "stiffness": "constant"} if kind in paper.EFFECTS else {"embedded": True}
+    classical = {"grip": "constant", "stiffness": "constant"} if kind in paper_stages.EFFECTS else {"embedded": True}
     problem = problem_of(**classical)
     problem = problem.with_effects([made(kind, problem)])
     z, cycles, w = draws(problem, 3, seed=2), SLOW.get(kind, 20), 2 * np.pi * HZ
@@ -48,7 +48,7 @@ def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported
 
 def test_every_effect_of_the_catalogue_is_exported_or_left_out_for_a_reason():
     known = {*LAWS, *OF_THE_RIG}
-    every = {*catalogue.BUILT_IN, *catalogue.FORM, *paper.EFFECTS, *conditions.EFFECTS}
+    every = {*catalogue.BUILT_IN, *catalogue.FORM, *paper_stages.EFFECTS, *conditions.EFFECTS}
     assert every == known
 
 

@@ -5,7 +5,7 @@ import datetime
 import pytest
 
 from bayes_iwan.inference.setup.config import ConfigError, diagnose_settings_of, settings_of
-from bayes_iwan.inference.setup.parameters import ParameterError
+from bayes_iwan.inference.setup.priors import ParameterError
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import ModelSettings, ParameterChange, SamplingSettings
 

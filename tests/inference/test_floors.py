@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import average
-from bayes_iwan.gap.fitting.data import gap_data
-from bayes_iwan.gap.searching.base import fit_base
+from bayes_iwan.diagnosis.fits.data import gap_data
+from bayes_iwan.diagnosis.search.base_fit import fit_base
 from bayes_iwan.inference.results.floors import floors_at, floors_said
+from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.inference.setup.scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
-from bayes_iwan.physics.laws.normal_force import ALPHA_FLOOR
-from bayes_iwan.physics.models.bouc_wen import BoucWen
+from bayes_iwan.models.bouc_wen import BoucWen
+from bayes_iwan.models.normal_force import ALPHA_FLOOR
 
 #: α = 1 − 1.6 u/ℓ + …: lost beyond u = 0.625 mm and more, so in the tests of 1 mm alone
 LOSING = {"grip_slope": np.array([1.6]), "grip_rate": np.array([0.3]), "beta": np.array([1.0])}

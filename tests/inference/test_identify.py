@@ -24,7 +24,7 @@ from bayes_iwan.inference.setup.config import ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import SearchSettings
 from bayes_iwan.inference.solving.point import find_point, goal_share
-from bayes_iwan.physics import Model
+from bayes_iwan.models import Model
 from bayes_iwan.sampling.checkpoint import CheckpointError
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")

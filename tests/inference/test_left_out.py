@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.inference.results.left_out import LeftOut, left_out_frequencies, left_out_said
+from bayes_iwan.inference.results.held_out_frequencies import LeftOut, left_out_frequencies, left_out_said
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import most_probable
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from bayes_iwan.inference.setup.config import ConfigError, settings_of
-from bayes_iwan.inference.setup.parameters import Parameter, ParameterError, Prior, configured
+from bayes_iwan.inference.setup.priors import Parameter, ParameterError, Prior, configured
 from bayes_iwan.inference.setup.problem import make_problem
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "analyses"))

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bayes_iwan.inference.setup.loop_scales import loop_energy_mJ
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.quantities import loop_quantities, quantities, slip_quantiles
-from bayes_iwan.inference.setup.scales import loop_energy_mJ
-from bayes_iwan.physics import Model, Reference, sine_motion
-from bayes_iwan.physics.laws.paper import table_1
-from bayes_iwan.physics.laws.slip_force import Gammas
+from bayes_iwan.models import Model, Reference, sine_motion
+from bayes_iwan.models.paper_parameters import table_1
+from bayes_iwan.models.slip_force import Gammas
 
 
 def test_energy_stiffness_and_loss_of_a_viscoelastic_loop():

@@ -7,7 +7,7 @@ from scipy import stats
 from bayes_iwan.inference.results import reach as module
 from bayes_iwan.inference.results.reach import LEAST_PART, NEVER_SLIP, extrapolated, reach_of
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.physics.models.bouc_wen import BoucWen
+from bayes_iwan.models.bouc_wen import BoucWen
 
 SIMPLE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False}}
 ETA, MEAN_N = 2.0, 1.2

@@ -9,7 +9,7 @@ from scipy import stats
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.simulator_check import NoForce, check_simulator
-from bayes_iwan.physics import ModelError, Parameter, Simulator
+from bayes_iwan.models import ModelError, Parameter, Simulator
 
 
 class Mine(Simulator):

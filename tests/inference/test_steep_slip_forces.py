@@ -8,8 +8,8 @@ import pytest
 from bayes_iwan.campaign.loops.averaging import average, in_band
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import most_probable
-from bayes_iwan.rig import simulate as rig
-from bayes_iwan.rig.specimen import paper_specimen
+from bayes_iwan.virtual_rig import simulate as rig
+from bayes_iwan.virtual_rig.specimen import paper_specimen
 
 SLIP_N = 1.2
 

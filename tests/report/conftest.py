@@ -9,11 +9,11 @@ import pytest
 
 from bayes_iwan.campaign import Campaign, Record, average
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.rows import ConvergenceRow
+from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import Point, laplace_scale, most_probable
-from bayes_iwan.physics import Model, Reference, sine_motion
+from bayes_iwan.models import Model, Reference, sine_motion
 from bayes_iwan.sampling.convergence import convergence_of
 
 RATE = 1280.0

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayes_iwan.physics import sine_motion
+from bayes_iwan.models import sine_motion
 from bayes_iwan.report import predict
 
 

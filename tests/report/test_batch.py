@@ -14,8 +14,8 @@ import pytest
 
 import bayes_iwan
 from bayes_iwan import executors
-from bayes_iwan.report import batch as room
-from bayes_iwan.report.batch import BatchError, batch
+from bayes_iwan.report.batch.batch_run import BatchError, batch
+from bayes_iwan.report.batch.batch_run import batch_run as room
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
 
@@ -150,7 +150,7 @@ def test_nothing_to_do_is_said(tmp_path, folder):
 RUN = """
 import json, sys
 from bayes_iwan import executors
-from bayes_iwan.report.batch import batch
+from bayes_iwan.report.batch.batch_run import batch
 
 if __name__ == "__main__":
     with executors.opened(2) as executor:

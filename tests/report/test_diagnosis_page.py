@@ -14,19 +14,19 @@ import pytest
 import bayes_iwan as bi
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.campaign.recording.units import Units
+from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict
+from bayes_iwan.diagnosis.answer.gap_findings import GapPictures
+from bayes_iwan.diagnosis.answer.gap_location import Located
+from bayes_iwan.diagnosis.answer.localisation import Statistic
+from bayes_iwan.diagnosis.assessment.budget import Kind, OneOf
+from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling
+from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS
+from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
+from bayes_iwan.diagnosis.fits.residuals import ALONG
 from bayes_iwan.files import finite
-from bayes_iwan.gap.fitting.data import TREND_HARMONICS
-from bayes_iwan.gap.fitting.gap_size import gap_power_N2
-from bayes_iwan.gap.fitting.residuals import ALONG
-from bayes_iwan.gap.judging.budget import Kind, OneOf
-from bayes_iwan.gap.judging.sample_fit import Sampling
-from bayes_iwan.gap.telling.answer import effects_described, to_dict
-from bayes_iwan.gap.telling.findings import GapPictures
-from bayes_iwan.gap.telling.located import Located
-from bayes_iwan.gap.telling.where import Statistic
-from bayes_iwan.report.diagnosis import budget_figures, files, gap_figures
-from bayes_iwan.report.diagnosis.files import diagnosis_figures
-from bayes_iwan.report.diagnosis.page import write_diagnosis_page
+from bayes_iwan.report.diagnosis import budget_figures, diagnosis_files, gap_figures
+from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
+from bayes_iwan.report.diagnosis.diagnosis_page import write_diagnosis_page
 from bayes_iwan.report.provenance import provenance
 from bayes_iwan.report.rendering import Batch, Renderer
 
@@ -373,7 +373,7 @@ def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found, 
 
 
 def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_page(tmp_path, found, monkeypatch):
-    monkeypatch.setattr(files, "diagnosis_figures", lambda found, ahead: {})
+    monkeypatch.setattr(diagnosis_files, "diagnosis_figures", lambda found, ahead: {})
     out = tmp_path / "out"
     bi.write(found, out)
     assert {"diagnosis.json", "diagnosis.html", "fits.json"} <= {x.name for x in out.iterdir()}
@@ -381,7 +381,7 @@ def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_
     def killed(*a, **k):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(files, "write_diagnosis_page", killed)
+    monkeypatch.setattr(diagnosis_files, "write_diagnosis_page", killed)
     with pytest.raises(KeyboardInterrupt):
         bi.write(found, out)
     assert not [x.name for x in out.iterdir() if x.suffix in (".json", ".html")]
@@ -389,20 +389,20 @@ def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_
 
 def test_what_is_drawn_ahead_of_the_verdict_changes_no_file(tmp_path, found, monkeypatch, figure_files):
     """The gap's own figures are ordered while causes are weighed, and drawn once: as the page would have had them."""
-    made = files.provenance(found.campaign, found.seed)
-    monkeypatch.setattr(files, "provenance", lambda *a: made)  # the minute may turn between the two pages
+    made = diagnosis_files.provenance(found.campaign, found.seed)
+    monkeypatch.setattr(diagnosis_files, "provenance", lambda *a: made)  # the minute may turn between the two pages
     bi.write(found, tmp_path / "after")
     drawn, draw = [], Batch.draw
     monkeypatch.setattr(
         Batch, "draw", lambda batch, order, figure: drawn.append(order.name) or draw(batch, order, figure)
     )
-    monkeypatch.setattr(files, "shared", lambda busy: Renderer())
-    ahead = files.Ahead()
+    monkeypatch.setattr(diagnosis_files, "shared", lambda busy: Renderer())
+    ahead = diagnosis_files.Ahead()
     ahead.searched()
     ahead.located(Located(found.campaign, found.residual, found.before, found.where))
     early = {order.name for order in ahead.renderer._ordered}
     (tmp_path / "ahead").mkdir()
-    files._write(found, tmp_path / "ahead", None, None, ahead)
+    diagnosis_files._write(found, tmp_path / "ahead", None, None, ahead)
     assert len(early) >= 5 and early < set(drawn) and len(drawn) == len(set(drawn))
     written = {f.relative_to(tmp_path / "ahead") for f in (tmp_path / "ahead").rglob("*") if f.is_file()}
     assert written == {f.relative_to(tmp_path / "after") for f in (tmp_path / "after").rglob("*") if f.is_file()}

@@ -13,8 +13,8 @@ from matplotlib.text import Text
 
 from bayes_iwan import report
 from bayes_iwan.comparison.frequencies import compare_frequencies
-from bayes_iwan.report.identification import laws, loops, marginals, sampling, trends
-from bayes_iwan.report.identification.frequencies import alone_loops_figure
+from bayes_iwan.report.identification import law_figures, loops, marginals, sampling, trends
+from bayes_iwan.report.identification.by_frequency import alone_loops_figure
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import save
 
@@ -24,9 +24,9 @@ FIGURES = {
     "residuals": loops.residuals_figure,
     "paper's Fig. 3": loops.paper_fig3,
     "paper's Fig. 4": lambda p: loops.frequencies_figure(p, model=False),
-    "paper's Fig. 8": laws.slip_density_figure,
-    "paper's Fig. 9": laws.stiffness_figure,
-    "paper's Fig. 10": laws.grip_figure,
+    "paper's Fig. 8": law_figures.slip_density_figure,
+    "paper's Fig. 9": law_figures.stiffness_figure,
+    "paper's Fig. 10": law_figures.grip_figure,
     "paper's Fig. 12": loops.frequencies_figure,
     "prior and posterior": marginals.prior_posterior_figure,
     "corner": marginals.identifiable_corner,
@@ -115,7 +115,7 @@ def test_replicates_have_no_unresolvable_harmonics(posterior):
 
 
 def test_files_vector_and_raster(posterior, tmp_path):
-    figure = laws.slip_density_figure(posterior)
+    figure = law_figures.slip_density_figure(posterior)
     assert save(figure, tmp_path / "a.svg").read_text().startswith("<?xml")
     assert save(figure, tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
     assert save(figure, tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
@@ -126,7 +126,7 @@ def test_same_input_same_picture(posterior):
     pages = []
     for _ in range(2):
         page = Page("twice")
-        page.section("one").figure(laws.grip_figure(posterior), "caption", "alt")
+        page.section("one").figure(law_figures.grip_figure(posterior), "caption", "alt")
         pages.append(page.html())
     assert pages[0] == pages[1]
 

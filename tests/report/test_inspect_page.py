@@ -9,7 +9,7 @@ import pytest
 from bayes_iwan import cli
 from bayes_iwan.campaign import read_campaign, write_campaign
 from bayes_iwan.campaign.recording.units import Units
-from bayes_iwan.report.inspect_page import inspect_to
+from bayes_iwan.report.inspection.inspect_page import inspect_to
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
 

@@ -4,15 +4,15 @@ import shutil
 
 import numpy as np
 import pytest
+from bayes_iwan.report.batch.batch_run.batch_page import write_batch_page
+from bayes_iwan.report.batch.batch_run.specimens import Finished, Quantity, summarised
 
 import bayes_iwan as bi
 from bayes_iwan.report import identification_report
-from bayes_iwan.report.batch_page import write_batch_page
 from bayes_iwan.report.browser import BrowserError, find_browser, print_pdf
-from bayes_iwan.report.inspect_page import inspect_to
+from bayes_iwan.report.inspection.inspect_page import inspect_to
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.provenance import of_folder
-from bayes_iwan.report.specimens import Finished, Quantity, summarised
 
 from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, torn
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bayes_iwan.report.batch.batch_run.batch_page import write_batch_page
 from matplotlib.figure import Figure
 
 from bayes_iwan import cli
@@ -17,8 +18,8 @@ from bayes_iwan.comparison.families import FAMILIES, Comparison, Entry
 from bayes_iwan.comparison.loo import Loo
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.report import batch, comparison_report, specimens
-from bayes_iwan.report.batch_page import write_batch_page
+from bayes_iwan.report import comparison_report
+from bayes_iwan.report.batch.batch_run import batch_run, specimens
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.provenance import of_folder
 from bayes_iwan.report.style import relabel
@@ -96,18 +97,18 @@ def test_batch_and_compare_of_torque_over_angle(tmp_path, posterior, monkeypatch
     campaign = replace(posterior.campaign, tests=tuple(x.record for x in loops))
     torsion = replace(posterior, problem=problem, loops=loops, campaign=campaign)
     monkeypatch.setattr("bayes_iwan.identify", lambda *a, **k: torsion)
-    job = batch.Job(tmp_path, tmp_path, True, False, False, 0, settings_of(None), False)
+    job = batch_run.Job(tmp_path, tmp_path, True, False, False, 0, settings_of(None), False)
     (tmp_path / "a").mkdir()
-    record = batch._identified(job, tmp_path / "a", tmp_path / "a")["quantities"]
+    record = batch_run._identified(job, tmp_path / "a", tmp_path / "a")["quantities"]
     assert "kp_Nm_mrad" in record and record["kp_Nm_mrad"]["unit"] == "N·m/mrad"
     quantities = {
-        n: batch.Quantity(**(q | {"draws": np.array(q["draws"]), "prior": np.array(q["prior"])}))
+        n: batch_run.Quantity(**(q | {"draws": np.array(q["draws"]), "prior": np.array(q["prior"])}))
         for n, q in record.items()
     }
     finished = tuple(
-        batch.Finished(x, 1.0, True, "", quantities, None, None, None, None, None) for x in ("one", "two", "three")
+        batch_run.Finished(x, 1.0, True, "", quantities, None, None, None, None, None) for x in ("one", "two", "three")
     )
-    result = batch.Batch(finished, {}, specimens.populations(finished))
+    result = batch_run.Batch(finished, {}, specimens.populations(finished))
     page = write_batch_page(result, tmp_path, of_folder(tmp_path, 0)).read_text()
     loo = Loo(10.0, 1.0, 13.0, np.ones(10), np.zeros(10))
     entry = Entry(FAMILIES["gamma1"], torsion, 13, 0.01, loo, None, 1.0)

@@ -12,7 +12,7 @@ import numpy as np
 from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.units import is_ratio, is_volts, role_of
+from bayes_iwan.campaign.importing.unit_texts import is_ratio, is_volts, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 #: words of English, German, French, Italian, Spanish and Chinese that begin a word in a channel's name

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.importing.stamps import unwrapped
+from bayes_iwan.campaign.importing.formats.stamps import unwrapped
 from bayes_iwan.campaign.recording.records import CampaignError
 
 SAME_TIME = 0.02  # of a step: two samples closer than this were taken together

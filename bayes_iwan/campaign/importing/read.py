@@ -7,15 +7,15 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayes_iwan.campaign.importing.excel import read_excel
-from bayes_iwan.campaign.importing.layout import Layout
-from bayes_iwan.campaign.importing.matlab import read_hdf5, read_matlab
-from bayes_iwan.campaign.importing.parquet import read_parquet
+from bayes_iwan.campaign.importing.formats.excel import read_excel
+from bayes_iwan.campaign.importing.formats.matlab import read_hdf5, read_matlab
+from bayes_iwan.campaign.importing.formats.parquet import read_parquet
+from bayes_iwan.campaign.importing.formats.tdms import read_tdms
+from bayes_iwan.campaign.importing.formats.text import read_text
+from bayes_iwan.campaign.importing.formats.text_layout import Layout
+from bayes_iwan.campaign.importing.formats.uff import read_uff
+from bayes_iwan.campaign.importing.formats.wav import read_wav
 from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Recording
-from bayes_iwan.campaign.importing.tdms import read_tdms
-from bayes_iwan.campaign.importing.text import read_text
-from bayes_iwan.campaign.importing.uff import read_uff
-from bayes_iwan.campaign.importing.wav import read_wav
 from bayes_iwan.campaign.recording.records import CampaignError
 
 

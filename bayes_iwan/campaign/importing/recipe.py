@@ -29,8 +29,8 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from bayes_iwan.campaign.importing.layout import Layout
-from bayes_iwan.campaign.importing.units import ROLES
+from bayes_iwan.campaign.importing.formats.text_layout import Layout
+from bayes_iwan.campaign.importing.unit_texts import ROLES
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.stated import only, read_toml
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.importing.units import split_name
+from bayes_iwan.campaign.importing.unit_texts import split_name
 from bayes_iwan.campaign.recording.records import CampaignError
 
 FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal

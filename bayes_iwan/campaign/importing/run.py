@@ -23,14 +23,14 @@ from bayes_iwan.campaign.importing.read import expanded, read_file
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.scaling import scaled, times_of
-from bayes_iwan.campaign.importing.units import ROLES, is_ratio, is_volts, role_of
+from bayes_iwan.campaign.importing.unit_texts import ROLES, is_ratio, is_volts, role_of
 from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.between_tests import compared
 from bayes_iwan.campaign.loops.checks import check_record, check_time, step_warnings
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
-from bayes_iwan.campaign.timing.drift import without_drift
+from bayes_iwan.campaign.timing.displacement_drift import without_drift
 from bayes_iwan.campaign.timing.drive import judge, split_levels, staircase_said
 
 ACCELERATION_COLUMNS = {"mm": "acceleration_m_s2", "mrad": "acceleration_rad_s2"}

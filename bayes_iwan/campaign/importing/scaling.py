@@ -8,7 +8,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.importing.clocks import counted_on, on_rate
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
-from bayes_iwan.campaign.importing.units import converted, decimal_point
+from bayes_iwan.campaign.importing.unit_texts import converted, decimal_point
 from bayes_iwan.campaign.loops.checks import check_epoch
 from bayes_iwan.campaign.recording.records import CampaignError
 

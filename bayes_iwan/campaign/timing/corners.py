@@ -26,7 +26,7 @@ CORNERED = 5, 0.015
 MOST_HARMONICS = 24
 #: share of the friction force by which sound channels, which filter what turns at once, make a model miss such a drive:
 #: so much up to so many samples a cycle, less in proportion above. Sound specimens under triangles and trapezoids show
-#: up to 4 % (tests/gap/test_drive_faults.py). Below LEAST nothing is said
+#: up to 4 % (tests/diagnosis/test_drive_faults.py). Below LEAST nothing is said
 CORNERS_GAP, CORNERS_SAMPLES, LEAST_GAP = 0.05, 160.0, 0.01
 SHARP = 2e-4  # of the amplitude: RMS that kinks may leave beyond the noise
 

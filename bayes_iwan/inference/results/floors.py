@@ -8,10 +8,10 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics import Model
-from bayes_iwan.physics.interface.motion import Y_FLOOR
-from bayes_iwan.physics.interface.simulator import inner_effects
-from bayes_iwan.physics.laws.normal_force import ALPHA_FLOOR
+from bayes_iwan.models import Model
+from bayes_iwan.models.motion import Y_FLOOR
+from bayes_iwan.models.normal_force import ALPHA_FLOOR
+from bayes_iwan.models.simulator import inner_effects
 
 #: what the floor on A − u changes at the end of the stroke is said where α changes by more
 SAID = 0.1

@@ -15,15 +15,15 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
+from bayes_iwan.fitting.genetic import GlobalOptimum
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.predictions import replicated
-from bayes_iwan.inference.results.rows import ConvergenceRow
+from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.setup.settings import IdentifySettings
 from bayes_iwan.inference.solving.point import Point
-from bayes_iwan.optimize.genetic import GlobalOptimum
-from bayes_iwan.physics import Scales
+from bayes_iwan.models import Scales
 from bayes_iwan.sampling.chains import Stop
 
 if TYPE_CHECKING:

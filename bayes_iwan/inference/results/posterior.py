@@ -12,17 +12,17 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
-from bayes_iwan.inference.results.left_out import LeftOut, left_out_frequencies
+from bayes_iwan.inference.results.held_out_frequencies import LeftOut, left_out_frequencies
 from bayes_iwan.inference.results.predictions import Misfit, Prediction, misfit_of, predicted_at, replicated
 from bayes_iwan.inference.results.reach import extrapolated
 from bayes_iwan.inference.results.remarks import remarks
-from bayes_iwan.inference.results.rows import ConvergenceRow, SummaryRow
+from bayes_iwan.inference.results.summary_rows import ConvergenceRow, SummaryRow
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import IdentifySettings
 from bayes_iwan.inference.solving.point import Point
-from bayes_iwan.physics.interface.motion import motion_of
-from bayes_iwan.physics.interface.simulator import FORCE_ZERO, Derived, straight_part
+from bayes_iwan.models.motion import motion_of
+from bayes_iwan.models.simulator import FORCE_ZERO, Derived, straight_part
 from bayes_iwan.sampling.chains import Stop
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
 

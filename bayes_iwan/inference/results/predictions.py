@@ -14,7 +14,7 @@ from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.loop_error import friction_rms_N
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics.interface.motion import sine_motion
+from bayes_iwan.models.motion import sine_motion
 
 #: an amplitude or peak speed within this factor of the tested ones is tested, and a frequency, which the model knows by
 #: the speed alone, within FREQUENCY_MARGIN; beyond REFUSED times what was tested nothing is predicted

@@ -18,7 +18,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import SLIP_SHARES
-from bayes_iwan.physics import Model
+from bayes_iwan.models import Model
 
 #: where more of the elements than this never slip, kp and the mean slip force are called extrapolated
 NEVER_SLIP = 1e-3

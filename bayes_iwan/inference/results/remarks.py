@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_iwan.inference.results.floors import floors_said
-from bayes_iwan.inference.results.left_out import left_out_said
+from bayes_iwan.inference.results.held_out_frequencies import left_out_said
 from bayes_iwan.inference.results.reach import extrapolated
 
 if TYPE_CHECKING:

@@ -15,14 +15,14 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop, read_campaign
 from bayes_iwan.files import clear, write_whole
+from bayes_iwan.fitting.genetic import GlobalOptimum
 from bayes_iwan.inference.results.netcdf import ResultsError, Stored, read_netcdf, write_netcdf
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.rows import SummaryRow
+from bayes_iwan.inference.results.summary_rows import SummaryRow
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
-from bayes_iwan.inference.setup.user_file import load_simulator
-from bayes_iwan.optimize.genetic import GlobalOptimum
-from bayes_iwan.physics import Simulator
+from bayes_iwan.models import Simulator
+from bayes_iwan.models.user_file import load_simulator
 
 #: all that an identification leaves in its folder beside the checkpoint; pages and tables are made from the rest
 WRITTEN = ("report.html", "report.pdf", "tables", "posterior.nc", "point.json", "summary.csv")

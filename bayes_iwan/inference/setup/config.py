@@ -1,7 +1,7 @@
 """The configuration file: what a user may change about a run, and what is wrong with it, in one line.
 
 [loops]            n_phase, n_harmonics, n_blocks: the phase averaging
-[model]            slip, grip, stiffness: the parts of bayes_iwan.physics.Model; embedded: may its form bend a little?
+[model]            slip, grip, stiffness: the parts of bayes_iwan.models.Model; embedded: may its form bend a little?
 [likelihood]       kind: correlated, unweighted, matern, gaussian or laplace
 [parameters.NAME]  prior = {dist = "...", ...}, lower, upper, fixed, tied
 [search]           the point estimate

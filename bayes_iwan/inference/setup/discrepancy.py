@@ -19,8 +19,8 @@ from scipy import fft, stats
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.setup.loop_error import friction_level_N, paper_weights
-from bayes_iwan.inference.setup.parameters import Parameter
-from bayes_iwan.inference.setup.scales import Scales
+from bayes_iwan.inference.setup.loop_scales import Scales
+from bayes_iwan.inference.setup.priors import Parameter
 from bayes_iwan.inference.setup.spectrum import MATERN, Spectrum, between_tests, shared_between
 from bayes_iwan.threads import over_draws
 

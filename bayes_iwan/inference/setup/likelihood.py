@@ -19,8 +19,8 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.setup.discrepancy import MEASURED_BETWEEN, Correlated
 from bayes_iwan.inference.setup.loop_error import paper_weights
-from bayes_iwan.inference.setup.parameters import Parameter
-from bayes_iwan.inference.setup.scales import Scales
+from bayes_iwan.inference.setup.loop_scales import Scales
+from bayes_iwan.inference.setup.priors import Parameter
 from bayes_iwan.inference.setup.spectrum import ODD_EVEN
 
 

@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.recording.units import Units
+from bayes_iwan.effects.base import Effect
 from bayes_iwan.inference.setup.config import Config, settings_of
 from bayes_iwan.inference.setup.likelihood import Likelihood, make_likelihood
 from bayes_iwan.inference.setup.loop_error import goal_function, harmonics_of
-from bayes_iwan.inference.setup.parameters import ParameterError, Prior, configured
-from bayes_iwan.inference.setup.scales import scales_of
+from bayes_iwan.inference.setup.loop_scales import scales_of
+from bayes_iwan.inference.setup.priors import ParameterError, Prior, configured
 from bayes_iwan.inference.setup.settings import ModelSettings
-from bayes_iwan.physics import Model, ModelError, Motion, Scales, Simulator
-from bayes_iwan.physics.interface.motion import motion_of
-from bayes_iwan.physics.interface.parameter import Z_LIMIT
-from bayes_iwan.physics.interface.simulator import (
+from bayes_iwan.models import Model, ModelError, Motion, Scales, Simulator
+from bayes_iwan.models.motion import motion_of
+from bayes_iwan.models.parameter import Z_LIMIT
+from bayes_iwan.models.simulator import (
     FORCE_ZERO,
     OUTER,
-    Station,
     force_zero,
     inner_effects,
     offered,
@@ -85,7 +85,7 @@ class Problem:
     model: Simulator
     prior: Prior
     likelihood: Likelihood
-    effects: tuple[Station, ...] = ()
+    effects: tuple[Effect, ...] = ()
 
     __repr__ = brief
 
@@ -220,7 +220,7 @@ class Problem:
         loops = tuple(replace(x, force_N=f, harmonics_N=h) for x, f, h in zip(self.loops, force_N, c))
         return replace(self, loops=loops, likelihood=self.likelihood.of_loops(loops))
 
-    def with_effects(self, effects: Sequence[Station]) -> Problem:
+    def with_effects(self, effects: Sequence[Effect]) -> Problem:
         """The same problem with these effects and no others, in the order in which they act.
 
         Raises ModelError for an effect at a station that the simulator does not offer.

@@ -13,12 +13,12 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.setup.loop_scales import loop_energy_mJ
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.inference.setup.scales import loop_energy_mJ
-from bayes_iwan.physics import Model, Motion
-from bayes_iwan.physics.interface.motion import motion_of
-from bayes_iwan.physics.interface.simulator import Derived, inner_effects
-from bayes_iwan.physics.laws.slip_force import SlipForce
+from bayes_iwan.models import Model, Motion
+from bayes_iwan.models.motion import motion_of
+from bayes_iwan.models.simulator import Derived, inner_effects
+from bayes_iwan.models.slip_force import SlipForce
 
 CHUNK = 1024  # draws predicted at a time, to stay in memory
 SLIP_SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)

@@ -36,7 +36,7 @@ class ModelSettings:
         names as :class:`bayes_iwan.Model` takes them.
     embedded
         whether the model error is embedded: parameters inside the model let its laws deviate a little (see
-        :mod:`bayes_iwan.physics.laws.embedded`).
+        :mod:`bayes_iwan.models.embedded_error`).
     """
 
     slip: str = "gamma3"

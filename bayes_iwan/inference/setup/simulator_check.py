@@ -8,7 +8,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.physics import ModelError
+from bayes_iwan.models import ModelError
 
 #: draws of the prior that are asked of it, and of these those that are also asked alone
 DRAWS, ALONE = 200, 5

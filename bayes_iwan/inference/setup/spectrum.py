@@ -11,7 +11,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
-from bayes_iwan.inference.setup.parameters import Parameter
+from bayes_iwan.inference.setup.priors import Parameter
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.solving.chains import least_squares_of
 from bayes_iwan.inference.solving.point import laplace_scale
-from bayes_iwan.physics.interface.parameter import Z_LIMIT
+from bayes_iwan.models.parameter import Z_LIMIT
 from bayes_iwan.sampling.moves.manifold import Manifold
 from bayes_iwan.sampling.run import generator
 

@@ -15,8 +15,8 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.point import Point, laplace_scale
-from bayes_iwan.physics import Model
-from bayes_iwan.physics.interface.parameter import Z_LIMIT
+from bayes_iwan.models import Model
+from bayes_iwan.models.parameter import Z_LIMIT
 from bayes_iwan.sampling.chains import Chains
 from bayes_iwan.sampling.moves.metropolis import LeastSquares
 from bayes_iwan.sampling.nuisance import Nuisance

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, brief
+from bayes_iwan.fitting.genetic import BatchObjective, GlobalOptimum, genetic_search
+from bayes_iwan.fitting.least_squares import BatchResiduals, least_squares_batch
 from bayes_iwan.inference.setup.loop_error import friction_level_N, goal_function, paper_weights
-from bayes_iwan.inference.setup.parameters import Z_LIMIT
+from bayes_iwan.inference.setup.priors import Z_LIMIT
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import SearchSettings
-from bayes_iwan.optimize.genetic import BatchObjective, GlobalOptimum, genetic_search
-from bayes_iwan.optimize.least_squares import BatchResiduals, least_squares_batch
-from bayes_iwan.physics.laws.embedded import NAMES as EMBEDDED
+from bayes_iwan.models.embedded_error import NAMES as EMBEDDED
 
 
 @dataclass(frozen=True)

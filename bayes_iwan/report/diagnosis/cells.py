@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bayes_iwan.gap.telling import words
+from bayes_iwan.diagnosis.answer import wording
 
 
 def newton(x: float | None) -> str:
-    return "–" if x is None or x != x else words.force(x)
+    return "–" if x is None or x != x else wording.force(x)
 
 
 def force_range(pair: Sequence[float] | None) -> str:
@@ -16,7 +16,7 @@ def force_range(pair: Sequence[float] | None) -> str:
 
 
 def percent(x: float | None) -> str:
-    return "–" if x is None or x != x else words.percent(x)
+    return "–" if x is None or x != x else wording.percent(x)
 
 
 def percent_range(pair: Sequence[float] | None) -> str:
@@ -24,4 +24,4 @@ def percent_range(pair: Sequence[float] | None) -> str:
 
 
 def digits(x: float | None) -> str:
-    return "–" if x is None or x != x else words.plain(x, 4)
+    return "–" if x is None or x != x else wording.plain(x, 4)

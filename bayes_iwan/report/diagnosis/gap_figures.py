@@ -1,7 +1,7 @@
 """Figures of the gap itself: where it is and how it grows. All take plain arrays.
 
-Arguments named as in `bayes_iwan.gap.telling.findings.pictures`: T tests, n samples a cycle, phase 0 the upward
-crossing.
+Arguments named as in `bayes_iwan.diagnosis.answer.gap_findings.pictures`: T tests, n samples a cycle, phase 0 the
+upward crossing.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.timing.groups import groups_of
-from bayes_iwan.gap.telling.findings import GapPictures
-from bayes_iwan.gap.telling.where import Statistic
+from bayes_iwan.diagnosis.answer.gap_findings import GapPictures
+from bayes_iwan.diagnosis.answer.localisation import Statistic
 from bayes_iwan.report.style import BLACK, BLUE, PRIOR, decimal_ticks, points, series, styled, subplots, ticked
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
@@ -270,7 +270,7 @@ def gap_regions_figure(regions: Sequence[Statistic]) -> Figure:
 
 
 def figures_of_gap(p: GapPictures) -> dict[str, Figure]:
-    """All figures of the gap itself, by name, from :func:`bayes_iwan.gap.telling.findings.pictures`."""
+    """All figures of the gap itself, by name, from :func:`bayes_iwan.diagnosis.answer.gap_findings.pictures`."""
     out = {
         "gap_loops": gap_loops_figure(
             p.names, p.displacement_mm, p.force_N, p.residual_N, list(p.gap_N / p.friction_N)

@@ -10,7 +10,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.loop_error import friction_rms_N
 from bayes_iwan.inference.setup.quantities import loop_quantities
-from bayes_iwan.physics.interface.motion import motion_of
+from bayes_iwan.models.motion import motion_of
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.physics import Model
+from bayes_iwan.models import Model
 from bayes_iwan.report.cite import SOFTWARE
 
 _LIKELIHOOD = {

@@ -12,8 +12,8 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.predictions import resolved
 from bayes_iwan.inference.setup.likelihood import make_likelihood
-from bayes_iwan.physics.interface.motion import motion_of
-from bayes_iwan.physics.interface.simulator import FORCE_ZERO, straight_part
+from bayes_iwan.models.motion import motion_of
+from bayes_iwan.models.simulator import FORCE_ZERO, straight_part
 
 
 @dataclass(frozen=True)

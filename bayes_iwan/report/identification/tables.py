@@ -12,9 +12,9 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
-from bayes_iwan.inference.results.left_out import LeftOut
+from bayes_iwan.inference.results.held_out_frequencies import LeftOut
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.rows import ConvergenceRow
+from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
 from bayes_iwan.report.identification.marginals import contraction, paper_symbol, reported
 from bayes_iwan.report.table import Cell, Rows, Table

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.quantities import LoopQuantities, loop_quantities
-from bayes_iwan.physics import sine_motion
+from bayes_iwan.models import sine_motion
 from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.style import band, points, series, styled, subplots, ticked
 

@@ -1,0 +1,561 @@
+"""What `import bayes_iwan as bi` offers: a function a command, each with a typed result to be shown and written."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.campaign.folders.folder import read_checked
+from bayes_iwan.export.accessors import register as register_export  # gives posteriors their export
+from bayes_iwan.files import clear, owned
+from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.inference.results.run_files import load as load_run
+from bayes_iwan.inference.results.run_files import write as write_run
+from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.models import Simulator
+from bayes_iwan.models.user_file import load_simulator
+from bayes_iwan.report import accessors as accessors  # gives posteriors their plots
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
+
+if TYPE_CHECKING:  # each function imports the rooms that it needs itself: together they take a second
+    from bayes_iwan.campaign.folders.inspect import Inspection
+    from bayes_iwan.comparison.families import Comparison
+    from bayes_iwan.diagnosis.diagnosis import Diagnosis
+    from bayes_iwan.export.json_file import ExportedModel
+
+__all__ = ["Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"]
+
+PathLike = str | os.PathLike[str]
+
+
+@dataclass(frozen=True, repr=False)
+class Check:
+    """A campaign that was read, and what each of its tests shows before any model; made by :func:`check`.
+
+    Attributes
+    ----------
+    campaign
+        its records and what was stated of them.
+    tests
+        of each record its averaged loop with energy (mJ), stiffness (N/mm), loss factor, noise and remarks.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> found = bi.check(folder)
+    >>> len(found.loops), found.tests[1].energy_mJ.value > found.tests[0].energy_mJ.value > 0.0
+    (2, True)
+    """
+
+    campaign: Campaign
+    tests: tuple[Inspection, ...]
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """The averaged tests."""
+        return tuple(x.loop for x in self.tests)
+
+    def __repr__(self) -> str:
+        c = self.campaign
+        head = (
+            f"{'f, Hz' if c.clock else '':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} "
+            f"{'mean, N':>9s} {'mean, mm':>9s} {'noise, N':>9s}  role"
+        )
+        lines = [c.name + (f": {c.description}" if c.description else ""), f"{'test':24s} {c.units.text(head)}"]
+        for test in self.tests:
+            x = test.loop
+            lines.append(
+                f"{x.file:24s} {f'{x.frequency_hz:.4g}' if c.clock else '':>8s} {x.amplitude_mm:8.4g} {x.n_cycles:6d} "
+                f"{x.record.time_s.size:8d} {x.force_N.std():12.4g} "
+                f"{_shown(x.harmonics_N[0].real, x.force_N.std())} {_shown(x.offset_mm, x.amplitude_mm)} "
+                f"{test.noise_N:9.2g}  {x.role}"
+            )
+            lines += [f"    {note}" for note in test.notes]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
+def _shown(mean: float, size: float) -> str:
+    """A mean to three digits, none where it is no more than rounding."""
+    return f"{mean if abs(mean) > 1e-6 * size else 0.0:9.3g}"
+
+
+def check(campaign: Campaign | PathLike) -> Check:
+    """Read a campaign and average its tests.
+
+    Parameters
+    ----------
+    campaign
+        a campaign, or the folder that holds its campaign.toml.
+
+    Returns
+    -------
+    Check
+        its loops and warnings; its last line in a notebook cell shows them.
+
+    Raises
+    ------
+    CampaignError
+        one line that names the file, what is wrong with it and the mend.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=1).write(folder)
+    >>> [loop.role for loop in bi.check(folder).loops]
+    ['fit', 'fit']
+    """
+    from bayes_iwan.campaign.folders.inspect import inspect_campaign, inspect_loop
+
+    if isinstance(campaign, Campaign):
+        return Check(campaign, inspect_campaign(campaign))
+    found, loops = read_checked(campaign)
+    return Check(found, tuple(inspect_loop(loop) for loop in loops))
+
+
+def identify(
+    campaign: Campaign | PathLike,
+    out: PathLike | None = None,
+    *,
+    config: Config = None,
+    seed: int = 0,
+    per_test: bool = False,
+    resume: bool = False,
+    keep_chains: bool = False,
+    progress: bool = True,
+    simulator: Simulator | PathLike | None = None,
+    quick: bool = False,
+    executor: Executor | None = None,
+) -> Posterior:
+    """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
+
+    Parameters
+    ----------
+    campaign
+        a campaign, or its folder.
+    out
+        folder for the results, checked before anything is computed; None writes nothing.
+    config
+        a TOML file, its tables as a mapping, or :class:`bayes_iwan.IdentifySettings`.
+    seed
+        of all random numbers.
+    per_test
+        identify each frequency alone as well.
+    resume
+        go on from the checkpoint in out where a run was stopped.
+    keep_chains
+        keep that checkpoint, which holds every draw, when the run has converged.
+    simulator
+        a model of your own in the place of the Iwan model, or its Python file (its code is run).
+    quick
+        the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
+    executor
+        from :func:`bayes_iwan.executors.opened`, for chains in several processes, with the same draws, and to identify
+        the frequencies alone side by side.
+
+    Returns
+    -------
+    Posterior
+        draws, summary, predictions and plots.
+
+    Raises
+    ------
+    CampaignError, ConfigError, ParameterError, ModelError, CheckpointError
+        ValueErrors of one line.
+
+    Warns
+    -----
+    NotConverged
+        the run ended before its chains had converged.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=1).write(folder)
+    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False,
+    ...                         config={"model": {"slip": "gamma1"}})
+    >>> low, middle, high = posterior.predict(frequency_hz=12.0, amplitude_mm=0.6).band()
+    >>> bool((low <= high).all()), middle.shape
+    (True, (1, 128))
+    """
+    if per_test and (out is None or quick):
+        raise ConfigError("per_test writes files of sampled runs: name a folder for them (out), and leave quick away")
+    if out is None:
+        posterior = identify_campaign(
+            campaign,
+            None,
+            config=config,
+            seed=seed,
+            progress=progress,
+            simulator=simulator,
+            quick=quick,
+            executor=executor,
+        )
+        _warn(posterior)
+        return posterior
+    from bayes_iwan.report.identification.identification_page import identification_report
+
+    with owned(out) as folder:
+        if not resume and (folder / CHECKPOINT).exists():
+            raise ConfigError(
+                f"{folder}: holds a run already ({CHECKPOINT}); go on from it with --resume, or choose another folder "
+                "(--out)"
+            )
+        posterior = identify_campaign(
+            campaign,
+            folder,
+            config=config,
+            seed=seed,
+            resume=resume,
+            progress=progress,
+            simulator=simulator,
+            quick=quick,
+            executor=executor,
+        )
+        _warn(posterior)
+        if posterior.interrupted:
+            return posterior
+        identification_report(posterior, folder)  # stands should the runs of single frequencies be cut short
+        if per_test:
+            identify_frequencies(posterior, folder, resume=resume, progress=progress, executor=executor)
+            identification_report(posterior, folder)
+        if posterior.converged and not keep_chains:
+            alone = (p.parent.name for p in folder.glob(f"per_test/*/{CHECKPOINT}"))
+            clear(folder, CHECKPOINT, *(f"per_test/{name}/{CHECKPOINT}" for name in alone))
+    return posterior
+
+
+def _warn(posterior: Posterior) -> None:
+    if not posterior.converged and not posterior.quick:
+        warnings.warn(posterior.message, NotConverged, stacklevel=3)
+
+
+def diagnose(
+    campaign: Campaign | PathLike,
+    out: PathLike | None = None,
+    *,
+    config: DiagnoseSettings | Config = None,
+    seed: int = 0,
+    quick: bool = False,
+    effects_file: PathLike | None = None,
+    simulator: Simulator | PathLike | None = None,
+    executor: Executor | None = None,
+) -> Diagnosis:
+    """Where the model misses, which cause explains it, how far the gap shrinks; files and page in `out` if given.
+
+    Parameters
+    ----------
+    campaign
+        a campaign, or its folder.
+    out
+        folder for diagnosis.json, fits.json, the page and the figures; needs a folder as campaign.
+    config
+        [model] and [parameters] tables, a TOML file with them, or :class:`bayes_iwan.DiagnoseSettings`.
+    seed
+        of all random numbers.
+    quick
+        stop at refits and an approximate evidence.
+    effects_file
+        Python file with effects of your own (its code is run).
+    simulator
+        a model of your own in the place of the Iwan model, or its Python file (its code is run).
+    executor
+        from :func:`bayes_iwan.executors.opened`, to refit effects side by side.
+
+    Returns
+    -------
+    Diagnosis
+        verdict, budget of the gap (RMS in N and shares), next test; its repr is the answer in plain words.
+
+    Raises
+    ------
+    CampaignError, ConfigError, EffectError, ModelError
+        ValueErrors of one line.
+
+    Examples
+    --------
+    A dashpot on the virtual rig, found again (ten seconds):
+
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(f, a, cycles=8) for f in (8.0, 12.0, 20.0) for a in (0.4, 0.9)]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, fault="viscous_damping", size=0.1, seed=1).write(folder)
+    >>> found = bi.diagnose(folder, quick=True, seed=1)
+    >>> found.verdict.names, found.verdict.causes[0].share.value > 0.5
+    (('viscous_damping',), True)
+    """
+    own = simulator is not None
+    settings = diagnose_settings_of(config, own)
+    if out is not None:
+        if isinstance(campaign, Campaign) or isinstance(simulator, Simulator):
+            raise ConfigError("to write a diagnosis name the campaign's folder and the simulator's file, not objects")
+        from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
+
+        return write_diagnosis(
+            Path(campaign),
+            Path(out),
+            settings=settings,
+            seed=seed,
+            quick=quick,
+            effects_file=None if effects_file is None else Path(effects_file),
+            simulator_file=None if simulator is None else Path(simulator),
+            executor=executor,
+        )
+    from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_folder, diagnose_loops
+
+    register_export(Diagnosis)
+
+    if not isinstance(campaign, Campaign) and not isinstance(simulator, Simulator):
+        found = diagnose_folder(
+            Path(campaign),
+            seed=seed,
+            quick=quick,
+            settings=settings,
+            effects_file=None if effects_file is None else Path(effects_file),
+            simulator_file=None if simulator is None else Path(simulator),
+            executor=executor,
+        )
+        return found
+    from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
+    from bayes_iwan.effects.own_effects import load_effects
+
+    read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    model = simulator if isinstance(simulator, Simulator) or simulator is None else load_simulator(simulator)
+    return diagnose_loops(
+        read,
+        read.loops(**LOOPS),
+        seed=seed,
+        quick=quick,
+        settings=settings,
+        extra=load_effects(Path(effects_file)) if effects_file is not None else (),
+        simulator=model,
+        executor=executor,
+    )
+
+
+def compare(
+    campaign: Campaign | PathLike | Sequence[Loop],
+    out: PathLike | None = None,
+    *,
+    families: Sequence[str] | None = None,
+    config: Config = None,
+    seed: int = 0,
+    by: str = "auto",
+    executor: Executor | None = None,
+    progress: bool = True,
+) -> Comparison:
+    """Fit model families to a campaign and rank them by how well they predict; compare.html in `out` if given.
+
+    Parameters
+    ----------
+    campaign
+        a campaign, its folder, or averaged loops.
+    out
+        folder for compare.html and compare.csv; None writes nothing.
+    families
+        names of :data:`bayes_iwan.comparison.families.FAMILIES` (default: all).
+    config, seed
+        as for :func:`identify`.
+    by
+        "loo" (single data left out), "tests" (whole tests left out) or "auto" (the first where its Pareto k hold).
+    executor
+        from :func:`bayes_iwan.executors.opened`, to fit families side by side.
+    progress
+        show a bar.
+
+    Returns
+    -------
+    Comparison
+        families, best first, with differences of the expected log predictive density in nats.
+
+    Raises
+    ------
+    CompareError
+        unknown families or rankings.
+    CampaignError, ConfigError
+        as for :func:`identify`.
+
+    References
+    ----------
+    Vehtari, Gelman & Gabry, Practical Bayesian model evaluation using leave-one-out cross-validation and WAIC,
+    Statistics and Computing 27 (2017) 1413.
+
+    Examples
+    --------
+    Slip forces by a gamma or a uniform distribution, by short runs (for an answer that counts leave `config` away, some
+    minutes):
+
+    >>> import tempfile, bayes_iwan as bi
+    >>> plan = [bi.PlannedTest(f, a, cycles=6) for f, a in ((8.0, 0.4), (20.0, 0.9))]
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign(plan, seed=3).write(folder)
+    >>> short = {"search": {"members": 40, "evaluations": 400, "starts": 2, "second_search": False},
+    ...          "sampling": {"ensembles": 2, "budget_s": 2.0, "draws": 200}}
+    >>> ranked = bi.compare(folder, families=["uniform", "gamma1"], config=short, by="loo", seed=1, progress=False)
+    >>> [row.name for row in ranked.rows()], ranked.rows()[0].difference
+    (['gamma1', 'uniform'], 0.0)
+    """
+    from bayes_iwan.comparison.families import compare_families
+
+    chosen = partial(
+        compare_families, campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress
+    )
+    if out is None:
+        return chosen()
+    from bayes_iwan.report.comparison_page import comparison_report
+
+    with owned(out) as folder:
+        result = chosen()
+        comparison_report(result, folder)
+    return result
+
+
+def load(
+    folder: PathLike, campaign: PathLike | None = None, simulator: Simulator | PathLike | None = None
+) -> Posterior | ExportedModel:
+    """The posterior that :func:`identify` wrote, or the model that was exported to JSON.
+
+    Parameters
+    ----------
+    folder
+        what was given as `out`, or an isolator.json, or the folder of one.
+    campaign, simulator
+        of a posterior: the campaign's folder, if that has moved; the model of one's own that was identified, or its
+        Python file (its code is run).
+
+    Returns
+    -------
+    Posterior or ExportedModel
+        equal to the one that was written.
+
+    Raises
+    ------
+    ResultsError, ExportError
+        no result there, a damaged one, or a campaign or version that gives another problem.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder, out = tempfile.mkdtemp(), tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> posterior = bi.identify(folder, quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> model = bi.load(posterior.export("json", out, draws=3))
+    >>> model.force(bi.sine_motion(frequency_hz=10.0, amplitude_mm=0.5)).shape  # the point and three draws
+    (4, 1, 128)
+    """
+    path = Path(folder)
+    if path.is_file() or (not (path / "posterior.nc").exists() and (path / "isolator.json").exists()):
+        from bayes_iwan.export.json_file import read
+
+        return read(path if path.is_file() else path / "isolator.json")
+    return load_run(folder, campaign, simulator)
+
+
+def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
+    """Write a result with its page, tables and figures into a folder, as the command line does.
+
+    Parameters
+    ----------
+    result
+        of :func:`identify`, :func:`diagnose` or :func:`compare`.
+    folder
+        is made where it does not exist.
+
+    Returns
+    -------
+    Path
+        of the page: report.html, diagnosis.html or compare.html.
+
+    Raises
+    ------
+    OutputError, TypeError
+        a folder that cannot be written to; something that is no result.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> posterior = bi.identify(bi.demo(), quick=True, seed=1, progress=False, config={"model": {"slip": "gamma1"}})
+    >>> bi.write(posterior, tempfile.mkdtemp()).name
+    'report.html'
+    """
+    if isinstance(result, Posterior):
+        from bayes_iwan.report.identification.identification_page import identification_report
+
+        with owned(folder) as out:
+            write_run(result, out)
+            return identification_report(result, out)
+    from bayes_iwan.comparison.families import Comparison
+    from bayes_iwan.diagnosis.diagnosis import Diagnosis
+
+    if isinstance(result, Diagnosis):
+        from bayes_iwan.report.diagnosis.diagnosis_files import write_found
+
+        return write_found(result, Path(folder))
+    if isinstance(result, Comparison):
+        from bayes_iwan.report.comparison_page import comparison_report
+
+        with owned(folder) as out:
+            return comparison_report(result, out)
+    raise TypeError(f"{type(result).__name__} is no result of identify, diagnose or compare")
+
+
+#: frequency (Hz) and amplitude (mm) of the demonstration's tests, and what is wrong with its rig
+_DEMO_PLAN = tuple((f, a) for f in (8.0, 20.0) for a in (0.3, 0.6, 1.0))
+_DEMO_FAULT = ("viscous_damping", 0.15)
+
+
+def demo(folder: PathLike | None = None, seed: int = 1) -> Campaign:
+    """A campaign to try things on: six tests of a virtual rope spring with a dashpot that the model does not know.
+
+    Parameters
+    ----------
+    folder
+        where to write it, for commands that ask for a folder; None writes it into a new temporary one.
+    seed
+        of the noise.
+
+    Returns
+    -------
+    Campaign
+        its records; `.path` is the folder.
+
+    Raises
+    ------
+    OutputError
+        a folder that cannot be written to.
+
+    Examples
+    --------
+    >>> import bayes_iwan as bi
+    >>> campaign = bi.demo()
+    >>> len(campaign.tests), campaign.path.is_dir()
+    (6, True)
+    """
+    import tempfile
+
+    from bayes_iwan.virtual_rig.planning import simulate_campaign
+    from bayes_iwan.virtual_rig.simulate import PlannedTest
+
+    where = Path(tempfile.mkdtemp(prefix="bayes_iwan_demo_") if folder is None else folder)
+    plan = [PlannedTest(f, a, cycles=8) for f, a in _DEMO_PLAN]
+    fault, size = _DEMO_FAULT
+    simulate_campaign(plan, fault=fault, size=size, seed=seed).write(where)
+    return read_campaign(where)

@@ -1,0 +1,63 @@
+"""Excel workbooks, read by openpyxl: each sheet's cells as the lines of a text table."""
+
+from __future__ import annotations
+
+import datetime
+import zipfile
+from pathlib import Path
+
+from bayes_iwan.campaign.importing.formats.text import read_lines
+from bayes_iwan.campaign.importing.formats.text_layout import Layout
+from bayes_iwan.campaign.importing.recordings import Recording, library
+from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.table import FREE_EXPANSION, LARGEST_EXPANSION
+
+
+def read_excel(path: Path, file: str) -> list[Recording]:
+    """Each sheet of a workbook that holds rows of numbers, read as a text table is."""
+    openpyxl = library("openpyxl", "openpyxl", file, "an Excel workbook")
+    try:
+        with zipfile.ZipFile(path) as packed:
+            names, size = packed.namelist(), sum(x.file_size for x in packed.infolist())
+        if "xl/workbook.xml" not in names:
+            raise CampaignError(f"{file}: a zip archive, no Excel workbook; unpack it and import what is in it")
+        if size > max(FREE_EXPANSION, LARGEST_EXPANSION * path.stat().st_size):
+            raise CampaignError(f"{file}: unpacks to {size // 1_000_000} MB, which no workbook does; save it as CSV")
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
+        sheets = {
+            sheet.title: [[_cell(x) for x in row] for row in sheet.iter_rows(values_only=True)]
+            for sheet in book.worksheets
+        }
+        book.close()
+    except CampaignError:
+        raise
+    except Exception as error:  # a damaged archive fails in zipfile, in XML and in openpyxl
+        raise CampaignError(
+            f"{file}: cannot be read as an Excel workbook ({shown(str(error))}); save the sheet as CSV"
+        ) from None
+    out = []
+    for title, rows in sheets.items():
+        lines = ["\t".join(row).rstrip() for row in rows]
+        if sum(len(line) > 0 for line in lines) < 2:
+            continue
+        try:
+            found = read_lines(file, lines, Layout(separator="\t"), f"sheet {title!r}")
+        except CampaignError as error:
+            if "no rows of numbers" in str(error):
+                continue  # a sheet of remarks
+            raise
+        out += found
+    parts = [x.part for x in out]
+    if not out:
+        raise CampaignError(f"{file}: no rows of numbers in any sheet; are its formulas worked out and saved?")
+    return [Recording(x.file, x.part if len(parts) > 1 else "", x.channels, x.notes, x.rate_hz) for x in out]
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, datetime.datetime | datetime.time):
+        return value.isoformat(sep=" ") if isinstance(value, datetime.datetime) else value.isoformat()
+    if isinstance(value, datetime.timedelta):
+        return repr(value.total_seconds())
+    return " ".join(str(value).split())

@@ -1,0 +1,93 @@
+"""LabVIEW measurement files (.lvm): segments, each with units, starts and steps of its channels above the numbers.
+
+Read here and not by lvm_read, which takes a cell that it cannot read for NaN without a word, and several X columns for
+channels.
+"""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pandas as pd
+
+from bayes_iwan.campaign.importing.formats.stamps import seconds
+from bayes_iwan.campaign.importing.recordings import Recording, channel
+from bayes_iwan.campaign.recording.records import CampaignError, shown
+
+_END = "***End_of_Header***"
+
+
+def read_lvm(file: str, text: str) -> list[Recording]:
+    """One recording a segment, of the text of a .lvm file."""
+    lines = text.split("\n")
+    ends = [k for k, line in enumerate(lines) if line.startswith(_END)]
+    head = dict(line.partition("\t" if "\t" in line else ",")[::2] for line in lines[: (ends or [0])[0]])
+    head = {k.strip(): v.strip() for k, v in head.items()}
+    separator = "," if head.get("Separator", "Tab").lower().startswith((",", "comma")) else "\t"
+    if len(ends) < 2:
+        raise CampaignError(f"{file}: a LabVIEW file without a segment of data; write it again with headers")
+    out = []
+    for number, end in enumerate(ends[1:], 1):
+        stop = next(
+            (k for k in range(end + 2, len(lines)) if lines[k][:1].isalpha() or not lines[k].strip()), len(lines)
+        )
+        above = [line.split(separator) for line in lines[ends[number - 1] + 1 : end] if line.strip()]
+        keys = {cells[0].strip(): [c.strip() for c in cells[1:]] for cells in above}
+        out.append(_segment(file, number, keys, lines[end + 1 : stop], end + 2, separator, head))
+    many = len(out) > 1
+    return [Recording(x.file, x.part if many else "", x.channels, x.notes) for x in out]
+
+
+def _segment(
+    file: str, number: int, keys: dict[str, list[str]], lines: list[str], first: int, separator: str,
+    head: dict[str, str],
+) -> Recording:  # fmt: skip
+    decimal = head.get("Decimal_Separator", ".")[:1] or "."
+    names = [x.strip() for x in (lines or [""])[0].split(separator)]
+    names = names[: names.index("Comment")] if "Comment" in names else names
+    while names and not names[-1]:
+        names.pop()
+    own_x = head.get("X_Columns", "One")
+    columns = list(range(1, len(names), 2)) if own_x == "Multi" else list(range(1, len(names)))
+    try:
+        table = pd.read_csv(
+            io.StringIO("\n".join(lines[1:])), sep=separator, decimal=decimal, header=None, names=range(len(names) + 1),
+            na_values=[""], keep_default_na=False,
+        )  # fmt: skip
+        values = {k: table[k].to_numpy(dtype=float) for k in range(len(names)) if own_x != "No" or k}
+    except (ValueError, OverflowError) as error:
+        raise CampaignError(
+            f"{file} segment {number} (from line {first}): {shown(str(error))}; correct the line in the file"
+        ) from None
+
+    def of(key: str, place: int) -> str:
+        cells = keys.get(key, [])
+        at = columns[place] - 1
+        return cells[at] if at < len(cells) else ""
+
+    def number_of(key: str, place: int) -> float | None:
+        try:
+            return float(of(key, place).replace(decimal, "."))
+        except ValueError:
+            return None
+
+    clocks = [of("Time", place) for place in range(len(columns))]
+    began = seconds(clocks) if clocks and all(clocks) else None
+    channels = []
+    for place, k in enumerate(columns):
+        step, start = number_of("Delta_X", place), number_of("X0", place) or 0.0
+        group = names[k] if own_x == "Multi" else ""
+        if own_x != "No" and (own_x == "Multi" or place == 0):
+            x = values[k - 1]
+            channels.append(channel("X_Value", "s", x[np.isfinite(x)], None, None, group))
+        y = values[k]
+        samples = number_of("Samples", place)
+        if samples is not None and own_x == "Multi":
+            y = y[: int(samples)]
+        offset = float(began[0][place]) if began is not None else 0.0
+        rate = 1 / step if step and step > 0 else None
+        channels.append(channel(names[k], of("Y_Unit_Label", place), y, rate, start + offset, group))
+    return Recording(
+        file, f"segment {number}", tuple(c for c in channels if c is not None), (f"LabVIEW, segment {number}",)
+    )

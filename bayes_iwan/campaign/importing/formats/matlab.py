@@ -1,0 +1,174 @@
+"""MATLAB files: SciPy for versions 4 to 7, h5py for 7.3 and any HDF5, mat-io for tables and timetables.
+
+Arrays inside structs, struct arrays and cells are channels named by the way to them: `run(2).force`, `runs(1)(3)`.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_iwan.campaign.importing.formats.matlab_elements import refuse_unsound
+from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
+from bayes_iwan.campaign.recording.records import CampaignError, shown
+
+MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
+DEEPEST = 20  # of structs and cells within each other
+RATES = {"fs", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "sample_rate_hz", "fsample", "srate"}
+SAVE = (
+    "in MATLAB: save(file, '-struct', 's') with numeric vectors in s (of a table T: s = table2struct(T, 'ToScalar', "
+    "true))"
+)
+
+
+def read_matlab(path: Path, file: str) -> list[Recording]:
+    """The arrays of a MATLAB file of any version."""
+    import scipy.io
+
+    try:
+        if scipy.io.matlab.matfile_version(path)[0] == 1:
+            refuse_unsound(path.read_bytes())
+        found = scipy.io.loadmat(path, simplify_cells=True)
+    except NotImplementedError:
+        return read_hdf5(path, file)
+    except Exception as error:  # a damaged file makes loadmat fail in many ways
+        raise CampaignError(f"{file}: cannot be read as a MATLAB file ({shown(str(error))})") from None
+    if "__function_workspace__" in found:
+        found = _objects(path, file)
+    arrays = _flat("", {k: v for k, v in found.items() if not k.startswith("__")}, 0)
+    return _recordings(
+        file, list(arrays), "MATLAB", f"the file holds {_kinds(found)}; save numbers as vectors ({SAVE})"
+    )
+
+
+def read_hdf5(path: Path, file: str) -> list[Recording]:
+    """The arrays of a MATLAB 7.3 file or any other HDF5 file."""
+    import h5py
+
+    arrays: list[tuple[str, np.ndarray]] = []
+    objects: set[str] = set()
+
+    def visit(name: str, item: Any, depth: int = 0) -> None:
+        if not isinstance(item, h5py.Dataset) or name.startswith("#") or depth > DEEPEST:
+            return
+        name = name.replace("/", ".")
+        kind = item.attrs.get("MATLAB_class", b"double")
+        kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
+        if "MATLAB_object_decode" in item.attrs and kind not in ("cell", "struct"):
+            objects.add(kind)
+        elif h5py.check_ref_dtype(item.dtype) is h5py.Reference:  # a cell, or one field of a struct array
+            stem, dot, field = name.rpartition(".")
+            for k, reference in enumerate(item[()].T.flat, 1):
+                inner = item.file[reference]
+                below = f"{stem}({k}).{field}" if dot and kind != "cell" else f"{name}({k})"
+                if isinstance(inner, h5py.Group):
+                    inner.visititems(lambda n, x, below=below: visit(f"{below}.{n}", x, depth + 1))
+                visit(below, inner, depth + 1)
+        elif item.dtype.kind in "iuf" and kind not in ("char", "logical"):
+            arrays.append((name, item[()].T))  # MATLAB writes columns first
+        elif item.dtype.names == ("real", "imag"):
+            values = item[()].T
+            arrays.append((name, values["real"] + 1j * values["imag"]))
+
+    try:
+        with h5py.File(path, "r") as source:
+            source.visititems(visit)
+    except Exception as error:  # a damaged file makes HDF5 fail in many ways
+        raise CampaignError(f"{file}: cannot be read as MATLAB v7.3 or HDF5 ({shown(str(error))})") from None
+    held = ", ".join(sorted(objects)) or "no such arrays"
+    return _recordings(
+        file,
+        arrays,
+        "MATLAB v7.3 or HDF5",
+        f"it holds {held[:200]}; save numbers as vectors ({SAVE}), or save with -v7",
+    )
+
+
+def _objects(path: Path, file: str) -> dict[str, Any]:
+    """The variables of a file with tables, timetables or other objects, which SciPy does not open."""
+    matio = library("matio", "mat-io", file, "a MATLAB table")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of pandas' options that it sets
+            found: dict[str, Any] = matio.load_from_mat(path)
+    except Exception as error:
+        raise CampaignError(
+            f"{file}: a MATLAB table or other object that cannot be read ({shown(str(error))}); save it {SAVE}"
+        ) from None
+    return found
+
+
+def _kinds(found: dict[str, Any]) -> str:
+    some = [f"{k} ({type(v).__name__})" for k, v in found.items() if not k.startswith("__")]
+    text = ", ".join(some) or "no variables"
+    return text if len(text) <= 200 else text[:197] + "..."
+
+
+def _flat(prefix: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Numeric arrays and numbers with the way to each."""
+    if depth > DEEPEST:
+        return
+    if hasattr(value, "columns") and hasattr(value, "to_numpy"):  # a table or timetable, by mat-io
+        if type(value.index).__name__ != "RangeIndex":
+            value = value.reset_index()
+        value = {str(name): _seconds(value[name].to_numpy()) for name in value.columns}
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _flat(f"{prefix}.{key}" if prefix else str(key), inner, depth + 1)
+    elif isinstance(value, int | float):
+        yield prefix, np.asarray(value)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "iufcM":
+        yield prefix, value
+    elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for k, inner in enumerate(value if isinstance(value, list) else value.flat, 1):
+            yield from _flat(f"{prefix}({k})", inner, depth + 1)
+
+
+def _seconds(values: np.ndarray) -> np.ndarray:
+    """Durations as seconds; anything else as it is."""
+    return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
+
+
+def _recordings(file: str, arrays: list[tuple[str, np.ndarray]], what: str, otherwise: str) -> list[Recording]:
+    channels: list[Channel | None] = []
+    rate = None
+    rates = [float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1 and _leaf(k) in RATES]
+    rates = [x for x in rates if x > 0]
+    if len(set(rates)) == 1:
+        rate = rates[0]
+    for name, values in arrays:
+        values = np.squeeze(values)
+        group = name.rpartition(".")[0]
+        if np.iscomplexobj(values) and np.imag(values).any() and values.ndim == 1:
+            raise CampaignError(
+                f"{file}: {name} is complex with an imaginary part; save real time histories, like real({name})"
+            )
+        if values.ndim == 1:
+            channels.append(channel(name, "", values, rate, None, group))
+        elif values.ndim == 2:
+            columns = values if values.shape[0] >= values.shape[1] else values.T
+            if columns.shape[1] <= MOST_COLUMNS:
+                channels += [channel(f"{name}({k})", "", c, rate, None, name) for k, c in enumerate(columns.T, 1)]
+    kept = [c for c in channels if c is not None]
+    if not kept:
+        raise CampaignError(f"{file}: no signals of 16 samples or more in it: {otherwise}")
+    return _parts(file, kept, what)
+
+
+def _leaf(name: str) -> str:
+    return name.rpartition(".")[2].lower()
+
+
+def _parts(file: str, channels: list[Channel], what: str) -> list[Recording]:
+    """One recording, or one a group where several hold channels of the same names (run1.force, run2.force)."""
+    groups: dict[str, list[Channel]] = {}
+    for c in channels:
+        groups.setdefault(c.group, []).append(c)
+    leaves = [sorted(c.name.removeprefix(group) for c in some) for group, some in groups.items()]
+    if len(groups) > 1 and len(leaves[0]) > 1 and all(x == leaves[0] for x in leaves):
+        return [Recording(file, group, tuple(some), (what,)) for group, some in groups.items()]
+    return [Recording(file, "", tuple(channels), (what,))]

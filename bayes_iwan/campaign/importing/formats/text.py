@@ -1,0 +1,287 @@
+"""Text files of numbers in any layout: one recording for each table in the file."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bayes_iwan.campaign.importing.formats.lvm import read_lvm
+from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
+from bayes_iwan.campaign.importing.formats.text_layout import (
+    MISSING,
+    OVER,
+    SEPARATORS,
+    UNDER,
+    Layout,
+    Style,
+    decoded,
+    find_style,
+    names_and_units,
+    stated_rate,
+)
+from bayes_iwan.campaign.importing.recordings import FEWEST_SAMPLES, Channel, Recording
+from bayes_iwan.campaign.importing.unit_texts import is_unit, role_of, split_name
+from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.table import read_bytes
+
+SAMPLE = 65536  # characters looked at from the start and from the end to find the layout
+SIDE = 0.9  # of a column's cells empty: remarks beside the table, not a signal
+
+
+def read_text(path: Path, file: str, layout: Layout) -> list[Recording]:
+    """The tables of a text file. Raises CampaignError naming the line and how to fix it."""
+    text, encoding = decoded(file, read_bytes(path, file), layout.encoding)
+    if text.startswith("LabVIEW Measurement"):
+        return read_lvm(file, text)
+    return _read(file, text, layout, "", encoding)
+
+
+def read_lines(file: str, lines: Sequence[str], layout: Layout, part: str) -> list[Recording]:
+    """The tables of lines that another format's cells were written as."""
+    return _read(file, "\n".join(lines) + "\n", layout, part, part)
+
+
+def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Recording]:
+    head = text[:SAMPLE].split("\n")
+    if len(text) > SAMPLE:
+        head = head[:-1]
+    style, first, width = find_style(file, head, text[-SAMPLE:].split("\n")[1:-1], layout)
+    above = head[:first]
+    names, units = names_and_units(above, style, width, layout)
+    if names and is_unit(names[0]) and all(is_unit(x) for x in names):
+        names = [f"column {k + 1}" for k in range(len(names))]
+    said = (
+        f"text: {SEPARATORS.get(style.separator, style.separator)}, decimal {style.decimal}, {how}, numbers from line "
+    )
+    start = len("\n".join(head[:first])) + (1 if first else 0)
+    body, remarks = _without_remarks(text[start:])
+    table, notes = _numbers(file, body, style, max(width, len(names)), first)
+    if table is not None:
+        note = (said + str(first + 1), *notes, *remarks)
+        return [_recording(file, part, table, names, units, above, note, style)]
+    out: list[Recording] = []
+    lines = body.split("\n")
+    for k, (a, b, over) in enumerate(_blocks(file, lines, style, width, first), 1):
+        own, own_units = names_and_units(over, style, width, layout) if over else (names, units)
+        table, notes = _numbers(file, "\n".join(lines[a:b]) + "\n", style, max(width, len(own)), first + a)
+        if table is None:  # a cell that is neither: said with its line
+            _numbers(file, "\n".join(lines[a:b]) + "\n", style, max(width, len(own)), first + a, strict=True)
+            continue
+        label = f"{part} table {k}".strip()
+        note = (said + str(first + a + 1), *notes)
+        out.append(_recording(file, label, table, own or names, own_units or units, over or above, note, style))
+    out = _continued(out)
+    return out if len(out) != 1 else [replace(out[0], part=part)]
+
+
+def _continued(tables: list[Recording]) -> list[Recording]:
+    """Tables whose first column goes on where that of the one before ended are one: the header was only repeated."""
+    out: list[Recording] = []
+    for x in tables:
+        old = out[-1] if out else None
+        if old and [(c.name, c.unit) for c in old.channels] == [(c.name, c.unit) for c in x.channels] and x.channels:
+            before, after = old.channels[0].values, x.channels[0].values
+            step = float(np.median(np.diff(before)))
+            if step > 0 and abs(after[0] - before[-1] - step) < 0.5 * step:
+                joined = [
+                    replace(a, values=np.concatenate([a.values, b.values])) for a, b in zip(old.channels, x.channels)
+                ]
+                out[-1] = replace(old, channels=tuple(joined))
+                continue
+        out.append(x)
+    return out
+
+
+def _without_remarks(body: str) -> tuple[str, tuple[str, ...]]:
+    """The body with lines that begin as remarks do made empty, and a word on them."""
+    if not re.search(r"\n[ \t]*(#|//|!)", body):
+        return body, ()
+    body, n = re.subn(r"(?m)^[ \t]*(#(?!IND|N/A|INF)|//|!).*$", "", body)
+    return body, (f"{n} line(s) of remarks dropped",)
+
+
+def _numbers(
+    file: str, body: str, style: Style, width: int, first: int, strict: bool = False
+) -> tuple[pd.DataFrame | None, tuple[str, ...]]:
+    """A table's columns as numbers or text, and what was dropped; None where the body is several tables."""
+    try:
+        raw = io.BytesIO(body.encode("utf-8", "replace"))
+        table = pd.read_csv(
+            raw, sep=style.separator, decimal=style.decimal, names=range(width), header=None,
+            na_values=MISSING, keep_default_na=False, skipinitialspace=True, low_memory=False,
+        )  # fmt: skip
+        if not isinstance(table.index, pd.RangeIndex):
+            raise ValueError(f"Expected {width} fields in line 1, saw {width + table.index.nlevels}")
+    except (ValueError, OverflowError) as error:
+        if not strict and _has_header(body, style):
+            return None, ()
+        found = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+        if not found:
+            raise CampaignError(f"{file}: cannot be read as a table ({shown(str(error))})") from None
+        raise CampaignError(
+            f"{file} line {first + int(found[2])}: {found[3]} columns where the lines above have {found[1]}: a damaged "
+            "line? Correct it in the file"
+        ) from None
+    notes = []
+    if len(table) > 1 and not body.endswith("\n"):
+        row = table.iloc[-1]
+        if (row.isna() & ~table.iloc[-2].isna()).any() or any(
+            isinstance(x, str) and not isinstance(y, str) for x, y in zip(row, table.iloc[-2])
+        ):
+            table = table.iloc[:-1]
+            notes.append("the last line is cut off and was dropped")
+    columns: dict[int, pd.Series] = {}
+    for k in table:
+        column = table[k]
+        if pd.api.types.is_bool_dtype(column):
+            continue
+        if pd.api.types.is_numeric_dtype(column):
+            columns[k] = column
+            continue
+        column = column.map(lambda x: x.strip() if isinstance(x, str) else x)
+        filled = column.dropna()
+        if len(filled) and len(filled) < (1 - SIDE) * len(column):
+            columns[k] = column
+            continue
+        values = [_number(x, style) for x in column]
+        bad = [j for j, (x, y) in enumerate(zip(column, values)) if y is None]
+        if not bad:
+            columns[k] = pd.Series(np.array(values, dtype=float))
+        elif len(bad) == len(filled) or all(_words(x) for x in filled):
+            columns[k] = column  # stamps, or remarks
+        elif not strict and _has_header(body, style):
+            return None, ()
+        else:
+            cell = str(column.iloc[bad[0]])
+            raise CampaignError(
+                f"{file} line {first + bad[0] + 1}: {shown(cell)} is not a number; correct the line in the file"
+            )
+    return pd.DataFrame(columns), tuple(notes)
+
+
+def _number(cell: object, style: Style) -> float | None:
+    """A cell's number: NaN for a gap, ±inf where the range was passed, None for a text."""
+    if not isinstance(cell, str):
+        return float(cell) if cell is not None else np.nan  # type: ignore[arg-type]
+    if style.is_number(cell):
+        other = "," if style.decimal == "." else "."
+        return float(re.sub(rf"[{other} '’\u00a0\u202f]", "", cell).replace(",", "."))
+    if cell in MISSING:
+        return np.nan
+    return np.inf if cell.lower() in OVER else -np.inf if cell.lower() in UNDER else None
+
+
+def _words(cell: object) -> bool:
+    return isinstance(cell, str) and not re.match(r"[+-]?[\d.,]+$", cell)
+
+
+def _has_header(body: str, style: Style) -> bool:
+    """Whether a line of names stands within the numbers: two texts or more, and no number."""
+    for line in body.split("\n"):
+        if line[:1] and (line[:1] in "0123456789+-.," or line[:1].isspace()) and not line.lstrip()[:1].isalpha():
+            continue
+        if _is_header(style.cells(line), style):
+            return True
+    return False
+
+
+def _is_header(cells: list[str], style: Style) -> bool:
+    words = [c for c in cells if re.search(r"[^\W\d_]", c)]
+    return len(words) > 1 and not any(style.is_number(c) for c in cells)
+
+
+def _blocks(file: str, lines: list[str], style: Style, width: int, first: int) -> list[tuple[int, int, list[str]]]:
+    """Tables within one file: first line and one past the last of each, and the lines above it."""
+    blocks: list[tuple[int, int, list[str]]] = []
+    between: list[str] = []
+    start = None
+    for k, line in enumerate([*lines, "end of file"]):
+        cells = style.cells(line)
+        row = k < len(lines) and len(cells) >= width and style.numbers(cells) > 0
+        if row and start is None:
+            start = k
+            if blocks and not any(_is_header(style.cells(x), style) for x in between):
+                odd = next((j for j, x in enumerate(between) if x.strip() and len(style.cells(x)) > 1), None)
+                if odd is not None:
+                    raise CampaignError(
+                        f"{file} line {first + blocks[-1][1] + odd + 1}: {shown(between[odd])} is no row of numbers: a "
+                        "damaged line? Correct it in the file"
+                    )
+        elif not row and start is not None:
+            blocks.append((start, k, between))
+            start, between = None, [line]
+        elif not row:
+            between.append(line)
+    return [x for x in blocks if x[1] - x[0] >= FEWEST_SAMPLES]
+
+
+def _recording(
+    file: str, part: str, table: pd.DataFrame, names: list[str], units: list[str], above: list[str],
+    notes: tuple[str, ...], style: Style,
+) -> Recording:  # fmt: skip
+    """A table's columns as channels, with what the lines above and the remarks beside it say of them."""
+    names = names + [f"column {k + 1}" for k in range(len(names), max(table, default=0) + 1)]
+    units = units + [""] * (len(names) - len(units))
+    side = [k for k in table if 0 < table[k].notna().sum() < (1 - SIDE) * len(table)]
+    beside = [",".join(str(x) for x in row if x == x) for row in table[side].head(40).to_numpy()] if side else []
+    rate = stated_rate([*above, *beside])
+    labels = _labels([*above, *beside])
+    for name, unit in zip(names, units):  # an oscilloscope's increment stands in the row of units
+        step = _number(unit, style) if re.fullmatch(r"(?i)increment|delta_?x", name) else None
+        if step is not None and 0 < step < np.inf:
+            rate = 1 / step
+    used = [k for k in table if k not in side and table[k].notna().any() and units[k].lower() != "sequence"]
+    numeric = [k for k in used if pd.api.types.is_numeric_dtype(table[k])]
+    channels: list[Channel] = []
+    for k in numeric:
+        name, unit = (names[k], units[k]) if units[k] and is_unit(units[k]) else split_name(names[k])
+        if name.startswith("column ") and k == numeric[-1]:
+            name = labels.get("source", name)
+        unit = unit.strip() or units[k] or _unit_of(name, labels, k == numeric[0], k == numeric[-1])
+        heading = names[k] + (f" ({units[k]})" if units[k] else "")
+        channels.append(Channel(name or f"column {k + 1}", unit, table[k].to_numpy(dtype=float), heading=heading))
+    if not any(role_of(c.unit) == "time" for c in channels):
+        time, said = _clock({k: table[k] for k in used if k not in numeric}, names)
+        channels = [time, *channels] if time else channels
+        notes = (*notes, said) if said else notes
+    return Recording(file, part, tuple(c for c in channels if c.values.size >= FEWEST_SAMPLES), notes, rate)
+
+
+def _clock(columns: dict[int, pd.Series], names: list[str]) -> tuple[Channel | None, str]:
+    """The time that columns of text hold: times of day, with a column of dates beside them or without."""
+    cells = {k: c.tolist() for k, c in columns.items() if c.map(lambda x: isinstance(x, str)).all()}
+    dates = next((c for c in cells.values() if all(map(is_date, c))), None)
+    for k, column in cells.items():
+        found = seconds(column, dates) if column is not dates else None
+        if found is not None:
+            said = f"{names[k] or 'time'}: {found[1]}" if found[1] else ""
+            return Channel(names[k] or "time", "s", found[0], heading=names[k]), said
+    return None, ""
+
+
+def _labels(lines: Sequence[str]) -> dict[str, str]:
+    """What lines above or beside a table say, by what they say it of: "vertical units" -> "V"."""
+    found: dict[str, str] = {}
+    for line in lines:
+        m = re.match(r"[^\w]*([^\d\W][^:=;,\t]*?)\s*[:=;,\t]\s*\"?([^;,\t\"]+)", line)
+        if m:
+            found.setdefault(m[1].strip().lower(), m[2].strip())
+    return found
+
+
+def _unit_of(name: str, labels: dict[str, str], first: bool, last: bool) -> str:
+    """A column's unit from labels like "Force unit", or an oscilloscope's "Vertical Units"."""
+    for key, unit in labels.items():
+        what = re.fullmatch(r"(.*?)[ _-]*(?:units?|einheit)", key)
+        if not what or not is_unit(unit) or not re.search(r"\w", unit):
+            continue
+        same = what[1].strip() and (what[1].strip() in name.lower() or name.lower() in what[1].split())
+        if same or (what[1] == "vertical" and last) or (what[1] == "horizontal" and first):
+            return unit
+    return ""

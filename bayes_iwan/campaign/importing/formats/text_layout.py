@@ -1,0 +1,268 @@
+"""How a text table is written: encoding, separator, decimal mark, first line of numbers, what stands above it."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bayes_iwan.campaign.importing.formats.stamps import is_stamp
+from bayes_iwan.campaign.importing.unit_texts import decimal_point, is_unit
+from bayes_iwan.campaign.recording.records import CampaignError
+
+MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "#N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
+#: what recorders write where the range was passed
+OVER = {"∞", "+∞", "inf", "+inf", "infinity", "+infinity", "1.#inf", "ol", "+ol", "over", "overrange", "overflow"}
+OVER |= {"overload", "ovfl", "ovld", "ovrflw", "+over"}
+UNDER = {"-∞", "−∞", "-inf", "-infinity", "-1.#inf", "-ol", "-over", "under", "underflow", "underrange"}
+SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", r"\s+": "blanks"}
+NAMED = {"tab": "\t", "tabs": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "blank": r"\s+", "blanks": r"\s+"}
+NAMED |= {"space": r"\s+", "spaces": r"\s+", "bar": "|"}
+MARKS = {  # digits are matched in one way only: a cell of 60,000 of them would take minutes otherwise
+    ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?"),
+    ",": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?"),
+}
+THOUSANDS = {
+    ".": re.compile(r"[+-]?[1-9]\d{0,2}([, '’\u00a0\u202f]\d{3})+(\.\d*)?"),
+    ",": re.compile(r"[+-]?[1-9]\d{0,2}([. '’\u00a0\u202f]\d{3})+(,\d*)?"),
+}
+_RATE = (
+    r"sampl\w*[ _-]*(?:rate|freq\w*)|(?:scan|data|acquisition|acq\.?)[ _-]*rate|abtast(?:rate|frequenz)|messrate|"
+    r"fr[ée]quence d.[ée]chantillonnage|frequenza di campionamento|frecuencia de muestreo|采样(?:率|频率)|fs"
+)
+_INTERVAL = (
+    r"(?:sampl\w*|scan|time|x|h)?[ _-]*(?:interval|increment|period|step|resolution)|dt|delta[ _-]?[tx]|"
+    r"(?:abtast|zeit)(?:intervall|schritt)"
+)
+_HINT = (
+    r"[^\w]*(?:{})\W{{0,2}}(?P<u1>k?hz|k?s/s|m?s|[uµμn]s|sec\w*)?[\])]?\"?\s*[:=;,\t ]\s*\"?"
+    r"(?P<v>\d[\d.,]*(?:e[+-]?\d+)?)\s*(?P<u2>[a-zµμ/]*)"
+)
+_RATE_HINT, _INTERVAL_HINT = (re.compile(_HINT.format(x), re.IGNORECASE) for x in (_RATE, _INTERVAL))
+_PER_SECOND = {"khz": 1e3, "mhz": 1e6, "ks/s": 1e3, "ksa/s": 1e3, "ms/s": 1e6, "msa/s": 1e6}
+_SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "msec": 1e-3, "usec": 1e-6}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a text file is written; what is None is found from the file.
+
+    separator : one character, or its name (tab, comma, semicolon, blank). header_line : number of the line with the
+    columns' names, counted from 1.
+    """
+
+    separator: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+    header_line: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.separator is not None:
+            object.__setattr__(self, "separator", NAMED.get(self.separator.lower(), self.separator))
+        if self.decimal not in (None, ".", ","):
+            raise CampaignError(f"decimal must be . or , not {self.decimal!r}")
+        if self.separator is not None and self.separator not in SEPARATORS and len(self.separator) != 1:
+            raise CampaignError(
+                f"separator must be one character, tab, comma, semicolon or blank, not {self.separator!r}"
+            )
+        if self.header_line is not None and self.header_line < 1:
+            raise CampaignError(f"header line must be 1 or more, not {self.header_line}")
+
+
+@dataclass(frozen=True)
+class Style:
+    """A table's separator and decimal mark, and whether marks divide thousands."""
+
+    separator: str
+    decimal: str
+    thousands: bool = False
+
+    def is_number(self, cell: str) -> bool:
+        """Whether a cell is a number in this style."""
+        return bool(MARKS[self.decimal].fullmatch(cell)) or (
+            self.thousands and bool(THOUSANDS[self.decimal].fullmatch(cell))
+        )
+
+    def cells(self, line: str) -> list[str]:
+        """A line's cells without blanks and quotes around them."""
+        if self.separator == r"\s+":
+            cells = line.split()
+        elif '"' in line:
+            try:
+                cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
+            except csv.Error:
+                cells = line.split(self.separator)
+        else:
+            cells = line.split(self.separator)
+        return [cell.strip().strip('"').strip() for cell in cells]
+
+    def numbers(self, cells: Sequence[str]) -> int:
+        """How many numbers a row of the table has: 0 for what is no row."""
+        n = others = 0
+        for cell in cells:
+            if self.is_number(cell) or cell.lower() in OVER or cell.lower() in UNDER:
+                n += 1
+            elif cell not in MISSING and not is_stamp(cell):
+                others += 1
+        return n if others < n else 0
+
+
+def decoded(file: str, raw: bytes, encoding: str | None) -> tuple[str, str]:
+    """A file's text with lines ended by \\n, and its encoding."""
+    encoding = encoding or _encoding(file, raw)
+    if "16" in encoding and len(raw) % 2:
+        raw = raw[:-1]
+    try:
+        text = raw.decode(encoding)
+    except LookupError:
+        raise CampaignError(f"{file}: encoding {encoding!r} is not known; utf-8, cp1252 and utf-16 are") from None
+    except UnicodeError:
+        raise CampaignError(f"{file}: not written in {encoding}; leave --encoding out, or name the right one") from None
+    text = text.removeprefix("\ufeff")
+    return (text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text), encoding
+
+
+def _encoding(file: str, raw: bytes) -> str:
+    for mark, name in (
+        (codecs.BOM_UTF8, "utf-8-sig"),
+        (codecs.BOM_UTF32_LE, "utf-32"),
+        (codecs.BOM_UTF16_LE, "utf-16"),
+        (codecs.BOM_UTF16_BE, "utf-16"),
+    ):
+        if raw.startswith(mark):
+            return name
+    start = raw[:65536]
+    if (zeros := start.count(0)) > 0.2 * len(start):
+        odd = start[1::2].count(0)
+        if zeros == max(odd, zeros - odd) and zeros < 0.6 * len(start):
+            return "utf-16-le" if odd else "utf-16-be"
+    if (k := raw.find(b"\0")) >= 0:
+        line = raw.count(b"\n", 0, k) + 1
+        cut = "the file was not written to its end; copy or export it again"
+        what = cut if k and raw[:k].isascii() else "no text, and no format that is known by its first bytes"
+        raise CampaignError(f"{file} line {line}: zero bytes: {what}")
+    if raw.isascii():
+        return "utf-8"
+    try:
+        raw.decode("utf-8")
+        return "utf-8"
+    except UnicodeDecodeError:
+        if re.search(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]", start):
+            raise CampaignError(f"{file}: no text, and no format that is known by its first bytes") from None
+    # Chinese characters of daily use are two bytes, the first of B0 ... D7: in Western text these do not stand in pairs
+    pairs = re.findall(rb"[\xb0-\xd7][\xa1-\xfe]", raw)
+    if 2 * len(pairs) > 0.6 * sum(map(len, re.findall(rb"[\x80-\xff]+", raw))):
+        try:
+            raw.decode("gb18030")
+            return "gb18030"
+        except UnicodeDecodeError:
+            pass
+    return "cp1252" if not re.search(rb"[\x81\x8d\x8f\x90\x9d]", raw) else "latin-1"
+
+
+def find_style(file: str, head: list[str], tail: list[str], layout: Layout) -> tuple[Style, int, int]:
+    """Style, index of the first line of numbers, and width of the table.
+
+    The style is that in which most lines of the file's start and end are rows of numbers of one length, and most cells
+    of these are numbers.
+    """
+    quoted = any('"' in line for line in head[-50:])
+    best: tuple[int, int, Style, int, int] | None = None
+    for thousands in (False, True):
+        for separator in [layout.separator] if layout.separator else SEPARATORS:
+            for decimal in [layout.decimal] if layout.decimal else MARKS:
+                if decimal == separator and not quoted:
+                    continue
+                style = Style(separator, decimal, thousands)
+                rows = [style.cells(line) for line in head]
+                good = [style.numbers(cells) for cells in rows]
+                widths = [len(cells) for cells, n in zip(rows, good) if n]
+                if not widths:
+                    continue
+                width = max(set(widths), key=widths.count)
+                ends = [(len(cells), style.numbers(cells)) for cells in map(style.cells, tail)]
+                fit = [n for cells, n in zip(rows, good) if len(cells) == width and n] + [
+                    n for w, n in ends if w == width and n
+                ]
+                if best is None or (len(fit), sum(fit)) > best[:2]:
+                    at = [k for k, cells in enumerate(rows) if good[k] and len(cells) == width]
+                    first = next((k for k in at if k + 1 in at and k + 2 in at), at[0])  # not numbers among names
+                    if layout.header_line is not None:
+                        first = next((k for k in range(layout.header_line, len(rows)) if good[k]), first)
+                    best = (len(fit), sum(fit), style, first, width)
+    if best is None or best[0] < 2:
+        raise CampaignError(
+            f"{file}: no rows of numbers found; say how it is written with --separator, --decimal, --encoding, "
+            "--header-line"
+        )
+    style, first, width = best[2:]
+    if (style.separator, style.decimal) == (",", ".") and not layout.decimal and not layout.separator:
+        cells = [c for line in head[first:] for c in line.split(",")]
+        if any(re.fullmatch(r"0\d+", c.strip()) for c in cells) and not any("." in c for c in cells):
+            if width > 2:
+                raise CampaignError(
+                    f"{file} line {first + 1}: commas divide columns and decimals alike; export it with points or with "
+                    "semicolons between columns"
+                )
+            return Style("\t", ","), first, 1
+    return style, first, width
+
+
+def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) -> tuple[list[str], list[str]]:
+    """Names and units of the columns, from the lines above the numbers; empty where there are none."""
+    if layout.header_line is not None:
+        at = layout.header_line - 1
+        names = style.cells(lines[at]) if at < len(lines) else []
+        below = [style.cells(line) for line in lines[at + 1 :] if line.strip()]
+        return names, next((cells for cells in below if all(is_unit(c) for c in cells)), [])
+    fitting: list[list[str]] = []
+    for line in reversed([line for line in lines if line.strip()]):
+        cells = style.cells(line)
+        if len(cells) == width + 1 and re.fullmatch(
+            r"\W*(units?|einheit(en)?|unit[ée]s?|names?|channels?)\W*", cells[0], re.I
+        ):
+            cells = cells[1:]
+        if len(cells) < width or (len(fitting) and len(cells) < len(fitting[0]) - 1):
+            break
+        fitting.append([c.lstrip("#").strip() for c in cells])
+    if not fitting:
+        return [], []
+    units = [any(cells) and all(is_unit(c) or _scale(c, style) for c in cells) for cells in fitting]
+    units = [is_row and not all(map(style.is_number, cells)) for is_row, cells in zip(units, fitting)]
+    if len(fitting) > 1 and units[0]:
+        return fitting[1], _bare(fitting[0])
+    if len(fitting) > 1 and units[1]:
+        return fitting[0], _bare(fitting[1])  # units above names
+    return fitting[0], (fitting[0] if units[0] else [])
+
+
+def _scale(cell: str, style: Style) -> bool:
+    """What oscilloscopes write in the row of units besides: a count of samples, or their start and step."""
+    return cell.lower() == "sequence" or style.is_number(cell)
+
+
+def _bare(cells: list[str]) -> list[str]:
+    return [re.sub(r"^[-–]+$|^none$", "", c.strip("[](){}<>")) for c in cells]
+
+
+def stated_rate(lines: Sequence[str]) -> float | None:
+    """Samples a second as lines above or beside a table state them; None where they do not, or disagree."""
+    found = set()
+    for line in lines:
+        for hint, table, turn in ((_RATE_HINT, _PER_SECOND, False), (_INTERVAL_HINT, _SECONDS, True)):
+            m = hint.match(line)
+            if not m:
+                continue
+            try:
+                value = float(decimal_point(m["v"].rstrip(".,")))
+            except ValueError:
+                continue
+            unit = (m["u2"] or m["u1"] or "").lower()
+            if not turn and unit in _SECONDS | {"s": 1.0, "sec": 1.0}:
+                turn, table = True, _SECONDS
+            value *= table.get(unit, 1.0)
+            if 0 < value < 1e12:
+                found.add(float(f"{1 / value if turn else value:.9g}"))
+    return found.pop() if len(found) == 1 else None

@@ -1,0 +1,183 @@
+"""A diagnosis as `diagnosis.json` holds it (schema 2), and as sentences: text begins here, types end."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from bayes_iwan.diagnosis.answer.gap_findings import where_json
+from bayes_iwan.diagnosis.answer.saved_fits import write_fits
+from bayes_iwan.diagnosis.answer.sentences import colour, not_excluded, remedy, sentences
+from bayes_iwan.diagnosis.answer.wording import physics_of_rest
+from bayes_iwan.diagnosis.assessment.budget import Cause, Share
+from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_folder
+from bayes_iwan.diagnosis.fits.gap_size import ceiling_N, shrink
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.files import finite, write_json
+
+SCHEMA = 2
+#: what no loop test can see, whatever the cause
+UNSEEN_BY_ALL = (
+    "A gain error of the displacement channel is absorbed whole by the stiffnesses, one of the force "
+    "channel by stiffnesses and slip forces together: no loop test can see either. Check both against a "
+    "known spring. A compliance in series hides in other slip forces; only a twentieth of it shows."
+)
+
+
+def to_dict(d: Diagnosis) -> dict[str, Any]:
+    """The schema of `diagnosis.json`, its texts in the campaign's own units (keys name the working units); numbers that
+    are not finite become null when it is written."""
+    v, b = d.verdict, d.budget
+    less = shrink(d.before, d.found.sizes[frozenset(v.names)]) if v.causes else None
+    out: dict[str, Any] = {
+        "schema": SCHEMA,
+        "seed": d.seed,
+        "quick": d.quick,
+        "sampling": None if d.sampling is None else asdict(d.sampling),
+        "campaign": d.campaign.name,
+        "base": d.settings.as_dict()["model"],
+        "verdict": {
+            "kind": v.kind.value,
+            "causes": [_cause(c) for c in v.causes],
+            "one_of": [asdict(x) for x in v.one_of],
+            "suspects": [asdict(x) for x in v.suspects],
+            "unknown_rest": v.unknown_rest,
+            "cornered_drives": list(v.cornered),
+            "cause": v.cause,
+            "second_cause": v.names[1] if len(v.names) > 1 else None,
+            "probability": v.probabilities[v.cause],
+            "cannot_tell_apart": list(v.causes[0].cannot_tell_apart) if v.causes else [],
+            "not_testable": list(d.not_testable),
+            "needs_clock": list(d.needs_clock),
+            "colour": colour(d),
+        },
+        "probabilities": {"unknown_rest" if n == "unknown" else n: p for n, p in v.probabilities.items()},
+        "rest": {
+            "probability": b.rest.probability,
+            "share": b.rest.share.value,
+            "interval": [b.rest.share.low, b.rest.share.high],
+            "share_of_friction": b.rest.of_friction,
+            "where": list(b.rest.where),
+            "looks_like": b.rest.looks_like,
+            "physics": physics_of_rest(b.rest.looks_like),
+            "line_at_half_frequency": b.rest.subharmonic,
+        },
+        "gap": {
+            "before_rms_N": b.before.rms_N,
+            "before_interval_N": [b.before.low_N, b.before.high_N],
+            "before_share": b.before.share,
+            "before_share_interval": [b.before.share_low, b.before.share_high],
+            "after_rms_N": b.after.rms_N,
+            "after_interval_N": [b.after.low_N, b.after.high_N],
+            "after_share": b.after.share,
+            "shrink": 0.0 if less is None else less.value,
+            "shrink_interval": [0.0, 0.0] if less is None else [1.0 - b.rest.share.high, 1.0 - b.rest.share.low],
+            "ceiling_shrink": 1.0 - ceiling_N(d.residual) / b.before.rms_N if b.before.rms_N > 0.0 else 0.0,
+            "noise_rms_N": b.before.noise_N,
+            "residual_rms_N": b.before.residual_N,
+            "averaged_loop_rms_N": d.before.loop.rms_N,
+            "along_record_rms_N": d.before.along.rms_N,
+            "mains_rms_N": d.before.mains.rms_N,
+            "mean_force_rms_N": d.before.mean.rms_N,
+        },
+        "where": where_json(d.where, d.before),
+        "effects": [_effect(d, c) for c in v.causes],
+        "considered": _considered(d),
+        "failed": dict(d.search.failed),
+        "moved": {n: asdict(m) for n, m in d.moved.items()},
+        "imitations": [asdict(x) for x in d.imitations],
+        "far_from_plausible": [asdict(x) for x in d.edges],
+        "clipped": [asdict(x) for x in d.clipped],
+        "clock": d.campaign.clock,
+        "next_test": None if d.next_test is None else asdict(d.next_test),
+        "expected_nats": d.expected_nats,
+        "cannot_be_seen": UNSEEN_BY_ALL,
+        "sentences": sentences(d),
+    }
+    return {**d.campaign.units.everywhere(out), "campaign": d.campaign.name}
+
+
+def _interval(share: Share | None) -> list[float] | None:
+    return None if share is None else [share.low, share.high]
+
+
+def _cause(c: Cause) -> dict[str, Any]:
+    return {
+        "name": c.name,
+        "law": c.law,
+        "probability": c.probability,
+        "share": c.share.value,
+        "share_interval": _interval(c.share),
+        "share_held_out": None if c.held_out is None else c.held_out.value,
+        "share_held_out_interval": _interval(c.held_out),
+        "held_out_by": c.held_out_by or None,
+        "share_along_record": c.along,
+        "cannot_tell_apart": list(c.cannot_tell_apart),
+    }
+
+
+def _effect(d: Diagnosis, c: Cause) -> dict[str, Any]:
+    f = c.figures
+    return {
+        "name": c.name,
+        "parameters": {n: asdict(x) for n, x in d.parameters[c.name].items()},
+        "log_evidence": f.gain,
+        "lead": f.lead,
+        "rivals": f.rivals,
+        "strength_differs_by": f.differs,
+        "moved_share": f.moved,
+        "remedy": remedy(d, c.name),
+    }
+
+
+def _considered(d: Diagnosis) -> list[dict[str, Any]]:
+    """Effects that are not named and not out of the question, the likeliest first; and why they are not named."""
+    places = {f.name: f for f in d.found.alone}
+    out = []
+    for name in not_excluded(d):
+        f = places.get(name)
+        single = d.search.fits.get(frozenset({name}))
+        out.append(
+            {
+                "name": name,
+                "probability": d.verdict.probabilities[name],
+                "log_evidence_alone": None if single is None else single.log_evidence - d.search.base.log_evidence,
+                "shrink": None if f is None else f.fitted,
+                "shrink_held_out": None if f is None else f.unseen,
+                "strength_differs_by": None if f is None else f.differs,
+            }
+        )
+    return out
+
+
+def effects_described(d: Diagnosis) -> dict[str, dict[str, Any]]:
+    """What every effect is, by name: physics, reference, signature, look-alikes, bench test."""
+    return {n: _about(some[0]) for n, some in d.search.effects.items()}
+
+
+def _about(effect: Effect) -> dict[str, Any]:
+    return {
+        "physics": effect.physics,
+        "reference": effect.reference,
+        "signature": effect.signature,
+        "look_alikes": list(effect.look_alikes),
+        "bench": effect.bench,
+    }
+
+
+def write_answer(
+    d: Diagnosis, out: Path, effects_file: str | Path | None = None, simulator_file: str | Path | None = None
+) -> dict[str, Any]:
+    """Write `diagnosis.json` and `fits.json`; returns what the first holds."""
+    answer = finite(to_dict(d))
+    named = {k: f for k, f in d.found.in_newtons.items() if k <= set(d.verdict.names)}
+    files = (None if f is None else str(Path(f).resolve()) for f in (effects_file, simulator_file))
+    write_fits(out / "fits.json", named, d.search.scales, d.settings, *files)
+    write_json(out / "diagnosis.json", answer)
+    return answer
+
+
+def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, Any]:
+    """Diagnose and write `diagnosis.json` and `fits.json` only: what the withheld protocol asks for."""
+    return write_answer(diagnose_folder(campaign, seed=seed, quick=quick), Path(out))

@@ -1,0 +1,384 @@
+"""Size and place of the gap as plain sentences, as JSON and as arrays for pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.diagnosis.answer.growth_laws import GrowthLaw
+from bayes_iwan.diagnosis.answer.localisation import Statistic, Where
+from bayes_iwan.diagnosis.answer.wording import force, percent
+from bayes_iwan.diagnosis.fits.gap_size import GapSize
+from bayes_iwan.diagnosis.fits.residuals import Residual
+
+#: a part of the loop is worth a sentence when its share of the gap is this many times its share of the time
+CONCENTRATED = 1.25
+#: and a law when it explains this share of what the first explains
+WORTH = 0.01
+#: a power whose interval is wider than this is not reported; nor then is the sign of what is missing
+OPEN = 2.0
+_ORDINALS = {1: "test frequency", 2: "second harmonic", 3: "third harmonic"}
+
+
+def where_sentences(where: Where) -> list[str]:
+    """One sentence for each finding, in plain words; a single one where nothing stands out."""
+    out = [
+        *_tests(where),
+        *_grows(where),
+        *_laws(where),
+        *_harmonics(where),
+        *_regions(where),
+        *_record(where),
+        *_rest(where),
+    ]
+    if not out:
+        return [
+            f"Nothing stands out: none of {where.count} statistics is larger than noise, the parameters' uncertainty "
+            "and the usual small misfit of a sound specimen."
+        ]
+    return [
+        *out,
+        f"Each finding is significant at 5 %, corrected for {where.count} statistics.",
+    ]
+
+
+def where_json(where: Where, size: GapSize) -> dict[str, Any]:
+    """The "where" of a diagnosis as plain numbers."""
+    kinds = {
+        k: where.of(k)
+        for k in (
+            "test",
+            "trend",
+            "region",
+            "frequency",
+            "amplitude",
+            "parity",
+            "mean",
+            "record",
+            "mains",
+            "in phase",
+            "quadrature",
+        )
+    }
+    tests = []
+    for t, name in enumerate(where.files):
+        g, found = size.tests[t], kinds["test"][t].significant or kinds["trend"][t].significant
+        tests.append(
+            {
+                "file": name,
+                "frequency_hz": float(where.frequency_hz[t]) if where.clock else None,
+                "amplitude_mm": float(where.amplitude_mm[t]),
+                "gap_rms_N": g.rms_N,
+                "interval_N": [g.low_N, g.high_N],
+                "share": g.share,
+                "significant": found,
+                "along_record_N": kinds["trend"][t].gap_N,
+                "along_record_significant": kinds["trend"][t].significant,
+            }
+        )
+    harmonics = [
+        {
+            "order": h + 1,
+            "in_phase_N": p.gap_N,
+            "in_phase_interval_N": [p.low_N, p.high_N],
+            "in_phase_significant": p.significant,
+            "quadrature_N": q.gap_N,
+            "quadrature_interval_N": [q.low_N, q.high_N],
+            "quadrature_significant": q.significant,
+            "significant": p.significant or q.significant,
+        }
+        for h, (p, q) in enumerate(zip(kinds["in phase"], kinds["quadrature"]))
+    ]
+    return {
+        "statistics": where.count,
+        "tests": tests,
+        "regions": [_statistic(x, "region") for x in kinds["region"]],
+        "harmonics": harmonics,
+        "by_frequency": [_statistic(x, "frequency") for x in kinds["frequency"]] if where.clock else [],
+        "by_amplitude": [_statistic(x, "amplitude") for x in kinds["amplitude"]],
+        "parity": [_statistic(x, "parity") for x in kinds["parity"]],
+        "mean": _statistic(kinds["mean"][0], "what"),
+        "along_record": [_statistic(x, "what") for x in kinds["record"]],
+        "mains": [_statistic(x, "line") for x in kinds["mains"]],
+        "laws": [
+            {
+                "order": x.order,
+                "part": x.part,
+                "force_N": x.force_N,
+                "sd_N": x.sd_N,
+                "frequency_power": _power(x.frequency_power),
+                "amplitude_power": _power(x.amplitude_power),
+                "p_value": x.p_value,
+            }
+            for x in where.laws
+        ],
+        "sentences": where_sentences(where),
+    }
+
+
+@dataclass(frozen=True)
+class GapPictures:
+    """What :mod:`bayes_iwan.report.diagnosis.gap_figures` draws of the gap of T tests.
+
+    names : of the tests; frequency_hz, amplitude_mm : (T,); clock : are the frequencies real?
+    displacement_mm, force_N, residual_N, expected_N, sticking : (T, n) along the cycle: measured, measured − predicted,
+        what noise and a right model's usual misfit would leave, the share of sliders that stick
+    in_phase_N, quadrature_N, expected_harmonic_N : (T, H) harmonics of the residual
+    gap_N, gap_low_N, gap_high_N, friction_N : (T,) RMS with its 90 % interval, RMS friction force
+    significant : (T,) whether it is more than a right model would leave
+    cycle, along_N, along_low_N, along_high_N : by test, (B,) mean cycle of a block and RMS of what is missed there
+    regions : parts of the loop
+    """
+
+    names: tuple[str, ...]
+    frequency_hz: Array
+    amplitude_mm: Array
+    clock: bool
+    displacement_mm: Array
+    force_N: Array
+    residual_N: Array
+    expected_N: Array
+    sticking: Array | None
+    in_phase_N: Array
+    quadrature_N: Array
+    expected_harmonic_N: Array
+    gap_N: Array
+    gap_low_N: Array
+    gap_high_N: Array
+    significant: NDArray[np.bool_]
+    friction_N: Array
+    cycle: tuple[Array, ...]
+    along_N: tuple[Array, ...]
+    along_low_N: tuple[Array, ...]
+    along_high_N: tuple[Array, ...]
+    regions: tuple[Statistic, ...]
+
+
+def test_name(loop: Loop) -> str:
+    """A test by frequency and amplitude; without a clock by its amplitude."""
+    at = f"{loop.record.frequency_hz:g} Hz, " if loop.record.clock else ""
+    return f"{at}{loop.record.amplitude_mm:g} mm"
+
+
+def pictures(residual: Residual, where: Where, size: GapSize) -> GapPictures:
+    """What is drawn of a gap."""
+    loops, shown = residual.data.loops, zip(where.of("test"), where.of("trend"))
+    return GapPictures(
+        names=tuple(test_name(x) for x in loops),
+        frequency_hz=where.frequency_hz,
+        amplitude_mm=where.amplitude_mm,
+        clock=where.clock,
+        displacement_mm=np.stack([x.displacement_mm for x in loops]),
+        force_N=np.stack([x.force_N for x in loops]),
+        residual_N=where.phase_N,
+        expected_N=where.expected_N,
+        sticking=where.sticking,
+        in_phase_N=where.in_phase_N,
+        quadrature_N=where.quadrature_N,
+        expected_harmonic_N=where.expected_harmonic_N,
+        gap_N=np.array([g.rms_N for g in size.tests]),
+        gap_low_N=np.array([g.low_N for g in size.tests]),
+        gap_high_N=np.array([g.high_N for g in size.tests]),
+        significant=np.array([x.significant or y.significant for x, y in shown]),
+        friction_N=size.friction_N,
+        cycle=size.cycle,
+        along_N=size.along_N,
+        along_low_N=size.along_low_N,
+        along_high_N=size.along_high_N,
+        regions=tuple(where.of("region")),
+    )
+
+
+def _statistic(x: Statistic, key: str) -> dict[str, Any]:
+    return {
+        key: x.name,
+        "gap_rms_N": x.gap_N,
+        "interval_N": [x.low_N, x.high_N],
+        "share_of_gap": x.share,
+        "share_of_time": x.time,
+        "p_value": x.p_value,
+        "significant": x.significant,
+    }
+
+
+def _power(power: tuple[float, float, float] | None) -> dict[str, float] | None:
+    return None if power is None else dict(zip(("value", "low", "high"), power))
+
+
+def _tests(w: Where) -> list[str]:
+    found = [x for x in w.of("test") if x.significant]
+    if not found:
+        return []
+    t = int(np.argmax([x.gap_N for x in w.of("test")]))
+    worst = w.of("test")[t]
+    many = "All averaged loops miss" if len(found) == len(w.files) else f"{len(found)} of {len(w.files)} loops miss"
+    at = f"{w.frequency_hz[t]:.3g} Hz and " if w.clock else ""
+    return [
+        f"{many} more than a right model would leave. The largest gap is at {at}{w.amplitude_mm[t]:.3g} mm "
+        f"({force(worst.gap_N)} RMS)."
+    ]
+
+
+def _grows(w: Where) -> list[str]:
+    out = []
+    for kind in ("frequency", "amplitude") if w.clock else ("amplitude",):
+        statistics = w.of(kind)
+        if len(statistics) < 2 or not any(x.significant for x in statistics):
+            continue
+        sizes = np.array([x.gap_N for x in statistics])
+        i, k = int(np.argmax(sizes)), int(np.argmin(sizes))
+        if sizes[i] < 1.15 * sizes[k] or statistics[i].low_N <= statistics[k].high_N:
+            out.append(f"The gap does not depend on {kind}: {force(sizes.min())} to {force(sizes.max())}.")
+        elif i == len(statistics) - 1:
+            out.append(
+                f"The gap grows with {kind}, from {force(sizes[0])} at {statistics[0].name} to {force(sizes[-1])} at "
+                f"{statistics[-1].name}."
+            )
+        elif i == 0:
+            out.append(
+                f"The gap falls with {kind}, from {force(sizes[0])} at {statistics[0].name} to {force(sizes[-1])} at "
+                f"{statistics[-1].name}."
+            )
+        else:
+            out.append(
+                f"The gap is largest at {statistics[i].name} ({force(sizes[i])}) and smallest at {statistics[k].name} "
+                f"({force(sizes[k])})."
+            )
+    return out
+
+
+def _laws(w: Where) -> list[str]:
+    out = []
+    for i, law in enumerate(w.laws):
+        if law.gain < WORTH * w.laws[0].gain:
+            continue
+        step = "in phase with displacement" if law.part == "in phase" else "in phase with velocity"
+        meaning = ""
+        power = law.frequency_power
+        unclear = np.ptp(np.log(w.frequency_hz)) > 0.2 if power is None else power[2] - power[1] > OPEN
+        if law.order == 1 and not unclear:
+            more = "stiffer" if law.part == "in phase" else "more dissipative"
+            less = "softer" if law.part == "in phase" else "less dissipative"
+            meaning = f": the specimen acts {more if law.force_N > 0 else less} than the model"
+        grows = " and ".join(
+            x for x in (_growth("frequency", law.frequency_power), _growth("amplitude", law.amplitude_power)) if x
+        )
+        start = "After a refit of the model's own parameters, up to" if i == 0 else "Besides, up to"
+        out.append(
+            f"{start} {force(_most(law, w))} is missing at the {_ordinal(law.order)}, {step}{meaning}"
+            f"{'; it ' + grows if grows else ''}."
+        )
+    return out
+
+
+def _most(law: GrowthLaw, w: Where) -> float:
+    """The law's force in the test where it is largest, N: its own reference point may lie far outside the tests."""
+    f, a = w.frequency_hz / w.frequency_hz.max(), w.amplitude_mm / w.amplitude_mm.max()
+    powers = [0.0 if p is None else p[0] for p in (law.frequency_power, law.amplitude_power)]
+    return abs(law.force_N) * float(np.max(f ** powers[0] * a ** powers[1]))
+
+
+def _at(order: int) -> str:
+    return "the test frequency" if order == 1 else f"the {_ordinal(order)}"
+
+
+def _ordinal(order: int) -> str:
+    return _ORDINALS.get(order, f"{order}th harmonic")
+
+
+def _growth(what: str, power: tuple[float, float, float] | None) -> str:
+    if power is None:
+        return ""
+    best, low, high = power
+    if high - low > OPEN:
+        return ""
+    for whole, words in (
+        (0.0, f"does not depend on {what}"),
+        (1.0, f"grows in proportion to {what}"),
+        (2.0, f"grows with {what} squared"),
+        (3.0, f"grows with {what} cubed"),
+        (-1.0, f"falls as 1/{what}"),
+    ):
+        if abs(best - whole) < 0.12 or (low - 0.02 <= whole <= high + 0.02 and high - low < 0.8):
+            return f"{words} (power {best:.2f}, {low:.2f} to {high:.2f})".replace("-0.00", "0.00")
+    return f"goes with {what} to the power {best:.1f} ({low:.1f} to {high:.1f})"
+
+
+def _harmonics(w: Where) -> list[str]:
+    statistics = [x for kind in ("in phase", "quadrature") for x in w.of(kind) if x.significant and x.share > 0.1]
+    if not statistics:
+        return []
+    statistics.sort(key=lambda x: -x.share)
+    parts = [
+        f"{percent(x.share)} at {_at(int(x.name))} in phase with "
+        f"{'displacement' if x.kind == 'in phase' else 'velocity'}"
+        for x in statistics[:3]
+    ]
+    out = [f"Of the residual's power, {_listed(parts)}."]
+    even = w.of("parity")[1]
+    if even.significant and even.share > 0.3:
+        out.append(f"{percent(even.share)} of the residual is in even harmonics: the two halves of the stroke differ.")
+    return out
+
+
+def _regions(w: Where) -> list[str]:
+    found = [x for x in w.of("region") if x.significant and x.share > CONCENTRATED * x.time and x.share > 0.15]
+    found.sort(key=lambda x: -(x.share - x.time))
+    if not found:
+        return ["The gap is spread evenly over the loop."] if any(x.significant for x in w.of("region")) else []
+    return [f"Along the loop the gap is concentrated: {_listed([_region(x) for x in found[:3]])}."]
+
+
+def _region(x: Statistic) -> str:
+    return f"{percent(x.share)} of it in {percent(x.time)} of the time ({x.name})"
+
+
+def _record(w: Where) -> list[str]:
+    trends = [t for t, x in enumerate(w.of("trend")) if x.significant]
+    whats = [x for x in w.of("record") if x.significant]
+    if not trends and not whats:
+        return []
+    use = trends or list(range(len(w.files)))
+    change = np.sqrt(np.mean(w.change_N[use] ** 2, axis=0)) * np.sign(np.sum(w.change_N[use], axis=0))
+    names = (
+        "the mean force",
+        "the test frequency's part in phase with displacement",
+        "the test frequency's part in phase with velocity",
+    )
+    parts = [
+        f"{n} {'grows' if c > 0 else 'falls'} by {force(abs(c))}"
+        for n, c, key in zip(names, change, ("mean", "in phase", "quadrature"))
+        if any(x.name == key for x in whats)
+    ]
+    parts += [f"{x.name} change by {force(x.gap_N)} RMS" for x in whats if "harmonics" in x.name and x.share > 0.2]
+    where = f"in {len(trends)} of {len(w.files)} tests" if trends else "if all tests are taken together"
+    return [
+        f"The loops change along the record {where}"
+        f"{': ' + _listed(parts) + ' from the first cycles to the last' if parts else ''}. No steady model follows "
+        "that."
+    ]
+
+
+def _rest(w: Where) -> list[str]:
+    out = []
+    mean = w.of("mean")[0]
+    if mean.significant:
+        out.append(
+            f"The mean forces differ by {force(mean.gap_N)} RMS from the model's, more than an unknown rest position "
+            "explains."
+        )
+    out += [
+        f"The records hold mains interference at {x.name} of {force(x.gap_N)} RMS."
+        for x in w.of("mains")
+        if x.significant
+    ]
+    return out
+
+
+def _listed(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]

@@ -1,0 +1,213 @@
+"""Fits that outlive the process: `fits.json` beside a diagnosis, enough to predict other tests of the same specimen."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import read_campaign
+from bayes_iwan.diagnosis.assessment.budget import shares_of
+from bayes_iwan.diagnosis.fits.data import GapData, gap_data
+from bayes_iwan.diagnosis.fits.discrepancy_size import Linear, Rest, RestSize
+from bayes_iwan.diagnosis.fits.evidence import Fit, base_model, base_problem, extended
+from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
+from bayes_iwan.diagnosis.fits.residuals import residual_of
+from bayes_iwan.effects import conditions
+from bayes_iwan.effects.base import Effect, EffectError
+from bayes_iwan.effects.catalogue import UNLISTED, ordered, variants
+from bayes_iwan.effects.conditions import FollowsCondition
+from bayes_iwan.effects.own_effects import load_effects
+from bayes_iwan.files import write_json
+from bayes_iwan.inference.setup.config import diagnose_settings_of
+from bayes_iwan.inference.setup.loop_scales import Scales
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.models import ModelError
+from bayes_iwan.models.user_file import load_simulator
+
+SCHEMA = 5
+#: phases, harmonics and blocks of cycles that diagnoses work on
+LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
+
+
+#: what a damaged file raises on the way to its fits
+
+
+class SavedFitsError(ValueError):
+    """`fits.json` that cannot be read or used; the message names the file and what is wrong."""
+
+
+@dataclass(frozen=True)
+class SavedEffect:
+    """An effect of a fit: its class, and what made it; condition and values where it follows a stated condition."""
+
+    class_name: str
+    name: str
+    strength_value: float
+    condition: str | None = None
+    values: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class SavedFit:
+    """One fit: names and z (ndim,) of its parameters, their covariance, and the size of its rest."""
+
+    effects: tuple[SavedEffect, ...]
+    names: tuple[str, ...]
+    z: Array
+    covariance: Array
+    size: RestSize
+
+
+@dataclass(frozen=True)
+class SavedFits:
+    """What `fits.json` holds: the fit of every set of named effects, the base under the empty set."""
+
+    scales: Scales
+    settings: DiagnoseSettings
+    effects_file: str | None
+    simulator_file: str | None
+    fits: Mapping[frozenset[str], SavedFit]
+
+
+def _plain(fit: Fit) -> dict[str, Any]:
+    """A fit as JSON holds it."""
+    return {
+        "effects": [
+            {"class": type(e).__name__, "name": e.name, "strength_value": e.strength_value}
+            | ({"condition": e.condition, "values": list(e.values)} if isinstance(e, FollowsCondition) else {})
+            for e in fit.effects
+        ],
+        "names": list(fit.problem.names),
+        "z": fit.z.tolist(),
+        "covariance": fit.covariance.tolist(),
+        "share": fit.size.share,
+        "length": fit.size.length,
+        "along": fit.size.along,
+        "spectrum": list(fit.size.spectrum),
+        "along_spectrum": list(fit.size.along_spectrum),
+        "between": list(fit.size.between),
+    }
+
+
+def write_fits(
+    path: Path,
+    fits: Mapping[frozenset[str], Fit],
+    scales: Scales,
+    settings: DiagnoseSettings,
+    effects_file: str | None,
+    simulator_file: str | None,
+) -> None:
+    """Write `fits.json`."""
+    stored = {
+        "schema": SCHEMA,
+        "scales": asdict(scales),
+        "config": settings.as_dict(),
+        "effects_file": effects_file,
+        "simulator_file": simulator_file,
+        "fits": {"+".join(sorted(names)) or "base": _plain(f) for names, f in fits.items()},
+    }
+    write_json(path, stored)
+
+
+def read_fits(path: Path) -> SavedFits:
+    """What `fits.json` holds. Raises SavedFitsError in one line where it is missing, damaged or of another version."""
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SavedFitsError(f"{path}: cannot be read ({error.strerror}); diagnose the campaign again") from None
+    except (ValueError, RecursionError):
+        raise SavedFitsError(f"{path}: damaged, no JSON; diagnose the campaign again") from None
+    if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
+        raise SavedFitsError(f"{path}: not fits of this version (schema {SCHEMA}); diagnose the campaign again")
+    try:
+        effects, simulator = (None if stored[k] is None else str(stored[k]) for k in ("effects_file", "simulator_file"))
+        fits = {frozenset() if k == "base" else frozenset(k.split("+")): _fit(f) for k, f in stored["fits"].items()}
+        return SavedFits(Scales(**stored["scales"]), diagnose_settings_of(stored["config"]), effects, simulator, fits)
+    except Exception as error:  # the same of its form
+        raise _damaged(path, error) from None
+
+
+def _fit(stored: dict[str, Any]) -> SavedFit:
+    effects = tuple(
+        SavedEffect(
+            str(e["class"]), str(e["name"]), float(e["strength_value"]), e.get("condition"), tuple(e.get("values", ()))
+        )
+        for e in stored["effects"]
+    )
+    z, covariance = np.array(stored["z"], float), np.array(stored["covariance"], float)
+    if len(z) != len(stored["names"]) or covariance.shape != (len(z), len(z)):
+        raise ValueError("names, z and covariance do not agree")
+    share, length, along = (float(stored[k]) for k in ("share", "length", "along"))
+    loops, changes = (tuple(map(float, stored[k])) for k in ("spectrum", "along_spectrum"))
+    frequency, amplitude, alone = map(float, stored["between"])
+    size = RestSize(share, length, along, loops, changes, (frequency, amplitude, alone))
+    return SavedFit(effects, tuple(map(str, stored["names"])), z, covariance, size)
+
+
+def _damaged(path: Path, error: Exception) -> SavedFitsError:
+    said = " ".join(str(error).split())[:120]
+    return SavedFitsError(f"{path}: damaged ({type(error).__name__}: {said}); diagnose the campaign again")
+
+
+def find_shares(
+    diagnosis: Path, unseen_campaign: Path, *, allow_own_files: bool = False
+) -> tuple[float | None, dict[str, float]]:
+    """What the named causes of a diagnosis remove of the gap on tests of another campaign folder of the specimen.
+
+    Returns the shrink by all of them together (None where none is named or there is no gap) and each one's share of
+    the gap (Shapley value). allow_own_files : run the Python files of own effects or simulators that `fits.json` names.
+    Raises SavedFitsError, EffectError.
+    """
+    path = Path(diagnosis) / "fits.json"
+    stored = read_fits(path)
+    own = stored.effects_file or stored.simulator_file
+    if own and not allow_own_files:
+        raise SavedFitsError(f"{path}: names a Python file, which is not run unasked: {own}")
+    data = gap_data(read_campaign(unseen_campaign).loops(**LOOPS))
+    try:
+        gap = {k: _gap_N(data, rebuilt(stored, f, data)) for k, f in stored.fits.items()}
+        whole, before = max(gap, key=len), gap[frozenset()]
+        if before <= 0.0 or not whole:
+            return None, {}
+        parts = shares_of(whole, gap)
+    except (EffectError, ModelError):
+        raise
+    except Exception as error:  # a file that somebody has changed breaks whatever is made of it, in any way
+        raise _damaged(path, error) from None
+    return 1.0 - gap[whole] / before, parts
+
+
+def _gap_N(data: GapData, fit: Fit) -> float:
+    return float(np.sqrt(max(float(gap_power_N2(residual_of(data, fit, refitted=False)).mean()), 0.0)))
+
+
+def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
+    extra = load_effects(stored.effects_file) if stored.effects_file else ()
+    scales, file = stored.scales, stored.simulator_file
+    simulator = load_simulator(file) if file else base_model(stored.settings, scales)
+    kinds = [k for some in variants(extra, simulator, form=True).values() for k in some]
+    classes = {k.__name__: k for k in (*kinds, *UNLISTED, *conditions.EFFECTS) if isinstance(k, type)}
+    files = tuple(x.file for x in data.loops)
+    effects: list[Effect] = []
+    for spec in one.effects:
+        if spec.class_name not in classes:
+            raise EffectError(f"fits.json names the effect {spec.name!r}, which is not in the catalogue")
+        more = {} if spec.condition is None else {"condition": spec.condition, "values": spec.values}
+        effects.append(classes[spec.class_name](scales, files, spec.strength_value, **more))
+    problem = extended(base_problem(data, stored.settings, scales, simulator), ordered(effects))
+    keep = [n for n in problem.names if n in one.names]
+    if len(keep) != len(problem.names):  # parameters of single tests (a mains line's phases) predict nothing elsewhere
+        problem = extended(problem, [e for e in effects if all(p.name in keep for p in e.parameters)])
+    at = [one.names.index(n) for n in problem.names]
+    z, covariance = one.z[at], one.covariance[np.ix_(at, at)]
+    none = Rest(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))
+    linear = Linear(np.zeros(0), np.zeros((0, len(z))), none, z)
+    return Fit(
+        problem, z, np.zeros((1, 1)), one.size, (one.size.share,) * 3, covariance, z[None], linear, converged=True
+    )

@@ -1,0 +1,326 @@
+"""The answer of a diagnosis in one screen of plain sentences, and what colour its box has."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bayes_iwan.campaign.loops.clipping import Limit
+from bayes_iwan.diagnosis.answer.imitation import Edge, Imitation
+from bayes_iwan.diagnosis.answer.next_test import NextTest
+from bayes_iwan.diagnosis.answer.wording import (
+    MOST_NAMES,
+    capital,
+    few,
+    force,
+    listed,
+    odds,
+    percent,
+    physics_of_rest,
+    plain,
+    probability,
+    strength,
+    title,
+)
+from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
+from bayes_iwan.diagnosis.fits.held_out_tests import parted
+
+if TYPE_CHECKING:
+    from bayes_iwan.diagnosis.diagnosis import Diagnosis
+
+#: probability above which an effect that is not named is listed, and above which the text must name it
+LISTED, MUST_NAME = 0.02, 0.5
+#: by so much the share of what changes along the record must be larger than that of the gap to be said beside it
+ALONG_SAID = 0.1
+#: power of a line at half a test's frequency over its background from which it is said
+SUBHARMONIC_SAID = 20.0
+#: share of the friction force that the base misses from which it is said not to describe the specimen at all
+NO_MODEL = 0.8
+#: ratio of the largest to the smallest frequency from which speed is told from amplitude
+FREQUENCIES_DIFFER = 1.3
+#: effects that a record itself shows, whatever its frequency
+NO_TIME_CONSTANT = frozenset({"force_drift", "mains_hum"})
+#: dependences that the base can imitate, and base parameters at the edge, that the text holds; the page holds all
+IMITATIONS_SAID, EDGES_SAID = 2, 3
+
+
+def not_excluded(d: Diagnosis) -> list[str]:
+    """Effects that are not named and not out of the question, the likeliest first."""
+    ranked = sorted(d.verdict.probabilities.items(), key=lambda np: -np[1])
+    out = {"none", "unknown", "drive", *d.verdict.names, *NO_CAUSE}
+    return [name for name, p in ranked if name not in out and p >= LISTED]
+
+
+def sentences(d: Diagnosis) -> list[str]:
+    """The answer: size of the gap, its causes with number, share and remedy, ties, what is unexplained, what these
+    tests cannot tell, and the next test."""
+    out = [_size(d), *_clipped(d), *_kind(d), *(_cause(c, d) for c in d.verdict.causes), *_one_of(d)]
+    out += [*_probable(d, " ".join(out)), *_suspects(d), *_imitations(d), _unexplained(d), *_looks_like(d)]
+    out += [*_edges(d), *_no_clock(d), *_not_judged(d), *_not_converged(d), _next(d)]
+    return out
+
+
+def colour(d: Diagnosis) -> str:
+    """Of the answer's box: "good" only where nothing below it warns."""
+    kind = d.verdict.kind
+    if kind in (Kind.UNKNOWN, Kind.PARTLY, Kind.DRIVE) or d.clipped or (d.sampling and not d.sampling.converged):
+        return "warning"
+    contradicted = kind is Kind.NONE and d.verdict.probabilities["none"] < MUST_NAME
+    unjudged = kind is not Kind.NONE and not parted(d.data)
+    tied = any(x.said for x in d.imitations) or any(c.cannot_tell_apart for c in d.verdict.causes)
+    return "note" if contradicted or unjudged or tied or d.edges or not d.campaign.clock else "good"
+
+
+def _size(d: Diagnosis) -> str:
+    gap = d.budget.before
+    if gap.low_N <= 0.0:
+        return (
+            f"The model misses nothing beyond noise: at most {force(gap.high_N)} RMS, {percent(gap.share_high)} of the "
+            f"friction force (noise {force(gap.noise_N)})."
+        )
+    text = f"The model misses {force(gap.rms_N)} RMS ({force(gap.low_N)} to {force(gap.high_N)}), "
+    text += f"{percent(gap.share)} of the friction force (noise {force(gap.noise_N)})"
+    if d.before.along.rms_N > 0.5 * gap.rms_N:
+        text += f"; of that {force(d.before.along.rms_N)} change along the records"
+    if gap.share > NO_MODEL:
+        text += ". That is nearly all of it: the base model does not describe this specimen"
+    return text + "."
+
+
+def _clipped(d: Diagnosis) -> list[str]:
+    """What the records themselves say of a clipped force, whatever the fits say."""
+    limits = [x for x in d.clipped if x.channel == "force"]
+    if not limits:
+        return []
+    files = list(dict.fromkeys(x.file for x in limits))
+    which = ", ".join(f"{f} at {_level(limits, f)}" for f in files[:MOST_NAMES])
+    return [
+        f"The force may be clipped in {len(files)} of {len(d.data.loops)} tests ({which}"
+        f"{' …' if len(files) > MOST_NAMES else ''}). If so, slip forces come out too small. Raise the force range and "
+        "record again."
+    ]
+
+
+def _level(limits: list[Limit], file: str) -> str:
+    return force(next(x.level for x in limits if x.file == file))
+
+
+def _kind(d: Diagnosis) -> list[str]:
+    """The verdict in a sentence, where no cause is named; and what of a gap may be the drive's."""
+    v = d.verdict
+    if v.kind is Kind.DRIVE:
+        return [
+            f"The cause cannot be told: {_cornered(d)}. Sound channels, which filter what turns at once, leave a "
+            "gap of "
+            f"up to {percent(v.corners_gap)} of the friction force with such a drive."
+        ]
+    out = []
+    if v.cornered and v.kind is not Kind.NONE:
+        out.append(f"Up to {percent(v.corners_gap)} of the friction force may be the channels': {_cornered(d)}.")
+    if v.causes:
+        return out
+    none, others = v.probabilities["none"], not_excluded(d)
+    if v.kind is Kind.NONE and none >= MUST_NAME:
+        tail = f" {capital(few(others, 'and'))} cannot be excluded." if others else ""
+        return [*out, f"No effect outside the model is needed (probability {probability(none)}).{tail}"]
+    if v.kind is Kind.NONE:
+        some = f": {few(others)}" if others else ""
+        return [
+            *out,
+            f"No effect is named. One probably contributes (probability {probability(1.0 - none)}){some}. These tests "
+            "do not tell which.",
+        ]
+    if v.one_of:
+        return out
+    return [
+        *out,
+        f"Cause unknown (probability {probability(d.budget.rest.probability)}). The gap is real, but no known effect "
+        "explains it in all tests.",
+    ]
+
+
+def _cornered(d: Diagnosis) -> str:
+    """Which drives turn at once."""
+    files = d.verdict.cornered
+    which = ", ".join(files[:MOST_NAMES]) + (" …" if len(files) > MOST_NAMES else "")
+    return f"the drive of {len(files)} test{'s' if len(files) > 1 else ''} has corners ({which})"
+
+
+def _cause(c: Cause, d: Diagnosis) -> str:
+    """One cause: its number, its share of the gap, fitted and on held-out tests, its ties, its remedy."""
+    numbers = {n: (p.mean, p.sd, p.unit) for n, p in d.parameters[c.name].items()}
+    side = ""
+    if c.name == "end_stop" and numbers and next(iter(numbers.values()))[0] < 0.0:
+        name, (mean, sd, unit) = next(iter(numbers.items()))
+        numbers, side = {name: (-mean, sd, unit)}, " on the side of negative displacement"
+    verb = "remove" if title(c.name).startswith("slip forces") else "removes"
+    text = f"{capital(title(c.name))}{strength(numbers)}{side} (probability {probability(c.probability)}) {verb} "
+    text += f"{percent(c.share.value)} of the gap ({percent(c.share.low)} to {percent(c.share.high)})"
+    if c.held_out is not None:
+        text += f", {percent(c.held_out.value)} on held-out tests"
+    if c.along is not None and c.along > c.share.value + ALONG_SAID:
+        text += f", and {percent(c.along)} of what changes along the records"
+    text += "."
+    if c.share.low <= 0.0:
+        text += " Its share may be nothing."
+    if c.cannot_tell_apart:
+        text += f" These tests cannot tell it from {few(c.cannot_tell_apart)}."
+    if d.search.effects[c.name][0].needs_clock and c.name not in NO_TIME_CONSTANT and not _frequencies_differ(d):
+        text += " The tests' frequencies hardly differ, so its dependence on time is not told from one on amplitude."
+    said = remedy(d, c.name)
+    if c.name == "force_clipping" and not d.clipped:  # no amplifier: the remedy of one would be wrong
+        said = "No record shows the one level of an amplifier: a specimen that yields or slides there looks alike"
+    return f"{text} {said.rstrip('.')}." if said else text
+
+
+def remedy(d: Diagnosis, name: str) -> str:
+    """What to do about a named effect, as its author says it."""
+    return str(getattr(d.search.effects[name][0], "remedy", ""))
+
+
+def _one_of(d: Diagnosis) -> list[str]:
+    """Places that something fills, these tests cannot tell what: the likeliest, and how many more."""
+    return [
+        f"One of {few(x.names)} removes {percent(x.share)} of the gap (probability {probability(x.probability)} "
+        "together). These tests do not tell which."
+        for x in d.verdict.one_of
+    ]
+
+
+def _probable(d: Diagnosis, text: str) -> list[str]:
+    """Effects that are more probable than not, yet neither named nor said so far."""
+    left = [
+        n for n in not_excluded(d) if d.verdict.probabilities[n] >= MUST_NAME and title(n).lower() not in text.lower()
+    ]
+    if not left:
+        return []
+    some = ", ".join(f"{title(n)} ({probability(d.verdict.probabilities[n])})" for n in left)
+    return [f"Probable but not named, for what it removes of the gap is too little or too uncertain: {some}."]
+
+
+def _suspects(d: Diagnosis) -> list[str]:
+    """What alone would remove most of a gap, most of which has no name."""
+    some = d.verdict.suspects
+    if not some:
+        return []
+    which = ", ".join(f"{title(x.name)} (by {percent(x.share)})" for x in some[:MOST_NAMES])
+    more = f" and {len(some) - MOST_NAMES} more" if len(some) > MOST_NAMES else ""
+    return [f"Each of these would reduce the gap, but the shape of the residual does not match: {which}{more}."]
+
+
+def _imitations(d: Diagnosis) -> list[str]:
+    """Dependences that a freedom of the base and an effect explain alike, what is at stake first."""
+    said = sorted((x for x in d.imitations if x.said), key=lambda x: -x.without)
+    speed = [x for x in said if x.what == "speed dependence"]
+    chosen = [*speed, *(x for x in said if x not in speed)][:IMITATIONS_SAID]
+    return [_imitation(x, d) for x in chosen]
+
+
+def _imitation(x: Imitation, d: Diagnosis) -> str:
+    share = {e.name: e.share for e in x.explanations}
+    least, most = min(share[n] for n in x.tied), max(share[n] for n in x.tied)
+    without, within = ("it", "it") if len(x.tied) == 1 else ("any of them", "one of them")
+    left = percent(least) if percent(least) == percent(most) else f"{percent(least)} to {percent(most)}"
+    text = f"{capital(x.what)}: {few(x.tied)}."
+    if len(x.tied) > 1:
+        text += " These tests do not tell which."
+    elif x.name not in x.tied:
+        text += f" It fits better than {title(x.name)}."
+    text += f" Without {without} the model would miss {percent(x.without)} of the friction force, with {within} "
+    text += f"{left}."
+    if x.what == "speed dependence" and not _frequencies_differ(d):
+        text += " The tests' frequencies hardly differ, so a dependence on amplitude would look alike."
+    return text
+
+
+def _frequencies_differ(d: Diagnosis) -> bool:
+    """Or is it said already that all tests are alike?"""
+    f = [loop.frequency_hz for loop in d.data.loops]
+    return max(f) >= FREQUENCIES_DIFFER * min(f) or not parted(d.data)
+
+
+def _unexplained(d: Diagnosis) -> str:
+    """What no named effect removes: always said."""
+    rest, after = d.budget.rest, d.budget.after
+    kind = d.verdict.kind
+    share = percent(1.0 if not d.verdict.causes else rest.share.value)
+    size = f"{share} of the gap, {force(after.rms_N)}, {percent(after.share)} of the friction force"
+    if kind is Kind.EXPLAINED:
+        return f"Unexplained: {size}. A law that is slightly off leaves as much."
+    if kind is Kind.NONE:
+        return f"Unexplained: {size}. A sound specimen differs from the model by as much."
+    if kind is Kind.DRIVE:
+        return f"Unexplained: {size}. It may be the channels' or the specimen's."
+    return f"Unexplained: {size} (probability {probability(rest.probability)} that it has a cause of its own)."
+
+
+def _looks_like(d: Diagnosis) -> list[str]:
+    """What the unexplained part looks like."""
+    out, rest = [], d.budget.rest
+    physics = physics_of_rest(rest.looks_like) if d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN) else None
+    if physics:
+        out.append(f"It looks most like this: {physics.rstrip('.')}.")
+    if rest.subharmonic > SUBHARMONIC_SAID and d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN):
+        out.append("Every second cycle differs: the records hold a line at half the test frequency.")
+    return out
+
+
+def _edges(d: Diagnosis) -> list[str]:
+    """Base parameters far from what their priors hold plausible."""
+    if not d.edges:
+        return []
+    some = ", ".join(map(_edge, d.edges[:EDGES_SAID]))
+    more = f" and {len(d.edges) - EDGES_SAID} more" if len(d.edges) > EDGES_SAID else ""
+    return [
+        f"Far from plausible in the base model: {some}{more}. Widen the prior, or look for an effect that it stands "
+        "for."
+    ]
+
+
+def _edge(x: Edge) -> str:
+    unit = "" if x.unit in ("-", "") else f" {x.unit}"
+    return f"{x.name} = {plain(x.value)}{unit} ({x.deviations:+.1f} prior sd)"
+
+
+def _no_clock(d: Diagnosis) -> list[str]:
+    if d.campaign.clock:
+        return []
+    return [
+        "The records have no clock, so nothing that needs one is testable: speed, frequency, delays, filters, mass, "
+        "drift and mains interference."
+    ]
+
+
+def _not_judged(d: Diagnosis) -> list[str]:
+    """Where no test can be left out, what is said rests on the fit alone."""
+    if d.verdict.kind in (Kind.NONE, Kind.DRIVE) or parted(d.data):
+        return []
+    alike = "one frequency and one amplitude" if d.campaign.clock else "one amplitude"
+    return [f"All tests have {alike}, so nothing of this was judged on held-out tests. Record others."]
+
+
+def _not_converged(d: Diagnosis) -> list[str]:
+    """Where the draws behind the numbers fall short."""
+    if d.sampling is None or d.sampling.converged:
+        return []
+    return [
+        "The draws behind the numbers of the named effects have not converged, so take their intervals with care: "
+        f"{d.sampling.message.removeprefix('not converged: ')}."
+    ]
+
+
+def _next(d: Diagnosis) -> str:
+    if d.verdict.kind is Kind.DRIVE:
+        return "Next: run these tests again with sines."
+    following = d.next_test
+    if following is None:
+        return "No further test would separate these effects better."
+    pair = listed(following.separates)
+    if following.bench:
+        return f"Next, at the bench: {following.bench}. No loop test would separate {pair} well."
+    return f"Next: run {planned(following)}. It separates {pair} (expected odds {odds(following.expected_log_odds)})."
+
+
+def planned(test: NextTest) -> str:
+    """The test in words; without a clock it has no frequency."""
+    at = "" if test.frequency_hz is None else f"{plain(test.frequency_hz)} Hz at "
+    return f"{at}{plain(test.amplitude_mm)} mm for {test.cycles} cycles"

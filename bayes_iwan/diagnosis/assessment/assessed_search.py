@@ -1,0 +1,118 @@
+"""A finished search weighed: the figures of its effects, and fits and gaps of the sets that are spoken of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_iwan.diagnosis.assessment.indicators import Figures, compared_sets, figures_of
+from bayes_iwan.diagnosis.fits.evidence import Fit, extended, fit_model, in_newtons, predicting
+from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_size
+from bayes_iwan.diagnosis.fits.held_out_tests import Unseen, left_out
+from bayes_iwan.diagnosis.fits.residuals import residual_of
+from bayes_iwan.diagnosis.search.search_result import Search, part
+from bayes_iwan.threads import alongside
+
+Names = frozenset[str]
+
+
+class Models:
+    """Fits of sets of effects and the gaps that they leave, each found once.
+
+    fits; nearest, the same models where they miss least in newtons; predicting, as they predict tests left out; sizes,
+    what they miss in newtons
+    """
+
+    def __init__(self, search: Search, seed: int) -> None:
+        self.search, self.seed = search, seed
+        self.fits: dict[Names, Fit] = {}
+        self.nearest: dict[Names, Fit] = {}
+        self.predicting: dict[Names, Fit] = {}
+        self.sizes: dict[Names, GapSize] = {}
+
+    def find(self, sets: Iterable[Names]) -> None:
+        """Fit what is not there yet, the smaller sets first: a larger one starts where they ended, too."""
+        data = self.search.data
+        for names in sorted(dict.fromkeys(sets), key=lambda k: (len(k), sorted(k))):
+            if names in self.fits:
+                continue
+            fit = self.search.fits.get(names) or self._refitted(names)
+            smaller = [f for k, f in self.nearest.items() if k < names]
+            nearest = in_newtons(data, fit, smaller=smaller)
+            friction_N = self.sizes[Names()].friction_N if self.sizes else None
+            self.fits[names], self.nearest[names] = fit, nearest
+            self.sizes[names] = gap_size(residual_of(data, nearest), self.seed, friction_N=friction_N)
+
+    def predict(self, sets: Iterable[Names]) -> list[Fit]:
+        """These models as they predict tests that they have not seen."""
+        new = [k for k in dict.fromkeys(sets) if k not in self.predicting]
+        data = self.search.data
+        found = alongside(lambda k: predicting(data, self.fits[k], self.nearest[k]), new)
+        self.predicting |= zip(new, found)
+        return [self.predicting[k] for k in dict.fromkeys(sets)]
+
+    def _refitted(self, names: Names) -> Fit:
+        larger = min((f for k, f in self.search.fits.items() if names < k), key=lambda f: len(f.names))
+        problem = extended(larger.problem, [e for e in larger.effects if e.name in names])
+        return fit_model(self.search.data, problem, np.array([part(larger, problem)]), 20)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Everything behind a verdict but the calibration's constants.
+
+    search : its chosen effects are those of the best set
+    figures : of every effect of that set
+    models : fits and gaps of it and of what it is compared with
+    unseen : what the compared sets miss on tests left out
+    subharmonic : the largest power of a line at half a test's frequency over its background
+    """
+
+    search: Search
+    figures: tuple[Figures, ...]
+    models: Models
+    unseen: tuple[Unseen, ...]
+    subharmonic: float
+
+    @property
+    def asked(self) -> Names:
+        """The best set."""
+        return frozenset(self.search.chosen)
+
+    @property
+    def alone(self) -> tuple[Figures, ...]:
+        """The figures as they are reported."""
+        return self.figures
+
+    @property
+    def fits(self) -> Mapping[Names, Fit]:
+        return self.models.fits
+
+    @property
+    def in_newtons(self) -> Mapping[Names, Fit]:
+        return self.models.nearest
+
+    @property
+    def sizes(self) -> Mapping[Names, GapSize]:
+        return self.models.sizes
+
+    @property
+    def gap_N(self) -> dict[Names, float]:
+        """RMS gap by set of effects."""
+        return {k: s.all.rms_N for k, s in self.models.sizes.items()}
+
+
+def three_sets(names: Names) -> list[Names]:
+    """The sets behind the shares of each effect of a set: the base, each alone, all but each, all."""
+    return [Names(), *(frozenset({n}) for n in sorted(names)), *(names - {n} for n in sorted(names)), names]
+
+
+def weighed(search: Search, seed: int) -> Weighed:
+    """Figures of the effects of the best set, fits and gaps behind them."""
+    models, whole = Models(search, seed), frozenset(search.chosen)
+    models.find(three_sets(whole))
+    unseen = left_out([search.fits[k] for k in compared_sets(search)], search.data) if whole else ()
+    figures = figures_of(search, models.sizes, models.nearest[whole], unseen)
+    return Weighed(search, figures, models, unseen, float(np.max(search.data.subharmonic, initial=0.0)))

@@ -1,0 +1,230 @@
+"""The gap as a sum: which share of it every named effect removes, and what is left.
+
+Every share is a share of the base model's RMS gap, on tests that the models have not seen where there are any. Effects
+overlap, so an effect has two: what it removes as the only one, and what it removes as the last one. Its share is the
+mean of both, and how far they lie apart is part of its interval: no data tell how to divide what two effects explain
+alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.diagnosis.assessment.indicators import Figures
+from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, LEAST_OWN_FORM, LEAST_SHARE, NAMED
+from bayes_iwan.diagnosis.fits.gap_size import Gap, GapSize, shrink
+from bayes_iwan.diagnosis.search.search_result import OWN_FORM
+from bayes_iwan.effects.catalogue import UNLISTED
+
+__all__ = ["NAMED"]  # where a figure draws the line
+
+#: half width of a 90 % interval in standard deviations
+NINETY = 1.645
+#: names of patterns that stand for no cause: what they remove belongs to the rest
+NO_CAUSE = frozenset(e.name for e in UNLISTED)
+
+
+class Kind(StrEnum):
+    """The headline of a diagnosis."""
+
+    NONE = "none"
+    EXPLAINED = "explained"
+    PARTLY = "partly_explained"
+    UNKNOWN = "unknown"
+    #: a gap no larger than what channels make of a drive with corners: nothing can be said of the specimen
+    DRIVE = "drive"
+
+
+@dataclass(frozen=True)
+class Share:
+    """A share of the gap with its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """RMS gaps over the base model's, on the same tests: with all named effects, with all but one, and with that one
+    alone; sd : of the one's share, from how it varies between tests (jackknife)."""
+
+    with_all: float
+    without: float
+    alone: float
+    sd: float
+
+    @property
+    def last(self) -> float:
+        """What the effect removes as the last one."""
+        return self.without - self.with_all
+
+    @property
+    def first(self) -> float:
+        """What it removes as the only one."""
+        return 1.0 - self.alone
+
+    def share(self, law_sd: float) -> Share:
+        """The effect's share; law_sd : by how much nature's law, which is not quite ours, puts a share off."""
+        value, apart = 0.5 * (self.first + self.last), 0.5 * abs(self.first - self.last)
+        width = NINETY * float(np.sqrt(self.sd**2 + law_sd**2 + apart**2 / 3.0))  # uniform between first and last
+        return Share(value, max(value - width, -1.0), min(value + width, 1.0))
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A named effect: how probable, which share of the gap it removes, and what it cannot be told from.
+
+    share : on the fitted tests; held_out : on whole frequencies and amplitudes left out of the fit (or on held-out
+    tests, as `held_out_by` says); None where no other test can judge it: its parameters belong to single records
+    gaps : what the shares come from, on the tests of `held_out`, or the fitted ones where that is None
+    along : share that it removes of what changes along the record, where that is what it acts on
+    """
+
+    name: str
+    law: str
+    probability: float
+    share: Share
+    held_out: Share | None
+    held_out_by: str
+    cannot_tell_apart: tuple[str, ...]
+    figures: Figures
+    gaps: Gaps
+    along: float | None = None
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """Effects of which one probably contributes, though these tests cannot tell which, the likeliest first; share : of
+    the gap that the one removes."""
+
+    names: tuple[str, ...]
+    probability: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """An effect that alone would remove this share of a gap, most of which has no name, though no evidence speaks for
+    it."""
+
+    name: str
+    share: float
+
+
+@dataclass(frozen=True)
+class RestOfGap:
+    """What is left beside the named causes.
+
+    probability : that it has a cause of its own; share : of the gap; of_friction : of the RMS friction force
+    where : sentences on where it sits; looks_like : name of a pattern without a cause that fits it, if one does
+    subharmonic : power of a line at half a test's frequency over its background
+    """
+
+    probability: float
+    share: Share
+    of_friction: float
+    where: tuple[str, ...]
+    looks_like: str | None
+    subharmonic: float
+
+
+@dataclass(frozen=True)
+class GapBudget:
+    """The gap as a sum: before = causes + rest, in RMS newtons; after : what is left with all causes in."""
+
+    before: Gap
+    after: Gap
+    causes: tuple[Cause, ...]
+    rest: RestOfGap
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The headline: its kind, the named causes (largest share first), and whether the rest has a cause without a name.
+
+    probabilities : that each effect contributes, of "none" and of "unknown" (a rest that has a cause)
+    one_of : places that are probably filled, where no effect is likely enough to be named
+    suspects : where most of the gap has no name, what alone would remove most of it, the largest share first
+    cornered : files of the tests whose drive has corners; corners_gap : share of the friction force that channels may
+    make the model miss of such a drive
+    """
+
+    kind: Kind
+    causes: tuple[Cause, ...]
+    unknown_rest: bool
+    probabilities: dict[str, float]
+    cornered: tuple[str, ...] = ()
+    corners_gap: float = 0.0
+    one_of: tuple[OneOf, ...] = ()
+    suspects: tuple[Suspect, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(c.name for c in self.causes)
+
+    @property
+    def cause(self) -> str:
+        """The largest named cause, else "drive", "none" or "unknown"."""
+        if self.causes:
+            return self.causes[0].name
+        if self.kind is Kind.DRIVE:
+            return "drive"
+        return "unknown" if self.unknown_rest else "none"
+
+
+def subsets(names: Iterable[str]) -> list[frozenset[str]]:
+    """Every subset, the empty one first."""
+    some = sorted(names)
+    return [frozenset(c) for k in range(len(some) + 1) for c in combinations(some, k)]
+
+
+def shares_of(names: Iterable[str], gap_N: Mapping[frozenset[str], float]) -> dict[str, float]:
+    """Share of the gap of each effect of a set, from the gaps that its subsets leave: the mean of what it removes as
+    the only one and as the last one."""
+    whole, before = frozenset(names), gap_N[frozenset()]
+    if before <= 0.0:
+        return dict.fromkeys(whole, 0.0)
+    return {
+        n: float(0.5 * (before - gap_N[frozenset({n})] + gap_N[whole - {n}] - gap_N[whole]) / before) for n in whole
+    }
+
+
+def rest_share(names: Iterable[str], sizes: Mapping[frozenset[str], GapSize]) -> Share:
+    """Share of the gap that all named effects together leave."""
+    removed = shrink(sizes[frozenset()], sizes[frozenset(names)])
+    return Share(1.0 - removed.value, max(1.0 - removed.high, 0.0), min(1.0 - removed.low, 1.0))
+
+
+def gaps_of(names: Iterable[str], power_N2: Mapping[frozenset[str], Array]) -> dict[str, Gaps]:
+    """The three gaps of each effect of a set, from squared gaps by test (tests,) of the base, the set, the set without
+    it and it alone."""
+    whole = frozenset(names)
+
+    def of(keep: NDArray[np.int64]) -> dict[str, tuple[float, float, float]]:
+        rms = {k: float(np.sqrt(max(float(p[keep].mean()), 0.0))) for k, p in power_N2.items()}
+        before = max(rms[frozenset()], 1e-300)
+        return {n: (rms[whole] / before, rms[whole - {n}] / before, rms[frozenset({n})] / before) for n in whole}
+
+    tests = len(power_N2[whole])
+    every = np.arange(tests, dtype=np.int64)
+    value = of(every)
+    less = [of(np.delete(every, t)) for t in every] if tests > 1 else []
+    out = {}
+    for n, (with_all, without, alone) in value.items():
+        shares = np.array([0.5 * (1.0 - x[n][2] + x[n][1] - x[n][0]) for x in less])
+        sd = float(np.sqrt((tests - 1) / tests * np.sum((shares - shares.mean()) ** 2))) if less else 0.0
+        out[n] = Gaps(with_all, without, alone, sd)
+    return out
+
+
+def least_share(name: str, gap: float) -> float:
+    """Share of the gap that an effect must remove to be named; gap : over the friction force."""
+    return max(LEAST_OWN_FORM if name in OWN_FORM else LEAST_SHARE, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))

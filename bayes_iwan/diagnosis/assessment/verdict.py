@@ -1,0 +1,210 @@
+"""From a weighed search to a verdict: which effects are named, how sure, and whether the rest has its own cause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+from bayes_iwan.campaign import Loop
+from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, three_sets
+from bayes_iwan.diagnosis.assessment.budget import (
+    NO_CAUSE,
+    Cause,
+    Kind,
+    OneOf,
+    Suspect,
+    Verdict,
+    gaps_of,
+    least_share,
+    subsets,
+)
+from bayes_iwan.diagnosis.assessment.calibration import Calibration, rest_figures
+from bayes_iwan.diagnosis.assessment.indicators import Figures
+from bayes_iwan.diagnosis.constants import (
+    LEAST_ALONG,
+    LEAST_GAP,
+    NAMED,
+    SHOWN_BY_RECORD,
+    SUREST,
+    SUSPECT,
+    SUSPECTS_MOST,
+)
+from bayes_iwan.diagnosis.fits.held_out_tests import HELD_OUT, Unseen, left_out
+from bayes_iwan.diagnosis.search.base_fit import gap_rms_N
+from bayes_iwan.diagnosis.search.search_result import OWN_FORM
+from bayes_iwan.threads import alongside
+
+
+def refused(f: Figures) -> str:
+    """Why an effect is not named, however probable: "" where nothing speaks against it."""
+    if f.name in NO_CAUSE:
+        return "it stands for no cause"
+    if f.name not in SHOWN_BY_RECORD:
+        if f.tests < 2:
+            return "one record tells no cause"
+        if f.judged and min(f.unseen, f.fixed) <= 0.0:
+            return "on tests left out it removes nothing"
+    if f.fitted < least_share(f.name, f.before):
+        return "it removes too little"
+    if f.name in OWN_FORM and f.gap < LEAST_GAP:
+        return "every specimen differs as much from the model"
+    return f.odd
+
+
+def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
+    """Effects that probably contribute: the likeliest of each place where probably something does."""
+    out = []
+    for f in given:
+        among = c.among(f)
+        own = c.contributes(f) * among[f.name]
+        if not refused(f) and own >= NAMED * max(among.values()) and own >= 0.5 * NAMED:
+            out.append(f.name)
+    return tuple(out)
+
+
+def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
+    """An effect and what else could be in its place, the likeliest first."""
+    among = c.among(f)
+    return tuple(n for n in sorted(among, key=lambda n: -among[n]) if n not in NO_CAUSE and f.rivals[n] > -c.apart)
+
+
+def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tuple[OneOf, ...]:
+    """Places that some cause probably fills, one of the catalogue's effects or of the base's own form, though none is
+    likely enough to be named."""
+    out = []
+    for f in given:
+        some = candidates_of(f, c)
+        if {f.name, *some} & {*named, *NO_CAUSE} or OWN_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
+            continue
+        p = c.contributes(f) * sum(v for n, v in c.among(f).items() if n not in NO_CAUSE)
+        if len(some) > 1 and p >= NAMED and not (f.judged and f.unseen <= 0.0):
+            out.append(OneOf(some, p, f.fitted))
+    return tuple(out)
+
+
+def contributing(given: Iterable[Figures], c: Calibration) -> tuple[dict[str, float], dict[str, float]]:
+    """Probability that each effect contributes, rivals for one place sharing its probability; and, by effect of the
+    best set, that anything contributes in its place. What is refused is no more probable than what is not named."""
+    p: dict[str, float] = {}
+    places = {}
+    for f in given:
+        places[f.name] = c.contributes(f)
+        for name, share in c.among(f).items():
+            p[name] = 1.0 - (1.0 - p.get(name, 0.0)) * (1.0 - places[f.name] * share)
+    for f in given:
+        if f.name not in NO_CAUSE and refused(f):
+            p[f.name] = min(p[f.name], 1.0 - NAMED)
+    return p, places
+
+
+def rest_without_name(by_size: float, given: Iterable[Figures], c: Calibration) -> float:
+    """Probability that the rest has a cause of its own: by its size and lines (:meth:`Calibration.unknown_rest`), or
+    because a pattern is there that no listed cause makes and that removes as much as a named cause must."""
+    none = 1.0 - by_size
+    for f in given:
+        if f.name in NO_CAUSE and f.fitted >= least_share(f.name, f.before):
+            none *= 1.0 - c.contributes(f) * c.among(f)[f.name]
+    return min(1.0 - none, SUREST)
+
+
+def unknown_rest(found: Weighed, named: Sequence[str], c: Calibration) -> float:
+    """Probability that what is left beside the named effects has a cause of its own. What bends the base's own form is
+    a specimen's usual difference from the model and not left."""
+    beside = frozenset(named) | (found.asked & OWN_FORM)
+    found.models.find([beside])
+    left = found.sizes[beside].all.resolved_share
+    return rest_without_name(c.unknown_rest(rest_figures(left, found.subharmonic)), found.figures, c)
+
+
+def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
+    """Name causes, give each its share of the gap, and say whether the rest needs a cause of its own."""
+    named = named_by(found.figures, c)
+    found.models.find(subsets(named))
+    rest = unknown_rest(found, named, c)
+    p, places = contributing(found.figures, c)
+    probabilities = {n: 0.0 for n in found.search.effects if n not in NO_CAUSE} | {
+        n: v for n, v in p.items() if n not in NO_CAUSE
+    }
+    unnamed = np.prod([1.0 - v for n, v in places.items() if n not in NO_CAUSE])
+    causes = _causes(found, named, probabilities, c, held_out)
+    while idle := [x for x in causes if _idle(x)]:
+        worst = idle[-1].name  # the least share
+        probabilities[worst] = min(probabilities[worst], 1.0 - NAMED)
+        named = tuple(n for n in named if n != worst)
+        causes = _causes(found, named, probabilities, c, held_out)
+        rest = unknown_rest(found, named, c)
+    probabilities |= {"none": float(unnamed * (1.0 - rest)), "unknown": rest}
+    flagged = rest >= 0.5
+    kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
+    loops = found.search.data.loops
+    cornered, theirs = tuple(x.file for x in loops if x.corners_gap), max(x.corners_gap for x in loops)
+    if kind is not Kind.NONE and found.sizes[frozenset()].all.share <= theirs:
+        none = probabilities["none"]
+        sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
+        return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
+    some = one_of(found.figures, named, c) if flagged else ()
+    left = found.gap_N[frozenset(named)] / max(found.gap_N[frozenset()], 1e-300)
+    alone = suspects(found, named, c) if flagged and not some and left > SUSPECT else ()
+    return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)
+
+
+def _idle(x: Cause) -> bool:
+    """Does a cause remove nothing on tests left out? Tests with role "held-out" do not change what is named, and what
+    acts along the record is asked there."""
+    return not x.along and x.held_out is not None and x.held_out_by != HELD_OUT and x.held_out.value <= 0.0
+
+
+def suspects(found: Weighed, named: Sequence[str], c: Calibration) -> tuple[Suspect, ...]:
+    """What alone would remove most of the gap and is not named, as far as the search has fitted it: whoever must find
+    the cause starts there, though evidence, which follows the quiet harmonics, does not speak for it."""
+    search, before = found.search, found.gap_N[frozenset()]
+    least = search.base.log_evidence - c.apart
+    out = NO_CAUSE | frozenset(named)
+    alone = [f for k, f in search.fits.items() if len(k) == 1 and not k & out and f.log_evidence > least]
+    removed = {
+        f.name: 1.0 - gap_N / before for f, gap_N in zip(alone, alongside(partial(gap_rms_N, search.data), alone))
+    }
+    most = sorted((n for n, share in removed.items() if share >= SUSPECT), key=lambda n: -removed[n])
+    return tuple(Suspect(n, removed[n]) for n in most[:SUSPECTS_MOST])
+
+
+def _causes(
+    found: Weighed, named: Sequence[str], probabilities: Mapping[str, float], c: Calibration, held_out: Sequence[Loop]
+) -> tuple[Cause, ...]:
+    if not named:
+        return ()
+    whole, models = frozenset(named), found.models
+    keys = three_sets(whole)
+    unseen = left_out(models.predict(keys), found.search.data, held_out)
+    judges: tuple[Unseen, ...] = tuple(u for u in unseen if u.by == HELD_OUT) or unseen
+    fitted = gaps_of(named, {k: np.array([t.rms_N**2 for t in models.sizes[k].tests]) for k in keys})
+    power_N2 = {k: np.concatenate([u.power_N2[k] for u in judges]) for k in keys} if judges else {}
+    predicted = gaps_of(named, power_N2) if judges else {}
+    fit = models.fits[whole]
+    before_along = models.sizes[frozenset()].along.rms_N
+    out = []
+    for f in found.figures:
+        if f.name not in named:
+            continue
+        effect = next(e for e in fit.effects if e.name == f.name)
+        predicts = effect.strength_name in fit.problem.names and f.name in predicted
+        off = c.law_sd(0.5 * (fitted[f.name].first + fitted[f.name].last))
+        along_N = [models.sizes[k].along.rms_N for k in (whole - {f.name}, whole)]
+        along = (along_N[0] - along_N[1]) / before_along if effect.evolving and before_along > 0.0 else None
+        out.append(
+            Cause(
+                name=f.name,
+                law=str(getattr(effect, "law", "")),
+                probability=probabilities[f.name],
+                share=fitted[f.name].share(off),
+                held_out=predicted[f.name].share(off) if predicts else None,
+                held_out_by=" and ".join(dict.fromkeys(u.by for u in judges)) if predicts else "",
+                cannot_tell_apart=tuple(n for n in candidates_of(f, c) if n != f.name),
+                figures=f,
+                gaps=predicted[f.name] if predicts else fitted[f.name],
+                along=along if along is None or along >= LEAST_ALONG else 0.0,
+            )
+        )
+    return tuple(sorted(out, key=lambda x: -x.share.value))

@@ -1,0 +1,430 @@
+"""The diagnosis of one campaign: the gap as a budget of named causes and a rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm.auto import tqdm
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.campaign.loops.clipping import Limit, limits_of_loops
+from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
+from bayes_iwan.diagnosis.answer.gap_location import Located, Watcher, located
+from bayes_iwan.diagnosis.answer.imitation import Edge, Imitation, edges_of, imitations
+from bayes_iwan.diagnosis.answer.localisation import Where, where
+from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
+from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
+from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, weighed
+from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, GapBudget, Kind, RestOfGap, Share, Verdict, rest_share
+from bayes_iwan.diagnosis.assessment.calibration import Calibration, calibration
+from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling, sampled_fit
+from bayes_iwan.diagnosis.assessment.verdict import verdict_of
+from bayes_iwan.diagnosis.constants import MOST_EFFECTS
+from bayes_iwan.diagnosis.fits.data import GapData, gap_data
+from bayes_iwan.diagnosis.fits.evidence import Fit, base_model
+from bayes_iwan.diagnosis.fits.gap_size import GapSize
+from bayes_iwan.diagnosis.fits.residuals import Residual, residual_of
+from bayes_iwan.diagnosis.search.fitted_sets import Report, silent
+from bayes_iwan.diagnosis.search.model_search import search
+from bayes_iwan.diagnosis.search.search_result import Search
+from bayes_iwan.effects import catalogue
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.conditions import conditions_of
+from bayes_iwan.effects.own_effects import load_effects
+from bayes_iwan.effects.paper_stages import missing_terms
+from bayes_iwan.inference.setup.loop_scales import Scales, scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
+from bayes_iwan.models import Simulator
+from bayes_iwan.models.user_file import load_simulator
+from bayes_iwan.terminal import plain
+from bayes_iwan.threads import linear_algebra
+
+#: models to start from, by name
+BASES: dict[str, ModelSettings] = {
+    "generalized": ModelSettings(),
+    "no_speed": ModelSettings(grip="hunt_crossley_no_speed"),
+    "classical": ModelSettings(grip="constant", stiffness="constant"),
+}
+#: draws behind the intervals of an effect's parameters
+DRAWS = 2000
+#: a cause whose probability lies between these is still in question
+OPEN = (0.1, 0.9)
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """A parameter of an effect: mean, standard deviation, 5 and 95 % quantiles, unit."""
+
+    mean: float
+    sd: float
+    q05: float
+    q95: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A parameter of the specimen without and with the named causes in the model; sd of the difference, unit."""
+
+    before: float
+    after: float
+    sd: float
+    unit: str
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis:
+    """What the model misses, as a budget of named causes and a rest.
+
+    Attributes
+    ----------
+    verdict
+        the headline: its kind, the named causes and the probability of each effect.
+    budget
+        the gap as a sum: before, each cause's share, the rest; RMS in N and shares with 90 % intervals.
+    before, residual, where
+        gap, residual and place of what the base model misses.
+    after_residual
+        the residual with all named causes.
+    parameters
+        of each named effect, as reported: mean, sd, 5 and 95 % quantiles, unit.
+    moved
+        the specimen's own parameters without and with the causes.
+    not_testable
+        effects that these tests would not have shown at their usual size.
+    expected_nats
+        ln evidence that each effect of usual size would have, by name.
+    imitations
+        dependences that a freedom of the base and an effect explain, and which of these the tests tell apart.
+    edges
+        base parameters far from what their priors hold plausible.
+    clipped
+        where a channel was limited by its amplifier, as far as the fitted tests tell.
+    needs_clock
+        effects that were left out because the records have no clock.
+    next_test
+        the test that would settle what is open, None where nothing is.
+    sampling
+        what the draws behind the named effects' numbers are worth; None where they are Laplace's approximation, by
+        `quick` or since nothing is named.
+    found
+        what stands behind all this.
+    """
+
+    campaign: Campaign
+    seed: int
+    quick: bool
+    settings: DiagnoseSettings
+    data: GapData
+    found: Weighed
+    verdict: Verdict
+    budget: GapBudget
+    before: GapSize
+    residual: Residual
+    where: Where
+    after_residual: Residual
+    parameters: dict[str, dict[str, EffectParameter]]
+    moved: dict[str, Moved]
+    not_testable: tuple[str, ...]
+    expected_nats: dict[str, float]
+    imitations: tuple[Imitation, ...]
+    edges: tuple[Edge, ...]
+    clipped: tuple[Limit, ...]
+    needs_clock: tuple[str, ...]
+    next_test: NextTest | None
+    sampling: Sampling | None
+
+    def __repr__(self) -> str:
+        return "\n".join((f"diagnosis of {self.campaign.name}:", *(f"  {s}" for s in self.sentences())))
+
+    def _repr_html_(self) -> str:
+        said = "".join(f"<li>{escape(s)}</li>" for s in self.sentences())
+        return f"<p>diagnosis of {escape(self.campaign.name)}</p><ul>{said}</ul>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `diagnosis.json` holds."""
+        from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict
+
+        return to_dict(self)
+
+    def sentences(self) -> list[str]:
+        """The answer in plain words."""
+        return list(self.to_dict()["sentences"])
+
+    @property
+    def search(self) -> Search:
+        """All fits behind the diagnosis."""
+        return self.found.search
+
+    @property
+    def fit(self) -> Fit:
+        """The model with all named causes (the base where none is named)."""
+        return self.after_residual.fit
+
+
+def diagnose_loops(
+    campaign: Campaign,
+    loops: Sequence[Loop],
+    *,
+    seed: int = 0,
+    quick: bool = False,
+    settings: DiagnoseSettings | None = None,
+    extra: Sequence[type[Effect]] = (),
+    simulator: Simulator | None = None,
+    constants: Calibration | None = None,
+    report: Report = silent,
+    executor: Executor | None = None,
+    watcher: Watcher | None = None,
+) -> Diagnosis:
+    """Diagnose averaged loops; tests with role "held-out" are not fitted, only predicted.
+
+    extra : a user's own effects; simulator : the base model (default: the Iwan model of the settings); constants :
+    another calibration than the shipped one; executor : from :func:`bayes_iwan.executors.opened`, to refit effects
+    side by side; watcher : told of the stages. The answer does not hang on how many processes or threads there are.
+    Raises ValueError where no test is left to fit.
+    """
+    settings, watcher = settings or DiagnoseSettings(), watcher or Watcher()
+    if not campaign.clock and simulator is None:
+        settings = replace(settings, model=settings.model.without_speed)
+    fitted = [x for x in loops if x.role != "held-out"]
+    held_out = [x for x in loops if x.role == "held-out"]
+    if not fitted:
+        raise ValueError('no test is left to fit: every test has role = "held-out"')
+    with linear_algebra().limit(limits=1):  # with more threads sums are rounded otherwise, and a search ends elsewhere
+        data = gap_data(fitted)
+        search = searched(data, settings, seed, extra, simulator, report, executor)
+        watcher.searched()
+        gap = located(campaign, search, seed)
+        watcher.located(gap)
+        found = weighed(search, seed)
+        report("weighing causes")
+        verdict = verdict_of(found, constants or calibration(), held_out)
+        return _reported(gap, seed, quick, settings, found, verdict, constants or calibration(), report)
+
+
+def searched(
+    data: GapData,
+    settings: DiagnoseSettings,
+    seed: int,
+    extra: Sequence[type[Effect]] = (),
+    simulator: Simulator | None = None,
+    report: Report = silent,
+    executor: Executor | None = None,
+) -> Search:
+    """The search over all effects of the catalogue, patterns without a cause, a user's own, and terms of the paper that
+    the base model lacks."""
+    scales = scales_of(data.loops)
+    base = base_model(settings, scales) if simulator is None else simulator
+    kinds = _kinds(data, base, extra)
+    if not data.loops[0].record.clock:
+        kinds = {n: some for n, some in kinds.items() if not _clocked(some)}
+    rng = np.random.default_rng([seed, 1])
+    most = MOST_EFFECTS + len(missing_terms(base))
+    return search(data, scales, settings, kinds, rng, report, most, base, executor)
+
+
+def _kinds(
+    data: GapData, base: Simulator, extra: Sequence[type[Effect]] = ()
+) -> dict[str, tuple[catalogue.Maker, ...]]:
+    """What makes the effects on offer, by name."""
+    conditions = conditions_of([x.extras for x in data.loops])
+    return catalogue.variants(extra, base, conditions, form=True) | {k.name: (k,) for k in catalogue.unlisted(base)}
+
+
+def _clocked(some: Sequence[catalogue.Maker]) -> bool:
+    """Does an effect need real times?"""
+    return any(getattr(k, "needs_clock", False) for k in some)
+
+
+def _needing_clock(settings: DiagnoseSettings, data: GapData, scales: Scales) -> tuple[str, ...]:
+    """Listed effects that records without a clock cannot show."""
+    kinds = _kinds(data, base_model(settings, scales))
+    return tuple(n for n, some in kinds.items() if _clocked(some) and n not in NO_CAUSE)
+
+
+def _reported(
+    gap: Located,
+    seed: int,
+    quick: bool,
+    settings: DiagnoseSettings,
+    found: Weighed,
+    verdict: Verdict,
+    constants: Calibration,
+    report: Report,
+) -> Diagnosis:
+    """Everything that is said beside the verdict."""
+    base, named, data = found.fits[frozenset()], frozenset(verdict.names), found.search.data
+    fit, after = found.fits[named], found.sizes[named]
+    sampling = None
+    if named and not quick:  # of a model without effects no number is reported
+        fit, sampling = sampled_fit(data, fit, seed, report)
+    left = residual_of(data, found.in_newtons[named])
+    places = where_sentences(gap.where if not named else where(left, seed)) if verdict.unknown_rest else []
+    outside = [f for f in found.figures if f.name in NO_CAUSE]
+    looks_like = max(outside, key=lambda f: f.gain).name if outside and verdict.unknown_rest else None
+    rest = RestOfGap(
+        verdict.probabilities["unknown"],
+        rest_share(named, found.sizes) if named else Share(1.0, 1.0, 1.0),
+        after.all.share,
+        tuple(places),
+        looks_like,
+        found.subharmonic,
+    )
+    rng = np.random.default_rng([seed, 2])
+    nats = visible_nats(data, base, found.search.effects)
+    hidden = tuple(n for n, v in nats.items() if v < TESTABLE_NATS and n not in named and n not in NO_CAUSE)
+    report("what the base can imitate")
+    friction_N = float(np.sqrt(np.mean(gap.size.friction_N**2)))
+    imitated = imitations(found.search, found.fits, named, friction_N, gap.campaign.limits)
+    if verdict.kind is Kind.DRIVE:
+        imitated = ()
+    report("next test")
+    following = _next(data, found, verdict, constants, gap.campaign)
+    if following is None or not named:  # what is said to be tied comes before what is only possible
+        following = next((x.next_test for x in imitated if x.said and x.next_test), following)
+    return Diagnosis(
+        gap.campaign,
+        seed,
+        quick,
+        settings,
+        data,
+        found,
+        verdict,
+        GapBudget(gap.size.all, after.all, verdict.causes, rest),
+        gap.size,
+        gap.residual,
+        gap.where,
+        left,
+        _parameters(fit, data, rng),
+        _moved(base, fit, rng) if named else {},
+        hidden,
+        {n: v for n, v in nats.items() if n not in NO_CAUSE},
+        imitated,
+        edges_of(found.fits[named]),
+        limits_of_loops([x.record for x in data.loops], data.loops),
+        () if gap.campaign.clock else _needing_clock(settings, data, found.search.scales),
+        following,
+        sampling,
+    )
+
+
+def _draws(fit: Fit, rng: np.random.Generator, count: int) -> dict[str, Array]:
+    """Values of every parameter, (count,), from a fit's normal approximation."""
+    root = np.linalg.cholesky(fit.covariance)
+    return fit.problem.prior.values(fit.z + rng.standard_normal((count, len(fit.z))) @ root.T)
+
+
+def _parameters(fit: Fit, data: GapData, rng: np.random.Generator) -> dict[str, dict[str, EffectParameter]]:
+    """Parameters of every effect of a fit as reported, what it does within the records before them; nature's law is not
+    quite ours, and that counts."""
+    values = _draws(fit, rng, DRAWS)
+    out: dict[str, dict[str, EffectParameter]] = {}
+    for effect in fit.effects:
+        law = 1.0 + effect.law_error * rng.standard_normal(DRAWS)
+        numbers = effect.within(values, data.block_motion) | effect.reported(values)
+        out[effect.name] = {n: _estimate(v * law, unit) for n, (v, unit) in numbers.items()}
+    return out
+
+
+def _estimate(values: Array, unit: str) -> EffectParameter:
+    low, high = np.quantile(values, [0.05, 0.95])
+    return EffectParameter(float(np.mean(values)), float(np.std(values)), float(low), float(high), unit)
+
+
+def _moved(base: Fit, fit: Fit, rng: np.random.Generator) -> dict[str, Moved]:
+    """How the specimen's own parameters change once the causes are in, and by how many standard deviations."""
+    without, with_them = _draws(base, rng, 400), _draws(fit, rng, 400)
+    return {
+        p.name: Moved(
+            float(np.median(without[p.name])),
+            float(np.median(with_them[p.name])),
+            float(np.hypot(without[p.name].std(), with_them[p.name].std())),
+            p.unit,
+        )
+        for p in base.problem.prior.free
+    }
+
+
+def _next(
+    data: GapData, found: Weighed, verdict: Verdict, constants: Calibration, campaign: Campaign
+) -> NextTest | None:
+    """The test that best settles what is still in question: a cause and its nearest rival, or whether a cause is there
+    at all; None where nothing is, or where the drive must be mended first."""
+    if verdict.kind is Kind.DRIVE:
+        return None
+    whole = frozenset(found.search.chosen)
+    for f in sorted(found.figures, key=lambda f: -f.moved):
+        if f.name in NO_CAUSE:
+            continue
+        rivals = [
+            n
+            for n, v in sorted(f.rivals.items(), key=lambda nv: -nv[1])
+            if n != f.name and n not in NO_CAUSE and v > -constants.apart
+        ]
+        open_question = OPEN[0] < constants.contributes(f) < OPEN[1]
+        if not rivals and not open_question:
+            continue
+        other = rivals[0] if rivals else "none"
+        if rivals:
+            fits = found.search.fit(found.asked), found.search.fit(found.asked - {f.name} | {other})
+        else:
+            fits = found.fits[whole], found.fits[whole - {f.name}]
+        effects = found.search.effects
+        bench = [effects[n][0].bench for n in (f.name, other) if n in effects]
+        return next_test(data, *fits, (f.name, other), bench, campaign.limits)
+    return None
+
+
+class Progress:
+    """A bar over the stages of a diagnosis, quiet when not a terminal."""
+
+    def __init__(self, name: str, shown: bool = True) -> None:
+        self.bar = tqdm(desc=plain(name), disable=None if shown else True, unit=" fits", leave=False)
+
+    def __call__(self, what: str) -> None:
+        self.bar.set_postfix_str(what)
+        self.bar.update()
+
+    def close(self) -> None:
+        self.bar.close()
+
+
+def diagnose_folder(
+    campaign: str | Path,
+    *,
+    seed: int = 0,
+    quick: bool = False,
+    settings: DiagnoseSettings | None = None,
+    effects_file: str | Path | None = None,
+    simulator_file: str | Path | None = None,
+    progress: bool = True,
+    executor: Executor | None = None,
+    watcher: Watcher | None = None,
+) -> Diagnosis:
+    """Diagnose a campaign folder; executor, watcher : see :func:`diagnose_loops`."""
+    read = read_campaign(campaign)
+    extra = load_effects(effects_file) if effects_file else ()
+    simulator = load_simulator(simulator_file) if simulator_file else None
+    bar = Progress(read.name, progress)
+    try:
+        return diagnose_loops(
+            read,
+            read.loops(**LOOPS),
+            seed=seed,
+            quick=quick,
+            settings=settings,
+            extra=extra,
+            simulator=simulator,
+            report=bar,
+            executor=executor,
+            watcher=watcher,
+        )
+    finally:
+        bar.close()

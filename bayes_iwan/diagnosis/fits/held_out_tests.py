@@ -1,0 +1,154 @@
+"""Models refitted without some of the tests, and what they then miss on those: whole frequencies or amplitudes left
+out, or tests that were held out from the start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.campaign.timing.groups import groups_of
+from bayes_iwan.diagnosis.constants import LOOSE
+from bayes_iwan.diagnosis.fits.data import GapData, gap_data
+from bayes_iwan.diagnosis.fits.evidence import Fit
+from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
+from bayes_iwan.diagnosis.fits.residual_rows import Rows
+from bayes_iwan.diagnosis.fits.residuals import ALONG, residual_of
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.threads import alongside
+
+#: iterations of a refit that starts at the optimum of all tests
+ITERATIONS = 8
+HELD_OUT = "held-out tests"
+_BY = {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Squared gaps on tests that a fit has not seen.
+
+    by : "one frequency left out", "one amplitude left out" or "held-out tests"; files (n,) of these tests
+    power_N2 : by set of effects, (n,) squared gap of each test, noise taken off (may be negative)
+    along_N2 : the same of its part that changes along the record
+    trained : by set of effects, (3, n) of the tests that each was predicted from: ln evidence of the set, its squared
+        gap and how many tests they were; nothing for tests that were held out from the start
+    moved : by set of effects and effect, (parts,) by how many standard deviations its strength is another without each
+        part of the tests
+    """
+
+    by: str
+    files: tuple[str, ...]
+    power_N2: dict[frozenset[str], Array]
+    along_N2: dict[frozenset[str], Array]
+    trained: dict[frozenset[str], Array] = field(default_factory=dict)
+    moved: dict[frozenset[str], dict[str, Array]] = field(default_factory=dict)
+
+    def by_test(self, smaller: Iterable[str], larger: Iterable[str], along: bool = False) -> Array:
+        """(n,) 1 − gap with the larger set / gap with the smaller one, test by test, each in −1 … 1, so that one test
+        with a large gap of another cause does not decide. along : of the part that changes along the record alone."""
+        power_N2 = self.along_N2 if along else self.power_N2
+        before, after = (np.sqrt(np.maximum(power_N2[frozenset(k)], 0.0)) for k in (smaller, larger))
+        top = np.maximum(before, after)
+        return np.asarray(np.where(top > 0.0, (before - after) / np.maximum(top, 1e-300), 0.0))
+
+
+def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem:
+    """The same model and priors for other tests (a mains line's parameters go with its tests)."""
+    files = tuple(x.file for x in loops)
+    effects = tuple(replace(e, tests=files) for e in problem.effects)
+    return replace(problem, loops=tuple(loops), likelihood=data.likelihood).with_effects(effects)
+
+
+def refitted(fit: Fit, data: GapData) -> Fit:
+    """A fit's model refitted to some of its tests from its own optimum, beside a rest of the same size."""
+    problem = for_loops(fit.problem, data.loops, data)
+    rows = Rows(data, problem, fit.size.between)
+    at = [fit.problem.names.index(n) for n in problem.names]
+    found = rows.fit(fit.z[None, at], fit.size, ITERATIONS)
+    linear = rows.linear(found.x[0])
+    _, precision, _ = linear.step(fit.size)
+    return replace(
+        fit,
+        problem=problem,
+        z=linear.z,
+        covariance=np.asarray(np.linalg.inv(precision)),
+        optima=linear.z[None],
+        linear=linear,
+    )
+
+
+def left_out(fits: Sequence[Fit], data: GapData, held_out: Sequence[Loop] = ()) -> tuple[Unseen, ...]:
+    """Gaps of several models on tests left out of their fit: one frequency after another, then one amplitude after
+    another, where there are several; and on tests with role "held-out"."""
+    out = []
+    if held_out:
+        other = gap_data(held_out)
+        once = {f.names: [_missed(f, other)] for f in fits}
+        out.append(_unseen(HELD_OUT, [x.file for x in held_out], once))
+    for by, parts in parted(data).items():
+        both = [(data.part([i for i in range(data.tests) if i not in part]), data.part(part)) for part in parts]
+        pieces = [(fit, rest, left) for rest, left in both for fit in fits]
+        found: dict[frozenset[str], list[_Missed]] = {f.names: [] for f in fits}
+        for (fit, _, _), missed in zip(pieces, alongside(_refit_missed, pieces)):
+            found[fit.names].append(missed)
+        files = [data.loops[i].file for part in parts for i in part]
+        out.append(_unseen(f"one {by} left out", files, found))
+    return tuple(out)
+
+
+def parted(data: GapData) -> dict[str, list[list[int]]]:
+    """The tests by frequency and by amplitude, where there are several."""
+    out = {by: groups_of([getattr(x, name) for x in data.loops]) for by, name in _BY.items()}
+    return {by: parts for by, parts in out.items() if len(parts) > 1}
+
+
+@dataclass(frozen=True)
+class _Missed:
+    """What one fit misses on tests that it was not fitted to: gaps_N2 (2, n) squared gaps and their parts along the
+    record; moved : by how many sd each is another than that of all tests; trained (3,) :
+    ln evidence, squared gap and number of the tests that it was fitted to."""
+
+    gaps_N2: Array
+    moved: dict[str, float]
+    trained: Array
+
+
+def _unseen(by: str, files: Sequence[str], missed: dict[frozenset[str], list[_Missed]]) -> Unseen:
+    """What several fits of each set miss, each on tests of its own, one after another."""
+    gaps_N2 = {k: np.concatenate([x.gaps_N2 for x in parts], axis=1) for k, parts in missed.items()}
+    moved = {
+        k: {name: np.array([x.moved[name] for x in parts]) for name in parts[0].moved} for k, parts in missed.items()
+    }
+    trained = {
+        k: np.concatenate([np.tile(x.trained[:, None], x.gaps_N2.shape[1]) for x in parts], axis=1)
+        for k, parts in missed.items()
+    }
+    whole, along = ({k: v[i] for k, v in gaps_N2.items()} for i in range(2))
+    return Unseen(by, tuple(files), whole, along, trained, moved)
+
+
+def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> _Missed:
+    """See :func:`_missed`, of a fit to the rest of the tests on those left out."""
+    fit, rest, left = piece
+    again = refitted(fit, rest)
+    size = again.size
+    sizes = ((size.share, size.length, size.along),)
+    nats = float(again.linear.evidence(sizes).log_z[0]) + rest.layout(size.between, again.evolving).constant
+    trained_N2 = max(float(gap_power_N2(residual_of(rest, again)).mean()), 0.0)
+    moved = {}
+    for effect in again.effects:
+        if (name := effect.strength_name) in again.problem.names:
+            at, before = again.problem.names.index(name), fit.problem.names.index(name)
+            sd = float(np.sqrt(again.covariance[at, at] + LOOSE**2))
+            moved[effect.name] = abs(float(again.z[at] - fit.z[before])) / sd
+    return replace(_missed(again, left), moved=moved, trained=np.array([nats, trained_N2, rest.tests]))
+
+
+def _missed(fit: Fit, data: GapData) -> _Missed:
+    """What it misses on tests that it was not fitted to."""
+    residual = residual_of(data, fit, refitted=False)
+    gaps_N2 = np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))])
+    return _Missed(gaps_N2, {}, np.full(3, np.nan))

@@ -1,0 +1,195 @@
+"""What a search has fitted so far: the best fit of every set of effects, its score, and what could be added.
+
+An effect starts from the smaller model's optima at several strengths and extra parameters: those that promise most
+once the smaller model's own parameters may move (one Gauss–Newton step).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from itertools import islice
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.diagnosis.fits.data import GapData
+from bayes_iwan.diagnosis.fits.evidence import Fit, extended
+from bayes_iwan.diagnosis.search.base_fit import (
+    BASE_POINTS,
+    fit_base,
+    gap_parts_N,
+    newton_nats,
+    quick_gap_N,
+    sound_gap_N,
+)
+from bayes_iwan.diagnosis.search.candidates import Candidate, failing, leading
+from bayes_iwan.diagnosis.search.refits import ITERATIONS, Refit, Refits
+from bayes_iwan.diagnosis.search.search_result import LAST, alike_pairs, look_alike, part, score
+from bayes_iwan.diagnosis.search.strength import calibrated
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.catalogue import Maker
+from bayes_iwan.inference.setup.loop_scales import Scales
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.models import Simulator
+from bayes_iwan.threads import alongside
+
+Report = Callable[[str], None]
+
+
+def silent(what: str) -> None:
+    """No progress shown."""
+
+
+class Explored:
+    """The fits found so far, and what is asked of them, each once.
+
+    fits : the best of every set of effects; effects : every law on offer by effect; failed : effects that cannot be
+    used, and why
+    """
+
+    def __init__(
+        self,
+        data: GapData,
+        scales: Scales,
+        settings: DiagnoseSettings,
+        kinds: Mapping[str, tuple[Maker, ...]],
+        rng: np.random.Generator,
+        report: Report,
+        simulator: Simulator | None,
+        executor: Executor | None,
+    ) -> None:
+        self.data, self.rng, self.report = data, rng, report
+        self.fits: dict[frozenset[str], Fit] = {}
+        self._gaps: dict[tuple[frozenset[str], float], float] = {}
+        self._parts: dict[tuple[frozenset[str], float], tuple[float, float]] = {}
+        self._left: set[tuple[frozenset[str], str, float]] = set()
+        self._offers: dict[tuple[frozenset[str], float, bool], list[Candidate]] = {}  # found once for each fit
+        self.failed: dict[str, str] = {}
+        report("base model")
+        base = fit_base(data, settings, scales, rng, simulator)
+        self.fits[frozenset()] = base
+        self.effects: dict[str, tuple[Effect, ...]] = {}
+        every = [k for some in kinds.values() for k in some]
+        scaled = iter(list(alongside(lambda k: calibrated(k, scales, data, base.problem, base.z), every)))
+        for name, classes in kinds.items():
+            some = tuple(islice(scaled, len(classes)))
+            wrong = [w for w in (failing(data, base, e) for e in some) if w]
+            if wrong and len(wrong) == len(some):
+                self.failed[name] = wrong[0]
+            else:
+                self.effects[name] = some
+        self.refits = Refits(executor, data, base.problem, [e for some in self.effects.values() for e in some])
+
+    @property
+    def base(self) -> Fit:
+        return self.fits[frozenset()]
+
+    # ---- the score
+
+    def scores(self, fits: Sequence[Fit]) -> list[float]:
+        """See :func:`.found.score`; gaps are found once for each fit, several side by side."""
+        new = {(f.names, f.log_evidence): f for f in fits if (f.names, f.log_evidence) not in self._gaps}
+        self._gaps |= zip(new, self.refits.asked(quick_gap_N, list(new.values())))
+        sound_N, tests = sound_gap_N(self.data), self.data.tests
+        return [
+            score(
+                f.log_evidence,
+                newton_nats(self._gaps[f.names, f.log_evidence], sound_N, tests),
+                f.names,
+                alike_pairs(self.effects, f.names),
+            )
+            for f in fits
+        ]
+
+    def score(self, fit: Fit) -> float:
+        return self.scores([fit])[0]
+
+    def best(self, some: Iterable[frozenset[str]], most: int = 1) -> list[Fit]:
+        """The fits of the best score among some sets, the best first."""
+        fits = [self.fits[k] for k in some]
+        order = sorted(zip(self.scores(fits), range(len(fits))), reverse=True)
+        return [fits[i] for _, i in order[:most]]
+
+    def sets(self, size: int, beside: frozenset[str] = frozenset()) -> list[frozenset[str]]:
+        """The fitted sets of a size that have these effects and, but for them, nothing of LAST."""
+        return [k for k in self.fits if len(k) == size and beside <= k and not (k - beside) & LAST]
+
+    def gap_parts_N(self, fit: Fit) -> tuple[float, float]:
+        """See :func:`.base.gap_parts_N`; once for each fit."""
+        at = (fit.names, fit.log_evidence)
+        if at not in self._parts:
+            self._parts[at] = gap_parts_N(self.data, fit)
+        return self._parts[at]
+
+    # ---- refits
+
+    def keep(self, problem: Problem, starts: Array, iterations: int = ITERATIONS) -> Fit | None:
+        """Fit a model; remember it if it is the best of its set. None where it has no finite force."""
+        (fit,) = self.refits([Refit(problem, starts, starts[:0], iterations)])
+        return self._kept(fit)
+
+    def _kept(self, fit: Fit | None) -> Fit | None:
+        if fit is None:
+            return None
+        old = self.fits.get(fit.names)
+        if old is None or self.score(fit) > self.score(old):
+            self.fits[fit.names] = fit
+        return self.fits[fit.names]
+
+    def add(self, some: Sequence[Candidate], smaller: Fit, instead_of: Fit | None = None) -> None:
+        """Refit candidates, from where each promised most, from where it was best beside the base alone, and from the
+        others of the set that it is tried in."""
+        found, fits = self.refits([self._start(one, smaller, instead_of) for one in some]), list[Fit | None]()
+        for one in some:
+            self.report("+".join((*sorted(smaller.names), one.name)))
+            fits.append(next(found))
+        for fit in fits:  # when all are there: whoever refits them is asked again
+            self._kept(fit)
+
+    def _start(self, one: Candidate, smaller: Fit, instead_of: Fit | None) -> Refit:
+        starts, draws = one.starts, one.starts[:0]
+        alone = self.fits.get(frozenset({one.name}))
+        if smaller.effects and alone is not None:
+            z = dict(zip(smaller.problem.names, smaller.z)) | dict(zip(alone.problem.names, alone.z))
+            starts = np.concatenate([starts, np.array([[z.get(n, 0.0) for n in one.problem.names]])])
+        if instead_of is not None:
+            z = dict(zip(one.problem.names, one.starts[0]))
+            z |= {n: v for n, v in zip(instead_of.problem.names, instead_of.z) if n in smaller.problem.names}
+            starts = np.concatenate([starts, np.array([[z[n] for n in one.problem.names]])])
+        if one.effect.sudden and not smaller.effects:  # the base may have bent too far to lead there
+            draws = one.problem.prior.draw(self.rng, BASE_POINTS)
+        return Refit(one.problem, starts, draws)
+
+    def offered(self, smaller: Fit, last: bool = False) -> list[Candidate]:
+        """Candidates on top of a fit, LAST alone or all others, LAWS_MOST laws of each effect, the most promising
+        first; of two look-alikes that solve for the specimen's motion one, since one within the other costs most."""
+        at = (smaller.names, smaller.log_evidence, last)
+        if at not in self._offers:
+            solved = [e for e in smaller.effects if "around" in e.stations]
+            tried = [
+                e
+                for n, some in self.effects.items()
+                if n not in smaller.names
+                and (n in LAST) == last
+                and not ("around" in some[0].stations and any(look_alike(self.effects, n, e.name) for e in solved))
+                for e in some
+                if e.possible(self.data)
+            ]
+            found = self.refits.candidates(smaller, tried, self.gap_parts_N(smaller)[0])
+            self._offers[at] = leading(sorted(found, key=lambda c: -c.worth))
+        return self._offers[at]
+
+    def without(self, fit: Fit, name: str) -> Fit:
+        """The fit of the same set less one effect, from this fit's optimum too (tried once)."""
+        known, tried = self.fits.get(fit.names - {name}), (fit.names, name, fit.log_evidence)
+        if known is not None and tried in self._left:
+            return known
+        self._left.add(tried)
+        problem = extended(fit.problem, [e for e in fit.effects if e.name != name])
+        starts = [part(fit, problem)]
+        if known is not None and known.problem.names == problem.names:
+            starts.append(known.z)
+        found = self.keep(problem, np.array(starts))
+        return found if found is not None else self.base

@@ -1,0 +1,106 @@
+"""Do the bands hold tests of a frequency that was not fitted? Each frequency left out in turn, and predicted.
+
+The model of the other frequencies, fitted anew from the whole's optima with its noise, predicts the tests of the one
+left out: by its normal approximation along the posterior's manifold (:mod:`.approximation`), with noise, and with the
+misfit as the likelihood carries it over from the others. A second or two for a campaign; what a sampler says of the
+same is in analyses/predict_untested.py. It is the one check of the bands that does not use the tests which it checks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Loop
+from bayes_iwan.inference.results.predictions import resolved
+from bayes_iwan.inference.setup.problem import Problem
+from bayes_iwan.inference.setup.quantities import loop_quantities
+from bayes_iwan.inference.setup.same_frequency import by_frequency
+from bayes_iwan.inference.solving.approximation import approximate_draws
+from bayes_iwan.inference.solving.point import most_probable
+from bayes_iwan.models.motion import motion_of
+
+#: share of a left-out frequency's points that 90 % bands must hold, or it is said that they do not hold there
+HELD = 0.75
+_DRAWS = 400
+_STARTS = 3  # of the whole's optima that the others' fit starts from
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """One frequency predicted from the others: what the central 50 and 90 % bands hold of its points, and what 90 %
+    bands hold of its tests' energies and stiffnesses, as shares."""
+
+    frequency_hz: float
+    tests: tuple[str, ...]
+    points_50: float
+    points_90: float
+    quantities_90: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the 90 % bands hold about what they say."""
+        return self.points_90 >= HELD
+
+
+def left_out_frequencies(problem: Problem, optima: Array, seed: int = 0) -> tuple[LeftOut, ...]:
+    """Each frequency of a problem's tests, lowest first, predicted from all others; none where there is one only.
+
+    optima : maxima of the whole's posterior (k, ndim), best first.
+    """
+    groups = by_frequency(problem.loops)
+    if len(groups) < 2:
+        return ()
+    return tuple(_left_out(problem, optima, loops, seed) for loops in groups.values())
+
+
+def _left_out(problem: Problem, optima: Array, left: Sequence[Loop], seed: int) -> LeftOut:
+    files = {x.file for x in left}
+    others = [t for t, x in enumerate(problem.loops) if x.file not in files]
+    part = replace(
+        problem, loops=tuple(problem.loops[t] for t in others), likelihood=problem.likelihood.of_tests(others)
+    )
+    force, measured = predicted(part, most_probable(part, optima[:_STARTS])[0][0], left, seed)
+    u = np.stack([x.displacement_mm for x in left])
+    found, again = loop_quantities(u, measured), loop_quantities(u, force)
+    inside = [_held(getattr(found, n), getattr(again, n), 0.9) for n in ("energy_mJ", "stiffness_N_mm")]
+    return LeftOut(
+        float(np.mean([x.frequency_hz for x in left])),
+        tuple(x.file for x in left),
+        _held(measured, force, 0.5),
+        _held(measured, force, 0.9),
+        float(np.mean(inside)),
+    )
+
+
+def _held(value: Array, draws: Array, level: float) -> float:
+    low, high = np.quantile(draws, [0.5 - level / 2, 0.5 + level / 2], axis=0)
+    return float(np.mean((value >= low) & (value <= high)))
+
+
+def predicted(problem: Problem, z: Array, loops: Sequence[Loop], seed: int) -> tuple[Array, Array]:
+    """Loops as measured again (draws, tests, samples), N, about a problem's optimum z (ndim,), and the measured ones
+    (tests, samples), both less their means, which drift."""
+    rng, fitted = np.random.default_rng([seed, 33]), len(problem.loops)
+    drawn = approximate_draws(problem, z, _DRAWS, (seed, 33))
+    force = problem.predict(drawn, motion_of((*problem.loops, *loops)))
+    missed, force = problem.measured_N - force[:, :fitted], force[:, fitted:]
+    noise = problem.likelihood.carried_over(missed, problem.parameter_values(drawn), loops, rng)
+    force = force - force.mean(axis=-1, keepdims=True) + resolved(noise, loops)
+    measured = np.stack([x.force_N for x in loops])
+    return force, measured - measured.mean(axis=-1, keepdims=True)
+
+
+def left_out_said(found: Sequence[LeftOut], unit: str = "Hz") -> str:
+    """What the bands of frequencies that were left out hold, as a sentence; empty without any."""
+    if not found:
+        return ""
+    shares = [x.points_90 for x in found]
+    said = f"90 % bands of a frequency that is left out of the fit hold {100 * np.mean(shares):.0f} % of its points"
+    if bad := [x for x in found if not x.holds]:
+        where = ", ".join(f"at {x.frequency_hz:.3g} {unit} only {100 * x.points_90:.0f} %" for x in bad)
+        return f"{said} in the mean, {where}: do not trust predictions there, nor for conditions that were not tested."
+    return f"{said} ({100 * min(shares):.0f} to {100 * max(shares):.0f} %, frequency by frequency)."

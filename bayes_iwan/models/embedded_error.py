@@ -1,0 +1,99 @@
+"""The embedded discrepancy: the model's own form may be a little off, where nature's is.
+
+Slip forces are no exact gamma mixture, the stiffness follows the normal force by no exact Eq. (12), and the normal
+force has no sharp corner at u = A. Each of these three is bent by a few parameters (:mod:`.series`)
+whose priors are narrow and centred on no bend, so that loops which do not ask for it leave the paper's model as it is.
+What the bends take from the other parameters' certainty is the point: the intervals of stiffness and slip force then
+allow for it.
+
+An additive discrepancy cannot do that: added to the force, it explains a loop's misfit, but does not say that a slip
+force was off by as much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.models import series
+from bayes_iwan.models.kernels import pointwise
+from bayes_iwan.models.kernels.sliders import OCTAVES
+from bayes_iwan.models.motion import Motion
+from bayes_iwan.models.slip_force import SlipForce
+
+#: terms of the tilt of the slip forces' density
+TILTS = 6
+TILT_NAMES = tuple(f"slip_tilt{k}" for k in range(1, TILTS + 1))
+STIFFNESS_NAME, CORNER_NAME = "stiffness_exponent", "grip_corner"
+NAMES = (*TILT_NAMES, STIFFNESS_NAME, CORNER_NAME)
+#: the corner's bend is felt within this share of the amplitude from u = A
+CORNER_WIDTH = 0.05
+
+
+@dataclass(frozen=True)
+class Tilted:
+    """A family of slip forces whose density is multiplied by exp(Σ c_k π_k(F)), then stretched to the family's mean.
+
+    The mean slip force, which loops determine, is so left to its own number.
+    """
+
+    base: SlipForce
+
+    @property
+    def name(self) -> str:
+        return self.base.name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.base.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return self.base.units
+
+    def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
+        return series.tilted_to_mean(*self.base.table(parameter_values), _tilts(parameter_values))
+
+    def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        w, cubic, width = self._cells(phi, parameter_values)
+        return np.where(w > 1.0, 0.0, (cubic[1] + w * (2.0 * cubic[2] + w * 3.0 * cubic[3])) / width)
+
+    def density(self, phi: Array, parameter_values: ParameterValues) -> Array:
+        w, cubic, width = self._cells(phi, parameter_values)
+        return np.where(w > 1.0, 0.0, np.maximum(-(2.0 * cubic[2] + w * 6.0 * cubic[3]) / width**2, 0.0))
+
+    def _cells(self, phi: Array, parameter_values: ParameterValues) -> tuple[Array, Array, Array]:
+        """Place within the table's cell, above 1 beyond the table, its cubic (4, …) and width in N, (draws, phi)."""
+        tables, top = self.table(parameter_values)
+        share = series.cell_width(tables.shape[1])
+        start = 2.0**-OCTAVES + np.concatenate([[0.0], np.cumsum(share[:-1])])
+        x = np.asarray(phi) / top[:, None]
+        cell = np.maximum(np.searchsorted(start, x, side="right") - 1, 0)
+        cubic = np.take_along_axis(tables, cell[..., None], axis=1)
+        w = np.maximum((x - start[cell]) / share[cell], 0.0)
+        return w, np.moveaxis(cubic, -1, 0), share[cell] * top[:, None]
+
+    def mean(self, parameter_values: ParameterValues) -> Array:
+        return self.base.mean(parameter_values)
+
+
+def _tilts(parameter_values: ParameterValues) -> Array:
+    return np.stack([parameter_values[name] for name in TILT_NAMES], axis=1)
+
+
+def corner(motion: Motion) -> Array:
+    """(1 or draws, loops, samples): 1 where u = A, falling off within CORNER_WIDTH of the amplitude."""
+    a = motion.amplitude_mm[:, None]
+    return 1.0 / (1.0 + ((a - motion.displacement_mm) / (CORNER_WIDTH * a)) ** 2)
+
+
+def bend_normal_force(alpha: Array, motion: Motion, parameter_values: ParameterValues) -> None:
+    """Bend α's corner at u = A, in place: times exp(grip_corner) there."""
+    pointwise.times_exponential(alpha, corner(motion), parameter_values[CORNER_NAME])
+
+
+def bend_stiffness(k: Array, alpha: Array, parameter_values: ParameterValues) -> None:
+    """k·α^stiffness_exponent, in place: k(1) is what it was."""
+    pointwise.times_power(k, alpha, parameter_values[STIFFNESS_NAME])

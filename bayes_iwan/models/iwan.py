@@ -1,0 +1,196 @@
+"""The generalized Iwan model: a line of stages from motion to the specimen's force.
+
+    motion → α(u, u̇) → [grip] → k(α) → [stiffness] → [slip] → sliders → + parallel spring
+
+Each stage takes and returns arrays shaped (draws, loops, samples). The bracketed stations are empty for the paper's
+model. `grip` changes the normal force and with it the stiffness; `slip` changes what an element can carry at a given
+normal force (its coefficient of friction) and leaves k alone. Every model the paper mentions is one :class:`Model`
+away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.models import embedded_error, iwan_parameters, normal_force, slip_force, stiffness
+from bayes_iwan.models.kernels import sliders
+from bayes_iwan.models.motion import Motion
+from bayes_iwan.models.normal_force import ALPHA_FLOOR
+from bayes_iwan.models.parameter import Parameter
+from bayes_iwan.models.scales import Reference, Scales
+from bayes_iwan.models.simulator import INNER, Derived, ModelError, Simulator, Station
+from bayes_iwan.models.stiffness import Stiffness
+from bayes_iwan.threads import over_draws
+
+
+@dataclass(frozen=True)
+class Model(Simulator):
+    """A generalized Iwan model by the names of its parts.
+
+    Parameters
+    ----------
+    reference
+        the campaign's scales (see :class:`bayes_iwan.models.scales.Reference`).
+    slip
+        "gamma1", "gamma2", "gamma3", "uniform", "gaussian" or "power_law".
+    grip
+        "constant" (classical Iwan), "polynomial1" … "polynomial6", "hunt_crossley_no_speed", "hunt_crossley".
+    stiffness
+        "constant" or "saturating" (Eq. 12).
+    embedded
+        whether the model's own form may bend a little (see :mod:`bayes_iwan.models.embedded_error`).
+
+    Raises
+    ------
+    ModelError
+        a part of another name.
+
+    References
+    ----------
+    Rajaei, Ahmadian and Tavakoli's generalized Iwan model of a friction isolator: slip forces Eq. (10), normal force
+    Eq. (11), stiffness Eq. (12), force Eq. (3). The parallel-series model: Iwan, J. Applied Mechanics 33 (1966) 893.
+
+    Examples
+    --------
+    >>> import numpy as np, bayes_iwan as bi
+    >>> from bayes_iwan.models.paper_parameters import table_1
+    >>> reference = bi.Scales(1.0, 0.063, 10.0, 1.2, 6.0, 14.0).reference
+    >>> model, motion = bi.Model(reference), bi.sine_motion(frequency_hz=10.0, amplitude_mm=1.0)
+    >>> parameter_values = table_1(reference)
+    >>> model.force(parameter_values, motion).shape
+    (1, 1, 128)
+    """
+
+    reference: Reference
+    slip: str = "gamma3"
+    grip: str = "hunt_crossley"
+    stiffness: str = "saturating"
+    embedded: bool = False
+
+    stations = frozenset(INNER)
+
+    def __post_init__(self) -> None:
+        for what, name, known in (
+            ("slip", self.slip, slip_force.FAMILIES),
+            ("grip", self.grip, normal_force.LAWS),
+            ("stiffness", self.stiffness, stiffness.LAWS),
+        ):
+            if name not in known:
+                raise ModelError(f"model.{what} = {name!r} is not known; choose one of {', '.join(known)}")
+
+    @property
+    def name(self) -> str:
+        """The parts in one word."""
+        return f"{self.slip}/{self.grip}/{self.stiffness}" + ("/embedded" if self.embedded else "")
+
+    @property
+    def slip_family(self) -> slip_force.SlipForce:
+        """The distribution of slip forces."""
+        family = slip_force.FAMILIES[self.slip]
+        return embedded_error.Tilted(family) if self.embedded else family
+
+    @property
+    def grip_law(self) -> normal_force.NormalForce:
+        """The law of the relative normal force α."""
+        return normal_force.LAWS[self.grip]
+
+    @property
+    def stiffness_law(self) -> Stiffness:
+        """The law of the elements' stiffness k(α)."""
+        return stiffness.LAWS[self.stiffness]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Numbers that `force` reads: parallel spring, then stiffness, slip forces, grip, bends."""
+        laws = (self.stiffness_law, self.slip_family, self.grip_law)
+        return (
+            "kp_N_mm",
+            *(name for law in laws for name in law.names),
+            *(embedded_error.NAMES if self.embedded else ()),
+        )
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        return iwan_parameters.default_parameters(self, scales)
+
+    def parameter_values(self, values: ParameterValues) -> ParameterValues:
+        return iwan_parameters.model_values(self, values)
+
+    def values(self, parameter_values: ParameterValues) -> ParameterValues:
+        """The inverse of :meth:`parameter_values`; gamma components are put in order of their means."""
+        return iwan_parameters.sampled_values(self, parameter_values)
+
+    def paper_values(self, parameter_values: ParameterValues) -> dict[str, Derived]:
+        """The paper's parameters (Table 1 for the full model): kp, ki, ku, t, η, g, k̃ₙ, λ, β."""
+        units = dict(zip(self.slip_family.names, self.slip_family.units)) | iwan_parameters.PAPER_UNITS
+        return {
+            n: Derived(units.get(n, "-"), x) for n, x in iwan_parameters.paper_values(self, parameter_values).items()
+        }
+
+    def derived(self, parameter_values: ParameterValues) -> dict[str, Derived]:
+        return self.paper_values(parameter_values)
+
+    def alpha(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+        """Relative normal force with the grip effects, (draws, loops, samples)."""
+        alpha = self.grip_law.alpha(parameter_values, motion, self.reference, len(parameter_values["kp_N_mm"]))
+        if self.embedded:
+            embedded_error.bend_normal_force(alpha, motion, parameter_values)
+        for effect in effects:
+            alpha = effect.grip(alpha, motion, parameter_values)
+        return np.maximum(alpha, ALPHA_FLOOR) if effects else alpha
+
+    def friction_force(
+        self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()
+    ) -> Array:
+        """Friction force of the elements in N, (draws, loops, samples), of a specimen moved exactly so."""
+        return self._sum(parameter_values, motion, np.zeros(len(parameter_values["kp_N_mm"])), effects)
+
+    def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+        """Friction, Eq. (3), and parallel spring, N, (draws, loops, samples)."""
+        return self._sum(parameter_values, motion, parameter_values["kp_N_mm"], effects)
+
+    def _sum(
+        self, parameter_values: ParameterValues, motion: Motion, parallel: Array, effects: Sequence[Station]
+    ) -> Array:
+        """Friction + parallel·u, parallel (draws,) in N/mm.
+
+        A draw's result does not depend on how the draws are parted among threads.
+        """
+        out = np.empty((len(parallel), motion.loops, motion.samples))
+
+        def some_draws(part: slice) -> None:
+            some = {name: value[part] for name, value in parameter_values.items()}
+            moved = motion.of_draws(part)
+            alpha = np.ascontiguousarray(self.alpha(some, moved, effects))
+            k = self.stiffness_law.k(some, alpha)
+            if self.embedded:
+                embedded_error.bend_stiffness(k, alpha, some)
+            for effect in effects:
+                k = effect.stiffness(k, alpha, moved, some)
+            k = np.ascontiguousarray(k)
+            for effect in effects:  # a coefficient of friction: what k(α) does not follow
+                alpha = np.maximum(effect.slip(alpha, moved, some), ALPHA_FLOOR)
+            alpha = np.ascontiguousarray(alpha)
+            asymmetry = np.zeros(len(alpha))
+            for effect in effects:
+                asymmetry = asymmetry + effect.asymmetry(some)
+            tables, top = self.slip_family.table(some)
+            for effect in effects:
+                tables = effect.slip_table(tables, top, some)
+            sliders.friction(
+                np.ascontiguousarray(moved.displacement_mm),
+                alpha,
+                k,
+                asymmetry,
+                moved.periodic,
+                tables,
+                top,
+                parallel[part],
+                out[part],
+            )
+
+        over_draws(some_draws, len(parallel), motion.loops * motion.samples)
+        return out

@@ -1,0 +1,170 @@
+"""Bends of the model's own functions: any base keeps its shape, and is bent smoothly where the data ask for it.
+
+Three functions of the Iwan model are assumptions of form: the slip forces are a gamma mixture (Eq. 10), the stiffness
+follows the normal force by Eq. (12), the normal force follows the motion by Eq. (11). Each bend here multiplies one of
+them by the exponential of a short series, so it is positive whatever the coefficients and nothing at zero.
+
+Slip forces: their density is multiplied by exp(Σ c_k π_k(p)) / Z, where p = F(φ) is the share of elements that slip
+earlier and π_k the orthonormal Legendre polynomials on [0, 1]: Neyman's smooth alternatives (Skandinavisk
+Aktuarietidskrift 20, 1937, 150). The sliders need only the survival function, which becomes G(S(φ)) with one and the
+same G for all φ, so no quantile is ever inverted.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numba as nb
+import numpy as np
+from numpy.polynomial import legendre
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.models.kernels.sliders import OCTAVES
+
+_jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+
+#: cells of p on which the tilted distribution function is tabulated, and the cubics' error: below 1e-7 for |c| ≤ 1
+_P_CELLS = 32
+_GAUSS, _WEIGHTS = legendre.leggauss(3)
+
+
+def tilt_basis(order: int, p: Array) -> Array:
+    """(order, …) orthonormal Legendre polynomials π_1 … π_order on [0, 1] at p (…): mean 0 and mean square 1."""
+    x = 2.0 * np.asarray(p, float) - 1.0
+    return np.stack([math.sqrt(2 * k + 1.0) * legendre.Legendre.basis(k)(x) for k in range(1, order + 1)])
+
+
+def tilt(coefficients: Array, p: Array) -> Array:
+    """(draws, …) by how much the slip-force density grows at quantile p (…); coefficients (draws, order)."""
+    order = coefficients.shape[1]
+    x, weight = legendre.leggauss(64)
+    whole = 0.5 * np.exp(coefficients @ tilt_basis(order, 0.5 + 0.5 * x)) @ weight
+    grown = np.exp(np.tensordot(coefficients, tilt_basis(order, p), axes=1))
+    return grown / whole.reshape(-1, *([1] * np.ndim(p)))
+
+
+@cache
+def _cells_basis(order: int) -> tuple[Array, Array]:
+    """The basis at the Gauss points of all cells of p, (order, 3 cells), and at their ends, (order, cells + 1)."""
+    ends = np.linspace(0.0, 1.0, _P_CELLS + 1)
+    inside = (ends[:-1, None] + 0.5 * (1.0 + _GAUSS) / _P_CELLS).ravel()
+    return tilt_basis(order, inside), tilt_basis(order, ends)
+
+
+def _distribution(coefficients: Array) -> tuple[Array, Array]:
+    """(draws, cells + 1) share of elements beyond the ends of equal cells of p, and its slope per cell."""
+    inside, ends = _cells_basis(coefficients.shape[1])
+    area = np.exp(coefficients @ inside).reshape(-1, _P_CELLS, len(_GAUSS)) @ (0.5 * _WEIGHTS / _P_CELLS)
+    value = np.zeros((len(coefficients), _P_CELLS + 1))
+    value[:, :-1] = np.cumsum(area[:, ::-1], axis=1)[:, ::-1]
+    slope = -np.exp(coefficients @ ends) / _P_CELLS
+    return value / value[:, :1], slope / value[:, :1]
+
+
+@_jit
+def _tilt_tables(tables, top, width, value, slope, tilted, same_mean, out, stretch):
+    """Tilted tables into out: the tilted survival at the cells' ends and middles, integrated by Simpson's rule. If
+    same_mean they are stretched to the mean that they had, by a factor (draws,) that is left in stretch.
+
+    The share of elements beyond the quantile p is read from Hermite cubics over equal cells of p. Where each place lies
+    among them is worked out in vectors; reading cannot be.
+    """
+    draws, cells = tables.shape[:2]
+    parts = value.shape[1] - 1
+    cubic = np.empty((parts, 4))
+    cell, place, above = np.empty(2 * cells, np.uint64), np.empty(2 * cells), np.empty(2 * cells)
+    for d in range(draws):
+        stretch[d] = 1.0
+        if not tilted[d]:
+            out[d] = tables[d]
+            continue
+        for i in range(parts):
+            rise = value[d, i + 1] - value[d, i]
+            cubic[i, 0], cubic[i, 1] = value[d, i], slope[d, i]
+            cubic[i, 2] = 3.0 * rise - 2.0 * slope[d, i] - slope[d, i + 1]
+            cubic[i, 3] = slope[d, i] + slope[d, i + 1] - 2.0 * rise
+        most = parts * (1.0 - 1e-15)
+        for j in range(cells):
+            per_h = 1.0 / (width[j] * top[d])
+            c1, c2, c3 = tables[d, j, 1] * per_h, 2.0 * tables[d, j, 2] * per_h, 3.0 * tables[d, j, 3] * per_h
+            for k in range(2):  # the middle, then the end
+                p = 1.0 - (c1 + c2 + c3 if k == 1 else c1 + 0.5 * c2 + 0.25 * c3)
+                at = p * parts
+                at = at if at > 0.0 else 0.0
+                at = at if at < most else most
+                cell[2 * j + k] = np.uint64(at)
+                place[2 * j + k] = at - math.floor(at) + 0.0 * p  # NaN stays NaN
+        for j in range(2 * cells):
+            i, w = cell[j], place[j]
+            above[j] = cubic[i, 0] + w * (cubic[i, 1] + w * (cubic[i, 2] + w * cubic[i, 3]))
+        # below the table's lowest node nearly all elements hold, whatever the tilt
+        held = tables[d, 0, 1] / (width[0] * top[d])
+        at = min(max((1.0 - held) * parts, 0.0), most)
+        i, w = int(at), at - math.floor(at)
+        start = cubic[i, 0] + w * (cubic[i, 1] + w * (cubic[i, 2] + w * cubic[i, 3]))
+        limited = tables[d, 0, 0] * (1.0 + start) / (1.0 + held)
+        for j in range(cells):
+            h = width[j] * top[d]
+            middle, end = above[2 * j], above[2 * j + 1]
+            rise = h * (start + 4.0 * middle + end) / 6.0
+            out[d, j, 0], out[d, j, 1] = limited, h * start
+            out[d, j, 2] = 3.0 * rise - h * (2.0 * start + end)
+            out[d, j, 3] = h * (start + end) - 2.0 * rise
+            limited += rise
+            start = end
+        if same_mean:
+            last = tables[d, cells - 1]
+            stretch[d] = (last[0] + last[1] + last[2] + last[3]) / limited
+            for j in range(cells):
+                for c in range(4):
+                    out[d, j, c] *= stretch[d]
+
+
+@cache
+def cell_width(cells: int) -> Array:
+    """(cells,) widths of a slip-force table's cells in shares of its top; cells is OCTAVES times a power of two."""
+    return np.repeat(np.ldexp(1.0, np.arange(OCTAVES) - OCTAVES), cells // OCTAVES) / (cells // OCTAVES)
+
+
+def tilted(tables: Array, top: Array, coefficients: Array) -> Array:
+    """A slip-force table whose density is multiplied by exp(Σ c_k π_k(F)) / Z.
+
+    tables : (draws, cells, 4), top : (draws,) N, from a slip-force family's `table`; the tilted table has the same top.
+    coefficients : (draws, order), dimensionless; a draw with all of them zero keeps its table bit for bit. Order 1
+        moves the mean, order 2 the spread; size 0.3 changes the density by about that share.
+    """
+    return _tilt(tables, top, coefficients, False)[0]
+
+
+def tilted_to_mean(tables: Array, top: Array, coefficients: Array) -> tuple[Array, Array]:
+    """The same, with slip forces then stretched to the mean that they had: table and top."""
+    out, stretch = _tilt(tables, top, coefficients, True)
+    return out, top * stretch
+
+
+def _tilt(tables: Array, top: Array, coefficients: Array, same_mean: bool) -> tuple[Array, Array]:
+    """The tilted table, and what it was stretched by (draws,)."""
+    out, stretch = np.empty_like(tables), np.empty(len(tables))
+    value, slope = _distribution(coefficients)
+    width, bent = cell_width(tables.shape[1]), np.any(coefficients != 0.0, axis=1)
+    _tilt_tables(tables, top, width, value, slope, bent, same_mean, out, stretch)
+    return out, stretch
+
+
+def bent_stiffness(k: Array, alpha: Array, exponent: Array, bend: Array) -> Array:
+    """k(α)·exp(a ln α + ½ b ln²α), N/mm: at rest (α = 1) k is what it was; d ln k / d ln α grows by a + b ln α.
+
+    k, alpha : (draws, loops, samples); exponent a, bend b : (draws, 1, 1).
+    """
+    x = np.log(alpha)
+    return k * np.exp(x * (exponent + 0.5 * bend * x))
+
+
+def bent_normal_force(alpha: Array, basis: Array, coefficients: Array) -> Array:
+    """α·exp(Σ c_i b_i(u, u̇)); alpha (draws, loops, samples), basis (terms, 1 or draws, loops, samples),
+    coefficients (draws, terms)."""
+    exponent = np.zeros(alpha.shape)
+    for term, c in zip(basis, coefficients.T):
+        exponent += c[:, None, None] * term
+    return alpha * np.exp(exponent)

@@ -1,1 +1,0 @@
-"""What is fitted, to what motion, in which units and coordinates."""

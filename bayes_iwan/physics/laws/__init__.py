@@ -1,1 +1,0 @@
-"""The specimen's laws: slip forces, normal force, stiffness, and how they may bend."""

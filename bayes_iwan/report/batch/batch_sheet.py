@@ -1,0 +1,105 @@
+"""sheet.pdf: a batch on one page for a customer: how many, typical values and spread, who is unusual, causes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from datetime import date
+from pathlib import Path
+from textwrap import fill
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayes_iwan import __version__
+from bayes_iwan.report.batch.batch_run.specimens import Batch
+from bayes_iwan.report.identification.marginals import number
+from bayes_iwan.report.style import BLUE, MODEL, ORANGE, house_style, save, styled
+
+#: inches of A4; quantities and specimens that one page has room for
+A4 = (8.27, 11.69)
+QUANTITIES, SPECIMENS, NAMED = 12, 25, 6
+
+
+@styled
+def sheet_figure(batch: Batch) -> Figure:
+    """One A4 page: a table of populations, the most unusual specimens, and what the diagnosis found."""
+    figure = Figure(figsize=A4, layout=None)
+    figure.text(0.08, 0.955, f"{len(batch.finished) + len(batch.failures)} specimens", fontsize=18, weight="bold")
+    head = f"{len(batch.finished)} finished, {len(batch.failures)} failed · {date.today()} · bayes-iwan {__version__}"
+    figure.text(0.08, 0.935, head, fontsize=9, color="#555555")
+    figure.text(0.08, 0.90, "\n".join(fill(x, 100) for x in _said(batch)), fontsize=9.5, va="top", linespacing=1.5)
+    _table(figure.add_axes((0.08, 0.47, 0.84, 0.26)), batch)
+    _ranking(figure.add_axes((0.30, 0.07, 0.62, 0.33)), batch)
+    return figure
+
+
+def _said(batch: Batch) -> list[str]:
+    odd = [x for x in batch.unusual if x.notable]
+    labels = {q: batch.label(q) for q in batch.populations}
+    out = [
+        f"Unusual: {x.name}, in {', '.join(labels[q] for q in x.notable[:4])}"
+        + (f" and {len(x.notable) - 4} more" if len(x.notable) > 4 else "")
+        + "."
+        for x in odd[:NAMED]
+    ] or ["No specimen stands out from the others."]
+    if len(odd) > NAMED:
+        out.append(f"{len(odd) - NAMED} more are unusual; see batch.html.")
+    causes = Counter(x.cause.replace("_", " ") for x in batch.finished if x.cause is not None)
+    if causes:
+        gap = np.median([x.gap_share for x in batch.finished if x.gap_share is not None] or [np.nan])
+        found = ", ".join(f"{c} ({n})" for c, n in causes.most_common(5))
+        out.append(f"What the model misses: {100 * gap:.2g} % of the friction force (median); causes found: {found}.")
+    misfits = [x.misfit_share for x in batch.finished if x.misfit_share is not None]
+    if misfits:
+        worst = f"{100 * np.median(misfits):.2g} % of the friction force (median), at most {100 * max(misfits):.2g} %"
+        out.append(f"The identified models leave {worst}.")
+    if late := [x.name for x in batch.finished if x.converged is False]:
+        out.append(f"Not converged, intervals too narrow: {', '.join(late[:NAMED])}.")
+    return out
+
+
+def _table(ax: Axes, batch: Batch) -> None:
+    ax.axis("off")
+    rows = []
+    for q, p in list(batch.populations.items())[:QUANTITIES]:
+        width = p.typical[2] - p.typical[1]
+        spread = f"{100 * p.spread[0]:.2g} %" if p.relative else f"{p.spread[0]:.3g}"
+        low, high = p.next_specimen
+        typical = f"{number(p.typical[0], width)} [{number(p.typical[1], width)}, {number(p.typical[2], width)}]"
+        rows.append([batch.label(q), typical, spread, f"{number(low, high - low)} to {number(high, high - low)}"])
+    if not rows:
+        ax.text(0.0, 1.0, "Fewer than three specimens determine any quantity.", va="top", fontsize=9)
+        return
+    table = ax.table(
+        rows,
+        colLabels=["quantity", "typical specimen [90 %]", "spread", "90 % of further ones"],
+        loc="upper left",
+        cellLoc="left",
+        colWidths=[0.3, 0.34, 0.12, 0.24],
+        edges="horizontal",
+    )
+    table.auto_set_font_size(False)
+    table.set_fontsize(8)
+    table.scale(1.0, 1.25)
+
+
+def _ranking(ax: Axes, batch: Batch) -> None:
+    shown = batch.unusual[:SPECIMENS]
+    if not shown:
+        ax.axis("off")
+        return
+    at = np.arange(len(shown))
+    ax.barh(at, [x.distance for x in shown], color=[ORANGE if x.notable else BLUE for x in shown], height=0.65)
+    ax.axvline(1.0, color=MODEL, linewidth=0.8, linestyle=":")
+    ax.set_yticks(at, [x.name[:28] for x in shown], fontsize=7)
+    ax.invert_yaxis()
+    ax.grid(axis="y", visible=False)
+    more = f" (the first {SPECIMENS} of {len(batch.unusual)})" if len(batch.unusual) > SPECIMENS else ""
+    ax.set_xlabel(f"robust distance from the others, 1 for a usual one{more}; orange: unusual")
+
+
+@house_style()
+def write_sheet(batch: Batch, path: Path) -> Path:
+    """The page as PDF."""
+    return save(sheet_figure(batch), path)

@@ -1,0 +1,141 @@
+"""The head of a diagnosis' page: the verdict and the waterfall, the gap as a sum, and what the words mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from bayes_iwan.diagnosis.answer.wording import few, title
+from bayes_iwan.report.diagnosis.cells import percent, percent_range
+from bayes_iwan.report.page import Section
+
+_WORDS = (
+    ("gap", "the misfit: RMS of measured − predicted force beyond the records' noise (a stop has a clearance)", "N"),
+    ("share", "part of the gap that an effect removes; all effects and the unexplained part make the whole", ""),
+    ("interval of a share", "what the effect may remove on other tests; nature's law is not quite the fitted one", ""),
+    ("friction force", "RMS friction force of the fitted model, at least energy per cycle / (4 × amplitude)", "N"),
+    ("unexplained", "what no named effect removes", ""),
+    ("noise", "RMS of what the records do not repeat", "N"),
+    ("expected residual", "what noise and the usual small misfit of a sound specimen leave", "N"),
+    ("held-out tests", "tests that the fit has not seen: whole frequencies and amplitudes in turn", ""),
+    ("probability", "that a cause contributes; several may, so these need not sum to one", ""),
+    ("shrink", "1 − gap after ÷ gap before", ""),
+    ("u, A", "displacement, and its amplitude", "mm"),
+    ("phase", "place in the cycle, 0 where the displacement crosses its middle upwards", ""),
+    ("nats", "natural logarithm of how much more probable the records are with a cause than without", ""),
+    ("sd", "standard deviation", ""),
+)  # fmt: skip
+
+#: what stands below each figure of a diagnosis, and what stands in its place for who cannot see it
+CAPTIONS = {
+    "headline": (
+        "Left: the gap as a sum, from the whole gap down to the unexplained part, noise beside it; hatched: what of "
+        "it one of several effects removes, where these tests cannot tell which. Right: what the model misses "
+        "in the test where it misses most, along one cycle (where most of the gap is change along the record: in the "
+        "first and the last cycles); the grey band is the expected residual.",
+        "Waterfall of the gap and the residual force of one test with and without the named effects",
+    ),
+    "budget": (
+        "The gap as a sum: how much of it each named effect removes and what stays unexplained. What several remove "
+        "together is "
+        "shared among them by Shapley values, the mean of two ways: each put into the model, and what it makes taken "
+        "out of the records.",
+        "Waterfall from the gap down to the unexplained part",
+    ),
+    "gap_loops": (
+        "Measured loops of every test. Red and thick: the measured force is above the model's there; blue: "
+        "below; thin and grey: nothing is missed. After each name the gap as a share of the friction force.",
+        "Hysteresis loops coloured by measured minus predicted force",
+    ),
+    "gap_map": (
+        "The same along the cycle (across) for every test (down), divided by the expected residual "
+        "(standard deviation from noise and small misfits, after a refit).",
+        "Colour map of the missed force over phase and test",
+    ),
+    "gap_regions": (
+        "Parts of the loop, which overlap: their shares of the gap, at the right, add up to more than the whole. A "
+        "point right of the dashed line: more is missed there than in the loop as a whole. Grey and open: no more "
+        "than a right model would leave.",
+        "Points with intervals: gap in each part of the loop",
+    ),
+    "gap_harmonics": (
+        "Harmonics of what is missed, test by test. Left: in phase with displacement, where a missing "
+        "stiffness or mass shows; right: in phase with velocity, where missing damping shows.",
+        "Stems of residual harmonics for all tests, in phase and in quadrature",
+    ),
+    "gap_growth": (
+        "Gap of each test against frequency and amplitude, with 90 % intervals. Open marks: no more than a "
+        "right model would leave.",
+        "Gap against frequency and against amplitude, logarithmic",
+    ),
+    "gap_cycles": (
+        "Gap in successive blocks of cycles. Level lines: what is missing does not change along the record.",
+        "Gap against cycle number for every test",
+    ),
+    "probabilities": (
+        "Probability that each effect contributes. “None”: the model needs nothing more. “Unknown”: what is left "
+        "has a cause that is not in the catalogue. Several effects may contribute, so these need not sum to one.",
+        "Bar chart of the probability that each effect contributes",
+    ),
+    "before_after": (
+        "What is missed along the cycle by the model alone and with the named effects, everything fitted anew.",
+        "Residual force along the cycle of every test with and without the effects",
+    ),
+    "shares": (
+        "Share of the gap that each named cause removes. The diamond counts: tests that the fit has not seen.",
+        "Share of the gap by cause with intervals, on fitted and on unseen tests",
+    ),
+    "moved": (
+        "Change of the specimen's own parameters once the named effects are in the model. Long stems: these had "
+        "changed "
+        "to imitate them.",
+        "Change of each parameter in standard deviations",
+    ),
+}
+
+
+def put_figures(section: Section, figures: Mapping[str, Figure], *names: str) -> None:
+    """Those of these figures that there are, with their captions."""
+    for name in names:
+        if name in figures:
+            section.figure(figures[name], *CAPTIONS[name], name=name)
+
+
+def diagnosis_answer(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
+    """The verdict in words, the waterfall, the gap as a sum, where the rest sits, and the words that follow."""
+    section.note(Markup("<br>").join(d["sentences"]), d["verdict"]["colour"])
+    put_figures(section, figures, *(("headline",) if "headline" in figures else ("gap_loops",)))
+    if d["verdict"]["causes"]:
+        section.table(
+            ("part of the gap", "probability", "share", "90 % interval", "on held-out tests", "90 % interval",
+             "cannot be told from"),
+            [*map(_cause, d["verdict"]["causes"]), _rest(d)],
+            "The gap as a sum",
+        )  # fmt: skip
+    where = d["rest"]["where"] if d["verdict"]["unknown_rest"] else []
+    if where:
+        section.heading_below("Where the unexplained part sits")
+        section.html(Markup("<ul>{}</ul>").format(Markup("").join(Markup("<li>{}</li>").format(x) for x in where)))
+    section.heading_below("Words and symbols of this page")
+    section.symbols(_WORDS)
+
+
+def _cause(c: Mapping[str, Any]) -> tuple[str, ...]:
+    return (
+        title(c["name"]),
+        f"{c['probability']:.2f}",
+        percent(c["share"]),
+        percent_range(c["share_interval"]),
+        percent(c["share_held_out"]),
+        percent_range(c["share_held_out_interval"]),
+        few(c["cannot_tell_apart"]) if c["cannot_tell_apart"] else "–",
+    )
+
+
+def _rest(d: Mapping[str, Any]) -> tuple[str, ...]:
+    rest = d["rest"]
+    name = "unexplained" + (", cause unknown" if d["verdict"]["unknown_rest"] else "")
+    return name, f"{rest['probability']:.2f}", percent(rest["share"]), percent_range(rest["interval"]), "", "", ""

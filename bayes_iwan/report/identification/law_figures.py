@@ -1,0 +1,145 @@
+"""Figures of the identified laws with their uncertainty: the paper's Figs. 8 (slip forces), 9 (k(α)), 10 (α(u))."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.inference.results.posterior import Posterior
+from bayes_iwan.models import Model, ModelError, sine_motion
+from bayes_iwan.models.simulator import inner_effects
+from bayes_iwan.report.style import PRIOR, band, series, styled, subplots, ticked
+
+
+def _model(posterior: Posterior) -> Model:
+    """The Iwan model that was identified; other simulators have no such laws."""
+    model = posterior.problem.model
+    if not isinstance(model, Model):
+        raise ModelError(f"the simulator {model.name} has no laws of slip force, stiffness and normal force to draw")
+    return model
+
+
+def _posterior_values(posterior: Posterior, n: int = 400) -> ParameterValues:
+    return posterior.problem.parameter_values(posterior.flat_z(n))
+
+
+def _prior_values(posterior: Posterior, n: int = 400, seed: int = 0) -> ParameterValues:
+    z = posterior.problem.prior.draw(np.random.default_rng([seed, 41]), n)
+    return posterior.problem.parameter_values(z)
+
+
+def _reach(posterior: Posterior, parameter_values: ParameterValues) -> float:
+    """Slip force that nearly all elements stay below, N."""
+    family = _model(posterior).slip_family
+    phi = np.linspace(0.0, 12.0 * posterior.problem.scales.slip_N, 500)
+    survival = np.median(family.survival(phi, parameter_values), axis=0)
+    return float(phi[min(int(np.searchsorted(-survival, -0.01)), len(phi) - 1)])
+
+
+@styled
+def slip_density_figure(posterior: Posterior, prior: bool = True) -> Figure:
+    """Fig. 8: the density of slip forces, and beside it the cumulative share of elements, which loops determine."""
+    parameter_values = _posterior_values(posterior)
+    family = _model(posterior).slip_family
+    phi = np.linspace(0.0, _reach(posterior, parameter_values), 241)[1:]
+    figure, axes = subplots(1, 2, 7.2, 3.1)
+    left, right = axes[0]
+    density = family.density(phi, parameter_values)
+    below = 1.0 - family.survival(phi, parameter_values)
+    band(left, phi, density, label="posterior")
+    band(right, phi, below, label="posterior")
+    if prior:
+        from_prior = _prior_values(posterior)
+        for ax, draws in ((left, family.density(phi, from_prior)), (right, 1.0 - family.survival(phi, from_prior))):
+            low, middle, high = np.quantile(draws, [0.05, 0.5, 0.95], axis=0)
+            ax.plot(phi, middle, color=PRIOR, linestyle=(0, (4, 2)), linewidth=0.9, label="prior, median and 90 %")
+            ax.plot(phi, low, color=PRIOR, linestyle=(0, (1, 1.5)), linewidth=0.8)
+            ax.plot(phi, high, color=PRIOR, linestyle=(0, (1, 1.5)), linewidth=0.8)
+    # the density may be singular at the origin: show what carries weight
+    left.set_ylim(0.0, 1.35 * float(np.quantile(density[:, len(phi) // 12 :], 0.98)))
+    right.set_ylim(0.0, 1.02)
+    left.set_title("a. density", loc="left")
+    left.set_ylabel("density of slip forces (1/N)")
+    right.set_title("b. cumulative", loc="left")
+    right.set_ylabel("share of elements below")
+    for ax in (left, right):
+        ax.set_xlabel("slip force at rest φ (N)")
+        ax.set_xlim(0.0, float(phi[-1]))
+    right.legend(loc="lower right")
+    return figure
+
+
+def _alpha_range(posterior: Posterior, parameter_values: ParameterValues) -> tuple[float, float]:
+    """The α that the measured loops visit, by the median draw."""
+    problem = posterior.problem
+    alpha = np.median(_model(posterior).alpha(parameter_values, problem.motion, inner_effects(problem.effects)), axis=0)
+    return float(alpha.min()), float(alpha.max())
+
+
+@styled
+def stiffness_figure(posterior: Posterior, prior: bool = True) -> Figure:
+    """Fig. 9: the elements' stiffness against the relative normal force; shaded where the tests went."""
+    parameter_values = _posterior_values(posterior)
+    law = _model(posterior).stiffness_law
+    low, high = _alpha_range(posterior, parameter_values)
+    alpha = np.linspace(0.0, max(1.2, 1.25 * high), 121)
+    figure, axes = subplots(1, 1, 4.6, 3.1)
+    ax = axes[0, 0]
+    ax.axvspan(low, high, color="#F3EFDD", linewidth=0, label="α in the tests")
+
+    def k(of: ParameterValues) -> Array:
+        return law.k(of, np.broadcast_to(alpha, (len(of["kp_N_mm"]), 1, len(alpha))))[:, 0]
+
+    drawn = k(parameter_values)
+    band(ax, alpha, drawn, label="posterior")
+    ax.set_ylim(0.0, 1.15 * float(np.quantile(drawn, 0.99)))
+    if prior:
+        spread = np.quantile(k(_prior_values(posterior)), [0.05, 0.5, 0.95], axis=0)
+        dots: tuple = (0, (1, 1.5))
+        for line, dash, label in zip(spread, (dots, (0, (4, 2)), dots), (None, "prior, median and 90 %", None)):
+            ax.plot(alpha, line, color=PRIOR, linestyle=dash, linewidth=0.9, label=label)
+    ax.set_xlim(0.0, float(alpha[-1]))
+    ax.set_xlabel("relative normal force α (-)")
+    ax.set_ylabel("element stiffness k(α) (N/mm)")
+    ax.legend(loc="lower right")
+    return figure
+
+
+@styled
+def grip_figure(posterior: Posterior) -> Figure:
+    """Fig. 10: relative normal force along the largest stroke, on the way out and back, at each frequency tested."""
+    problem = posterior.problem
+    parameter_values = _posterior_values(posterior)
+    amplitude = problem.scales.length_mm
+    frequencies = sorted({round(float(f), 3) for f in problem.motion.frequency_hz})
+    if len(frequencies) > 4:  # lines beyond that cannot be told apart
+        frequencies = [frequencies[i] for i in np.linspace(0, len(frequencies) - 1, 4).astype(int)]
+    samples = 128
+    motion = sine_motion(
+        frequency_hz=np.array(frequencies), amplitude_mm=np.full(len(frequencies), amplitude), samples=samples
+    )
+    alpha = _model(posterior).alpha(parameter_values, motion, inner_effects(problem.effects))
+    u = motion.displacement_mm[0, 0]
+    figure, axes = subplots(1, 2, 7.2, 3.1, sharey=True)
+    up = np.r_[np.arange(3 * samples // 4, samples), np.arange(samples // 4 + 1)]
+    down = np.arange(samples // 4, 3 * samples // 4 + 1)
+    for ax, branch, title in zip(axes[0], (up, down), ("a. stretching (u rising)", "b. shortening (u falling)")):
+        for i, f in enumerate(frequencies):
+            style = series(i)
+            band(
+                ax,
+                u[branch],
+                alpha[:, i, branch],
+                style["color"],
+                levels=(0.9,),
+                line=style["linestyle"],
+                label=f"{f:.3g} Hz",
+            )
+        ax.axhline(1.0, color="#777777", linewidth=0.6)
+        ax.set_title(title, loc="left")
+        ax.set_xlabel("displacement u (mm)")
+    ticked(list(axes[0]))
+    axes[0, 0].set_ylabel("relative normal force α (-)")
+    axes[0, 1].legend(loc="best")
+    return figure

@@ -1,0 +1,144 @@
+"""Figures of a scored set of answers, each a function that returns a matplotlib figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayes_iwan.withheld.case_score import CaseScore
+from bayes_iwan.withheld.estimates import Estimate, binned
+from bayes_iwan.withheld.metrics import SHARE_POINTS, confusion, reliability
+from bayes_iwan.withheld.scoring import Score
+
+_BLUE, _ORANGE, _GREY = "#2266aa", "#cc6611", "#888888"
+
+
+def confusion_figure(score: Score) -> Figure:
+    """Truth (rows) against what was named (columns), cases of at most one cause; right answers on outlined squares."""
+    rows, columns, counts = confusion(score.cases)
+    fig = Figure(figsize=(2.6 + 0.36 * len(columns), 2.4 + 0.32 * len(rows)), layout="constrained")
+    ax = fig.add_subplot()
+    totals = counts.sum(axis=1, keepdims=True)
+    ax.imshow(counts / np.maximum(totals, 1), cmap="Blues", vmin=0, vmax=1.3, aspect="auto")
+    for (i, j), n in np.ndenumerate(counts):
+        if n:
+            right = rows[i] == columns[j]
+            ax.text(j, i, f"{n:.0f}", ha="center", va="center", fontsize=9, fontweight="bold" if right else "normal",
+                    color="white" if n > 0.8 * totals[i, 0] else "black")  # fmt: skip
+    for i, row in enumerate(rows):
+        j = columns.index(row)  # columns hold every row
+        ax.plot(
+            [j - 0.5, j + 0.5, j + 0.5, j - 0.5, j - 0.5], [i - 0.5, i - 0.5, i + 0.5, i + 0.5, i - 0.5],
+            color=_ORANGE, lw=1.2,
+        )  # fmt: skip
+    ax.set_xticks(range(len(columns)), [c.replace("_", " ") for c in columns], rotation=60, ha="right")
+    ax.set_yticks(range(len(rows)), [f"{r.replace('_', ' ')} ({n:.0f})" for r, n in zip(rows, totals[:, 0])])
+    ax.set_xlabel("verdict")
+    ax.set_ylabel("truth (cases)")
+    ax.set_title("Cases of at most one cause; outlined: right", fontsize=10)
+    ax.tick_params(labelsize=8)
+    return fig
+
+
+def _shares(
+    ax: Axes, points: Sequence[tuple[float, Estimate]], label: str, colour: str, shift: float = 1.0,
+    counts: bool = True,
+) -> None:  # fmt: skip
+    for i, (x, found) in enumerate(points):
+        value, low, high = found.value, found.low, found.high
+        ax.errorbar(
+            [x * shift], [value], [[value - low], [high - value]], fmt="o", color=colour, capsize=3, ms=5,
+            label=label if i == 0 else None,
+        )  # fmt: skip
+        if not counts:
+            continue
+        ax.annotate(
+            f"{found.n}", (x * shift, high), textcoords="offset points", xytext=(0, 3), ha="center",
+            fontsize=7, color=colour,
+        )  # fmt: skip
+
+
+def reliability_figure(score: Score) -> Figure:
+    """Probability stated of each cause named against how often it was there, and how often each was stated."""
+    fig = Figure(figsize=(5, 5.4), layout="constrained")
+    top, bottom = fig.subplots(2, 1, sharex=True, height_ratios=(4, 1))
+    top.plot([0, 1], [0, 1], color=_GREY, lw=1, label="stated = found")
+    _shares(top, reliability(score.cases), "share true, 95 % interval, causes named", _BLUE)
+    top.set_ylim(0, 1.08)
+    top.set_ylabel("share of named causes that are there")
+    top.legend(loc="upper left", fontsize=8, frameon=False)
+    stated = [m.stated for c in score.cases if c.answered for m in c.stated]
+    bottom.hist(stated, bins=np.linspace(0, 1, 21).tolist(), color=_BLUE)
+    bottom.set_xlabel("stated probability that a cause contributes")
+    bottom.set_ylabel("causes")
+    bottom.set_xlim(0, 1)
+    return fig
+
+
+def accuracy_figure(score: Score, bins: int = 5) -> Figure:
+    """Share of effects found against the visible part of their size over the noise: alone, and among others."""
+    fig = Figure(figsize=(8.4, 4), layout="constrained")
+    panels = (
+        ("single effects", [(c, k) for c in score.cases if c.kind == "single" for k in c.truth.listed]),
+        ("effects beside others", [(c, k) for c in score.cases if len(c.truth.causes) > 1 for k in c.truth.listed]),
+    )
+    for ax, (title, all_parts) in zip(fig.subplots(1, 2, sharey=True), panels):
+        parts = [(c, k) for c, k in all_parts if c.truth.noise > 0 and k.visible > 0]
+        ax.set_title(f"{title} ({len(parts)})", fontsize=10)
+        ax.set_xlabel("visible part of the size over noise")
+        ax.set_ylim(0, 1.1)
+        if not parts:
+            continue
+        values = [k.visible / c.truth.noise for c, k in parts]
+        edges = np.quantile(values, np.linspace(0, 1, bins + 1)).tolist()
+        named, in_set = ([k.name in names(c) for c, k in parts] for names in (_names, _sets))
+        _shares(ax, binned(values, named, edges), "named", _BLUE, 0.975)
+        _shares(ax, binned(values, in_set, edges), "named or in a set", _ORANGE, 1.025, False)
+        ax.set_xscale("log")
+        ax.axvline(1.0, color=_GREY, ls="--", lw=1)
+        ax.legend(fontsize=8, frameon=False, loc="lower right")
+    fig.axes[0].set_ylabel("share found")
+    return fig
+
+
+def _names(c: CaseScore) -> frozenset[str]:
+    return c.answer.names
+
+
+def _sets(c: CaseScore) -> frozenset[str]:
+    return c.answer.in_sets
+
+
+def share_figure(score: Score) -> Figure:
+    """Share of the gap that each true cause was said to make, with its interval, against the share it makes."""
+    parts = [(c, named, true) for c in score.cases for named, true in c.shares]
+    fig = Figure(figsize=(5, 4.8), layout="constrained")
+    ax = fig.add_subplot()
+    reach = np.array([0.0, 100.0])
+    ax.fill_between(reach, reach - 100 * SHARE_POINTS, reach + 100 * SHARE_POINTS, color="#dde6f0", lw=0)
+    ax.plot(reach, reach, color=_GREY, lw=1, label="stated = true; band: ±10 points")
+    for alone, colour, label in ((True, _BLUE, "the only cause"), (False, _ORANGE, "one of several")):
+        some = [(n, t) for c, n, t in parts if (len(c.truth.causes) == 1) == alone]
+        for n, t in some:
+            ax.plot([100 * t] * 2, [100 * n.share_low, 100 * n.share_high], color=colour, lw=0.8, alpha=0.5)
+        ax.plot(
+            [100 * t for _, t in some], [100 * n.share for n, _ in some], "o", color=colour, ms=5, alpha=0.8,
+            label=f"{label} ({len(some)})",
+        )  # fmt: skip
+    ax.set_xlabel("true share of the gap, %")
+    ax.set_ylabel("stated share with its 90 % interval, %")
+    ax.legend(fontsize=8, frameon=False)
+    return fig
+
+
+def figures(score: Score) -> dict[str, Figure]:
+    """All figures by file stem."""
+    return {
+        "confusion": confusion_figure(score),
+        "reliability": reliability_figure(score),
+        "accuracy": accuracy_figure(score),
+        "shares": share_figure(score),
+    }

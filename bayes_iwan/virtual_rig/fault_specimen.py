@@ -1,0 +1,268 @@
+"""Faults of the specimen beside its friction: further forces of displacement, speed and memory.
+
+Laws after: Lakes, Viscoelastic Materials (2009), on spectra of relaxation times; Scott Blair (1947) on the springpot;
+Carreau (1972) on shear thinning; Terenzi (1999) on dampers with |v|^p; Johnson, Contact Mechanics (1985), and Hunt &
+Crossley (1975) on stops; Fung (1967) on exponential hardening.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_iwan.arrays import Array
+from bayes_iwan.virtual_rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear, log_uniform
+from bayes_iwan.virtual_rig.kernel import FaultValues
+
+
+def _largest(rng: np.random.Generator, s: Surroundings) -> Parameters:
+    return {"reach_mm": s.largest_mm}
+
+
+# ---- viscous damping: c is the damping of a linear one with the same force at the reference speed
+
+
+def _power_damping(p: Parameters) -> Acting:
+    c, v0, n = p["c_N_s_mm"], p["reference_mm_s"], p["power"]
+    return Acting(speed_force=lambda v: c * v0 * np.sign(v) * np.abs(v / v0) ** n)
+
+
+def _draw_power(rng: np.random.Generator, s: Surroundings) -> Parameters:
+    power = rng.uniform(0.35, 0.75) if rng.random() < 0.5 else rng.uniform(1.2, 1.5)
+    return {"power": float(power), "reference_mm_s": 0.5 * s.speed_mm_s}
+
+
+def _thinning_damping(p: Parameters) -> Acting:
+    c, v1 = p["c_N_s_mm"], p["thinning_mm_s"]
+    return Acting(speed_force=lambda v: c * v / np.sqrt(1.0 + (v / v1) ** 2))
+
+
+def _valve_damping(p: Parameters) -> Acting:
+    c, ratio = p["c_N_s_mm"], p["return_ratio"]
+    return Acting(speed_force=lambda v: c * np.where(v > 0.0, v, ratio * v))
+
+
+def _blow_off(p: Parameters) -> Acting:
+    """A relief valve opens at a speed: beyond it the force grows at a fifth of its pace."""
+    c, opens = p["c_N_s_mm"], p["opens_mm_s"]
+
+    def force(v: Array) -> Array:
+        return c * np.sign(v) * (np.minimum(np.abs(v), opens) + 0.2 * np.maximum(np.abs(v) - opens, 0.0))
+
+    return Acting(speed_force=force)
+
+
+VISCOUS = FaultKind(
+    "viscous_damping",
+    "c_N_s_mm",
+    linear(lambda s: 2 * s.stiffness_N_mm / s.fastest_rad_s),
+    (
+        Law("linear", lambda p: Acting(speed_force=lambda v: p["c_N_s_mm"] * v)),
+        Law("power", _power_damping, _draw_power),
+        Law("shear_thinning", _thinning_damping,
+            lambda g, s: {"thinning_mm_s": float(g.uniform(0.2, 0.6)) * s.speed_mm_s}),
+        Law("blow_off", _blow_off, lambda g, s: {"opens_mm_s": float(g.uniform(0.25, 0.6)) * s.speed_mm_s}),
+        Law("one_way_valve", _valve_damping, lambda g, s: {"return_ratio": float(g.uniform(0.3, 0.7))}),
+    ),
+)  # fmt: skip
+
+
+# ---- a branch that relaxes
+
+
+def _springpot(p: Parameters) -> Acting:
+    """A power law of relaxation over four decades of times, two branches a decade."""
+    tau = np.logspace(-4.0, 0.0, 9)
+    weight = (tau / p["tau_s"]) ** -p["order"]
+    k = p["k_N_mm"] * weight / weight[np.argmin(np.abs(np.log(tau / p["tau_s"])))] * 0.4
+    return Acting(motion=FaultValues(branch_k=k, branch_tau=tau))
+
+
+def _spread_times(p: Parameters) -> Acting:
+    tau = p["tau_s"] * np.exp(p["spread"] * np.linspace(-2.0, 2.0, 7))
+    weight = np.exp(-0.5 * np.linspace(-2.0, 2.0, 7) ** 2)
+    return Acting(motion=FaultValues(branch_k=p["k_N_mm"] * weight / weight.sum(), branch_tau=tau))
+
+
+def _two_times(p: Parameters) -> Acting:
+    k, slow = p["k_N_mm"], p["slow_share"]
+    times = np.array([p["tau_s"], p["slow_tau_s"]])
+    return Acting(motion=FaultValues(branch_k=np.array([k * (1 - slow), k * slow]), branch_tau=times))
+
+
+MAXWELL = FaultKind(
+    "maxwell_branch",
+    "k_N_mm",
+    linear(lambda s: 3 * s.stiffness_N_mm),
+    (
+        Law("one_time", lambda p: Acting(
+            motion=FaultValues(branch_k=np.array([p["k_N_mm"]]), branch_tau=np.array([p["tau_s"]])))),
+        Law("springpot", _springpot, lambda g, s: {"order": float(g.uniform(0.2, 0.6))}),
+        Law("lognormal_times", _spread_times, lambda g, s: {"spread": float(g.uniform(0.6, 1.4))}),
+        Law("two_times", _two_times,
+            lambda g, s: {"slow_share": float(g.uniform(0.3, 0.7)), "slow_tau_s": log_uniform(g, 0.1, 0.6)}),
+    ),
+    lambda g, s: {"tau_s": log_uniform(g, 0.002, 0.06)},
+)  # fmt: skip
+
+
+# ---- springs that are not straight; parameters are those of the leading power at the reach
+
+
+def _exponential_quadratic(p: Parameters) -> Acting:
+    """Hardens to one side as collagen does: k2·d² is its first term, the straight one taken off."""
+    k2, a = p["k2_N_mm2"], p["steepness"] / p["reach_mm"]
+    return Acting(displacement_force=lambda d: 2 * k2 / a**2 * (np.exp(a * d) - 1.0 - a * d))
+
+
+def _one_sided(p: Parameters) -> Acting:
+    k2 = p["k2_N_mm2"]
+    return Acting(displacement_force=lambda d: 2 * k2 * np.where(d > 0.0, d * d, 0.0))
+
+
+def _two_slopes(p: Parameters) -> Acting:
+    """Another stiffness to either side of a rounded corner."""
+    k = p["k2_N_mm2"] * p["reach_mm"]
+    corner, place = p["corner_share"] * p["reach_mm"], p["place_share"] * p["reach_mm"]
+
+    def force(d: Array) -> Array:
+        return k * (np.sqrt((d - place) ** 2 + corner**2) - np.sqrt(place**2 + corner**2))
+
+    return Acting(displacement_force=force)
+
+
+QUADRATIC = FaultKind(
+    "quadratic_stiffness",
+    "k2_N_mm2",
+    linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm),
+    (
+        Law("square", lambda p: Acting(displacement_force=lambda d: p["k2_N_mm2"] * d**2)),
+        Law("exponential", _exponential_quadratic,
+            lambda g, s: {**_largest(g, s), "steepness": float(g.uniform(0.8, 2))}),
+        Law("one_sided", _one_sided),
+        Law("two_slopes", _two_slopes,
+            lambda g, s: {**_largest(g, s), "corner_share": float(g.uniform(0.1, 0.4)),
+                          "place_share": float(g.uniform(-0.2, 0.2))}),
+    ),
+    signed=True,
+)  # fmt: skip
+
+
+def _bends(p: Parameters) -> Acting:
+    """Straight to a bend on either side, another slope beyond."""
+    k, at, width = p["k3_N_mm3"] * p["reach_mm"] ** 2, p["bend_share"] * p["reach_mm"], 0.05 * p["reach_mm"]
+
+    def force(d: Array) -> Array:
+        return k * np.sign(d) * width * np.logaddexp(0.0, (np.abs(d) - at) / width)
+
+    return Acting(displacement_force=force)
+
+
+def _tanh_spring(p: Parameters) -> Acting:
+    """A stiffness that fades out at large displacements: the straight part taken off."""
+    k, d0 = p["k3_N_mm3"] * p["reach_mm"] ** 2, p["bend_share"] * p["reach_mm"]
+    return Acting(displacement_force=lambda d: k * (d - d0 * np.tanh(d / d0)))
+
+
+def _sinh_spring(p: Parameters) -> Acting:
+    k, d0 = p["k3_N_mm3"] * p["reach_mm"] ** 2, p["bend_share"] * p["reach_mm"]
+    return Acting(displacement_force=lambda d: k * (d0 * np.sinh(d / d0) - d) / np.sinh(p["reach_mm"] / d0))
+
+
+def _draw_bend(low: float, high: float):
+    return lambda g, s: {"reach_mm": s.largest_mm, "bend_share": float(g.uniform(low, high))}
+
+
+CUBIC = FaultKind(
+    "cubic_stiffness",
+    "k3_N_mm3",
+    linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm**2),
+    (
+        Law("cube", lambda p: Acting(displacement_force=lambda d: p["k3_N_mm3"] * d**3)),
+        Law("bends", _bends, _draw_bend(0.35, 0.65)),
+        Law("tanh", _tanh_spring, _draw_bend(0.3, 0.8)),
+        Law("sinh", _sinh_spring, _draw_bend(0.2, 0.4)),
+    ),
+    signed=True,
+)
+
+
+# ---- a stop on one side
+
+
+def _stop(power: float, loss: bool = False):
+    def acts(p: Parameters) -> Acting:
+        k = p["k_N_mm"] * p.get("indent_mm", 1.0) ** (1.0 - power)
+        lost = p["loss_s_m"] if loss else 0.0
+        return Acting(motion=FaultValues(stop_gap=p["clearance_mm"], stop_k=k, stop_power=power, stop_loss_s_m=lost))
+
+    return acts
+
+
+def _rounded_stop(p: Parameters) -> Acting:
+    k, gap, width = p["k_N_mm"], p["clearance_mm"], p["width_mm"]
+    return Acting(displacement_force=lambda d: k * width * np.logaddexp(0.0, (d - gap) / width))
+
+
+def _two_stage_stop(p: Parameters) -> Acting:
+    k, gap, second = p["k_N_mm"], p["clearance_mm"], p["second_clearance_mm"]
+
+    def force(d: Array) -> Array:
+        return 0.3 * k * np.maximum(d - gap, 0.0) + k * np.maximum(d - second, 0.0)
+
+    return Acting(displacement_force=force)
+
+
+def _hertz_stops(p: Parameters) -> Acting:
+    k, gap = p["k_N_mm"] * p["indent_mm"] ** -0.5, p["clearance_mm"]
+    return Acting(displacement_force=lambda d: np.sign(d) * k * np.maximum(np.abs(d) - gap, 0.0) ** 1.5)
+
+
+END_STOP = FaultKind(
+    "end_stop",
+    "k_N_mm",
+    linear(lambda s: 60.0),
+    (
+        Law("straight", _stop(1.0)),
+        Law("hertz", _stop(1.5), lambda g, s: {"indent_mm": 0.2 * s.largest_mm}),
+        Law("lossy", _stop(1.0, loss=True), lambda g, s: {"loss_s_m": float(g.uniform(5.0, 25.0))}),
+        Law("rounded", _rounded_stop, lambda g, s: {"width_mm": float(g.uniform(0.03, 0.08)) * s.largest_mm}),
+        Law("two_stage", _two_stage_stop,
+            lambda g, s: {"second_clearance_mm": float(g.uniform(0.8, 0.92)) * s.largest_mm}),
+        Law("hertz_both_sides", _hertz_stops, lambda g, s: {"indent_mm": 0.2 * s.largest_mm}),
+    ),
+    lambda g, s: {"clearance_mm": float(g.uniform(0.5, 0.78)) * s.largest_mm},
+)  # fmt: skip
+
+# ---- springs that soften along a record
+
+
+def _warming(p: Parameters) -> Acting:
+    return Acting(motion=FaultValues(warming_1_s=p["drop"] / p["tau_s"], warming_tau=p["tau_s"]))
+
+
+def _steadily(p: Parameters) -> Acting:
+    return Acting(motion=FaultValues(warming_1_s=p["drop"] / p["record_s"]))
+
+
+def _by_power(p: Parameters) -> Acting:
+    """With the power that friction turns to heat: the drop is that at the reference power."""
+    return Acting(motion=FaultValues(heat_loss_1_mW=p["drop"] / p["reference_mW"], heat_tau=p["tau_s"]))
+
+
+def _draw_heat(rng: np.random.Generator, s: Surroundings) -> Parameters:
+    return {"tau_s": float(rng.uniform(0.5, 3.0)), "reference_mW": s.power_mW}
+
+
+SOFTENING = FaultKind(
+    "spring_softening",
+    "drop",
+    linear(lambda s: 0.5),
+    (
+        Law("settles", _warming, evolves=True),
+        Law("steadily", _steadily, lambda g, s: {"record_s": s.record_s}, True),
+        Law("friction_heat", _by_power, _draw_heat, True),
+    ),
+    lambda g, s: {"tau_s": log_uniform(g, 0.1, 0.6) * s.record_s},
+)  # fmt: skip
+
+KINDS = (VISCOUS, MAXWELL, QUADRATIC, CUBIC, END_STOP, SOFTENING)

@@ -1,0 +1,146 @@
+"""What a diagnosis says of a case, as it is scored: from `diagnosis.json` of schema 2, or of the first version.
+
+Schema 2 says how probable it is that each effect contributes, that none does ("none") and that a rest without a name
+is there ("unknown_rest"): not exclusive, so they need not sum to 1. The first version's probabilities were of
+exclusive labels ("none", "unknown", one cause): they sum to 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bayes_iwan.withheld.sealed import WithheldError
+from bayes_iwan.withheld.truths import json_number
+
+KINDS = ("none", "explained", "partly_explained", "unknown", "drive")
+#: probabilities are rounded when they are written
+_ROUNDING = 1e-3
+
+
+@dataclass(frozen=True)
+class Named:
+    """A cause that a verdict names, with what it says of it; nan for what it does not say."""
+
+    name: str
+    probability: float
+    share: float
+    share_low: float
+    share_high: float
+    share_held_out: float
+    alike: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A verdict: its kind, the causes it names, whether it says that a rest has no name, and marginal probabilities.
+
+    `rest` is the rest's share of the gap with its interval, nan where not said; `one_of` effects of which one is said
+    to contribute, though it cannot be told which.
+    """
+
+    kind: str
+    causes: tuple[Named, ...]
+    unknown_rest: bool
+    rest: float
+    rest_low: float
+    rest_high: float
+    probabilities: Mapping[str, float]
+    one_of: tuple[frozenset[str], ...] = ()
+
+    @property
+    def names(self) -> frozenset[str]:
+        return frozenset(c.name for c in self.causes)
+
+    @property
+    def in_sets(self) -> frozenset[str]:
+        """The causes named, all that they cannot be told from, and those that are only named together."""
+        return self.names.union(*(c.alike for c in self.causes), *self.one_of)
+
+
+def read_answer(name: str, answer: Mapping[str, Any]) -> Answer:
+    """An answer from the content of its `diagnosis.json`.
+
+    Raises `WithheldError` that names the case if it is not of either schema, if a probability lies outside 0 to 1, if
+    exclusive ones do not sum to 1, or if the verdict contradicts itself.
+    """
+    try:
+        probabilities = {str(k): json_number(v) for k, v in answer["probabilities"].items()}
+        verdict = answer["verdict"]
+        new = "kind" in verdict
+        outside = {k: p for k, p in probabilities.items() if not 0.0 <= p <= 1.0}
+        if outside or not probabilities:
+            label, p = next(iter(outside.items()), ("any", float("nan")))
+            raise WithheldError(f"the answer to {name} is refused: the probability of {label} is {p:g}, not in 0 to 1")
+        return _second(name, answer, probabilities) if new else _first(name, verdict, probabilities)
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        if isinstance(error, WithheldError):
+            raise
+        raise WithheldError(f"the answer to {name} is of no known form ({type(error).__name__}: {error})") from None
+
+
+def _second(name: str, answer: Mapping[str, Any], probabilities: Mapping[str, float]) -> Answer:
+    verdict = answer["verdict"]
+    kind, rest = verdict["kind"], bool(verdict["unknown_rest"])
+    causes = tuple(_named(c) for c in verdict["causes"])
+    refused = ""
+    if kind not in KINDS:
+        refused = f"there is no verdict {kind!r}"
+    elif not {"none", "unknown_rest"} <= set(probabilities):
+        refused = "it gives no probability of none and of unknown_rest"
+    elif bool(causes) != (kind in ("explained", "partly_explained")):
+        refused = f"its verdict is {kind} and it names {len(causes)} causes"
+    elif rest != (kind in ("partly_explained", "unknown")):
+        refused = f"its verdict is {kind} and unknown_rest is {str(rest).lower()}"
+    elif probabilities["none"] + max((p for k, p in probabilities.items() if k != "none"), default=0.0) > 1 + _ROUNDING:
+        refused = "none and some cause have probabilities that sum to more than 1"
+    elif any(math.isfinite(c.probability) and not 0.0 <= c.probability <= 1.0 for c in causes):
+        refused = "a cause's probability is not in 0 to 1"
+    if refused:
+        raise WithheldError(f"the answer to {name} is refused: {refused}")
+    left = answer.get("rest") or {}
+    low, high = left.get("interval") or (float("nan"), float("nan"))
+    return Answer(
+        kind,
+        causes,
+        rest,
+        json_number(left.get("share")),
+        json_number(low),
+        json_number(high),
+        probabilities,
+        tuple(frozenset(map(str, some["names"])) for some in verdict.get("one_of") or ()),
+    )
+
+
+def _named(cause: Mapping[str, Any]) -> Named:
+    low, high = cause.get("share_interval") or (float("nan"), float("nan"))
+    return Named(
+        str(cause["name"]),
+        json_number(cause["probability"]),
+        json_number(cause.get("share")),
+        json_number(low),
+        json_number(high),
+        json_number(cause.get("share_held_out")),
+        frozenset(cause.get("cannot_tell_apart") or ()),
+    )
+
+
+def _first(name: str, verdict: Mapping[str, Any], probabilities: dict[str, float]) -> Answer:
+    if abs(sum(probabilities.values()) - 1.0) > _ROUNDING:
+        raise WithheldError(
+            f"the answer to {name} is refused: its probabilities sum to {sum(probabilities.values()):g}"
+        )
+    cause, second = verdict["cause"], verdict.get("second_cause")
+    alike = frozenset(verdict.get("cannot_tell_apart") or ())
+    nothing = float("nan")
+    named = [n for n in (cause, second) if n and n not in ("none", "unknown")]
+    causes = tuple(
+        Named(n, probabilities.get(n, 0.0), nothing, nothing, nothing, nothing, alike if n == cause else frozenset())
+        for n in named
+    )
+    kind = "explained" if causes else str(cause)
+    marginal = {k: p for k, p in probabilities.items() if k != "unknown"}
+    marginal |= {"none": probabilities.get("none", 0.0), "unknown_rest": probabilities.get("unknown", 0.0)}
+    return Answer(kind, causes, cause == "unknown", nothing, nothing, nothing, marginal)

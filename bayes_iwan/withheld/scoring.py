@@ -1,0 +1,245 @@
+"""What a set of answers is worth: answers against truths whose seals were checked, each figure with an interval."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_iwan.virtual_rig.faults import CATALOGUE
+from bayes_iwan.withheld.case_score import CaseScore, score_case
+from bayes_iwan.withheld.estimates import Estimate, findable
+from bayes_iwan.withheld.metrics import by_law, by_outside, confusion, summarise
+from bayes_iwan.withheld.sealed import WithheldError, check_seals, check_unseen, read_json, read_truths
+from bayes_iwan.withheld.truths import Truth, read_truth
+
+FindShrink = Callable[[Path, Path, str], float | None]
+
+
+@dataclass(frozen=True)
+class Score:
+    """A scored set: its cases, its table, and what the table leaves out.
+
+    `faulty`: cases whose rig had a law that no specimen has, not in `cases`. `held_back`: the table of those cases
+    alone whose laws or outside kinds were not used in calibration. `findable_visible`: visible size over noise of
+    single effects that half, and 80 %, are found at. `baselines`: other people's tables. `notes`: what a reader must
+    know.
+    """
+
+    cases: tuple[CaseScore, ...]
+    faulty: tuple[CaseScore, ...]
+    summary: Mapping[str, Estimate]
+    held_back: Mapping[str, Estimate]
+    findable_visible: Mapping[float, Estimate]
+    baselines: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def table(self) -> str:
+        """The score as text, one line a figure; the held-back cases' and the baselines' values beside it."""
+        width = max(len(k) for k in self.summary)
+        beside = ({"left out of calibration": self.held_back} if self.held_back else {}) | dict(self.baselines)
+        lines = []
+        if beside:
+            lines.append(" " * (width + 2) + f"{'these answers':34s}" + "".join(f"{n:>26s}" for n in beside))
+        for key, figure in self.summary.items():
+            line = f"{key:{width}s}  {figure.text():34s}"
+            for other in beside.values():
+                seen = other.get(key)
+                line += f"{'' if seen is None or seen.n == 0 else f'{seen.brief()} (n = {seen.n})':>26s}"
+            lines.append(line.rstrip())
+        for target, figure in self.findable_visible.items():
+            label = f"visible size over noise found in {100 * target:.0f} % of single cases"
+            lines.append(
+                f"{label:{width}s}  {figure.text() if np.isfinite(figure.value) else 'not within those tried'}"
+            )
+        lines += _split_lines("by law (visible listed causes)", ("named", "or in the set"), by_law(self.cases))
+        lines += _split_lines("by outside kind (visible)", ("rest flagged", "a false name"), by_outside(self.cases))
+        if self.faulty:
+            lines.append("counted apart: cases of a law that no specimen has")
+            lines += [f"  {c.name}: {', '.join(k.name for k in c.truth.causes)}: {_said(c)}" for c in self.faulty]
+        missing = [c.name for c in self.cases if not c.answered]
+        if missing:
+            lines.append(f"not answered, scored as a verdict of none with every probability 0.5: {', '.join(missing)}")
+        return "\n".join((*lines, *self.notes))
+
+    def case_table(self) -> str:
+        """One line a case: truth, verdict, causes named."""
+        return "\n".join(
+            f"{c.name}  {c.kind:22s} {', '.join(k.name for k in c.truth.causes) or '-':44s} {_said(c)}"
+            for c in self.cases
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers for JSON; nan becomes None."""
+        rows, columns, counts = confusion(self.cases)
+        return {
+            "schema": 2,
+            "summary": _plain(self.summary),
+            "left_out_of_calibration": _plain(self.held_back),
+            "findable_visible": _plain(self.findable_visible),
+            "baselines": _plain(self.baselines),
+            "by_law": _plain(by_law(self.cases)),
+            "by_outside": _plain(by_outside(self.cases)),
+            "confusion": {"truth": list(rows), "verdict": list(columns), "counts": counts.astype(int).tolist()},
+            "cases": [_plain(_case(c)) for c in self.cases],
+            "faulty": [_plain(_case(c)) for c in self.faulty],
+            "notes": list(self.notes),
+        }
+
+
+def _said(c: CaseScore) -> str:
+    if not c.answered:
+        return "not answered"
+    return c.answer.kind + "".join(f", {n.name} {n.probability:.2f}" for n in c.answer.causes)
+
+
+def _split_lines(title: str, heads: tuple[str, str], parts: Mapping[str, tuple[Estimate, Estimate]]) -> list[str]:
+    if not parts:
+        return []
+    lines = [f"{title:44s} {heads[0]:34s} {heads[1]}"]
+    return lines + [f"  {label:42s} {first.text():34s} {second.text()}" for label, (first, second) in parts.items()]
+
+
+def _case(c: CaseScore) -> dict[str, Any]:
+    return {
+        "name": c.name,
+        "kind": c.kind,
+        "causes": [asdict(k) | {"seen": c.truth.seen(k), "listed": k.listed} for k in c.truth.causes],
+        "noise": c.truth.noise,
+        "frequencies": c.truth.frequencies,
+        "family": c.truth.family,
+        "verdict": c.answer.kind,
+        "named": [{"name": n.name, "probability": n.probability, "share": n.share} for n in c.answer.causes],
+        "cannot_tell_apart": sorted(c.answer.in_sets - c.answer.names),
+        "unknown_rest": c.answer.unknown_rest,
+        "found": c.found,
+        "in_set": c.in_set,
+        "false_names": sorted(c.false_names),
+        "log_score": c.log_score,
+        "brier": c.brier,
+        "answered": c.answered,
+    }
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, Estimate):
+        return _plain(asdict(value))
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value
+
+
+def score_answers(
+    truths: Mapping[str, Mapping[str, Any]],
+    answers: Mapping[str, Mapping[str, Any]],
+    *,
+    found: Mapping[str, Mapping[str, float]] | None = None,
+    left_out: Sequence[str] = (),
+    baselines: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None,
+    notes: Sequence[str] = (),
+    seed: int = 0,
+) -> Score:
+    """Score answers against truths whose seals have been checked.
+
+    Parameters: both by case name; `found`, by case and cause, shares of the gap found on unseen tests; `left_out`, laws
+    ("name:law") and outside kinds that calibration never saw: their cases get a table of their own beside; `baselines`,
+    other sets of answers by name, scored beside. Raises `WithheldError` for answers without a truth, and for answers
+    that are refused.
+    """
+    strange = sorted(set(answers) - set(truths))
+    if strange:
+        raise WithheldError(f"answers to cases that have no truth: {', '.join(strange)}")
+    read = {name: read_truth(name, truths[name]) for name in sorted(truths)}
+    everything = _scored(read, answers, found or {})
+    cases = tuple(c for c in everything if not c.truth.faulty)
+    new = [c for c in cases if any(k.name in left_out or f"{k.name}:{k.law}" in left_out for k in c.truth.causes)]
+    single = [c for c in cases if c.kind == "single" and c.truth.noise > 0 and c.truth.causes[0].visible > 0]
+    return Score(
+        cases=cases,
+        faulty=tuple(c for c in everything if c.truth.faulty),
+        summary=summarise(cases, seed),
+        held_back=summarise(new, seed) if new else {},
+        findable_visible=findable(
+            [c.truth.causes[0].visible / c.truth.noise for c in single], [c.found for c in single], seed
+        ),
+        baselines={
+            name: summarise([c for c in _scored(read, other, {}) if not c.truth.faulty], seed)
+            for name, other in (baselines or {}).items()
+        },
+        notes=tuple(notes),
+    )
+
+
+def _scored(
+    truths: Mapping[str, Truth], answers: Mapping[str, Mapping[str, Any]], found: Mapping[str, Mapping[str, float]]
+) -> list[CaseScore]:
+    return [score_case(name, truth, answers.get(name), found.get(name)) for name, truth in truths.items()]
+
+
+def read_answers(path: Path) -> dict[str, dict[str, Any]]:
+    """Answers by case from {"answers": {case: diagnosis}} or {case: diagnosis}. Raises `WithheldError`."""
+    content = read_json(path)
+    given = content.get("answers", content) if isinstance(content, dict) else None
+    if not isinstance(given, dict) or not all(isinstance(a, dict) for a in given.values()):
+        raise WithheldError(f"{path}: no answers in it")
+    return given
+
+
+def score(
+    directory: Path | str,
+    truth: Path | str,
+    *,
+    answers: Path | str | None = None,
+    find_shrink: FindShrink | None = None,
+    allow_effects_file: bool = False,
+    left_out: Sequence[str] = (),
+    baselines: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None,
+    seed: int = 0,
+) -> Score:
+    """Check the commitments, then score `answers.json` (by default `directory/answers/answers.json`).
+
+    Answers are {"answers": {case: diagnosis}} or {case: diagnosis}. `find_shrink(diagnosis_folder, unseen_campaign,
+    cause)` predicts the unseen tests with the diagnosed model, with and without the cause, and returns the share of the
+    gap that it removes there; it is called for every named cause of a case with an unseen campaign in the folder of
+    truths. Where `fits.json` names a file of the answerer's own effects or simulator, that code is run only if
+    `allow_effects_file`; else such cases have no share on unseen tests, and the table says so. Raises `WithheldError`
+    if a seal is broken.
+    """
+    directory, truth = Path(directory), Path(truth)
+    answers_path = Path(answers) if answers is not None else directory / "answers" / "answers.json"
+    truths = read_truths(truth)
+    check_seals(directory, truths)
+    given = read_answers(answers_path)
+    found: dict[str, dict[str, float]] = {}
+    foreign = []
+    for name in sorted(set(given) & set(truths)):
+        unseen, fits = truth.parent / "unseen" / name, answers_path.parent / name / "fits.json"
+        if find_shrink is None or not (unseen / "campaign.toml").is_file() or not fits.is_file():
+            continue
+        check_unseen(name, unseen, truths[name])
+        if _names_code(fits) and not allow_effects_file:
+            foreign.append(name)
+            continue
+        causes = score_case(name, read_truth(name, truths[name]), given[name]).answer.causes
+        values = {c.name: find_shrink(fits.parent, unseen, c.name) for c in causes if c.name in CATALOGUE}
+        found[name] = {k: float(v) for k, v in values.items() if v is not None and np.isfinite(v)}
+    notes = []
+    if foreign:
+        notes.append(
+            f"not tried on unseen tests, since fits.json names code of the answerer's own (run it with "
+            f"--allow-effects-file): {', '.join(foreign)}"
+        )
+    return score_answers(truths, given, found=found, left_out=left_out, baselines=baselines, notes=notes, seed=seed)
+
+
+def _names_code(fits: Path) -> bool:
+    """Whether a `fits.json` names a Python file that predicting with it would run."""
+    stored = read_json(fits)
+    return isinstance(stored, dict) and bool(stored.get("effects_file") or stored.get("simulator_file"))

@@ -1,0 +1,269 @@
+"""The budget's arithmetic against closed forms, the rules that refuse a name, and the calibration's promises."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.diagnosis.answer.wording import title
+from bayes_iwan.diagnosis.assessment.budget import Gaps, gaps_of, shares_of, subsets
+from bayes_iwan.diagnosis.assessment.calibration import (
+    EFFECT_FIGURES,
+    REST_FIGURES,
+    Calibration,
+    calibration,
+    effect_figures,
+    from_json,
+    rest_figures,
+)
+from bayes_iwan.diagnosis.assessment.indicators import Figures
+from bayes_iwan.diagnosis.assessment.verdict import contributing, named_by, one_of, refused, rest_without_name
+from bayes_iwan.diagnosis.constants import (
+    ALIKE_NATS,
+    EFFECT_NATS,
+    LEAST_GAP,
+    LEAST_TESTS,
+    NAMED,
+    SUREST,
+    USUAL_GAP,
+)
+from bayes_iwan.diagnosis.search.base_fit import gap_rms_N, newton_nats, quick_gap_N
+from bayes_iwan.diagnosis.search.search_result import score
+
+
+def sets(**values):
+    """By set of effects: "a_b" for two, "none" for none."""
+    return {frozenset(k.split("_")) if k != "none" else frozenset(): v for k, v in values.items()}
+
+
+def test_subsets_are_all_of_them_the_empty_one_first():
+    assert subsets("ba") == [frozenset(), frozenset("a"), frozenset("b"), frozenset("ab")]
+    assert len(subsets("abcd")) == 16
+
+
+def test_shares_of_effects_that_do_not_overlap_are_their_own_parts():
+    found = shares_of("ab", sets(none=1.0, a=0.7, b=0.5, a_b=0.2))
+    assert found == pytest.approx({"a": 0.3, "b": 0.5})
+
+
+def test_what_two_effects_explain_alike_is_halved_and_makes_the_interval_wide():
+    """Either removes 0.8 of the gap, both together no more."""
+    gap = sets(none=1.0, a=0.2, b=0.2, a_b=0.2)
+    assert shares_of("ab", gap) == pytest.approx({"a": 0.4, "b": 0.4})
+    of = gaps_of("ab", {k: np.full(4, v**2) for k, v in gap.items()})["a"]
+    assert (of.with_all, of.without, of.alone, of.sd) == pytest.approx((0.2, 0.2, 0.2, 0.0))
+    said = of.share(0.0)
+    assert said.value == pytest.approx(0.4) and said.low < 0.05 and said.high > 0.75
+
+
+def test_a_share_varies_as_its_tests_do_and_by_the_law():
+    """One effect: each test's gap is 1 N, and 0.1 or 0.5 N with it."""
+    power = {frozenset(): np.ones(4), frozenset("a"): np.array([0.01, 0.25, 0.01, 0.25])}
+    of = gaps_of("a", power)["a"]
+    kept = [np.sqrt(np.delete(power[frozenset("a")], t).mean()) for t in range(4)]
+    assert of.sd == pytest.approx(np.sqrt(0.75 * np.sum((np.array(kept) - np.mean(kept)) ** 2)))
+    assert of.first == of.last == pytest.approx(1.0 - np.sqrt(0.13))
+    wide, narrow = of.share(0.2), of.share(0.0)
+    assert wide.high - wide.value > narrow.high - narrow.value > of.sd
+    assert Gaps(0.0, 1.0, 0.0, 0.0).share(0.3).high == 1.0
+
+
+PLACE = Figures(
+    name="moving_mass",
+    gain=60.0,
+    lead=20.0,
+    rivals={"moving_mass": 0.0, "free_play": -14.0},
+    fitted=0.6,
+    alone=0.6,
+    unseen=0.6,
+    fixed=0.6,
+    differs=0.5,
+    left=0.2,
+    moved=0.05,
+    gap=0.04,
+    before=0.04,
+    tests=6,
+)
+
+
+@pytest.mark.parametrize("change", [{"gain": 200.0}, {"fitted": 0.9}, {"unseen": 0.9}], ids=str)
+def test_better_figures_never_make_a_cause_less_probable(change):
+    c = calibration()
+    assert c.contributes(replace(PLACE, **change)) >= c.contributes(PLACE)
+    assert 1.0 - SUREST <= c.contributes(PLACE) <= SUREST
+
+
+def test_a_clear_effect_is_named_and_no_evidence_names_nothing():
+    c = calibration()
+    clear = replace(PLACE, gain=300.0, rivals={"moving_mass": 0.0})
+    assert named_by([clear], c) == ("moving_mass",)
+    idle = replace(clear, gain=3.0, fitted=0.03, unseen=0.01, left=0.9, gap=0.003)
+    assert c.contributes(idle) < 0.5 and named_by([idle], c) == ()
+
+
+SURE = replace(PLACE, gain=500.0, fitted=0.8, alone=0.8, unseen=0.8, fixed=0.8, left=0.1, rivals={"moving_mass": 0.0})
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"tests": 1, "unseen": np.nan}, "one record"),
+        ({"unseen": -0.01}, "left out"),
+        ({"unseen": 0.0}, "left out"),
+        ({"fixed": -0.1}, "left out"),
+        ({"fitted": 0.01}, "too little"),
+        ({"before": 0.001, "fitted": 0.5}, "too little"),
+        ({"odd": "mass of 9 t is beyond what is possible"}, "9 t"),
+        ({"name": "slip_forces_free", "gap": 0.9 * LEAST_GAP}, "every specimen"),
+        ({"name": "lagging_force"}, "no cause"),
+    ],
+)
+def test_a_name_is_refused_however_probable(change, why):
+    c, f = calibration(), replace(SURE, **change)
+    f = replace(f, rivals={f.name: 0.0})
+    assert refused(SURE) == "" and why in refused(f)
+    assert named_by([SURE], c) == ("moving_mass",) and named_by([f], c) == ()
+    if f.name != "lagging_force":
+        assert contributing([f], c)[0][f.name] <= 1.0 - NAMED
+
+
+def test_what_the_record_itself_shows_is_named_from_one_record():
+    hum = replace(SURE, name="mains_hum", rivals={"mains_hum": 0.0}, tests=1, unseen=float("nan"), fixed=float("nan"))
+    assert refused(hum) == "" and named_by([hum], calibration()) == ("mains_hum",)
+
+
+def test_one_record_says_one_of_these():
+    one = replace(SURE, tests=1, unseen=float("nan"), rivals={"moving_mass": 0.0, "free_play": -3.0})
+    (said,) = one_of([one], named_by([one], calibration()), calibration())
+    assert set(said.names) == {"moving_mass", "free_play"}
+
+
+def test_what_no_test_left_out_can_judge_counts_as_it_is_fitted():
+    c, unjudged = calibration(), replace(PLACE, unseen=float("nan"))
+    assert not unjudged.judged and PLACE.judged
+    assert c.contributes(unjudged) == pytest.approx(c.contributes(replace(PLACE, unseen=PLACE.fitted)))
+
+
+OTHERS = ("viscous_damping", "end_stop", "free_play", "force_lowpass")
+
+
+@pytest.mark.parametrize(("tied", "named"), [(0, True), (1, True), (2, True), (3, False), (4, False)])
+def test_a_name_needs_a_probability_of_its_own_and_many_are_said_together(tied, named):
+    """With so many tied rivals in its place an effect has 1/(1 + tied) of the place's probability."""
+    c = calibration()
+    f = replace(SURE, rivals=dict.fromkeys((SURE.name, *OTHERS[:tied]), 0.0))
+    assert named_by([f], c) == ((SURE.name,) if named else ())
+    said = one_of([f], named_by([f], c), c)
+    if named:
+        assert said == ()
+    else:
+        assert set(said[0].names) == set(f.rivals) and said[0].probability == pytest.approx(c.contributes(f))
+
+
+def test_rivals_share_their_places_probability():
+    shares = calibration().among(PLACE)
+    assert sum(shares.values()) == pytest.approx(1.0) and shares["moving_mass"] > shares["free_play"] > 0.0
+
+
+def test_a_form_of_the_base_and_effects_that_cannot_be_told_from_it_are_said_together():
+    c, tied = calibration(), dict.fromkeys(("slip_forces_free", *OTHERS), 0.0)
+    place = replace(SURE, name="slip_forces_free", rivals=tied)
+    (said,) = one_of([place], named_by([place], c), c)
+    assert set(said.names) == set(tied)
+    assert one_of([replace(place, rivals={"slip_forces_free": 0.0, "stiffness_law_free": 0.0})], (), c) == ()
+    assert one_of([place], ("slip_forces_free",), c) == ()
+
+
+def test_what_nothing_of_the_catalogue_fills_is_not_said_to_be_one_of_it():
+    c, tied = calibration(), dict.fromkeys((SURE.name, *OTHERS), 0.0)
+    assert one_of([replace(SURE, rivals={SURE.name: 0.0})], (), c) == ()  # one alone is named or not
+    assert one_of([replace(SURE, rivals=tied, unseen=-0.1)], (), c) == ()  # nothing holds on other tests
+
+
+def test_evidence_counts_more_beside_a_gap_that_no_sound_specimen_has():
+    sound, large = (effect_figures(replace(SURE, gap=k * USUAL_GAP))[0] for k in (1.0, 10.0))
+    assert large / sound == pytest.approx(np.log(11.0) / np.log(2.0))
+
+
+def test_evidence_counts_by_test_but_a_single_record_no_more_than_a_few():
+    def evidence(gain, tests):
+        return effect_figures(replace(SURE, gain=gain, tests=tests))[0]
+
+    assert evidence(20.0, 14) < evidence(20.0, 7) == pytest.approx(evidence(40.0, 14))
+    assert evidence(20.0, 1) == evidence(20.0, LEAST_TESTS)
+
+
+def test_a_pattern_speaks_for_a_cause_where_it_removes_as_much_as_a_cause_must():
+    c = calibration()
+    sure = replace(SURE, name="lagging_force", rivals={"lagging_force": 0.0})
+    assert rest_without_name(0.1, [sure], c) > 0.9
+    assert rest_without_name(0.1, [replace(sure, fitted=0.01)], c) == pytest.approx(0.1)
+    tiny = replace(sure, fitted=0.2, before=0.004)  # 0.08 % of the friction force
+    assert rest_without_name(0.1, [tiny], c) == pytest.approx(0.1)
+
+
+def test_the_score_of_a_set():
+    names = frozenset(("viscous_damping", "channel_delay"))
+    assert score(100.0, -7.0, names, 1) == pytest.approx(93.0 - 2.0 * EFFECT_NATS - ALIKE_NATS)
+
+
+def test_a_gap_in_newtons_counts_by_its_logarithm_down_to_a_sound_specimens():
+    half = newton_nats(0.5, USUAL_GAP, 6) - newton_nats(1.0, USUAL_GAP, 6)
+    assert half == pytest.approx(2.0 * 6 * np.log(4.0), rel=1e-3)  # as two complex numbers of each test would
+    floor = newton_nats(0.0, USUAL_GAP, 6) - newton_nats(USUAL_GAP, USUAL_GAP, 6)
+    assert floor == pytest.approx(2.0 * 6 * np.log(2.0))
+
+
+def test_the_quick_gap_is_nearly_that_of_a_whole_refit(kit):
+    found = kit.diagnosed("viscous_damping", "held out").search
+    for names in (frozenset(), frozenset({"viscous_damping"})):
+        fit = found.fits[names]
+        floor = USUAL_GAP * float(np.sqrt(np.mean(found.data.level_N**2)))
+        assert quick_gap_N(found.data, fit) == pytest.approx(gap_rms_N(found.data, fit), rel=0.1, abs=0.1 * floor)
+
+
+def test_a_larger_rest_is_likelier_to_have_a_cause():
+    c = calibration()
+    p = [c.unknown_rest(rest_figures(share, 1.0)) for share in (0.0005, 0.005, 0.05)]
+    assert p[0] < 0.5 < p[2] and p == sorted(p)
+    assert c.unknown_rest(rest_figures(0.004, 800.0)) >= c.unknown_rest(rest_figures(0.004, 1.0))
+
+
+def test_shipped_constants_have_one_sign_and_one_weight_for_each_figure():
+    c = calibration()
+    assert len(c.effect) == len(EFFECT_FIGURES) == len(effect_figures(PLACE))
+    assert len(c.rest) == len(REST_FIGURES)
+    assert min(c.effect) >= 0.0 and min(c.rest) >= 0.0
+
+
+def test_nature_s_law_puts_a_small_share_off_by_a_part_of_it_only():
+    c = calibration()
+    assert c.law_sd(1.0) == c.law
+    assert c.law_sd(0.01) == pytest.approx(0.01 * c.law_of_share) and c.law_sd(-0.1) == 0.0
+
+
+def test_saved_constants_are_read_back(tmp_path):
+    c = Calibration((1.0, 1.0, 2.0), -1.5, (1.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5), 0.05, 0.5)
+    c.save(tmp_path / "constants.json")
+    assert from_json(json.loads((tmp_path / "constants.json").read_text())) == c
+
+
+def test_titles_are_running_text():
+    assert title("channel_delay") == "a delay between the channels" and title("end_stop") == "end stop"
+    assert title("slip_forces_follows_pressure_bar") == "slip forces that follow pressure_bar"
+    assert title("stiffness_follows_temperature_C") == "stiffness that follows temperature_C"
+
+
+def test_constants_are_few_and_each_has_a_reason():
+    import ast
+    from pathlib import Path
+
+    import bayes_iwan.diagnosis.constants as constants
+
+    lines = Path(constants.__file__).read_text().splitlines()
+    given = [n for n in ast.parse("\n".join(lines)).body if isinstance(n, ast.AnnAssign)]
+    assert 0 < len(given) <= 40
+    for node in given:
+        above = lines[node.lineno - 2]
+        assert above.startswith("#:") or ": Final" in above, f"{lines[node.lineno - 1]} has no reason"

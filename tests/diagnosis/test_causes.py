@@ -1,0 +1,38 @@
+"""From a planted fault to its name: campaigns drawn on the virtual rig, which shares no code with the model, diagnosed.
+
+Viscous damping and a delay between the channels are named in `test_search.py`; with those here they are eleven.
+"""
+
+import pytest
+
+from bayes_iwan.diagnosis.assessment.budget import Kind
+from bayes_iwan.diagnosis.diagnosis import diagnose_loops
+
+PLANTED = (
+    "moving_mass",
+    "quadratic_stiffness",
+    "end_stop",
+    "friction_fade",
+    "rate_strengthening",
+    "force_highpass",
+    "force_clipping",
+    "force_drift",
+    "mains_hum",
+)
+
+
+def test_what_four_tests_cannot_tell_apart_is_said_as_one_of_two(kit):
+    """Of two frequencies either alone takes a relaxation for viscous damping, and predicts the other badly."""
+    campaign = kit.campaign_of(kit.rig_records("maxwell_branch"))
+    loops = campaign.loops(n_phase=36, n_harmonics=12)
+    verdict = diagnose_loops(campaign, loops, seed=1, quick=True, settings=kit.settings).verdict
+    assert verdict.names == () and [set(x.names) for x in verdict.one_of] == [{"maxwell_branch", "viscous_damping"}]
+
+
+@pytest.mark.parametrize("cause", PLANTED)
+def test_the_verdict_names_the_planted_cause(cause, kit):
+    campaign = kit.campaign_of(kit.rig_records(cause))
+    loops = campaign.loops(n_phase=36, n_harmonics=12)
+    found = diagnose_loops(campaign, loops, seed=1, quick=True, settings=kit.settings)
+    assert found.verdict.names == (cause,) and found.verdict.kind == Kind.EXPLAINED
+    assert found.verdict.causes[0].share.value > 0.7

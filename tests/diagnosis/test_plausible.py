@@ -1,0 +1,71 @@
+"""Numbers that no cause has."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.diagnosis.assessment.plausible_values import implausible, of_time, replaced
+from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LONGEST_PERIODS
+from bayes_iwan.diagnosis.fits.evidence import base_problem, extended
+from bayes_iwan.effects import catalogue
+
+
+def data_of(kit, *hz):
+    loops = kit.made_up(kit.specimen_force, [(f, a) for f in hz for a in (0.4, 0.9)], cycles=5).loops(**kit.small)
+    return SimpleNamespace(loops=loops)
+
+
+def fit_with(kit, data, effect, **values):
+    """A fit of the base with an effect whose numbers have these values, by short name."""
+    problem = extended(base_problem(data, kit.settings, kit.scales), [effect])
+    z = np.zeros(problem.ndim)
+    for name, value in values.items():
+        at = problem.names.index(f"{effect.name}.{name}")
+        grid = np.linspace(-6.0, 6.0, 4001)
+        trial = np.zeros((len(grid), problem.ndim))
+        trial[:, at] = grid
+        found = problem.prior.values(trial)[f"{effect.name}.{name}"]
+        z[at] = grid[np.argmin(np.abs(found - value))]
+    return SimpleNamespace(problem=problem, z=z)
+
+
+def effect_of(kit, name):
+    return catalogue.variants()[name][0](kit.scales, ("t0.csv",))
+
+
+def test_a_time_constant_beyond_the_tested_periods_is_none(kit):
+    data, effect = data_of(kit, 8.0, 20.0), effect_of(kit, "channel_delay")
+    near = implausible(effect, fit_with(kit, data, effect, delay_s=2e-4), data)
+    assert near == ""
+    slow = SimpleNamespace(loops=[SimpleNamespace(frequency_hz=8.0), SimpleNamespace(frequency_hz=20.0)])
+    late = fit_with(kit, data, effect, delay_s=2e-4)
+    long_s = {p.name: np.array([1.1 * LONGEST_PERIODS / 8.0]) for p in effect.parameters}
+    prior = SimpleNamespace(values=lambda z: long_s)
+    late.problem = SimpleNamespace(names=late.problem.names, prior=prior)
+    assert "longer than" in implausible(effect, late, slow)
+
+
+def test_an_effect_of_time_needs_frequencies_that_differ(kit):
+    effect = effect_of(kit, "channel_delay")
+    assert of_time(effect) and not of_time(effect_of(kit, "cubic_stiffness"))
+    alike, apart = data_of(kit, 10.0, 10.0 * (CLOCK_SPREAD - 0.05)), data_of(kit, 10.0, 10.0 * (CLOCK_SPREAD + 0.1))
+    assert "follows frequency" in implausible(effect, fit_with(kit, alike, effect, delay_s=2e-4), alike)
+    assert implausible(effect, fit_with(kit, apart, effect, delay_s=2e-4), apart) == ""
+
+
+def test_a_number_far_from_its_prior_is_not_plausible(kit):
+    data, effect = data_of(kit, 8.0, 20.0), effect_of(kit, "end_stop")
+    fit = fit_with(kit, data, effect)
+    assert implausible(effect, fit, data) == ""
+    fit.z[fit.problem.names.index("end_stop.exponent")] = LARGEST_SCORE + 0.1
+    assert "exponent" in implausible(effect, fit, data)
+
+
+@pytest.mark.parametrize(("without", "beside", "why"), [(4.5, 1.0, "k1_N_mm"), (4.5, 4.2, ""), (2.0, 0.0, "")])
+def test_an_effect_that_only_replaces_a_number_at_its_edge_is_no_cause(without, beside, why):
+    def fit(z):
+        return SimpleNamespace(problem=SimpleNamespace(names=("kp_N_mm", "k1_N_mm")), z=np.array([0.0, z]))
+
+    said = replaced(fit(without), fit(beside))
+    assert why in said and bool(said) is bool(why)

@@ -1,0 +1,387 @@
+"""The search on campaigns from the virtual rig, whose solver, steps and elements are not the model's."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import Campaign
+from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Kind
+from bayes_iwan.diagnosis.diagnosis import diagnose_loops
+from bayes_iwan.diagnosis.fits.data import gap_data
+from bayes_iwan.diagnosis.fits.evidence import extended
+from bayes_iwan.diagnosis.fits.residual_rows import Rows
+from bayes_iwan.diagnosis.search import model_search as searching
+from bayes_iwan.diagnosis.search import refits
+from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, missed, newton_nats, sound_gap_N
+from bayes_iwan.diagnosis.search.candidates import candidate, start_points, stepped_on, weighed_alike
+from bayes_iwan.diagnosis.search.fitted_sets import Explored, silent
+from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, fit_singles, grow, search
+from bayes_iwan.diagnosis.search.search_result import LAST
+from bayes_iwan.diagnosis.search.strength import calibrated
+from bayes_iwan.effects import catalogue
+from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.mounting import RigCompliance
+from bayes_iwan.effects.paper_stages import missing_terms
+from bayes_iwan.inference.setup.loop_scales import scales_of
+from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
+from bayes_iwan.models import Model
+from bayes_iwan.virtual_rig.fault import Fault
+from bayes_iwan.virtual_rig.planning import simulate_campaign
+from bayes_iwan.virtual_rig.simulate import PlannedTest
+
+FOUND = {"viscous_damping": "c_N_s_mm", "moving_mass": "m_kg"}
+
+
+def explorer(kit, data, kinds):
+    """A search that has fitted its base and no more."""
+    return Explored(data, scales_of(data.loops), kit.settings, kinds, np.random.default_rng(0), silent, None, None)
+
+
+def promised(data, smaller, gap_N, effect):
+    """An effect on top of a fit that leaves a gap, not yet refitted."""
+    return candidate(data, smaller, weighed_alike(data, smaller), gap_N, effect)
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_planted_effect_is_found_with_its_number(name, kit):
+    plan = "held out" if name == "viscous_damping" else "grid"
+    planted = kit.rig_records(name, plan).faults[0].parameters[FOUND[name]]
+    d = kit.diagnosed(name, plan)
+    assert d.verdict.kind == Kind.EXPLAINED and d.verdict.names[0] == name
+    assert d.verdict.probabilities[name] > 0.6
+    number = d.parameters[name][FOUND[name]]
+    assert abs(number.mean - planted) < 3.0 * number.sd + 0.02 * abs(planted)
+    assert 0 < number.sd < 0.3 * abs(planted)
+    assert d.search.fit({name}).log_evidence > d.search.base.log_evidence + 20.0
+
+
+def test_a_late_and_a_smoothed_force_are_said_to_be_all_but_one(kit):
+    """A force that is 0.4 ms late is as well one that a steep filter smooths."""
+    (cause,) = kit.diagnosed("channel_delay").verdict.causes
+    alike = {cause.name, *cause.cannot_tell_apart}
+    assert {"channel_delay", "force_lowpass"} <= alike
+    assert sum(kit.diagnosed("channel_delay").verdict.probabilities[n] for n in alike) > 0.6
+
+
+def test_sound_rig_has_no_cause(kit):
+    d = kit.diagnosed(None)
+    assert d.verdict.kind == Kind.NONE and d.verdict.causes == () and not d.verdict.unknown_rest
+    assert d.verdict.probabilities["none"] > 0.5
+
+
+@pytest.mark.parametrize(
+    "name, looks_like", [("cell_hysteresis", "lagging_force"), ("sensor_hysteresis", "lagging_reading")]
+)
+def test_a_reading_with_hysteresis_is_unknown_and_described(name, looks_like):
+    """The rig has plays in parallel, the pattern another law; neither is a cause of the catalogue."""
+    plan = [PlannedTest(f, a, cycles=12) for f in (6.0, 14.0, 25.0) for a in (0.4, 0.9)]
+    made = simulate_campaign(plan, fault=name, size=0.1, seed=3)
+    campaign = Campaign("virtual rig", "", "", "", None, made.records)
+    d = diagnose_loops(campaign, campaign.loops(n_phase=64, n_harmonics=20), seed=1, quick=True)
+    assert d.verdict.kind == Kind.UNKNOWN and d.verdict.names == () and d.budget.rest.looks_like == looks_like
+
+
+def test_where_nothing_is_missed_nothing_is_searched(kit):
+    """Loops of the base model itself and noise; and the same with a spring that hardens a little."""
+    tests = [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)]
+    right = kit.made_up(kit.specimen_force, tests, noise_N=0.01)
+    d = diagnose_loops(right, right.loops(**kit.small), seed=1, quick=True)
+    assert d.verdict.kind == Kind.NONE and set(d.search.fits) == {frozenset()}
+
+    def hardened(f, a, n):
+        u = a * np.sin(2.0 * np.pi * np.arange(n) / n)
+        return kit.specimen_force(f, a, n) + 0.05 * u**3
+
+    off = kit.made_up(hardened, tests, noise_N=0.01).loops(**kit.small)
+    scales, data = scales_of(off), gap_data(off)
+    assert missed(data, fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(0)))
+
+
+def test_cause_outside_the_catalogue_leaves_a_rest_without_a_name(kit):
+    d = kit.diagnosed("base_resonance")
+    assert d.verdict.unknown_rest and d.verdict.kind in (Kind.UNKNOWN, Kind.PARTLY)
+    assert d.budget.rest.where  # and it is said where it sits
+
+
+def test_single_frequency_answer_holds_the_truth_among_what_cannot_be_told_apart(kit):
+    d = kit.diagnosed("viscous_damping", "single")
+    near = {n for c in d.verdict.causes for n in (c.name, *c.cannot_tell_apart)}
+    assert "viscous_damping" in near and d.verdict.probabilities["viscous_damping"] > 0.3
+
+
+def test_every_effect_is_offered_and_the_most_promising_first(kit):
+    data = kit.diagnosed("viscous_damping", "held out").search.data
+    found = explorer(kit, data, {n: e for n, e in catalogue.variants().items() if n not in NO_CAUSE})
+    offered = found.offered(found.fits[frozenset()])
+    # 50 and 60 Hz are no harmonics of these tests, and no line stands there
+    assert data.mains_possible == (False, False)
+    assert {c.name for c in offered} == set(catalogue.NAMES) - {"mains_hum"} - LAST
+    promised = [c.worth for c in offered]
+    assert promised == sorted(promised, reverse=True)
+    # one step is but a screen: the truth need not lead, but it must be refitted
+    assert "viscous_damping" in [c.name for c in offered[:SINGLE_MOST]]
+
+
+def test_what_an_effect_removes_in_newtons_is_part_of_its_promise_where_there_is_a_gap(kit):
+    found = kit.diagnosed("viscous_damping", "held out").search
+    gap_N = gap_rms_N(found.data, found.base)
+    for name in ("viscous_damping", "moving_mass"):
+        without, beside = (promised(found.data, found.base, g, found.effects[name][0]) for g in (0.0, gap_N))
+        assert without.worth == without.gain == beside.gain and len(beside.starts) == len(without.starts) + 1
+        sound_N, tests = sound_gap_N(found.data), found.data.tests
+        removed = newton_nats(0.0, sound_N, tests) - newton_nats(gap_N, sound_N, tests)
+        assert 0.0 <= beside.worth - beside.gain <= removed
+        if name == "viscous_damping":  # the truth: most of the gap, and so a good part of what all of it is worth
+            assert beside.worth - beside.gain > removed / 3.0
+
+
+def test_an_effect_is_not_promised_what_a_step_of_the_smaller_model_gains_by_itself(kit):
+    """A base that stands a little beside its optimum: what it would gain there is no merit of any effect."""
+    found = kit.diagnosed("viscous_damping", "held out").search
+    effects = {n: e for n, e in found.effects.items() if n not in LAST | NO_CAUSE and not e[0].sudden}
+    right = found.base
+    beside = right.z + 0.2 * np.random.default_rng(4).standard_normal(len(right.z))
+    off = replace(
+        right, z=beside, optima=beside[None], linear=Rows(found.data, right.problem, right.size.between).linear(beside)
+    )
+    sd = np.sqrt(off.linear.variance(off.size))
+    j, r = off.linear.jacobian / sd[:, None], off.linear.residual / sd
+    b = j.T @ r - off.z
+    own = 0.5 * b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b)
+    at_optimum, aside = (
+        {n: max(promised(found.data, x, 0.0, e).gain for e in some) for n, some in effects.items()}
+        for x in (right, off)
+    )
+    assert own > 300.0
+    assert np.median([abs(aside[n] - at_optimum[n]) for n in at_optimum]) < 0.1 * own
+
+
+def test_effects_with_a_number_for_each_test_promise_what_a_step_of_these_gains(kit):
+    """A hum of a twentieth of the friction force, in a campaign whose base is fitted far worse than that."""
+    tests = [(8.0, 0.4), (8.0, 0.9), (20.0, 0.4), (20.0, 0.9)]
+
+    def humming(time, test):
+        return 0.05 * np.cos(2.0 * np.pi * 49.9 * time - test)
+
+    gain = {}
+    for name, extra in (("hum", humming), ("quiet", None)):
+        loops = kit.made_up(kit.specimen_force, tests, noise_N=0.01, cycles=24, extra=extra).loops(**kit.small)
+        data, scales = gap_data(loops), scales_of(loops)
+        base = fit_base(data, kit.settings, scales, np.random.default_rng(0))
+        effects = [calibrated(k, scales, data, base.problem, base.z) for k in catalogue.variants()["mains_hum"]]
+        gain[name] = [promised(data, base, 0.0, e).gain for e in effects if e.possible(data)]
+    assert max(gain["hum"]) > 100.0 and len(gain["hum"]) == 1  # 50 Hz alone: no line stands at 60
+    assert gain["quiet"] == []
+
+
+class _Straight:
+    """Rows of a model that is linear in its numbers: what :class:`Rows` offers and no more."""
+
+    def __init__(self, jacobian, measured):
+        self.jacobian, self.measured = jacobian, measured
+
+    def residual(self, z):
+        return self.measured - z @ self.jacobian.T
+
+
+def test_a_candidates_step_ends_at_the_least_cost_of_a_linear_model():
+    rng = np.random.default_rng(3)
+    jacobian, measured, sd = rng.standard_normal((40, 5)), 0.3 * rng.standard_normal(40), rng.uniform(0.5, 2.0, 40)
+    point = np.array([0.1, -0.2, 0.3, 0.0, 0.4])
+    rows = _Straight(jacobian, measured)
+    white = jacobian / sd[:, None]
+    # the smaller model has numbers 0, 2 and 3, and 30 of the rows
+    moved, cost = stepped_on(
+        rows, point, rows.residual(point[None])[0] / sd, white[:30][:, [0, 2, 3]], [0, 2, 3], [1, 4], sd
+    )
+    known = white.copy()
+    known[30:, [0, 2, 3]] = 0.0  # what the smaller model does not know of the further rows
+    r = (measured - jacobian @ point) / sd
+    step = np.linalg.solve(known.T @ known + np.eye(5), known.T @ r - point)
+    assert moved == pytest.approx(point + step, abs=1e-6)
+    left = (measured - jacobian @ moved) / sd
+    assert cost == pytest.approx(left @ left + moved @ moved)
+
+
+def test_a_law_that_only_its_shape_tells_from_the_base_is_found(kit):
+    """A joint that stiffens under load is all but another slip-force density, unless its shape moves, too."""
+    tests = [PlannedTest(f, a, cycles=12) for f in (8.0, 20.0) for a in (0.3, 0.6, 0.9)]
+    fault = Fault("rig_compliance", {"compliance_mm_N": 0.025, "reference_N": 1.0}, "stiffening")
+    rig = simulate_campaign(tests, fault=fault, seed=3)
+    loops = kit.campaign_of(rig).loops(**kit.small)
+    data, scales = gap_data(loops), scales_of(loops)
+    base = fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(0))
+    effect = calibrated(RigCompliance, scales, data, base.problem, base.z)
+    assert promised(data, base, 0.0, effect).gain > 10.0
+
+
+def test_sudden_effects_are_refitted_where_there_is_a_gap(kit):
+    fits = kit.diagnosed("viscous_damping", "held out").search.fits
+    assert frozenset({"force_clipping"}) in fits and frozenset({"end_stop"}) in fits
+
+
+def test_what_acts_along_the_record_is_refitted_where_the_gap_is_there_whatever_a_step_promises(kit, monkeypatch):
+    def hopeless(*given):
+        one = candidate(*given)
+        return replace(one, gain=-1e3, worth=-1e3) if one.effect.evolving else one
+
+    monkeypatch.setattr(refits, "candidate", hopeless)
+    monkeypatch.setattr(searching, "SINGLE_MOST", 0)
+    virtual = kit.rig_records("friction_fade")
+    fading = gap_data([x for x in kit.campaign_of(virtual).loops(**kit.small) if x.role == "fit"])
+    steady = gap_data([x for x in kit.campaign_of(kit.rig_records(None)).loops(**kit.small) if x.role == "fit"])
+    fitted = {}
+    for name, data in (("fading", fading), ("steady", steady)):
+        kinds = {n: catalogue.variants()[n] for n in ("friction_fade", "spring_softening", "moving_mass")}
+        found = explorer(kit, data, kinds)
+        fit_singles(found)
+        fitted[name] = set(found.fits)
+    assert frozenset({"friction_fade"}) in fitted["fading"] and frozenset({"friction_fade"}) not in fitted["steady"]
+
+
+def test_strengths_are_brought_to_the_specimens_scale(kit):
+    """At its median strength an effect moves the prior share of the friction force."""
+    from bayes_iwan.diagnosis.search.strength import friction_rms_N
+    from bayes_iwan.effects.base import TYPICAL_SHARE
+    from bayes_iwan.inference.setup.loop_error import harmonics_of
+
+    found = kit.diagnosed(None).search
+    for name in ("viscous_damping", "moving_mass", "cubic_stiffness", "stribeck_weakening", "channel_delay"):
+        effect = found.effects[name][0]
+        problem = extended(found.base.problem, [effect])
+        values = {n: v for n, v in problem.prior.values(np.zeros((1, problem.ndim))).items()}
+        values |= found.base.problem.prior.values(found.base.z[None])
+        values[effect.strength_name] = np.array([effect.strength_value])
+        force = [
+            p.force(p.parameter_values_of(values), found.data.steady_motion) for p in (problem, found.base.problem)
+        ]
+        c = harmonics_of(force[0] - force[1], 17)[0]
+        moved = np.sqrt(np.mean(np.abs(c[:, 0]) ** 2 + 0.5 * np.sum(np.abs(c[:, 1:]) ** 2, axis=1)))
+        share = moved / friction_rms_N(found.base.problem, found.base.z)
+        assert share == pytest.approx(TYPICAL_SHARE, rel=0.15), name
+
+
+def test_start_points_keep_the_smaller_models_numbers(kit):
+    found = kit.diagnosed(None).search
+    effect = found.effects["maxwell_branch"][0]
+    problem = extended(found.base.problem, [effect])
+    points = start_points(effect, problem, found.base.z[None], found.base.problem.names)
+    at = [problem.names.index(n) for n in found.base.problem.names]
+    np.testing.assert_array_equal(points[:, at], np.tile(found.base.z, (len(points), 1)))
+    assert len(np.unique(points, axis=0)) == len(points) > 8
+
+
+def test_residual_rows_of_an_extended_model_begin_with_the_smaller_ones(kit):
+    found = kit.diagnosed(None).search
+    steady = Rows(found.data, found.base.problem).rest
+    evolving = Rows(found.data, extended(found.base.problem, found.effects["force_drift"][:1])).rest
+    assert len(evolving.eigen) > len(steady.eigen) and not steady.changing.any()
+    np.testing.assert_array_equal(evolving.eigen[: len(steady.eigen)], steady.eigen)
+
+
+class Broken(Effect):
+    """An effect whose force is not a number."""
+
+    name = "broken"
+    strength = ("size", "s", "N", "size")
+    physics = reference = signature = "none"
+
+    def first_guess(self):
+        return 1.0
+
+    def force(self, force_N, motion, parameter_values):
+        return force_N * np.nan
+
+
+def test_an_effect_without_a_finite_force_failed_and_is_not_called_improbable(kit):
+    base = kit.diagnosed(None).search
+    kinds = {"broken": (Broken,), "viscous_damping": catalogue.variants()["viscous_damping"]}
+    found = search(base.data, base.scales, base.settings, kinds, np.random.default_rng(0))
+    assert list(found.failed) == ["broken"] and "not finite (NaN or infinite)" in found.failed["broken"]
+    assert "broken" not in found.effects and "viscous_damping" in found.effects
+
+
+# ---- a base without the paper's terms
+
+PLAIN = DiagnoseSettings(ModelSettings(slip="gamma1", grip="constant", stiffness="constant"))
+GAMMA1 = {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}
+
+
+@pytest.fixture(scope="module")
+def varying(kit):
+    """A specimen of one gamma whose normal force varies with displacement and speed, and its stiffness with it."""
+    model = Model(kit.reference, slip="gamma1")
+    true = {
+        "kp_N_mm": 5.5,
+        "force_zero_N": 0.0,
+        "k1_N_mm": 14.0,
+        "stiffness_bend": 1.5,
+        "t1_N": 0.6,
+        "eta1": 2.0,
+        "g1": 1.0,
+        "grip_slope": 0.35,
+        "grip_rate": 0.15,
+        "beta": 0.8,
+    }
+    force = kit.force_of(model, {n: np.array([v]) for n, v in true.items()})
+    campaign = kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01)
+    data = gap_data(campaign.loops(**kit.small))
+    return SimpleNamespace(campaign=campaign, data=data, scales=scales_of(data.loops))
+
+
+def test_terms_that_the_base_lacks_are_taken_in_one_after_the_other(varying, kit):
+    kinds = {e.name: (e,) for e in missing_terms(Model(kit.reference, **GAMMA1))}
+    found = search(varying.data, varying.scales, PLAIN, kinds, np.random.default_rng(1))
+    assert set(found.chosen) == set(kinds)
+    # k(α) does nothing while α is constant, so it never comes first
+    assert found.chosen[0] != "stiffness_of_normal_force"
+    # the same model as the paper's with one gamma, so much the same evidence
+    whole = fit_base(
+        varying.data, DiagnoseSettings(ModelSettings(slip="gamma1")), varying.scales, np.random.default_rng(1)
+    )
+    assert found.fit(found.chosen).log_evidence == pytest.approx(whole.log_evidence, abs=10.0)
+
+
+def test_terms_that_are_not_needed_are_not_taken_in(kit):
+    model = Model(kit.reference, **GAMMA1)
+    true = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
+    force = kit.force_of(model, {n: np.array([v]) for n, v in true.items()})
+    data = gap_data(
+        kit.made_up(force, [(f, a) for f in (8.0, 20.0) for a in (0.4, 0.9)], noise_N=0.01).loops(**kit.small)
+    )
+    kinds = {e.name: (e,) for e in missing_terms(Model(kit.reference, **GAMMA1))}
+    found = search(data, scales_of(data.loops), PLAIN, kinds, np.random.default_rng(1))
+    assert found.chosen == ()
+
+
+def test_a_set_that_only_scores_together_is_found_from_either_effect(kit, monkeypatch):
+    """Evidence by hand: neither of two effects helps alone, both together do."""
+    data = kit.diagnosed("viscous_damping", "held out").search.data
+    kinds = {n: catalogue.variants()[n] for n in ("viscous_damping", "moving_mass", "cubic_stiffness")}
+    found = explorer(kit, data, kinds)
+    nats = {"": 0.0, "viscous_damping": -1.0, "moving_mass": -2.0, "cubic_stiffness": -9.0}
+
+    def fit(*names):
+        effects = tuple(found.effects[n][0] for n in names)
+        return replace(found.fits[frozenset()], problem=extended(found.fits[frozenset()].problem, effects))
+
+    def add(some, smaller, instead_of=None):
+        for one in some:
+            names = smaller.names | {one.name}
+            found.fits[names] = fit(*sorted(names))
+
+    def scores(fits):
+        both = frozenset({"viscous_damping", "moving_mass"})
+        return [sum(nats[n] for n in f.names) + 100.0 * (both <= f.names) for f in fits]
+
+    for n in kinds:
+        found.fits[frozenset({n})] = fit(n)
+    offered = [SimpleNamespace(name=n, worth=50.0) for n in kinds]
+    monkeypatch.setattr(
+        found, "offered", lambda smaller, last=False: [x for x in offered if x.name not in smaller.names]
+    )
+    monkeypatch.setattr(found, "add", add)
+    monkeypatch.setattr(found, "scores", scores)
+    assert grow(found, 3).names == {"viscous_damping", "moving_mass"}

@@ -1,0 +1,181 @@
+"""The answer in words: every kind of verdict, and that the text says what the JSON holds."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from bayes_iwan.campaign.loops.clipping import Limit
+from bayes_iwan.campaign.recording.records import Record
+from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict
+from bayes_iwan.diagnosis.answer.imitation import Edge, Explanation, Imitation
+from bayes_iwan.diagnosis.answer.next_test import NextTest
+from bayes_iwan.diagnosis.answer.sentences import sentences
+from bayes_iwan.diagnosis.answer.wording import few, force, percent, plain, title, value_of
+from bayes_iwan.diagnosis.assessment.budget import Kind, OneOf, Suspect
+from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling
+
+TIED = Imitation(
+    "speed_dependent_normal_force",
+    "speed dependence",
+    0.12,
+    (
+        Explanation("viscous_damping", 3.0, 0.02),
+        Explanation("speed_dependent_normal_force", 0.0, 0.025),
+        Explanation("maxwell_branch", -80.0, 0.11),
+    ),
+    ("viscous_damping", "speed_dependent_normal_force"),
+    NextTest(12.0, 0.4, 20, ("viscous_damping", "speed_dependent_normal_force"), 6.0, ""),
+)
+EDGE = Edge("grip_rate", 1.4, "-", 3.5, "norm(scale=0.4)")
+
+
+def turned(found, kind, causes=(), probabilities=None, **verdict):
+    """A diagnosis as if its verdict had been another."""
+    p = dict.fromkeys(found.verdict.probabilities, 0.0) | {"none": 0.0, "unknown": 0.0} | (probabilities or {})
+    flagged = kind in (Kind.PARTLY, Kind.UNKNOWN)
+    v = replace(found.verdict, kind=kind, causes=tuple(causes), probabilities=p, unknown_rest=flagged, **verdict)
+    rest = replace(found.budget.rest, probability=p["unknown"])
+    moved = found.moved if causes else {}
+    return replace(found, verdict=v, budget=replace(found.budget, causes=tuple(causes), rest=rest), moved=moved)
+
+
+def clockless(found):
+    tests = tuple(replace(r, clock=False) for r in found.campaign.tests)
+    following = replace(found.next_test or TIED.next_test, frequency_hz=None)
+    return replace(
+        found,
+        campaign=replace(found.campaign, tests=tests),
+        where=replace(found.where, clock=False),
+        imitations=(),
+        needs_clock=("viscous_damping",),
+        next_test=following,
+    )
+
+
+@pytest.fixture(scope="module")
+def answers(kit):
+    """One diagnosis of every kind of answer."""
+    named, nothing = kit.diagnosed("viscous_damping", "held out"), kit.diagnosed(None)
+    c = named.verdict.causes[0]
+    p = {"viscous_damping": c.probability}
+    unknown = {"unknown": 0.97}
+    suspects = tuple(Suspect(n, 0.9) for n in ("rig_compliance", "free_play", "end_stop", "moving_mass"))
+    groups = (OneOf(("rate_strengthening", "viscous_damping", "channel_delay", "end_stop", "free_play"), 0.9, 0.6),)
+    alike = replace(c, cannot_tell_apart=("rate_strengthening", "maxwell_branch", "channel_delay", "force_lowpass"))
+    one_file = named.data.part([0])
+    return {
+        "none": replace(turned(nothing, Kind.NONE, (), {"none": 0.97}), imitations=(), edges=(), next_test=None),
+        "none, ties": replace(
+            turned(nothing, Kind.NONE, (), {"none": 0.9}), imitations=(TIED,), edges=(EDGE,), next_test=TIED.next_test
+        ),
+        "none, improbable": turned(nothing, Kind.NONE, (), {"none": 0.02, "moving_mass": 0.6, "free_play": 0.4}),
+        "named": turned(named, Kind.EXPLAINED, (c,), p),
+        "named, tied": turned(named, Kind.EXPLAINED, (alike,), p),
+        "partly": turned(named, Kind.PARTLY, (c,), p | unknown | {"moving_mass": 0.99}, suspects=suspects),
+        "tied groups only": turned(named, Kind.UNKNOWN, (), unknown | {"rate_strengthening": 0.6}, one_of=groups),
+        "unknown": turned(named, Kind.UNKNOWN, (), unknown, suspects=suspects),
+        "drive": turned(named, Kind.DRIVE, (), {"drive": 0.9}, cornered=("t0.csv",), corners_gap=0.02),
+        "single record": replace(turned(named, Kind.UNKNOWN, (), unknown), data=one_file),
+        "no clock": clockless(turned(named, Kind.UNKNOWN, (), unknown)),
+        "not converged": replace(turned(named, Kind.EXPLAINED, (c,), p), sampling=Sampling(False, "no time", 9.0, 1.3)),
+    }
+
+
+KINDS = (
+    "none", "none, ties", "none, improbable", "named", "named, tied", "partly", "tied groups only", "unknown", "drive",
+    "single record", "no clock", "not converged",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_text_and_json_agree(answers, kind):
+    found = answers[kind]
+    d = to_dict(found)
+    said = d["sentences"]
+    text = " ".join(said)
+    assert len(said) <= 12 and len(text) < 2600, "one screen"
+    assert all(s[:1].isupper() and s.endswith(".") for s in said)
+    assert not re.search(r"\b(nan|None|inf)\b|\de[+-]\d|\b0 Hz\b", text), text
+    # every effect that is more probable than not is in the text
+    for name, p in d["probabilities"].items():
+        if p >= 0.5 and name not in ("none", "unknown_rest", "drive"):
+            assert title(name).lower() in text.lower(), name
+    for c in d["verdict"]["causes"]:
+        assert f"probability {c['probability']:.2f}" in text and percent(c["share"]) in text
+        assert f"{percent(c['share_held_out'])} on held-out tests" in text
+    # what is unexplained is always said, as the JSON has it
+    (unexplained,) = (s for s in said if s.startswith("Unexplained: "))
+    assert percent(d["gap"]["after_share"]) + " of the friction force" in unexplained
+    assert percent(d["rest"]["share"] if d["verdict"]["causes"] else 1.0) + " of the gap" in unexplained
+    # lists are short
+    assert max(s.count(",") for s in re.findall(r"(?:One of|tell it from|Speed dependence:)[^.]*", text) or [""]) <= 2
+    # the next test is none that was run
+    following = d["next_test"]
+    if following is not None and d["verdict"]["kind"] != "drive" and not following["bench"]:
+        assert plain(following["amplitude_mm"]) + " mm" in said[-1]
+    # a colour that nothing in the text contradicts
+    warned = re.search(r"unknown|clipped|not converged|cause of its own|cannot be told", text)
+    assert (d["verdict"]["colour"] == "warning") == bool(warned)
+    if re.search(r"do not tell|cannot tell|Far from plausible|no clock|held-out tests\. Record", text):
+        assert d["verdict"]["colour"] != "good"
+
+
+def test_the_kinds_read_as_they_should(answers):
+    text = {k: to_dict(v)["sentences"] for k, v in answers.items()}
+    assert text["none"][1].startswith("No effect outside the model is needed (probability 0.97).")
+    assert text["none, improbable"][1].startswith("No effect is named. One probably contributes (probability 0.98)")
+    assert text["named"][1].startswith("Viscous damping of ") and "Give the model a dashpot" in text["named"][1]
+    assert "rate strengthening, a Maxwell branch, a delay between the channels or 1 other" in text["named, tied"][1]
+    assert "Probable but not named" in " ".join(text["partly"]) and "moving mass (0.99)" in " ".join(text["partly"])
+    assert any(s.startswith("One of rate strengthening, viscous damping") for s in text["tied groups only"])
+    assert any("0.97 that it has a cause of its own" in s for s in text["tied groups only"])
+    assert text["unknown"][1] == (
+        "Cause unknown (probability 0.97). The gap is real, but no known effect explains it in all tests."
+    )
+    assert "one frequency and one amplitude" in " ".join(text["single record"])
+    assert text["drive"][-1] == "Next: run these tests again with sines."
+
+
+def test_what_the_base_can_imitate_is_said_under_none(answers):
+    said = to_dict(answers["none, ties"])
+    (speed,) = (s for s in said["sentences"] if s.startswith("Speed dependence"))
+    assert speed.startswith("Speed dependence: viscous damping or a normal force that grows with speed. These tests do")
+    assert "without any of them the model would miss 12 %" in speed.lower() and "2 % to 2.5 %" in speed
+    assert said["verdict"]["colour"] == "note" and said["imitations"][0]["tied"] == TIED.tied
+    assert any("grip_rate = 1.4 (+3.5 prior sd)" in s for s in said["sentences"])
+    assert said["sentences"][-1].startswith("Next: run 12 Hz at 0.4 mm for 20 cycles. It separates viscous damping and")
+
+
+def test_without_a_clock_no_frequency_is_said(answers):
+    d = to_dict(answers["no clock"])
+    assert not re.search(r"\d\s?Hz|\d m?s\b", " ".join([*d["sentences"], *d["where"]["sentences"]]))
+    assert any("no clock" in s for s in d["sentences"])
+    assert all(t["frequency_hz"] is None for t in d["where"]["tests"]) and d["where"]["by_frequency"] == []
+    assert d["clock"] is False and d["verdict"]["needs_clock"] == ["viscous_damping"]
+
+
+def test_numbers_read_as_numbers():
+    assert [force(x) for x in (0.0, 12345.0, 783e-3, 61.38, -1719.0, 1e-5)] == [
+        "0 N", "12.3 kN", "0.783 N", "61.4 N", "-1.72 kN", "0.01 mN",
+    ]  # fmt: skip
+    assert [percent(x) for x in (0.5, 0.0951, 0.004, 0.00004, -0.0002)] == ["50 %", "9.5 %", "0.4 %", "0 %", "0 %"]
+    assert few(["a", "b"]) == "a or b" and few(list("abcde")) == "a, b, c or 2 others"
+    assert value_of("c_N_s_mm", 1.357, 0.09, "N·s/mm") == " of 1.36 ± 0.09 N·s/mm"
+
+
+def test_a_record_has_a_clock_unless_it_says_so(kit):
+    assert all(isinstance(r, Record) and r.clock for r in kit.diagnosed(None).campaign.tests)
+
+
+def test_a_limit_of_the_force_is_the_channel_s_only_where_a_record_shows_its_level(answers):
+    found = answers["named"]
+    (c,) = found.verdict.causes
+    parameters = dict(found.parameters) | {"force_clipping": found.parameters[c.name]}
+    limited = replace(turned(found, Kind.EXPLAINED, (replace(c, name="force_clipping"),)), parameters=parameters)
+    (said,) = (s for s in sentences(limited) if s.startswith("A limit of the force"))
+    assert "Raise the force range" not in said and "a specimen that yields or slides there looks alike" in said
+    files = [x.file for x in found.data.loops]
+    clipped = replace(limited, clipped=tuple(Limit(f, "force", 1, 3.2, True, 0.1) for f in files))
+    text = " ".join(sentences(clipped))
+    assert "may be clipped in 4 of 4 tests" in text and "Raise the force range and repeat" in text

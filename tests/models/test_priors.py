@@ -1,0 +1,43 @@
+"""Default priors: how far they reach, and that the model stands wherever they lead."""
+
+import numpy as np
+import pytest
+
+from bayes_iwan.models import Model, Scales, sine_motion
+from bayes_iwan.models.paper_parameters import table_1
+from bayes_iwan.models.parameter import Z_LIMIT
+
+SCALES = Scales(5.0, 0.785, 20.0, 3.25, 5.7, 9.2)  # of Table 1 at 2 and 5 mm, 10 to 25 Hz
+CHANGES = ("grip_slope", "grip_rate")
+
+
+def test_table_1_at_large_amplitudes_lies_within_three_prior_standard_deviations() -> None:
+    model = Model(SCALES.reference)
+    values = model.values(table_1(SCALES.reference))
+    for parameter in model.parameters(SCALES):
+        if parameter.name in values:
+            assert abs(float(parameter.score(values[parameter.name])[0])) < 3.0, parameter.name
+
+
+@pytest.mark.parametrize("grip", ["hunt_crossley", "polynomial3"])
+def test_what_changes_the_normal_force_may_be_any_number_and_the_force_stays_finite(grip: str) -> None:
+    model = Model(SCALES.reference, grip=grip)
+    parameters = model.parameters(SCALES)
+    z = np.random.default_rng(0).standard_normal((500, len(parameters)))
+    heavy = [i for i, p in enumerate(parameters) if p.name in model.grip_law.names and p.name != "beta"]
+    assert heavy
+    z[:, heavy] = np.random.default_rng(1).choice([-Z_LIMIT, -5.0, 0.0, 5.0, Z_LIMIT], (500, len(heavy)))
+    values = {p.name: p.value(z[:, i]) for i, p in enumerate(parameters)}
+    motion = sine_motion(frequency_hz=[10.0, 25.0], amplitude_mm=[2.0, 5.0])
+    assert np.isfinite(model.force(model.parameter_values(values), motion)).all()
+
+
+def test_heavy_tails_are_monotone_and_invertible_up_to_the_limit() -> None:
+    z = np.linspace(-Z_LIMIT, Z_LIMIT, 1601)
+    for parameter in Model(SCALES.reference).parameters(SCALES):
+        if parameter.name in CHANGES:
+            value = parameter.value(z)
+            assert np.isfinite(value).all() and (np.diff(value) > 0.0).all()
+            np.testing.assert_allclose(parameter.score(value), z, atol=1e-12)
+            middle = np.abs(parameter.value(np.array([-0.6745, 0.6745])))
+            np.testing.assert_allclose(middle, 0.6745 * 0.4, rtol=0.02)  # the median magnitude of N(0, 0.4)

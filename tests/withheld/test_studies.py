@@ -1,0 +1,285 @@
+"""The studies in `analyses/` at their smallest: that they run from end to end, and that their own parts are right."""
+
+import importlib
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import Record
+from bayes_iwan.diagnosis.assessment.indicators import Figures
+from bayes_iwan.virtual_rig.faults import FAMILY, OUTSIDE
+from bayes_iwan.withheld import true_gaps
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def study():
+    sys.path.insert(0, str(ROOT / "analyses"))
+    yield importlib.import_module
+    sys.path.remove(str(ROOT / "analyses"))
+
+
+def record(f, n=20_000, cycles=30):
+    """A parallel spring of 5 N/mm and a Coulomb-like friction of 1 N."""
+    t = np.arange(n) / (n / cycles * f)
+    u = 0.5 * np.sin(2 * np.pi * f * t)
+    friction = np.tanh(np.cos(2 * np.pi * f * t) / 0.1)
+    return Record(f"f{f:g}.csv", f, 0.5, "fit", {}, t, u, 5.0 * u + friction + 0.2)
+
+
+def test_kept_runs_once_and_shares_work_in_order(study, tmp_path):
+    runs = study("runs")
+    calls = []
+
+    def work(x):
+        calls.append(x)
+        return x * x
+
+    jobs = [(tmp_path / "a" / f"{i}.json", work, i) for i in range(3)]
+    assert list(runs.each(jobs, 1)) == [0, 1, 4]
+    assert list(runs.each(jobs, 1)) == [0, 1, 4]
+    assert calls == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    "effect", ("channel_delay", "force_highpass", "integration_highpass", "moving_mass", "force_drift", "friction_fade")
+)
+def test_effects_put_into_records_have_the_size_asked_for(study, effect):
+    half_real = study("half_real")
+    tests = (record(5.0), record(12.0))
+    strength = half_real.strength_for(tests, effect, 0.1)
+    assert half_real.size(tests, effect, strength) == pytest.approx(0.1, rel=1e-3)
+
+
+def test_a_natural_budget_is_unchanged_in_newtons(study):
+    half_real = study("half_real")
+
+    def answer(gap_N, causes, one_of=()):
+        some = [
+            {"name": n, "share": v, "share_interval": [v - 0.05, v + 0.05], "cannot_tell_apart": []} for n, v in causes
+        ]
+        tied = [{"names": n, "share": v} for n, v in one_of]
+        return {"gap": {"before_rms_N": gap_N}, "verdict": {"causes": some, "one_of": tied}}
+
+    natural = answer(2.0, [("fade", 0.4), ("viscous", 0.2), ("play", 0.04), ("mass", 0.3)])
+    # twice the gap: 0.2 of it is what 0.4 was, 0.2 is 0.4 instead of 0.2
+    found = answer(4.0, [("fade", 0.2), ("viscous", 0.2)], [(["mass", "delay"], 0.14)])
+    fade, viscous, play, mass = half_real.budget_kept(found, natural)
+    assert fade == {"named": True, "named or in a set": True, "newtons unchanged": True}
+    assert viscous == {"named": True, "named or in a set": True, "newtons unchanged": False}
+    assert play == {"named": False, "named or in a set": False, "newtons unchanged": True}  # lost, but it was small
+    assert mass == {"named": False, "named or in a set": True, "newtons unchanged": True}
+    assert not half_real.undone(found, natural) and half_real.undone(answer(1.7, []), natural)
+
+
+def test_effects_put_into_records_do_what_they_say(study):
+    half_real = study("half_real")
+    x = record(5.0)
+    inner = slice(2000, -2000)
+    late = half_real.changed(x, "channel_delay", 2e-3)
+    assert late.force_N[inner] == pytest.approx(np.interp(x.time_s - 2e-3, x.time_s, x.force_N)[inner])
+    heavy = half_real.changed(x, "moving_mass", 0.01)
+    true = -0.01 * (2 * np.pi * 5.0) ** 2 * x.displacement_mm * 1e-3
+    assert (heavy.force_N - x.force_N)[inner] == pytest.approx(true[inner], abs=0.01 * np.abs(true).max())
+    ac = half_real.changed(x, "force_highpass", 0.5)
+    assert abs(np.mean(ac.force_N[len(ac.force_N) // 2 :])) < 0.02  # 0.2 N before
+    lead = half_real.changed(x, "integration_highpass", 0.5)
+    late_half = slice(len(x.time_s) // 2, None)
+    turn = np.exp(-2j * np.pi * 5.0 * x.time_s[late_half])
+    phase = np.angle((turn @ lead.displacement_mm[late_half]) / (turn @ x.displacement_mm[late_half]))
+    assert phase == pytest.approx(np.arctan(0.5 / 5.0), rel=0.03)
+    faded = half_real.changed(x, "friction_fade", 0.3)
+    friction = faded.force_N - 0.2 - 5.0 * x.displacement_mm
+    assert np.abs(friction[-700:]).max() == pytest.approx(1.0 - 0.3 * (1.0 - np.exp(-4.0)), abs=0.02)
+    with pytest.raises(ValueError, match="no effect 'magic'"):
+        half_real.changed(x, "magic", 1.0)
+
+
+def test_plan_puts_into_a_source_only_what_means_something_there(study):
+    half_real = study("half_real")
+    cases = half_real.plan(48, 0)
+    assert len(cases) == 48 and half_real.plan(20, 0) == cases[:20]
+    assert all(source.startswith("damper") for source, effect, _ in cases if effect == "moving_mass")
+    assert all(source != "microtribometer" for source, effect, _ in cases if effect == "friction_fade")
+    assert {effect for _, effect, _ in cases} == set(half_real.EFFECTS)
+    assert all(half_real.SIZES[0] <= size <= half_real.SIZES[1] for *_, size in cases)
+
+
+def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_moves_another_force(study):
+    judged = study("half_real").judged
+
+    def answer(effect, *together, gap=1.0, along=0.2, suspects=(), **strengths):
+        return {
+            "effect": effect,
+            "gap": {"before_rms_N": gap, "along_record_rms_N": along},
+            "verdict": {
+                "causes": [{"name": n, "share": 0.2, "cannot_tell_apart": []} for n in strengths],
+                "one_of": [{"names": list(together), "share": 0.2}] if together else [],
+                "suspects": [{"name": n, "share": 0.6} for n in suspects],
+            },
+            # a number that stays as it is, known to a tenth: only the force that is moved tells
+            "effects": [
+                {"name": n, "moved_share": 0.1 * v, "parameters": {"x": {"mean": -3.0, "sd": 0.3}}}
+                for n, v in strengths.items()
+            ],
+        }
+
+    natural = answer("", channel_delay=1.0)
+    assert judged(answer("moving_mass", channel_delay=1.0, moving_mass=2.0), natural)["named"]
+    little = judged(answer("channel_delay", channel_delay=1.1), natural)
+    assert not little["named"] and little["named, or named as before"]
+    assert judged(answer("channel_delay", channel_delay=2.0), natural)["named"]
+    assert not judged(answer("moving_mass", moving_mass=2.0), natural)["natural causes still named"]
+    among = judged(answer("moving_mass", "moving_mass", "channel_delay"), natural)
+    assert not among["named"] and among["named or in the set"] and among["natural causes still named"]
+    assert "named, visible ones" not in among  # as much is missed without it
+    for seen in ({"gap": 1.2}, {"along": 0.3}):
+        assert judged(answer("moving_mass", moving_mass=2.0, **seen), natural)["named, visible ones"]
+        assert not judged(answer("moving_mass", **seen), natural)["named or in the set, visible ones"]
+    suspected = judged(answer("moving_mass", suspects=("moving_mass",)), natural)
+    assert suspected["named, in the set or suspected"] and not suspected["named or in the set"]
+
+
+def figures(name, share=0.5):
+    """Figures of an effect as a study keeps them."""
+    return asdict(
+        Figures(
+            name=name, gain=20.0, lead=9.0, rivals={name: 0.0}, fitted=share, alone=share, unseen=share, fixed=share,
+            differs=1.0, left=1.0 - share, moved=0.05, gap=0.05, before=0.05, tests=6,
+        )
+    )  # fmt: skip
+
+
+def test_places_of_real_recordings_are_right_wrong_or_left_out_where_nobody_knows(study):
+    half_real = study("half_real")
+
+    def place(name, **rivals):
+        return figures(name) | {"rivals": {name: 0.0} | rivals}
+
+    def answer(effect, gap, *figures):
+        sizes = {"before_rms_N": gap, "along_record_rms_N": 0.1}
+        return {"source": "seal", "effect": effect, "gap": sizes, "figures": list(figures)}
+
+    done = {
+        "natural, seal": answer("", 1.0, place("end_stop", free_play=-3.0)),
+        "000": answer("moving_mass", 2.0, place("moving_mass"), place("free_play"), place("channel_delay")),
+        "001": answer("moving_mass", 2.0, place("end_stop", moving_mass=-2.0)),
+        "002": answer("moving_mass", 1.0, place("moving_mass")),
+    }
+    found = [(f.name, true) for _, f, true in half_real.places(done)]
+    assert found == [("moving_mass", True), ("channel_delay", False), ("end_stop", True)]
+
+
+def made_case(rng, kind, name, strong):
+    """A study's case whose figures follow the truth."""
+    true = strong and kind == "single"
+    figure = figures(name, 0.9 if true else 0.1) | {"gain": float(rng.normal(60.0 if true else 5.0, 2.0))}
+    figure |= {"rivals": {name: 0.0, "other": -20.0 if true else -0.5}, "unseen": 0.7 if true else -0.2}
+    effects = [{"name": name, "law": "law", "size": 0.05, "visible_share": 0.9}] if true else []
+    if kind == "outside":
+        effects = [{"name": "rocking", "law": "", "size": 0.05, "visible_share": 0.9}]
+    before = 0.05 if kind != "none" else 0.001
+    return {
+        "path": f"{kind}.pickle",
+        "kind": kind,
+        "family": "cycle" if kind == "outside" else "",
+        "tests": 6,
+        "truth": {"kind": kind, "effects": effects, "noise": {"share_of_friction": 0.005}},
+        "figures": [figure],
+        "gap_resolved": {"": before, name: 0.003 if true else before},
+        "subharmonic": 1.0,
+        "chosen": [],
+        "cpu_s": 1.0,
+    }
+
+
+def test_true_shares_of_what_is_named_and_of_all_faults():
+    """Two faults whose gaps add in squares, 3 and 4 N: without the first 4 of 5 N are left, which is a fifth less."""
+    gap_N = {frozenset(k): v for k, v in {"": 0.0, "a": 3.0, "b": 4.0, "ab": 5.0}.items()}
+    assert true_gaps.removed(gap_N, frozenset("a")) == pytest.approx({"a": 0.2})
+    assert true_gaps.removed(gap_N, frozenset("b")) == pytest.approx({"b": 0.4})
+    assert true_gaps.made(gap_N) == pytest.approx({"a": 0.4, "b": 0.6})
+    assert true_gaps.made({}) == {}
+    assert true_gaps.by_set(true_gaps.by_name(gap_N)) == {frozenset(k): v for k, v in gap_N.items()}
+
+
+def test_calibration_tells_true_places_from_idle_ones_with_families_left_out(study):
+    calibrate, cases_of = study("calibrate_diagnosis"), study("study_cases")
+    rng = np.random.default_rng(0)
+    kinds = ("single", "none", "outside")
+    cases = [cases_of.case_of(made_case(rng, kinds[i % 3], "moving_mass", True)) for i in range(60)]
+    c = calibrate.fitted(cases)
+    assert min(c.effect) >= 0.0 and min(c.rest) >= 0.0
+    for constants in ([c] * len(cases), calibrate.left_out_in_turn(cases)):
+        given = calibrate.answers(cases, constants)
+        found = cases_of.summed([cases_of.counts(case, a) for case, a in zip(cases, given)])
+        assert found["singles named"] == (20.0, 20.0)
+        assert found["false names, all cases"] == (0.0, 60.0)
+        assert found["alarms, sound"] == (0.0, 20.0)
+    assert found["foreign flagged"][1] == 20.0
+
+
+def test_an_ablation_changes_one_thing_and_puts_it_back(study):
+    ablate, cases_of = study("ablate_diagnosis"), study("study_cases")
+    rng = np.random.default_rng(0)
+    kinds = ("single", "none", "outside")
+    cases = [cases_of.case_of(made_case(rng, kinds[i % 3], "moving_mass", True)) for i in range(30)]
+    on = ablate.scored(cases)
+    off = ablate.switched_off()
+    with ablate.patched(off["NAMED 0.8"][0]):
+        assert ablate.verdict.NAMED == 0.8
+        stricter = ablate.scored(cases)
+    assert ablate.verdict.NAMED != 0.8 and stricter["right"].sum() <= on["right"].sum() == 10.0
+    told = ablate.row("nothing", on, on, (1.0, 1.0))
+    assert told["right change"] == "+0.0 (+0.0 to +0.0)" and told["false"] == 0.0
+
+
+def test_draws_of_a_study_hold_every_foreign_kind_and_the_own_model(study):
+    draws = study("study_draws")
+    kinds = draws.plan(1, 1)
+    assert {f for k, f in kinds if k == "outside"} == set(OUTSIDE)
+    assert len(set(FAMILY.values())) >= 12 and draws.plan(1, 1) == kinds
+    own = draws.own_model(np.random.default_rng(0))
+    assert own["truth"]["effects"] == [] and max(r.amplitude_mm for r in own["records"]) > 0.4
+
+
+def test_uniform_ranks_pass_and_bent_ones_do_not(study):
+    sbc = study("sbc")
+    rng = np.random.default_rng(1)
+    flat = sbc.uniformity(rng.integers(0, sbc.RANKED + 1, 400))
+    bent = sbc.uniformity((sbc.RANKED * rng.beta(2, 2, 400)).astype(int))
+    assert min(flat.values()) > 0.01
+    assert max(bent.values()) < 0.01
+
+
+@pytest.mark.usefixtures("short_pilot")
+@pytest.mark.parametrize("way", [["--budget", "2"], ["--from-truth"]])
+def test_simulation_based_calibration_runs(study, tmp_path, monkeypatch, way):
+    monkeypatch.chdir(ROOT)
+    model = ["--likelihoods", "gaussian", "--slip", "uniform", "--tests", "0", "8"]
+    monkeypatch.setattr(sys, "argv", ["sbc.py", "--draws", "1", *model, *way, "--out", str(tmp_path)])
+    study("sbc").main()
+    result = json.loads((tmp_path / "sbc.json").read_text())["likelihoods"]["gaussian"]
+    assert set(result["ranks"]) >= {"kp_N_mm", "k1_N_mm", "mean_slip_force_N", "noise_N", "energy[f10_a0.3]"}
+    assert all(len(ranks) == 1 and 0 <= ranks[0] <= 63 for ranks in result["ranks"].values())
+    assert (tmp_path / "sbc.png").stat().st_size > 5000
+
+
+@pytest.mark.usefixtures("small_design", "short_pilot")
+def test_coverage_on_the_rig_runs(study, tmp_path, monkeypatch):
+    ways = ["--kind", "rig", "exact", "--forms", "plain", "--draws", "sampled", "approximate", "raised"]
+    asked = ["coverage_rig.py", "--cases", "1", "--budget", "1", "--out", str(tmp_path), *ways]
+    monkeypatch.setattr(sys, "argv", asked)
+    study("coverage_rig").main()
+    tables = json.loads((tmp_path / "coverage.json").read_text())["tables"]
+    assert len(tables) == 6
+    for table in tables.values():
+        assert set(table["all"]["held"]["energy"]) <= set(range(101)) and table["median_width"]["kp_N_mm"] > 0.0
+    widths = {key: table["median_width"]["kp_N_mm"] for key, table in tables.items()}
+    assert widths["rig, plain raised"] >= 0.99 * widths["rig, plain approximate"]
+    assert (tmp_path / "coverage_rig_plain_sampled.png").stat().st_size > 5000
