@@ -15,7 +15,8 @@ way), `room_climate` (friction differs by test), `two_ranges` (a force amplifier
 range), `amplitude_gain` (the gain follows the amplitude), `slow_zero` (the zero swings with the room's heating),
 `noise_bursts` (a loose plug), `coarse_steps` (a converter with few bits).
 For drag and both hystereses the diagnosis has a pattern that names no cause
-(:mod:`bayes_iwan.effects.empirical_patterns`), for the hystereses by another law; studies tell them apart from the others.
+(:mod:`bayes_iwan.effects.empirical_patterns`), for the hystereses by another law; studies tell them apart from the
+others.
 """
 
 from __future__ import annotations
