@@ -27,7 +27,7 @@ from bayes_iwan.models import Model
 from export_targets import Unavailable, drake_force, fmu_force, mujoco_force, opensees_force, plugin_force
 
 STEPS = (20, 50, 100)
-CLASSICAL = {"model": {"grip": "constant", "stiffness": "constant", "embedded": False}}
+CLASSICAL = {"model": {"normal_force": "constant", "stiffness": "constant", "embedded": False}}
 #: OpenSees' springs are as many as this error of the backbone asks
 SPRINGS_ERROR = 2e-4
 
@@ -123,7 +123,7 @@ def main() -> None:
         problem, model = posterior.problem, posterior.problem.model
         values = problem.parameter_values(export_run.source_of(posterior, args.draws).z)
         hz, amplitude = float(problem.motion.frequency_hz.max()), float(problem.motion.amplitude_mm.max())
-        constant = isinstance(model, Model) and model.grip == "constant"
+        constant = isinstance(model, Model) and model.normal_force == "constant"
         tell(f"\n{posterior.name}, {model.name}, {args.draws} draws and the point; largest difference, % of the RMS")
         tell("friction force (RMS) / % of the energy, at 20, 50 and 100 steps a cycle of the highest frequency\n")
         courses = rt.courses(hz, amplitude)

@@ -78,9 +78,9 @@ static double relaxed(double y1, double y0, double x0, double h, double tau)
 {
     return x > 0.0 ? x + log1p(exp(-x)) : log1p(exp(x));
 }""",
-    "beyond": """static double beyond(double x, double bend, double width) /* two slopes, its slope at 0 taken off */
+    "beyond": """static double beyond(double x, double knee, double width) /* two slopes, its slope at 0 taken off */
 {
-    return width * (softplus((x - bend) / width) - softplus(-bend / width)) - x / (1.0 + exp(bend / width));
+    return width * (softplus((x - knee) / width) - softplus(-knee / width)) - x / (1.0 + exp(knee / width));
 }""",
     "contact": """static double contact(double into, double speed, double scale, double exponent, double loss)
 {
@@ -184,12 +184,12 @@ def _of_speed_term(effect: Effect, values: ParameterValues, tested: Range) -> di
     return {"rate": values[effect.strength_name], "beta": effect.exponent(values)}
 
 
-def _bend(effect: Effect, values: ParameterValues, tested: Range) -> dict[str, Array]:
+def _ratio(effect: Effect, values: ParameterValues, tested: Range) -> dict[str, Array]:
     value = np.atleast_1d(values[effect.strength_name])
-    bend = stiffness.bend_of_elasticity(
+    ratio = stiffness.ratio_of_elasticity(
         np.clip(value, paper_stages.LEAST_ELASTICITY, paper_stages.StiffnessOfNormalForce.limit)
     )
-    return {"bend": np.where(value < paper_stages.LEAST_ELASTICITY, 0.0, bend)}
+    return {"ratio": np.where(value < paper_stages.LEAST_ELASTICITY, 0.0, ratio)}
 
 
 _LATE = """{
@@ -209,8 +209,8 @@ LAWS: dict[type[Effect], Law] = {
     specimen.ViscousDamping: Law(
         stages={
             "force": """{
-    const double thinned = ($bend_m_s * $bend_m_s + v * v) / ($bend_m_s * $bend_m_s + p->speed_m_s * p->speed_m_s);
-    const double way = (v > 0.0 ? 1.0 : (v < 0.0 ? -1.0 : 0.0)) + $one_way;
+    const double thinned = ($thinning_m_s * $thinning_m_s + v * v) / ($thinning_m_s * $thinning_m_s + p->speed_m_s *
+    p->speed_m_s); const double way = (v > 0.0 ? 1.0 : (v < 0.0 ? -1.0 : 0.0)) + $one_way;
     force += $c_N_s_mm * 1e3 * fabs(v) * power_of(thinned, 0.5 * ($exponent - 1.0)) * way;
 }"""
         }
@@ -256,10 +256,10 @@ LAWS: dict[type[Effect], Law] = {
             "         * power_of(u / p->length_mm, $exponent);"
         }
     ),
-    specimen.BentStiffness: Law(
+    specimen.TrilinearStiffness: Law(
         stages={
             "force": "force += $k3_N_mm3 * p->length_mm * p->length_mm * p->length_mm * (u < 0.0 ? -1.0 : 1.0)\n"
-            "         * beyond(fabs(u) / p->length_mm, $bend, $width) / beyond(1.0, $bend, $width);"
+            "         * beyond(fabs(u) / p->length_mm, $knee, $width) / beyond(1.0, $knee, $width);"
         }
     ),
     specimen.EndStop: Law(
@@ -320,7 +320,7 @@ LAWS: dict[type[Effect], Law] = {
         note=_COUNTED,
     ),
     friction.DirectionDependentFriction: Law(stages={"asymmetry": "$asymmetry"}),
-    friction.DirectionDependentGrip: Law(stages={"alpha": "alpha *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"}),
+    friction.DirectionDependentNormalForce: Law(stages={"alpha": "alpha *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"}),
     friction.DirectionDependentSlip: Law(stages={"slip": "slip *= 1.0 + $asymmetry * tanh(v / $v0_m_s);"}),
     lag.NormalForceLag: Law(
         stages={"alpha": _LATE + "    @before = alpha;\n    alpha = @late;\n}"}, states=_LATE_STATES
@@ -344,7 +344,7 @@ LAWS: dict[type[Effect], Law] = {
     ),
     model_form.SlipForcesFree: Law(),
     model_form.StiffnessLawFree: Law(
-        stages={"stiffness": "k *= exp(log(alpha) * ($exponent + 0.5 * $bend * log(alpha)));"}
+        stages={"stiffness": "k *= exp(log(alpha) * ($exponent + 0.5 * $growth * log(alpha)));"}
     ),
     model_form.NormalForceFree: Law(
         stages={
@@ -369,7 +369,7 @@ LAWS: dict[type[Effect], Law] = {
         numbers=_of_speed_term,
     ),
     paper_stages.StiffnessOfNormalForce: Law(
-        stages={"stiffness": "k *= $bend > 0.0 ? expm1(-$bend * alpha) / expm1(-$bend) : 1.0;"}, numbers=_bend
+        stages={"stiffness": "k *= $ratio > 0.0 ? expm1(-$ratio * alpha) / expm1(-$ratio) : 1.0;"}, numbers=_ratio
     ),
     conditions.SlipFollowsCondition: Law(note="at the mean of the condition over the tests"),
     conditions.StiffnessFollowsCondition: Law(note="at the mean of the condition over the tests"),
