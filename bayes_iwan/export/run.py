@@ -174,6 +174,9 @@ def _of_posterior(posterior: Posterior, draws: int) -> Source:
         raise ExportError(
             f"the run has not converged ({posterior.message}); sample on with identify --resume, then export"
         )
+    held = len(posterior.flat_z())
+    if draws > held:
+        raise ExportError(f"the posterior holds {held} draws, so draws can be {held} at most, not {draws}")
     kept = posterior.flat_z(draws) if draws else posterior.z[:0].reshape(0, posterior.ndim)
     misfit = posterior.misfit()
     return Source(

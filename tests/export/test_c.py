@@ -72,6 +72,16 @@ def test_repeated_and_rejected_times_leave_no_trace(device):
         asked.at(0.0, 0.0, 0.0)
 
 
+def test_steps_and_times_may_be_mixed(device):
+    u, v = wild(100)
+    one, other = device.Isolator(), device.Isolator()
+    wanted = one.run(1e-3, u, v)
+    other.run(1e-3, u[:50], v[:50])
+    assert other.at(51e-3, u[50], v[50]) == pytest.approx(wanted[50], rel=1e-12)
+    with pytest.raises(ValueError, match="not a state of this device"):
+        other.restore(b"short")
+
+
 @pytest.mark.parametrize("bad", [(float("nan"), 0.0, 0.0), (1e-3, float("inf"), 0.0), (-1e-3, 0.0, 0.0)])
 def test_what_is_no_step_is_refused_and_changes_nothing(device, bad):
     one = device.Isolator()
