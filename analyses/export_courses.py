@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 
@@ -116,6 +116,14 @@ class Difference:
     steps: int
     rms: float
     energy: float
+
+
+def straight(course: Course, steps: int) -> Course:
+    """The course as a solver's steps describe it: through its positions at `steps` a cycle, straight between them."""
+    n = round(course.seconds * course.highest_hz * steps)
+    t = np.arange(n + 1) * course.seconds / n
+    u = course.displacement_mm(t)
+    return replace(course, displacement_mm=lambda x: np.interp(x, t, u))
 
 
 def compare(force: Force, problem: Problem, values: ParameterValues, course: Course, steps: int) -> Difference:

@@ -49,7 +49,7 @@ def export(
     draws: int = 20,
     approximate: bool = False,
     campaign: PathLike | None = None,
-    error: float = 1e-3,
+    error: float = 2e-4,
 ) -> Path:
     """The identified device as files that run elsewhere, with a model card.
 
@@ -174,6 +174,9 @@ def _of_posterior(posterior: Posterior, draws: int) -> Source:
         raise ExportError(
             f"the run has not converged ({posterior.message}); sample on with identify --resume, then export"
         )
+    held = len(posterior.flat_z())
+    if draws > held:
+        raise ExportError(f"the posterior holds {held} draws, so draws can be {held} at most, not {draws}")
     kept = posterior.flat_z(draws) if draws else posterior.z[:0].reshape(0, posterior.ndim)
     residual = posterior.residual_size()
     return Source(

@@ -64,6 +64,7 @@ def test_without_draws_it_is_the_point_alone(posterior, tmp_path):
     [
         ({"to": "simulink"}, "'simulink' is no target; choose one of c, fmu"),
         ({"draws": -1}, "draws must be 0 or more"),
+        ({"draws": 10**6}, "the posterior holds [0-9]+ draws, so draws can be"),
         ({"result": "nowhere"}, "nowhere: no finished run there"),
         ({"error": 7.0, "to": "opensees"}, "error must lie between 0 and 0.5"),
     ],
@@ -97,6 +98,9 @@ def test_a_missing_compiler_is_one_line(posterior, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     with pytest.raises(ExportError, match="no C compiler; install one"):
+        posterior.export("fmu", tmp_path / "out")
+    monkeypatch.setenv("CC", str(tmp_path / "nothing"))
+    with pytest.raises(ExportError, match=r"C compiler .*nothing failed on the FMU \(.*\); set CC to another"):
         posterior.export("fmu", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
