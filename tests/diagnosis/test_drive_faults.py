@@ -110,9 +110,9 @@ def test_lost_rows_need_no_cause(kit, tmp_path):
     assert found.verdict.kind is Kind.NONE, found.sentences()
 
 
-def test_a_missed_trigger_is_refused_or_needs_no_cause(kit, tmp_path):
+def test_a_lost_trigger_is_refused_or_needs_no_cause(kit, tmp_path):
     def missed(one, k, block=440):
-        return dr.missed_trigger(one, block=block, which=1 if block == 440 else 3)
+        return dr.lost_trigger(one, block=block, which=1 if block == 440 else 3)
 
     with pytest.raises(CampaignError, match="rows are missing"):
         campaign(tmp_path / "refused", records(change=missed))
