@@ -13,7 +13,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-from bayes_iwan.report.batch.batch_run.specimens import Batch, populations
+from bayes_iwan.report.batch.specimens import Batch, populations
 
 import mutations
 from bayes_iwan.campaign import Record, average, read_campaign, write_campaign

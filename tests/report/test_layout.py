@@ -4,8 +4,8 @@ import shutil
 
 import numpy as np
 import pytest
-from bayes_iwan.report.batch.batch_run.batch_page import write_batch_page
-from bayes_iwan.report.batch.batch_run.specimens import Finished, Quantity, summarised
+from bayes_iwan.report.batch.batch_page import write_batch_page
+from bayes_iwan.report.batch.specimens import Finished, Quantity, summarised
 
 import bayes_iwan as bi
 from bayes_iwan.report import identification_report

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bayes_iwan.report.batch.batch_run.batch_page import write_batch_page
+from bayes_iwan.report.batch.batch_page import write_batch_page
 from matplotlib.figure import Figure
 
 from bayes_iwan import cli

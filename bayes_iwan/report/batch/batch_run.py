@@ -32,9 +32,9 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import NOISE, Config, settings_of
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings
-from bayes_iwan.report.batch.batch_run.batch_page import write_batch_page
-from bayes_iwan.report.batch.batch_run.batch_sheet import write_sheet
-from bayes_iwan.report.batch.batch_run.specimens import Batch, BatchError, Finished, Quantity, lots_of, summarised
+from bayes_iwan.report.batch.batch_page import write_batch_page
+from bayes_iwan.report.batch.batch_sheet import write_sheet
+from bayes_iwan.report.batch.specimens import Batch, BatchError, Finished, Quantity, lots_of, summarised
 from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
 from bayes_iwan.report.identification.marginals import identifiable
 from bayes_iwan.report.provenance import of_folder
