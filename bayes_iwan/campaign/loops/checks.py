@@ -149,6 +149,11 @@ def check_record(record: Record) -> tuple[Record, Loop]:
             f"{loop.cut.run_in} run-in cycle(s) left out at the start, which would pass for other slip forces; nothing "
             "is to be done"
         )
+    if loop.cut.late:
+        notes.append(
+            "until its first turn the force still shows what was before (a rest, or another level): these "
+            f"{loop.cut.late:.2g} cycle(s) are left out. Record more cycles"
+        )
     if loop.cut.run_out:
         notes.append(
             f"{loop.cut.run_out} unsteady cycle(s) left out at the end, where the drive stops; nothing is to be done"
