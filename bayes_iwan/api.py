@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.folders.folder import read_checked
 from bayes_iwan.export.accessors import register as register_export  # gives posteriors their export
-from bayes_iwan.files import clear, owned
+from bayes_iwan.files import clear, results_folder
 from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import load as load_run
@@ -141,6 +141,7 @@ def identify(
     progress: bool = True,
     simulator: Simulator | PathLike | None = None,
     quick: bool = False,
+    overwrite: bool = False,
     executor: Executor | None = None,
 ) -> Posterior:
     """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
@@ -165,6 +166,8 @@ def identify(
         a model of your own in the place of the Iwan model, or its Python file (its code is run).
     quick
         the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
+    overwrite
+        write over finished results of another campaign in `out`.
     executor
         from :func:`bayes_iwan.executors.opened`, for chains in several processes, with the same draws, and to identify
         the frequencies alone side by side.
@@ -176,7 +179,7 @@ def identify(
 
     Raises
     ------
-    CampaignError, ConfigError, ParameterError, ModelError, CheckpointError
+    CampaignError, ConfigError, ParameterError, ModelError, CheckpointError, OutputError
         ValueErrors of one line.
 
     Warns
@@ -213,7 +216,8 @@ def identify(
         return posterior
     from bayes_iwan.report.identification.identification_page import identification_report
 
-    with owned(out) as folder:
+    going_on = resume and (Path(out) / CHECKPOINT).exists()  # which knows its campaign
+    with results_folder(out, "identify", _folder_of(campaign), overwrite=overwrite or going_on) as folder:
         if not resume and (folder / CHECKPOINT).exists():
             raise ConfigError(
                 f"{folder}: holds a run already ({CHECKPOINT}); go on from it with --resume, or choose another folder "
@@ -257,6 +261,7 @@ def diagnose(
     quick: bool = False,
     effects_file: PathLike | None = None,
     simulator: Simulator | PathLike | None = None,
+    overwrite: bool = False,
     executor: Executor | None = None,
 ) -> Diagnosis:
     """Where the model misses, which cause explains it, how far the gap shrinks; files and page in `out` if given.
@@ -277,6 +282,8 @@ def diagnose(
         Python file with effects of your own (its code is run).
     simulator
         a model of your own in the place of the Iwan model, or its Python file (its code is run).
+    overwrite
+        write over finished results of another campaign in `out`.
     executor
         from :func:`bayes_iwan.executors.opened`, to refit effects side by side.
 
@@ -287,7 +294,7 @@ def diagnose(
 
     Raises
     ------
-    CampaignError, ConfigError, EffectError, ModelError
+    CampaignError, ConfigError, EffectError, ModelError, OutputError
         ValueErrors of one line.
 
     Examples
@@ -317,6 +324,7 @@ def diagnose(
             quick=quick,
             effects_file=None if effects_file is None else Path(effects_file),
             simulator_file=None if simulator is None else Path(simulator),
+            overwrite=overwrite,
             executor=executor,
         )
     from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_folder, diagnose_loops
@@ -359,6 +367,7 @@ def compare(
     config: Config = None,
     seed: int = 0,
     by: str = "auto",
+    overwrite: bool = False,
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Comparison:
@@ -376,6 +385,8 @@ def compare(
         as for :func:`identify`.
     by
         "loo" (single data held out), "tests" (whole tests held out) or "auto" (the first where its Pareto k hold).
+    overwrite
+        write over finished results of another campaign in `out`.
     executor
         from :func:`bayes_iwan.executors.opened`, to fit families side by side.
     progress
@@ -390,7 +401,7 @@ def compare(
     ------
     CompareError
         unknown families or rankings.
-    CampaignError, ConfigError
+    CampaignError, ConfigError, OutputError
         as for :func:`identify`.
 
     References
@@ -422,7 +433,7 @@ def compare(
         return chosen()
     from bayes_iwan.report.comparison_page import comparison_report
 
-    with owned(out) as folder:
+    with results_folder(out, "compare", _folder_of(campaign), overwrite=overwrite) as folder:
         result = chosen()
         comparison_report(result, folder)
     return result
@@ -469,7 +480,7 @@ def load(
     return load_run(folder, campaign, simulator)
 
 
-def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
+def write(result: Posterior | Diagnosis | Comparison, folder: PathLike, *, overwrite: bool = False) -> Path:
     """Write a result with its page, tables and figures into a folder, as the command line does.
 
     Parameters
@@ -478,6 +489,8 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
         of :func:`identify`, :func:`diagnose` or :func:`compare`.
     folder
         is made where it does not exist.
+    overwrite
+        write over finished results of another campaign in `folder`.
 
     Returns
     -------
@@ -499,7 +512,7 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
     if isinstance(result, Posterior):
         from bayes_iwan.report.identification.identification_page import identification_report
 
-        with owned(folder) as out:
+        with results_folder(folder, "identify", _folder_of(result.campaign), overwrite=overwrite) as out:
             write_run(result, out)
             return identification_report(result, out)
     from bayes_iwan.comparison.families import Comparison
@@ -508,13 +521,21 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
     if isinstance(result, Diagnosis):
         from bayes_iwan.report.diagnosis.diagnosis_files import write_found
 
-        return write_found(result, Path(folder))
+        return write_found(result, Path(folder), overwrite)
     if isinstance(result, Comparison):
         from bayes_iwan.report.comparison_page import comparison_report
 
-        with owned(folder) as out:
+        origin = _folder_of(result.entries[0].posterior.campaign)
+        with results_folder(folder, "compare", origin, overwrite=overwrite) as out:
             return comparison_report(result, out)
     raise TypeError(f"{type(result).__name__} is no result of identify, diagnose or compare")
+
+
+def _folder_of(campaign: Campaign | PathLike | Sequence[Loop] | None) -> Path | None:
+    """The folder that data came from; None where they came from none."""
+    if isinstance(campaign, Campaign):
+        return campaign.path
+    return Path(campaign) if isinstance(campaign, str | os.PathLike) else None
 
 
 #: frequency (Hz) and amplitude (mm) of the demonstration's tests, and what is wrong with its rig

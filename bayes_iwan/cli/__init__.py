@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 from bayes_iwan import __version__
 from bayes_iwan.cli import diagnosis, export, identification, recordings, withheld
 from bayes_iwan.cli.command import LOG, Command, quoted, say
-from bayes_iwan.cli.runs import RunLog, note_run, refuse_recordings, results_folder
+from bayes_iwan.cli.runs import RunLog, refuse_recordings
 from bayes_iwan.terminal import terminate_as_interrupt
 
 #: in the order in which the help lists them
@@ -97,10 +97,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     LOG.addHandler(log)
     LOG.setLevel(logging.INFO)
     LOG.propagate = False
-    source = None
     try:
         with terminate_as_interrupt():
-            source = _prepared(args, log)
+            _prepare(args, log)
             return args.run(args) or 0
     except ValueError as error:
         say(f"bayes-iwan: {error}", file=sys.stderr)
@@ -121,8 +120,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(f"\nbayes-iwan: interrupted{_go_on(args, words)}", file=sys.stderr)
         return 130
     finally:
-        if source is not None and log.folder is not None:
-            note_run(log.folder, args.command, source)
         log.write()
         LOG.removeHandler(log)
 
@@ -139,20 +136,18 @@ def _parsed(parse: argparse.ArgumentParser, words: list[str]) -> argparse.Namesp
     return args
 
 
-def _prepared(args: argparse.Namespace, log: RunLog) -> str | None:
-    """Results' folder found and guarded; the campaign (or folder of campaigns) that the command works on, if any."""
+def _prepare(args: argparse.Namespace, log: RunLog) -> None:
+    """Refuse recordings where a campaign is wanted, and name the results' folder where the user does not."""
     source = getattr(args, "campaign", None)
     if source is not None:
         refuse_recordings(source)
-    if not hasattr(args, "overwrite"):
-        if getattr(args, "out", None):
-            log.folder = Path(args.out)
-        return None
-    source = source or args.folder
-    log.folder = results_folder(args, args.command, source)
-    if args.verbose:
-        say(f"{source} -> {args.out}", file=sys.stderr)
-    return str(source)
+    if hasattr(args, "overwrite"):
+        source = source or args.folder
+        args.out = args.out or f"{Path(source).resolve().name}-{args.command}"
+        if args.verbose:
+            say(f"{source} -> {args.out}", file=sys.stderr)
+    if getattr(args, "out", None):
+        log.folder = Path(args.out)
 
 
 def _go_on(args: argparse.Namespace, words: Sequence[str]) -> str:

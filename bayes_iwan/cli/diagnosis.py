@@ -66,6 +66,7 @@ def run_diagnose(args: argparse.Namespace) -> None:
             args.campaign,
             args.out,
             seed=args.seed,
+            overwrite=args.overwrite,
             quick=args.quick,
             base=args.base,
             config=args.config,

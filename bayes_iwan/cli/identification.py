@@ -85,6 +85,7 @@ def run_identify(args: argparse.Namespace) -> int:
             args.out,
             config=args.config,
             seed=args.seed,
+            overwrite=args.overwrite,
             per_test=args.per_test,
             resume=args.resume,
             keep_chains=args.keep_chains,
@@ -172,6 +173,7 @@ def run_compare(args: argparse.Namespace) -> None:
             families=args.families,
             config=args.config,
             seed=args.seed,
+            overwrite=args.overwrite,
             by=args.by,
             executor=executor,
         )
@@ -209,6 +211,7 @@ def run_batch(args: argparse.Namespace) -> int:
             diagnose=args.diagnose,
             quick=args.quick,
             seed=args.seed,
+            overwrite=args.overwrite,
             config=args.config,
             keep_chains=args.keep_chains,
             group=args.group,

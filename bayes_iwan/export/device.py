@@ -38,8 +38,8 @@ class Device:
         C statements of each stage, in order.
     states
         length and value at rest of what the stages remember.
-    named, left_out
-        effects in the device with a note each ("" where its law is as identified), and those left out, with the reason.
+    named, omitted
+        effects in the device with a note each ("" where its law is as identified), and those omitted, with the reason.
     """
 
     parameters: dict[str, Array]
@@ -48,7 +48,7 @@ class Device:
     stages: dict[str, tuple[str, ...]]
     states: dict[str, tuple[int, float]]
     named: dict[str, str]
-    left_out: dict[str, str]
+    omitted: dict[str, str]
 
     @property
     def sets(self) -> int:
@@ -69,11 +69,11 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
             "force, not steps. Export its draws with --to json, and call it from Python"
         )
     values = problem.parameter_values(z)
-    kept, named, left_out = [], {}, {}
+    kept, named, omitted = [], {}, {}
     for effect in problem.effects:
         assert isinstance(effect, Effect)
         if isinstance(effect, OF_THE_RIG):
-            left_out[effect.name] = "belongs to the rig or its channels, not to the device"
+            omitted[effect.name] = "belongs to the rig or its channels, not to the device"
         elif (law := LAWS.get(type(effect))) is None:
             raise ExportError(
                 f"the effect {effect.name} has no law in time to export; identify without it, or add its C to "
@@ -104,7 +104,7 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
         stages={name: tuple(code) for name, code in stages.items()},
         states=states,
         named=named,
-        left_out=left_out,
+        omitted=omitted,
     )
 
 

@@ -128,8 +128,8 @@ static int half_cycle(const isolator_parameters *p, isolator_state *s, double no
 {
     return 1.0 / (1.0 + exp(-x));
 }""",
-    "through_play": """/* The specimen's force behind a play of half a width on each side of where that force crosses zero on this branch.
-   Its ends close gradually over `width`. The crossing is found ahead of the motion, by moving the specimen on a trial. */
+    "through_play": """/* The specimen's force behind a play of half a width on each side of where that force crosses zero on this
+   branch. Its ends close gradually over `width`. The crossing is found ahead of the motion, by moving the specimen on a trial. */
 static double through_play(const isolator_parameters *p, isolator_state *s, double h, double u, double v, double half,
                            double width)
 {
@@ -137,7 +137,8 @@ static double through_play(const isolator_parameters *p, isolator_state *s, doub
     double ahead, behind, way = v > 0.0 ? 1.0 : (v < 0.0 ? -1.0 : 0.0);
     if (way * s->free_play_N < 0.0) {
         const isolator_state before = *s;
-        double low = s->free_play_at_mm, high = u + way * (half + 40.0 * width), f_low, f_high = way * s->free_play_N, at = high;
+        double low = s->free_play_at_mm, high = u + way * (half + 40.0 * width), at = high;
+        double f_low, f_high = way * s->free_play_N;
         int i, side = 0;
         if (way * (high - low) > 0.0 && (f_high = way * specimen(p, s, h, high, v)) > 0.0) {
             *s = before;
@@ -362,8 +363,8 @@ LAWS: dict[type[Effect], Law] = {
 }"""
         },
         states={n: (1, 0.0) for n in ("mid_mm", "at_mm", "N")},
-        note="where the force crosses zero is solved for, while the forward model settles it in a few passes: with a play "
-        "of a tenth of the stroke and hard ends they differ by up to 0.25 % of the friction force. A closed cycle that "
+        note="where the force crosses zero is solved for, while the forward model settles it in a few passes: with a "
+        "play of a tenth of the stroke and hard ends they differ by up to 0.25 % of the friction force. A closed cycle that "
         "turns while soft ends close can gain up to 1e-2 of force times stroke (play as wide as the stroke), 1e-4 "
         "otherwise",
     ),
@@ -400,7 +401,7 @@ LAWS: dict[type[Effect], Law] = {
     conditions.StiffnessFollowsCondition: Law(note="at the mean of the condition over the tests"),
 }
 
-#: what belongs to the rig and its channels, not to the device: left out, and the model card says so
+#: what belongs to the rig and its channels, not to the device: omitted, and the model card says so
 OF_THE_RIG: tuple[type[Effect], ...] = (
     *measuring_chain.EFFECTS,
     *along_record.EFFECTS,

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.diagnosis.diagnosis import Diagnosis
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report import accessors as accessors  # `posterior.plot` as well
-from bayes_iwan.report.batch.batch_run.specimens import Batch
+from bayes_iwan.report.batch.specimens import Batch
 from bayes_iwan.report.comparison_page import ranking_figure
 from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
 from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figure
@@ -93,6 +93,6 @@ def gap(diagnosis: Diagnosis, name: str = "headline") -> Figure:
 
 def specimens(batch: Batch) -> Figure:
     """Each quantity of every specimen of a batch over the population's band."""
-    from bayes_iwan.report.batch.batch_run.batch_page import parameters_figure
+    from bayes_iwan.report.batch.batch_page import parameters_figure
 
     return parameters_figure(batch)

@@ -149,6 +149,11 @@ def check_record(record: Record) -> tuple[Record, Loop]:
             f"{loop.cut.run_in} run-in cycle(s) omitted at the start, which would pass for other slip forces; nothing "
             "is to be done"
         )
+    if loop.cut.late:
+        notes.append(
+            "until its first turn the force still shows what was before (standstill, or another level): these "
+            f"{loop.cut.late:.2g} cycle(s) are omitted. Record more cycles"
+        )
     if loop.cut.run_out:
         notes.append(
             f"{loop.cut.run_out} unsteady cycle(s) omitted at the end, where the drive stops; nothing is to be done"

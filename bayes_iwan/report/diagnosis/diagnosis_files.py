@@ -19,7 +19,7 @@ from bayes_iwan.diagnosis.answer.wording import listed
 from bayes_iwan.diagnosis.diagnosis import BASES, Diagnosis, diagnose_folder
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import ALONG
-from bayes_iwan.files import clear, finite, owned
+from bayes_iwan.files import clear, finite, results_folder
 from bayes_iwan.inference.setup.config import Config, diagnose_settings_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
@@ -117,6 +117,7 @@ def diagnose_campaign(
     effects_file: str | Path | None = None,
     simulator_file: str | Path | None = None,
     progress: bool = True,
+    overwrite: bool = False,
     executor: Executor | None = None,
 ) -> dict[str, Any]:
     """Diagnose a campaign folder and write everything into `out`; returns what `diagnosis.json` holds.
@@ -143,6 +144,7 @@ def diagnose_campaign(
         effects_file=effects_file,
         simulator_file=simulator_file,
         progress=progress,
+        overwrite=overwrite,
         executor=executor,
     )
     return finite(to_dict(found))
@@ -158,11 +160,12 @@ def write_diagnosis(
     effects_file: str | Path | None = None,
     simulator_file: str | Path | None = None,
     progress: bool = True,
+    overwrite: bool = False,
     executor: Executor | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign folder and write everything into `out`."""
     ahead = Ahead()
-    with owned(out) as folder:
+    with results_folder(out, "diagnose", campaign, overwrite=overwrite) as folder:
         found = diagnose_folder(
             campaign,
             seed=seed,
@@ -178,10 +181,10 @@ def write_diagnosis(
     return found
 
 
-def write_found(found: Diagnosis, out: Path) -> Path:
+def write_found(found: Diagnosis, out: Path, overwrite: bool = False) -> Path:
     """Write a diagnosis that was made before; returns the page. What `fits.json` then names of a user's own files is
     unknown, so fits with own effects cannot be read back."""
-    with owned(out) as folder:
+    with results_folder(out, "diagnose", found.campaign.path, overwrite=overwrite) as folder:
         ahead = Ahead()
         ahead.searched()
         return _write(found, folder, None, None, ahead)
