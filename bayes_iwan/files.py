@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from bayes_iwan.errors import InputError
+
 try:
     import fcntl
 except ImportError:  # Windows: no lock there, and two runs in one folder are the user's affair
@@ -30,7 +32,7 @@ FINISHED = {
 }  # fmt: skip
 
 
-class OutputError(ValueError):
+class OutputError(InputError):
     """A folder that results cannot be written to; the message says why."""
 
 

@@ -2,7 +2,8 @@
 """The command line: `bayes-iwan COMMAND ...`. A command is a function here, which imports what it needs itself.
 
 A new command is a function with the decorator :func:`.command.command` in the file of its group, and its name in the
-list below. Bad input is a ValueError anywhere in the package: it becomes one line on stderr.
+list below. Bad input is an InputError anywhere in the package: it becomes one line on stderr, exit code 2. Any other
+exception is a defect of the package: it is said to be one, with the traceback, exit code 70.
 """
 
 from __future__ import annotations
@@ -22,7 +23,11 @@ from bayes_iwan import __version__
 from bayes_iwan.cli import diagnosis, export, identification, recordings, withheld
 from bayes_iwan.cli.command import LOG, Command, quoted, say
 from bayes_iwan.cli.runs import RunLog, refuse_recordings
+from bayes_iwan.errors import InputError
 from bayes_iwan.terminal import terminate_as_interrupt
+
+#: exit code (EX_SOFTWARE of sysexits.h)
+DEFECT = 70
 
 #: in the order in which the help lists them
 COMMANDS: list[Command] = [
@@ -84,7 +89,8 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; 0 done, 2 bad input, 3 done but not converged, 4 a batch with failures, 130 interrupted."""
+    """Run one command; 0 done, 2 bad input, 3 done but not converged, 4 a batch with failures, 70 a defect of ours,
+    130 interrupted."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parse = parser()
     if "_ARGCOMPLETE" in os.environ:
@@ -101,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with terminate_as_interrupt():
             _prepare(args, log)
             return args.run(args) or 0
-    except ValueError as error:
+    except InputError as error:
         say(f"bayes-iwan: {error}", file=sys.stderr)
         if args.verbose:
             traceback.print_exc()
@@ -116,6 +122,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         say("bayes-iwan: not enough memory", file=sys.stderr)
         return 2
+    except Exception as error:
+        for line in traceback.format_exc().splitlines():
+            say(line, file=sys.stderr)
+        say(
+            f"bayes-iwan: {type(error).__name__}: this is a defect of bayes_iwan {__version__}, not of your input; "
+            "please report it with the lines above and the command",
+            file=sys.stderr,
+        )
+        return DEFECT
     except KeyboardInterrupt:
         say(f"\nbayes-iwan: interrupted{_go_on(args, words)}", file=sys.stderr)
         return 130

@@ -154,6 +154,9 @@ def run_report(args: argparse.Namespace) -> None:
     argument("--families", metavar="NAME", nargs="+", help="families to compare (default: all)"),
     CONFIG,
     argument(
+        "--simulator", metavar="FILE", help="Python file with a model of your own to compare too; its code is run"
+    ),
+    argument(
         "--by",
         choices=("auto", "loo", "tests"),
         default="auto",
@@ -175,6 +178,7 @@ def run_compare(args: argparse.Namespace) -> None:
             seed=args.seed,
             overwrite=args.overwrite,
             by=args.by,
+            simulator=args.simulator,
             executor=executor,
         )
     say(str(result))

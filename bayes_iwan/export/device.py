@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect
+from bayes_iwan.errors import InputError
 from bayes_iwan.export.laws import CYCLE_STATES, LAWS, OF_THE_RIG, Law
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model, embedded_error, normal_force, slip_force
@@ -20,7 +21,7 @@ from bayes_iwan.models.normal_force import ALPHA_FLOOR
 STAGES = ("before", "alpha", "stiffness", "slip", "asymmetry", "specimen", "force")
 
 
-class ExportError(ValueError):
+class ExportError(InputError):
     """What cannot be exported; the message says what, and what to do."""
 
 

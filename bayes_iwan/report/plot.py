@@ -16,6 +16,7 @@ import difflib
 from matplotlib.figure import Figure
 
 from bayes_iwan.diagnosis.diagnosis import Diagnosis
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report import accessors as accessors  # `posterior.plot` as well
 from bayes_iwan.report.batch.specimens import Batch
@@ -73,9 +74,9 @@ def loop(posterior: Posterior, test: str | int = 0, friction: bool = True) -> Fi
     if isinstance(test, str) and test not in files:
         near = difflib.get_close_matches(test, files, 1)
         hint = f'did you mean "{near[0]}"? ' if near else ""
-        raise ValueError(f'there is no test "{test}"; {hint}there are {", ".join(files)}')
+        raise InputError(f'there is no test "{test}"; {hint}there are {", ".join(files)}')
     if not isinstance(test, str) and not -len(files) <= test < len(files):
-        raise ValueError(f"there is no test {test}; there are {len(files)}, counted from 0")
+        raise InputError(f"there is no test {test}; there are {len(files)}, counted from 0")
     chosen = posterior.loops[files.index(test)] if isinstance(test, str) else posterior.loops[test]
     return loops_figure(posterior, friction=friction, loops=[chosen])
 
@@ -87,7 +88,7 @@ def gap(diagnosis: Diagnosis, name: str = "headline") -> Figure:
     """
     figures = diagnosis_figures(diagnosis)
     if name not in figures:
-        raise ValueError(f'there is no figure "{name}" of this diagnosis; there are {", ".join(sorted(figures))}')
+        raise InputError(f'there is no figure "{name}" of this diagnosis; there are {", ".join(sorted(figures))}')
     return figures[name]
 
 

@@ -13,7 +13,7 @@ from bayes_iwan.campaign.timing.corners import CORNERS_GAP
 from bayes_iwan.diagnosis.assessment.budget import Kind
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
-from bayes_iwan.diagnosis.diagnosis import diagnose_folder, diagnose_loops
+from bayes_iwan.diagnosis.diagnosis import diagnose_campaign, diagnose_loops
 from bayes_iwan.virtual_rig import drive as dr
 from bayes_iwan.virtual_rig.simulate import Setup, with_noise
 from bayes_iwan.virtual_rig.specimen import paper_specimen
@@ -59,7 +59,7 @@ def diagnosed(kit, path, some):
 def test_what_is_no_single_test_is_not_diagnosed(tmp_path, drive):
     write_campaign(tmp_path, name="n", description="", tests=[record(drive)], compress=False)
     with pytest.raises(CampaignError, match=r"staircase of|sweeps in frequency|drifts in amplitude"):
-        diagnose_folder(tmp_path, quick=True, progress=False)
+        diagnose_campaign(tmp_path, quick=True, progress=False)
 
 
 #: fewer tests where the search for a cause runs at length: there is a gap

@@ -126,6 +126,13 @@ class Campaign:
         return loops if points == POINTS else averaged(points)
 
 
+def folder_of(campaign: Campaign | str | os.PathLike[str] | object | None) -> Path | None:
+    """The folder that data came from; None where they came from none."""
+    if isinstance(campaign, Campaign):
+        return campaign.path
+    return Path(campaign) if isinstance(campaign, str | os.PathLike) else None
+
+
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     """Read and check a campaign folder.
 

@@ -26,7 +26,7 @@ import numpy as np
 import bayes_iwan
 from bayes_iwan import executors
 from bayes_iwan.arrays import Array
-from bayes_iwan.files import results_folder, write_whole
+from bayes_iwan.files import finite, results_folder, write_whole
 from bayes_iwan.inference.results.population import DRAWS
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import NOISE, Config, settings_of
@@ -35,7 +35,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettin
 from bayes_iwan.report.batch.batch_page import write_batch_page
 from bayes_iwan.report.batch.batch_sheet import write_sheet
 from bayes_iwan.report.batch.specimens import Batch, BatchError, Finished, Quantity, lots_of, summarised
-from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
+from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
 from bayes_iwan.report.identification.marginals import identifiable
 from bayes_iwan.report.provenance import of_folder
 from bayes_iwan.report.table import Cell, Table
@@ -165,9 +165,10 @@ def _one(job: Job, name: str) -> str:
         # one configuration for both: a diagnosis takes the model and its priors of it
         own = {name: change for name, change in job.config.parameters.items() if name not in NOISE}
         settings = DiagnoseSettings(job.config.model, own)
-        answer = diagnose_campaign(
+        found = write_diagnosis(
             campaign, out, seed=job.seed, quick=job.quick, config=settings, progress=False, overwrite=True
         )
+        answer = finite(found.to_dict())
         verdict, gap = answer["verdict"], answer["gap"]
         record |= {k: verdict[k] for k in ("cause", "second_cause", "probability")}
         record |= {"gap_share": gap["before_share"], "shrink": gap["shrink"]}
