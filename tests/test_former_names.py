@@ -1,4 +1,4 @@
-"""Names of before: files that were written with them are read, and a user who wrote one gets the new name."""
+"""Names of before: stored files are read, and what a user wrote gets one line with the new name."""
 
 import hashlib
 import json
@@ -180,7 +180,7 @@ def test_a_users_effect_or_simulator_with_a_name_of_before_is_refused_in_one_lin
         "import bayes_iwan as bi\nclass Late(bi.Effect):\n    def grip(self, alpha, m, v): return alpha\n"
     )
     simulator.write_text("import bayes_iwan as bi\nclass Mine(bi.Simulator):\n    stations = frozenset()\n")
-    with pytest.raises(ValueError, match=r'Late.grip is called "normal_force" now; rename it$'):
+    with pytest.raises(ValueError, match=r'Late\.grip is called "normal_force" now; rename it$'):
         load_effects(effect)
-    with pytest.raises(ValueError, match=r'Mine.stations is called "stages" now; rename it$'):
+    with pytest.raises(ValueError, match=r'Mine\.stations is called "stages" now; rename it$'):
         load_simulator(simulator)

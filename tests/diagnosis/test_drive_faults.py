@@ -79,7 +79,7 @@ def test_a_drive_with_corners_is_told_to_be_the_drive_s(cornered):
     assert cornered.verdict.kind is Kind.DRIVE and cornered.verdict.cause == "drive"
     assert cornered.verdict.causes == () and not cornered.verdict.unknown_cause and cornered.next_test is None
     said = " ".join(cornered.sentences())
-    assert "cannot be told" in said and "sines" in said and files[0] in said
+    assert "cannot be found" in said and "sines" in said and files[0] in said
     answer = cornered.to_dict()
     assert answer["verdict"]["kind"] == "drive" and answer["verdict"]["cornered_drives"] == files
 
