@@ -19,6 +19,7 @@ import numba as nb
 import numpy as np
 
 import bayes_iwan as bi
+from bayes_iwan.models.embedded_error import CORNER_NAME, CORNER_WIDTH, STIFFNESS_NAME
 from bayes_iwan.models.kernels.elements import equal_probability_sliders
 from bayes_iwan.models.motion import Y_FLOOR
 from bayes_iwan.models.normal_force import ALPHA_FLOOR
@@ -32,13 +33,15 @@ STEP_S = 2e-4
 def force(u, v, amplitude, x, phi, p):
     """Isolator force in N at stretch u (mm), speed v (mm/s); slider positions x (mm) are moved along.
 
-    p : kp, k1, bend (0: constant stiffness), slope, rate, beta, reference length (mm), reference speed (mm/s).
+    p : kp, k1, stiffness ratio (0: constant stiffness), slope, rate, beta, reference length (mm), reference speed
+    (mm/s), and the embedded model error's corner and exponent (0 without it).
     """
     y = max(amplitude - u, Y_FLOOR * amplitude) / p[6]
     grown = y ** p[5]
     alpha = 1.0 + p[3] * (grown - (amplitude / p[6]) ** p[5]) / p[5] + p[4] * grown * abs(v) / p[7]
-    alpha = max(alpha, ALPHA_FLOOR)
+    alpha = max(alpha, ALPHA_FLOOR) * math.exp(p[8] / (1.0 + ((amplitude - u) / (CORNER_WIDTH * amplitude)) ** 2))
     k = p[1] if p[2] == 0.0 else p[1] * math.expm1(-p[2] * alpha) / math.expm1(-p[2])
+    k *= alpha ** p[9]
     total = 0.0
     for j in range(phi.size):
         reach = alpha * phi[j] / k
@@ -101,23 +104,25 @@ def shock(base_mm_s2, dt, mass_kg, phi, p):
 
 
 def element_values(posterior, n):
-    """Slip forces (draws, SLIDERS) and the law's numbers (draws, 8) of n posterior draws."""
+    """Slip forces (draws, SLIDERS) and the law's numbers (draws, 10) of n posterior draws."""
     problem = posterior.problem
     model, scales = problem.model, problem.scales
-    if model.grip not in ("hunt_crossley", "hunt_crossley_no_speed", "constant"):
-        raise ValueError(f"this analysis integrates Eq. (11); the run's normal force is {model.grip!r}")
+    if model.normal_force not in ("hunt_crossley", "hunt_crossley_no_speed", "constant"):
+        raise ValueError(f"this analysis integrates Eq. (11); the run's normal force is {model.normal_force!r}")
     parameter_values = problem.parameter_values(posterior.flat_z(n))
     zero = np.zeros(len(parameter_values["kp_N_mm"]))
     p = np.stack(
         [
             parameter_values["kp_N_mm"],
             parameter_values["k1_N_mm"],
-            parameter_values.get("stiffness_bend", zero),
-            parameter_values.get("grip_slope", zero),
-            parameter_values.get("grip_rate", zero),
+            parameter_values.get("stiffness_ratio", zero),
+            parameter_values.get("normal_force_slope", zero),
+            parameter_values.get("normal_force_rate", zero),
             parameter_values.get("beta", zero + 1.0),
             zero + scales.length_mm,
             zero + 1e3 * scales.speed_m_s,
+            parameter_values.get(CORNER_NAME, zero),
+            parameter_values.get(STIFFNESS_NAME, zero),
         ],
         axis=1,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 
@@ -86,7 +86,7 @@ def courses(frequency_hz: float, amplitude_mm: float, seed: int = 0) -> tuple[Co
 
 def forward(problem: Problem, values: ParameterValues, course: Course, fine: int = FINE) -> tuple[Array, Array, Array]:
     """Time (n,), force and friction (draws, n) in N of our own forward model from rest; effects of the rig and the
-    channels' zero left out. Effects that are filters over closed loops are not defined on a record."""
+    channels' zero omitted. Effects that are filters over closed loops are not defined on a record."""
     n = round(course.seconds * course.highest_hz * fine)
     t = np.arange(n + 1) * course.seconds / n
     u, v, a = course.at(t)
@@ -116,6 +116,14 @@ class Difference:
     steps: int
     rms: float
     energy: float
+
+
+def straight(course: Course, steps: int) -> Course:
+    """The course as a solver's steps describe it: through its positions at `steps` a cycle, straight between them."""
+    n = round(course.seconds * course.highest_hz * steps)
+    t = np.arange(n + 1) * course.seconds / n
+    u = course.displacement_mm(t)
+    return replace(course, displacement_mm=lambda x: np.interp(x, t, u))
 
 
 def compare(force: Force, problem: Problem, values: ParameterValues, course: Course, steps: int) -> Difference:

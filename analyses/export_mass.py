@@ -2,9 +2,9 @@
 
     python analyses/export_mass.py [RUN] [--mass 1.0] [--base-mm 0.2] [--points 16] [--out export_mujoco.png]
 
-RUN is a folder of `bayes-iwan identify` (default: data/rope_spring, identified quickly without embedded model error,
-which design_isolator.py does not know). A sine of the base is stepped from low to high; u is the isolator's stretch,
-and A of Eq. (11) the largest |u| of the last cycle, as there. It follows 64 stop elements, the export all.
+RUN is a folder of `bayes-iwan identify` (default: data/rope_spring, identified quickly). A sine of the base is stepped
+from low to high; u is the isolator's stretch, and A of Eq. (11) the largest |u| of the last cycle, as there. It follows
+64 stop elements, the export all.
 """
 
 from __future__ import annotations
@@ -153,8 +153,7 @@ def main() -> None:
     parser.add_argument("--out", default="export_mujoco.png")
     args = parser.parse_args()
     spring = Path(__file__).parents[1] / "data" / "rope_spring"
-    plain = {"model": {"embedded": False}}
-    posterior = bi.load(args.run) if args.run else bi.identify(spring, quick=True, seed=1, progress=False, config=plain)
+    posterior = bi.load(args.run) if args.run else bi.identify(spring, quick=True, seed=1, progress=False)
     work = Path(tempfile.mkdtemp())
     for target in ("mujoco", "drake"):
         posterior.export(target, work / target, draws=0)

@@ -38,8 +38,8 @@ class Device:
         C statements of each stage, in order.
     states
         length and value at rest of what the stages remember.
-    named, left_out
-        effects in the device with a note each ("" where its law is as identified), and those left out, with the reason.
+    named, omitted
+        effects in the device with a note each ("" where its law is as identified), and those omitted, with the reason.
     """
 
     parameters: dict[str, Array]
@@ -48,7 +48,7 @@ class Device:
     stages: dict[str, tuple[str, ...]]
     states: dict[str, tuple[int, float]]
     named: dict[str, str]
-    left_out: dict[str, str]
+    omitted: dict[str, str]
 
     @property
     def sets(self) -> int:
@@ -69,11 +69,11 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
             "force, not steps. Export its draws with --to json, and call it from Python"
         )
     values = problem.parameter_values(z)
-    kept, named, left_out = [], {}, {}
+    kept, named, omitted = [], {}, {}
     for effect in problem.effects:
         assert isinstance(effect, Effect)
         if isinstance(effect, OF_THE_RIG):
-            left_out[effect.name] = "belongs to the rig or its channels, not to the device"
+            omitted[effect.name] = "belongs to the rig or its channels, not to the device"
         elif (law := LAWS.get(type(effect))) is None:
             raise ExportError(
                 f"the effect {effect.name} has no law in time to export; identify without it, or add its C to "
@@ -104,7 +104,7 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
         stages={name: tuple(code) for name, code in stages.items()},
         states=states,
         named=named,
-        left_out=left_out,
+        omitted=omitted,
     )
 
 
@@ -112,20 +112,20 @@ def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[st
     """Parameters and stages of the Iwan model itself; floored : is α held above its floor after effects?"""
     ell, speed = model.reference.length_mm, model.reference.speed_m_s
     sets = len(values["kp_N_mm"])
-    names = [n for n in model.names if n not in (*model.slip_family.names, *embedded_error.TILT_NAMES)]
+    names = [n for n in model.names if n not in (*model.slip_family.names, *embedded_error.SLIP_NAMES)]
     parameters = {n: np.asarray(values[n], float) for n in names}
     parameters["amplitude_mm"] = np.full(sets, ell)
     stages: dict[str, list[str]] = {name: [] for name in STAGES}
-    alpha, law = stages["alpha"], model.grip_law
+    alpha, law = stages["alpha"], model.normal_force_law
     if isinstance(law, normal_force.HuntCrossley):
         beta = parameters["beta"]
         parameters["beta"] = np.where(np.abs(beta) < 1e-12, 1e-12, beta)
-        rate = f"p->grip_rate / {speed!r}" if law.speed else "0.0"
+        rate = f"p->normal_force_rate / {speed!r}" if law.speed else "0.0"
         alpha.append(
             f"""{{
-    const double rest = exp(p->beta * log(A / {ell!r}));
+    const double centre = exp(p->beta * log(A / {ell!r}));
     const double rise = expm1(p->beta * log(fmax(A - u, {Y_FLOOR!r} * A) / A));
-    alpha = 1.0 + p->grip_slope * rest / p->beta * rise + {rate} * rest * (1.0 + rise) * fabs(v);
+    alpha = 1.0 + p->normal_force_slope * centre / p->beta * rise + {rate} * centre * (1.0 + rise) * fabs(v);
     alpha = fmax(alpha, {ALPHA_FLOOR!r});
 }}"""
         )
@@ -137,7 +137,7 @@ def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[st
     elif not isinstance(law, normal_force.Constant):
         raise ExportError(f"the normal force {law.name!r} has no law in C yet; add it to bayes_iwan/export/device.py")
     if model.stiffness == "saturating":
-        stages["stiffness"].append("k = p->k1_N_mm * expm1(-p->stiffness_bend * alpha) / expm1(-p->stiffness_bend);")
+        stages["stiffness"].append("k = p->k1_N_mm * expm1(-p->stiffness_ratio * alpha) / expm1(-p->stiffness_ratio);")
     if model.embedded:
         at_corner = f"(A - u) / ({embedded_error.CORNER_WIDTH!r} * A)"
         alpha.append(f"alpha *= exp(p->{embedded_error.CORNER_NAME} / (1.0 + {at_corner} * {at_corner}));")

@@ -90,11 +90,14 @@ def _built(sources: dict[str, str], suffix: str) -> bytes:
         for name, text in sources.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
         out = f"isolator{suffix}"
-        command = [compiler(), "-std=c99", "-O2", "-shared", "-fPIC", "-o", out, "fmu.c", "-lm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            said = (done.stderr.strip().splitlines() or ["no message"])[0]
-            raise ExportError(f"the C compiler {command[0]} failed on the FMU ({said[:160]}); try another one (CC=...)")
+        command = [*compiler().split(), "-std=c99", "-O2", "-shared", "-fPIC", "-o", out, "fmu.c", "-lm"]
+        try:
+            subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            said = (getattr(error, "stderr", "").strip() or str(error)).splitlines()[0]
+            raise ExportError(
+                f"the C compiler {command[0]} failed on the FMU ({said[:160]}); set CC to another"
+            ) from None
         return (Path(folder) / out).read_bytes()
 
 

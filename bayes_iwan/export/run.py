@@ -49,7 +49,7 @@ def export(
     draws: int = 20,
     approximate: bool = False,
     campaign: PathLike | None = None,
-    error: float = 1e-3,
+    error: float = 2e-4,
 ) -> Path:
     """The identified device as files that run elsewhere, with a model card.
 
@@ -149,7 +149,7 @@ def _no_device(sets: int) -> Device:
         stages={name: () for name in STAGES},
         states={},
         named={},
-        left_out={},
+        omitted={},
     )
 
 
@@ -174,15 +174,18 @@ def _of_posterior(posterior: Posterior, draws: int) -> Source:
         raise ExportError(
             f"the run has not converged ({posterior.message}); sample on with identify --resume, then export"
         )
+    held = len(posterior.flat_z())
+    if draws > held:
+        raise ExportError(f"the posterior holds {held} draws, so draws can be {held} at most, not {draws}")
     kept = posterior.flat_z(draws) if draws else posterior.z[:0].reshape(0, posterior.ndim)
-    misfit = posterior.misfit()
+    residual = posterior.residual_size()
     return Source(
         problem=posterior.problem,
         z=np.concatenate([posterior.point.z[None], kept]),
         campaign=posterior.campaign,
         method="Laplace's approximation about the most probable point" if posterior.quick else "sampled posterior",
         seed=posterior.seed,
-        unexplained=(misfit.rms_N, misfit.share),
+        unexplained=(residual.rms_N, residual.share),
     )
 
 

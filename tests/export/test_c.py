@@ -1,20 +1,24 @@
 """The step in C: the package's own forward model for any motion, and a state that a solver can trust."""
 
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import export_courses as rt
+from bayes_iwan.effects.mounting import FreePlay
+from bayes_iwan.export.tested import steady_loops
+from bayes_iwan.models import sine_motion
 
 pytestmark = pytest.mark.usefixtures("compiler")
 
 PARTS = (
     {},
     {"embedded": True},
-    {"slip": "uniform", "grip": "polynomial3", "embedded": True},
-    {"slip": "power_law", "grip": "hunt_crossley_no_speed", "stiffness": "constant"},
-    {"slip": "gamma1", "grip": "constant", "stiffness": "constant"},
+    {"slip": "uniform", "normal_force": "polynomial3", "embedded": True},
+    {"slip": "power_law", "normal_force": "hunt_crossley_no_speed", "stiffness": "constant"},
+    {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"},
 )
 
 
@@ -68,6 +72,16 @@ def test_repeated_and_rejected_times_leave_no_trace(device):
         asked.at(0.0, 0.0, 0.0)
 
 
+def test_steps_and_times_may_be_mixed(device):
+    u, v = wild(100)
+    one, other = device.Isolator(), device.Isolator()
+    wanted = one.run(1e-3, u, v)
+    other.run(1e-3, u[:50], v[:50])
+    assert other.at(51e-3, u[50], v[50]) == pytest.approx(wanted[50], rel=1e-12)
+    with pytest.raises(ValueError, match="not a state of this device"):
+        other.restore(b"short")
+
+
 @pytest.mark.parametrize("bad", [(float("nan"), 0.0, 0.0), (1e-3, float("inf"), 0.0), (-1e-3, 0.0, 0.0)])
 def test_what_is_no_step_is_refused_and_changes_nothing(device, bad):
     one = device.Isolator()
@@ -111,6 +125,29 @@ def test_closed_cycles_never_give_energy(device):
         force = np.array(one.run(1 / hz / 200, u, v))
         work = np.sum(0.5 * (force + np.roll(force, 1)) * (u - np.roll(u, 1)))
         assert work > -1e-6 * np.std(force) * np.ptp(u)
+
+
+@pytest.mark.parametrize("softness", [-2.0, 0.0, 2.0])
+@pytest.mark.parametrize("play", [0.0, 1.0])
+def test_a_play_is_crossed_as_identified_and_gives_no_energy(softness, play, problem_of, exported, draws):
+    problem = problem_of(embedded=True)
+    problem = problem.with_effects([FreePlay(problem.scales)])
+    z = draws(problem, 1)
+    z[:, [problem.names.index(f"free_play.{n}") for n in ("play_mm", "softness")]] = play, softness
+    n, w, amplitude = 200, 2 * np.pi * 12.0, 0.9
+    motion = replace(sine_motion(frequency_hz=12.0, amplitude_mm=amplitude, samples=10 * n), cycle=np.array([9.5]))
+    values = problem.parameter_values(z)
+    ours, friction = steady_loops(problem, values, motion)[0, 0, ::10], problem.friction_force(values, motion)
+    t = np.arange(1, 10 * n + 1) / n / 12.0
+    u, v = 1e-3 * amplitude * np.sin(w * t), 1e-3 * amplitude * w * np.cos(w * t)
+    one = rt.module(exported(problem, z)).Isolator(0, 1e-3 * amplitude)
+    force = np.array(one.run(1 / 12.0 / n, u, v))[-n:]
+    assert np.std(force - np.roll(ours, -1)) < 2e-3 * np.std(friction)  # our own model settles the crossing in 4 passes
+    for size in (0.02, 0.1, 0.4):
+        one.run(1 / 12.0 / n, size * u[-n:], size * v[-n:])
+        force = np.array(one.run(1 / 12.0 / n, size * u[-n:], size * v[-n:]))
+        work = np.sum(0.5 * (force + np.roll(force, 1)) * size * (u[-n:] - np.roll(u[-n:], 1)))
+        assert work > -3e-4 * np.std(force) * np.ptp(size * u)
 
 
 MAIN = r"""

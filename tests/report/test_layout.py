@@ -4,11 +4,11 @@ import shutil
 
 import numpy as np
 import pytest
-from bayes_iwan.report.batch.batch_page import write_batch_page
-from bayes_iwan.report.batch.specimens import Finished, Quantity, summarised
 
 import bayes_iwan as bi
 from bayes_iwan.report import identification_report
+from bayes_iwan.report.batch.batch_page import write_batch_page
+from bayes_iwan.report.batch.specimens import Finished, Quantity, summarised
 from bayes_iwan.report.browser import BrowserError, find_browser, print_pdf
 from bayes_iwan.report.inspection.inspect_page import inspect_to
 from bayes_iwan.report.page import Page
@@ -17,7 +17,7 @@ from bayes_iwan.report.provenance import of_folder
 from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, torn
 
 needs_browser = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
-CLASSICAL = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+CLASSICAL = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
 
 
 @pytest.fixture(scope="module")

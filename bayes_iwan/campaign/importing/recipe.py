@@ -67,7 +67,9 @@ class Recipe:
             if not isinstance(gain, int | float) or isinstance(gain, bool) or not abs(gain) > 0:
                 raise CampaignError(f"import: the gain of {role} must be a number other than 0, not {shown(gain)}")
         rate = self.sample_rate_hz
-        if rate not in (None, NO_CLOCK) and (not isinstance(rate, int | float) or isinstance(rate, bool) or not rate > 0):
+        if rate not in (None, NO_CLOCK) and (
+            not isinstance(rate, int | float) or isinstance(rate, bool) or not rate > 0
+        ):
             raise CampaignError(f'import: the sample rate must be a positive number or "none", not {shown(rate)}')
 
     @property

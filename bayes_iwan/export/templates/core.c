@@ -51,8 +51,6 @@ int isolator_track_size(void);
 const isolator_parameters *isolator_set(int i);
 int isolator_track_at(int set, double amplitude_m, double *track, double time_s, double u_m, double v_m_s,
                       double a_m_s2, double *force_N);
-int isolator_state_step(int set, double amplitude_m, double *state, double h_s, double u_m, double v_m_s, double a_m_s2,
-                        double *force_N);
 void isolator_state_start(int set, double *state, double time_s);
 /* n steps in one call, from arrays; returns how many were done. */
 int isolator_run(int set, double amplitude_m, double *state, int n, double h_s, const double *u_m, const double *v_m_s,
@@ -378,13 +376,6 @@ int isolator_track_at(int set, double amplitude_m, double *track, double time_s,
 {
     const isolator_parameters p = with_amplitude(set, amplitude_m);
     return isolator_at(&p, (isolator_track *)(void *)track, time_s, u_m, v_m_s, a_m_s2, force_N);
-}
-
-int isolator_state_step(int set, double amplitude_m, double *state, double h_s, double u_m, double v_m_s, double a_m_s2,
-                        double *force_N)
-{
-    const isolator_parameters p = with_amplitude(set, amplitude_m);
-    return isolator_step(&p, (isolator_state *)(void *)state, h_s, u_m, v_m_s, a_m_s2, force_N);
 }
 
 void isolator_state_start(int set, double *state, double time_s)
