@@ -99,7 +99,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     Returns the record with its warnings completed, and its loop for what tests say of each other.
     """
     record, line_mm = without_line(record)
-    refuse_unsteady(record.file, assess_drive(record.time_s, record.displacement_mm))
+    refuse_unsteady(record.file, assess_drive(record.time_s, record.displacement_mm), record.clock)
     loop = average(record, n_blocks=1)
     record, drifts = level_record(record, loop, line_mm)
     loop = average(record, n_blocks=1) if record is not loop.record else loop
