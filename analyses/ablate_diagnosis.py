@@ -1,11 +1,11 @@
-"""What every rule and constant of judging and searching is worth: each switched off in turn, on the same cases.
+"""What every rule and constant of assessment and search brings: each switched off in turn, on the same cases.
 
-    python analyses/ablate_diagnosis.py judging /work/cache/fits/*.json --out analyses/ablation_judging.csv
+    python analyses/ablate_diagnosis.py assessment /work/cache/fits/*.json --out analyses/ablation_assessment.csv
     python analyses/study_fits.py CASES --set BEAM=1 --out /work/cache/BEAM=1          (searched anew)
-    python analyses/ablate_diagnosis.py searching FITS /work/cache/BEAM=1 --out analyses/ablation_searching.csv
+    python analyses/ablate_diagnosis.py search FITS /work/cache/BEAM=1 --out analyses/ablation_searching.csv
 
-`judging` takes seconds: the constants of the probabilities are fitted anew without the rule, families of foreign causes
-left out in turn, and every case is answered. `searching` compares folders of cases that were searched with another
+`assessment` takes seconds: the constants of the probabilities are fitted anew without the rule, families of foreign
+causes held out in turn, and every case is answered. `search` compares folders of cases that were searched with another
 constant. Of each: how many names are right and false, what is flagged, alarms, log loss, and what changes against all
 rules on, with a 90 % interval from resampled cases (the same ones for both).
 """
@@ -27,7 +27,7 @@ import numpy as np
 import calibrate_diagnosis as calibrate
 import study_cases
 from bayes_iwan.diagnosis.assessment import calibration, verdict
-from bayes_iwan.diagnosis.assessment.calibration import EFFECT_FIGURES, REST_FIGURES
+from bayes_iwan.diagnosis.assessment.calibration import EFFECT_FIGURES, UNEXPLAINED_FIGURES
 from study_cases import Case, counts, log_loss, read_cases
 
 #: what is added up of a case: right names, false names, unexplained parts flagged, alarms
@@ -61,9 +61,9 @@ def refused_but(reason: str) -> Callable[..., str]:
     return some
 
 
-def judged_without_choice(case: Case) -> Case:
-    """Tests are left out of the fit alone, the set stays that of all tests."""
-    return replace(case, figures=tuple(replace(f, unseen=f.fixed) for f in case.figures))
+def assessed_without_choice(case: Case) -> Case:
+    """Tests are held out of the fit alone, the set stays that of all tests."""
+    return replace(case, figures=tuple(replace(f, held_out=f.fixed) for f in case.figures))
 
 
 def not_odd(case: Case) -> Case:
@@ -79,13 +79,13 @@ def switched_off() -> dict[str, tuple[list[Patch], Callable[[Case], Case] | None
             [(m, "effect_figures", zeroed) for m in (calibration, calibrate)],
             None,
         )
-    for i, name in enumerate(REST_FIGURES):
-        zeroed = without_column(calibration.rest_figures, i)
-        patches = [(m, "rest_figures", zeroed) for m in (study_cases, calibrate)]
+    for i, name in enumerate(UNEXPLAINED_FIGURES):
+        zeroed = without_column(calibration.unexplained_figures, i)
+        patches = [(m, "unexplained_figures", zeroed) for m in (study_cases, calibrate)]
         figures[f"figure of the rest: {name}"] = (patches, None)
     rules = {
         "one record names nothing": "one record",
-        "held-out share above zero": "left out",
+        "held-out share above zero": "held out",
         "least share": "too little",
         "own form needs a gap": "every specimen",
     }
@@ -93,14 +93,14 @@ def switched_off() -> dict[str, tuple[list[Patch], Callable[[Case], Case] | None
         f"rule: {title}": ([(verdict, "refused", refused_but(reason))], None) for title, reason in rules.items()
     }
     refusals["rule: numbers must be plausible"] = ([], not_odd)
-    refusals["rule: the choice of the set is held out too"] = ([], judged_without_choice)
+    refusals["rule: the choice of the set is held out too"] = ([], assessed_without_choice)
     constants: dict[str, tuple[list[Patch], Callable[[Case], Case] | None]] = {
         "LINEAR_NATS 0.5": ([(calibration, "LINEAR_NATS", 0.5)], None),
         "LINEAR_NATS 8": ([(calibration, "LINEAR_NATS", 8.0)], None),
         "LEAST_TESTS 1": ([(calibration, "LEAST_TESTS", 1)], None),
         "USUAL_GAP / 4": ([(calibration, "USUAL_GAP", 0.001)], None),
         "USUAL_GAP x 4": ([(calibration, "USUAL_GAP", 0.016)], None),
-        "within 1: rivals by the whole score": ([(calibrate, "within_fit", lambda cases: 1.0)], None),
+        "within 1: other effects by the whole score": ([(calibrate, "within_fit", lambda cases: 1.0)], None),
         "NAMED 0.4": ([(verdict, "NAMED", 0.4)], None),
         "NAMED 0.7": ([(verdict, "NAMED", 0.7)], None),
         "NAMED 0.8": ([(verdict, "NAMED", 0.8)], None),
@@ -118,7 +118,7 @@ def patched(patches: Sequence[Patch]) -> Any:
 
 def scored(cases: Sequence[Case]) -> dict[str, np.ndarray]:
     """(cases,) of each sum, with constants that know nothing of a case's family; and the log loss."""
-    given = calibrate.answers(cases, calibrate.left_out_in_turn(cases))
+    given = calibrate.answers(cases, calibrate.held_out_in_turn(cases))
     each = [counts(case, a) for case, a in zip(cases, given)]
     out = {k: np.array([sum(x[w][0] for w in what if w in x) for x in each], float) for k, what in SUMS.items()}
     out["log loss"] = np.array([sum(log_loss(case, a)) for case, a in zip(cases, given)])
@@ -158,11 +158,11 @@ def seconds_of(cases: Sequence[Case]) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["judging", "searching"])
+    parser.add_argument("what", choices=["assessment", "search"])
     parser.add_argument("cases", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
-    if args.what == "judging":
+    if args.what == "assessment":
         cases = [c for c in read_cases(args.cases) if c.kind != "measured"]
         on, took = scored(cases), seconds_of(cases)
         rows = [row("nothing", on, on, (took, took))]
@@ -174,7 +174,7 @@ def main() -> None:
         for folder in args.cases:
             shared = {p.name for p in folder.glob("*.json")} & {p.name for p in args.cases[0].glob("*.json")}
             whole = [c for c in read_cases(args.cases[0].glob("*.json")) if c.kind != "measured"]
-            constants = dict(zip((c.path for c in whole), calibrate.left_out_in_turn(whole)))
+            constants = dict(zip((c.path for c in whole), calibrate.held_out_in_turn(whole)))
             both = []
             for x in (args.cases[0], folder):
                 cases = [c for c in read_cases(x / n for n in sorted(shared)) if c.kind != "measured"]

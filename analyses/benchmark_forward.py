@@ -89,14 +89,16 @@ def numpy_elements(model: Model, parameter_values: dict[str, np.ndarray], motion
     """
     u, a = motion.displacement_mm[0], motion.amplitude_mm[:, None]
     y = np.maximum(a - u, 0.01 * a)
-    slope, rate, beta = (parameter_values[n][:, None, None] for n in ("grip_slope", "grip_rate", "beta"))
+    slope, rate, beta = (
+        parameter_values[n][:, None, None] for n in ("normal_force_slope", "normal_force_rate", "beta")
+    )
     alpha = np.maximum(
         1.0
         + slope / beta * (y**beta - a**beta)
         + rate * y**beta * np.abs(motion.velocity_m_s[0]) / model.reference.speed_m_s,
         0.05,
     )
-    z = parameter_values["stiffness_bend"][:, None, None]
+    z = parameter_values["stiffness_ratio"][:, None, None]
     k = parameter_values["k1_N_mm"][:, None, None] * np.expm1(-z * alpha) / np.expm1(-z)
     phi = np.stack(
         [

@@ -8,7 +8,7 @@ own batch density, each in a process of its own for so many *processor* seconds:
 little. Ensembles and chains start at fits to shifted data, which is posterior-like (finding them is charged to nobody);
 nested samplers and pocoMC start from the prior, as they must. Burn-in and adaptation are charged: what counts is what
 the whole time bought. MCMC: bulk and tail ESS of the worst sampled number from four independent ensembles or chains,
-the first half of the draws left out (ours says itself when adaptation ended), and their R-hat; where that is above
+the first half of the draws omitted (ours says itself when adaptation ended), and their R-hat; where that is above
 1.05 the ESS means nothing. Nested and sequential samplers: Kish's ESS of the weights if the run ended in time. The
 package stops by its own rule when that is sooner.
 
@@ -85,8 +85,8 @@ class Density:
         return np.maximum(self(z) - prior, -1e30)
 
 
-def worth(draws: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
-    """ESS and R-hat of draws (ensembles, steps, walkers, numbers), the first half left out."""
+def quality(draws: np.ndarray, names: tuple[str, ...]) -> dict[str, Any]:
+    """ESS and R-hat of draws (ensembles, steps, walkers, numbers), the first half omitted."""
     kept = draws[:, draws.shape[1] // 2 :]
     if kept.shape[1] < LEAST_STORED:
         return {"note": f"only {draws.shape[1]} stored steps"}
@@ -167,7 +167,7 @@ def by_turns(runs: list, coords: Callable, log_prob: Callable, names: tuple[str,
         pass
     if not draws:
         return {"note": "no step in time"}
-    return worth(np.moveaxis(np.array(draws), 1, 0), names) | {"log_prob": float(np.median(last))}
+    return quality(np.moveaxis(np.array(draws), 1, 0), names) | {"log_prob": float(np.median(last))}
 
 
 def pints_haario_bardenet(density: Density, starts: np.ndarray, names: tuple[str, ...], seed: int) -> dict[str, Any]:
@@ -196,7 +196,7 @@ def pints_haario_bardenet(density: Density, starts: np.ndarray, names: tuple[str
         pass
     if not draws:
         return {"note": "no step in time"}
-    return worth(np.moveaxis(np.array(draws), 1, 0)[:, :, None], names) | {"log_prob": float(np.median(last))}
+    return quality(np.moveaxis(np.array(draws), 1, 0)[:, :, None], names) | {"log_prob": float(np.median(last))}
 
 
 class Slopes:
@@ -315,7 +315,7 @@ def one(name: str, problem: Problem, point: Point, starts: np.ndarray, seconds: 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("campaign", nargs="?", default="data/rope_spring")
-    parser.add_argument("--embedded", action="store_true", help="the model's own form may bend a little (27 numbers)")
+    parser.add_argument("--embedded", action="store_true", help="with the embedded model error (27 numbers)")
     parser.add_argument("--seconds", type=float, default=120.0, help="processor seconds each")
     parser.add_argument("--only", nargs="+", choices=SAMPLERS, default=list(SAMPLERS))
     parser.add_argument("--seed", type=int, default=1)

@@ -30,12 +30,13 @@ nb.set_num_threads(1)
 draws, repeats, reference = 32, int(sys.argv[2]), Reference(1.0, 2e-3 * np.pi * 20.0)
 motion = sine_motion(frequency_hz=np.tile([10.0, 15.0, 20.0], 3), amplitude_mm=np.repeat([0.3, 0.6, 1.0], 3))
 per, rng, out, zero = 1e9 / (draws * 9 * 128), np.random.default_rng(1), np.empty((draws, 9, 128)), np.zeros(draws)
-various = {"grip_slope": 0.3 * rng.standard_normal(draws), "grip_rate": 0.3 * rng.standard_normal(draws),
+various = {"normal_force_slope": 0.3 * rng.standard_normal(draws), "normal_force_rate": 0.3 *
+rng.standard_normal(draws),
            "beta": rng.uniform(0.05, 1.5, draws)}
-bent = {name: 0.1 * rng.standard_normal(draws) for name in embedded_error.NAMES}
+deviating = {name: 0.1 * rng.standard_normal(draws) for name in embedded_error.NAMES}
 found = {}
 for case, more, model in (("Table 1", {}, Model(reference)), ("various", various, Model(reference)),
-                          ("embedded", bent, Model(reference, embedded=True))):
+                          ("embedded", deviating, Model(reference, embedded=True))):
     values = b.scattered(draws, reference) | more
     model.force(values, motion)
     alpha = model.alpha(values, motion)

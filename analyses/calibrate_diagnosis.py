@@ -1,4 +1,4 @@
-"""Fit the constants that turn figures into probabilities; families of foreign causes are left out in turn.
+"""Fit the constants that turn figures into probabilities; families of foreign causes are held out in turn.
 
     python analyses/study_draws.py --out /work/cache/draws --seed 4101
     python analyses/study_fits.py /work/cache/draws/4101_*.pickle --out /work/cache/fits
@@ -24,23 +24,23 @@ from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Gaps, Share
 from bayes_iwan.diagnosis.assessment.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
-    REST_FIGURES,
+    UNEXPLAINED_FIGURES,
     Calibration,
     calibration,
     effect_figures,
-    rest_figures,
+    unexplained_figures,
 )
-from bayes_iwan.diagnosis.search.search_result import OWN_FORM
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from study_cases import (
     Answer,
     Case,
     answer,
     counts,
     groups,
+    has_unlisted_cause,
     log_loss,
     place_is_true,
     read_cases,
-    rest_is_real,
     share_pairs,
     summed,
     table,
@@ -50,7 +50,7 @@ from study_cases import (
 SEARCH_MISSED = 3.0
 #: pull of every weight, per squared unit, to what 300 campaigns of an earlier study gave (a figure that is new: to 0)
 PULL = 0.5
-EARLIER_EFFECT, EARLIER_REST = (0.75, 2.76, 3.35, -0.97), (1.95, 0.47, -1.30)
+EARLIER_EFFECT, EARLIER_UNEXPLAINED = (0.75, 2.76, 3.35, -0.97), (1.95, 0.47, -1.30)
 FOLDS = 5
 
 
@@ -66,14 +66,16 @@ def logistic_fit(x: np.ndarray, y: np.ndarray, earlier: Sequence[float]) -> tupl
 
 
 def within_fit(cases: Sequence[Case]) -> float:
-    """Power of the score among rivals for one place, from places where one of them is true."""
+    """Power of the score among effects for one place, from places where one of them is true."""
     places = []
     for case in cases:
         missed = case.true - {f.name for f in case.figures}
         for f in case.figures:
-            right = [n for n in f.rivals if n == f.name and n in case.true] or [n for n in f.rivals if n in missed]
-            if len(right) == 1 and f.name not in NO_CAUSE | OWN_FORM:
-                places.append((np.array(list(f.rivals.values())), list(f.rivals).index(right[0])))
+            right = [n for n in f.alternatives if n == f.name and n in case.true] or [
+                n for n in f.alternatives if n in missed
+            ]
+            if len(right) == 1 and f.name not in NO_CAUSE | MODEL_FORM:
+                places.append((np.array(list(f.alternatives.values())), list(f.alternatives).index(right[0])))
 
     def cost(power: float) -> float:
         return -sum(max(float(power * v[i] - np.logaddexp.reduce(power * v)), -SEARCH_MISSED) for v, i in places)
@@ -83,7 +85,7 @@ def within_fit(cases: Sequence[Case]) -> float:
 
 
 def law_fit(cases: Sequence[Case], old: Calibration) -> float:
-    """Sd of a share by nature's law, at most, such that nine of ten shares on tests left out lie in the interval that
+    """Sd of a share by nature's law, at most, such that nine of ten shares on held-out tests lie in the interval that
     is said on the fitted ones."""
     pairs = [pair for case in cases for pair in share_pairs(case)]
     for law in np.arange(0.01, 0.4, 0.005):
@@ -94,7 +96,7 @@ def law_fit(cases: Sequence[Case], old: Calibration) -> float:
 
 
 def held_in(fitted: Gaps, found: Gaps, c: Calibration) -> bool:
-    """Does the interval of a share on the fitted tests hold the share on tests left out?"""
+    """Does the interval of a share on the fitted tests hold the share on held-out tests?"""
     said = interval(fitted, c)
     return said.low <= 0.5 * (found.first + found.last) <= said.high
 
@@ -104,9 +106,9 @@ def interval(gaps: Gaps, c: Calibration) -> Share:
 
 
 def fitted(cases: Sequence[Case]) -> Calibration:
-    """Constants of maximum likelihood: places first, then rivals, then the rest beside what they name."""
+    """Constants of maximum likelihood: places first, then alternatives, then the rest beside what they name."""
     old = calibration()
-    some = [(case, f) for case in cases for f in case.figures if f.name not in OWN_FORM]
+    some = [(case, f) for case in cases for f in case.figures if f.name not in MODEL_FORM]
     x = np.array([effect_figures(f) for _, f in some]).reshape(-1, len(EFFECT_FIGURES))
     y = np.array([float(place_is_true(case, f, old.apart)) for case, f in some])
     effect, bias = logistic_fit(x, y, EARLIER_EFFECT)
@@ -116,13 +118,15 @@ def fitted(cases: Sequence[Case]) -> Calibration:
         if case.kind.startswith("one_record"):
             continue
         a = answer(case, half)
-        rows.append(rest_figures(a.left * case.gap_resolved[frozenset()], case.subharmonic))
-        real.append(float(rest_is_real(case, a.named)))
-    rest, rest_bias = logistic_fit(np.array(rows).reshape(-1, len(REST_FIGURES)), np.array(real), EARLIER_REST)
-    return replace(half, rest=rest, rest_bias=rest_bias)
+        rows.append(unexplained_figures(a.left * case.gap_resolved[frozenset()], case.subharmonic))
+        real.append(float(has_unlisted_cause(case, a.named)))
+    rest, unexplained_bias = logistic_fit(
+        np.array(rows).reshape(-1, len(UNEXPLAINED_FIGURES)), np.array(real), EARLIER_UNEXPLAINED
+    )
+    return replace(half, unexplained=rest, unexplained_bias=unexplained_bias)
 
 
-def left_out_in_turn(cases: Sequence[Case]) -> list[Calibration]:
+def held_out_in_turn(cases: Sequence[Case]) -> list[Calibration]:
     """For every case constants that know nothing of its group."""
     group = [groups(case, i, FOLDS) for i, case in enumerate(cases)]
     fits = {g: fitted([c for c, other in zip(cases, group) if other != g]) for g in dict.fromkeys(group)}
@@ -148,7 +152,7 @@ def print_score(title: str, cases: Sequence[Case], constants: Sequence[Calibrati
     pairs = [(*pair, c) for case, c in zip(cases, constants) for pair in share_pairs(case)]
     held, widths = [held_in(*x) for x in pairs], [interval(x[0], x[2]).high - interval(x[0], x[2]).low for x in pairs]
     if pairs:
-        print(f"  share on tests left out in the 90 % interval: {sum(held)} of {len(held)}; ", end="")
+        print(f"  share on held-out tests in the 90 % interval: {sum(held)} of {len(held)}; ", end="")
         print(f"median width of the interval {100 * np.median(widths):.0f} points")
     return given
 
@@ -167,10 +171,17 @@ def main() -> None:
     else:
         c = fitted(cases)
         print("effect:", dict(zip(EFFECT_FIGURES, np.round(c.effect, 3))), "bias", round(c.effect_bias, 3))
-        print("rest:", dict(zip(REST_FIGURES, np.round(c.rest, 3))), "bias", round(c.rest_bias, 3), "within", c.within)
+        print(
+            "rest:",
+            dict(zip(UNEXPLAINED_FIGURES, np.round(c.unexplained, 3))),
+            "bias",
+            round(c.unexplained_bias, 3),
+            "within",
+            c.within,
+        )
         print(f"law {c.law:.3f}")
         print_score("in sample", cases, [c] * len(cases))
-        given = print_score("families left out in turn", cases, left_out_in_turn(cases))
+        given = print_score("families held out in turn", cases, held_out_in_turn(cases))
         if args.write:
             c.save()
             print(f"written: {CALIBRATION}")

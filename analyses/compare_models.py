@@ -1,4 +1,4 @@
-"""Which model predicts what it has not seen: families of the paper and rivals, ranked by evidence and not by eye.
+"""Which model predicts what it has not seen: families of the paper and other models, ranked by evidence and not by eye.
 
 python analyses/compare_models.py CAMPAIGN --out compare.png [--families gamma3 gamma2 no_speed]
 """

@@ -1,13 +1,13 @@
-"""What a small smooth misfit does to intervals, with independent errors and with a correlated discrepancy.
+"""What a small smooth discrepancy does to intervals, with independent errors and with a correlated discrepancy.
 
 Campaigns are simulated that the model does not quite explain: to the loops of known numbers (one gamma of slip
-forces, so that Laplace's approximation holds and the trial is of the likelihoods alone) a smooth misfit is added, a
-random sum of harmonics 1 to 6 of RMS `SHARE` of the friction force (not the discrepancy model's own spectrum), and the
-noise of the records. Half the misfit's variance is shared by the tests of one amplitude, at all frequencies, much as
-the likelihood supposes; with --all it is shared by all tests, and the errors of kp and k(1) average out less than
-that. Each campaign is fitted under three likelihoods, and it is counted how often the 90 % interval (Laplace's
+forces, so that Laplace's approximation holds and the trial is of the likelihoods alone) a smooth discrepancy is added,
+a random sum of harmonics 1 to 6 of RMS `SHARE` of the friction force (not the discrepancy model's own spectrum), and
+the noise of the records. Half the discrepancy's variance is shared by the tests of one amplitude, at all frequencies,
+much as the likelihood supposes; with --all it is shared by all tests, and the errors of kp and k(1) average out less
+than that. Each campaign is fitted under three likelihoods, and it is counted how often the 90 % interval (Laplace's
 approximation at the most probable point) of kp, k(1) and the mean slip force holds the known number. Independent
-errors take the misfit for so many independent errors and cover far too rarely.
+errors take the discrepancy for so many independent errors and cover far too rarely.
 
     python analyses/coverage_discrepancy.py [CAMPAIGNS] [--all]
 """
@@ -28,7 +28,7 @@ SHARE = 0.02
 WANTED = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
 
 
-def misfit(problem: Problem, rng: np.random.Generator, by_amplitude: bool = True) -> np.ndarray:
+def discrepancy(problem: Problem, rng: np.random.Generator, by_amplitude: bool = True) -> np.ndarray:
     """(tests, samples) N: smooth, of RMS SHARE · friction level, half its variance shared between tests."""
     phase = problem.loops[0].phase
     order = np.arange(1, 7)
@@ -53,8 +53,8 @@ TRUE = {
     "elasticity": 0.7,
     "mean_slip_force_N": 1.2,
     "eta1": 2.0,
-    "grip_slope": 0.33,
-    "grip_rate": 0.08,
+    "normal_force_slope": 0.33,
+    "normal_force_rate": 0.08,
     "beta": 0.6,
 }
 
@@ -92,7 +92,7 @@ def coverage(
     exact = first.predict(true_z(first))[0]
     for k in range(campaigns):
         rng = np.random.default_rng([seed, k])
-        force = exact + misfit(first, rng, by_amplitude)
+        force = exact + discrepancy(first, rng, by_amplitude)
         for loop, row in zip(first.loops, force):
             c = rng.standard_normal((2, loop.noise_N.size)) * loop.noise_N
             angle = 2.0 * np.pi * np.arange(loop.noise_N.size)[:, None] * loop.phase
@@ -120,7 +120,7 @@ def clopper_pearson(hits: int, n: int, level: float = 0.95) -> tuple[float, floa
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("campaigns", nargs="?", type=int, default=60)
-    parser.add_argument("--all", action="store_true", help="share half the misfit among all tests")
+    parser.add_argument("--all", action="store_true", help="share half the discrepancy among all tests")
     args = parser.parse_args()
     n = args.campaigns
     for kind, hits in coverage(n, by_amplitude=not args.all).items():

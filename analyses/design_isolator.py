@@ -33,8 +33,8 @@ STEP_S = 2e-4
 def force(u, v, amplitude, x, phi, p):
     """Isolator force in N at stretch u (mm), speed v (mm/s); slider positions x (mm) are moved along.
 
-    p : kp, k1, bend (0: constant stiffness), slope, rate, beta, reference length (mm), reference speed (mm/s), and the
-    embedded model error's corner and exponent (0 without it).
+    p : kp, k1, stiffness ratio (0: constant stiffness), slope, rate, beta, reference length (mm), reference speed
+    (mm/s), and the embedded model error's corner and exponent (0 without it).
     """
     y = max(amplitude - u, Y_FLOOR * amplitude) / p[6]
     grown = y ** p[5]
@@ -107,17 +107,17 @@ def element_values(posterior, n):
     """Slip forces (draws, SLIDERS) and the law's numbers (draws, 10) of n posterior draws."""
     problem = posterior.problem
     model, scales = problem.model, problem.scales
-    if model.grip not in ("hunt_crossley", "hunt_crossley_no_speed", "constant"):
-        raise ValueError(f"this analysis integrates Eq. (11); the run's normal force is {model.grip!r}")
+    if model.normal_force not in ("hunt_crossley", "hunt_crossley_no_speed", "constant"):
+        raise ValueError(f"this analysis integrates Eq. (11); the run's normal force is {model.normal_force!r}")
     parameter_values = problem.parameter_values(posterior.flat_z(n))
     zero = np.zeros(len(parameter_values["kp_N_mm"]))
     p = np.stack(
         [
             parameter_values["kp_N_mm"],
             parameter_values["k1_N_mm"],
-            parameter_values.get("stiffness_bend", zero),
-            parameter_values.get("grip_slope", zero),
-            parameter_values.get("grip_rate", zero),
+            parameter_values.get("stiffness_ratio", zero),
+            parameter_values.get("normal_force_slope", zero),
+            parameter_values.get("normal_force_rate", zero),
             parameter_values.get("beta", zero + 1.0),
             zero + scales.length_mm,
             zero + 1e3 * scales.speed_m_s,

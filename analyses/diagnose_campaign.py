@@ -38,7 +38,7 @@ if __name__ == "__main__":
                 lead.get("shrink_held_out"),
             )
         )
-    print(f"\n{'campaign':28s} {'gap':>7s}  {'cause':28s} {'prob.':>5s} {'shrink':>7s} {'unseen':>7s}")
-    for name, share, cause, p, fitted, unseen in rows:
-        told = [f"{100 * x:5.0f} %" if x is not None else "      –" for x in (fitted, unseen)]
+    print(f"\n{'campaign':28s} {'gap':>7s}  {'cause':28s} {'prob.':>5s} {'shrink':>7s} {'held_out':>7s}")
+    for name, share, cause, p, fitted, held_out in rows:
+        told = [f"{100 * x:5.0f} %" if x is not None else "      –" for x in (fitted, held_out)]
         print(f"{name:28s} {100 * share:5.1f} %  {cause:28s} {p:5.2f} {told[0]:>7s} {told[1]:>7s}")

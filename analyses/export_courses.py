@@ -86,7 +86,7 @@ def courses(frequency_hz: float, amplitude_mm: float, seed: int = 0) -> tuple[Co
 
 def forward(problem: Problem, values: ParameterValues, course: Course, fine: int = FINE) -> tuple[Array, Array, Array]:
     """Time (n,), force and friction (draws, n) in N of our own forward model from rest; effects of the rig and the
-    channels' zero left out. Effects that are filters over closed loops are not defined on a record."""
+    channels' zero omitted. Effects that are filters over closed loops are not defined on a record."""
     n = round(course.seconds * course.highest_hz * fine)
     t = np.arange(n + 1) * course.seconds / n
     u, v, a = course.at(t)

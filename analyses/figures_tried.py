@@ -2,10 +2,10 @@
 
     python analyses/figures_tried.py /work/cache/fits/*.json --out analyses/figures_tried.csv
 
-Families of foreign causes are left out in turn; every law is fitted anew. `steady`: the strength is the same without
-any part of the tests. `lead`: score over the best set without the effect, rivals in its place included. `fixed`: the
-share on tests left out with the set of all tests. `explained`: what the whole set explains. `generic`: what a pattern
-without a cause, or a bent form of the base, scores less in the effect's place.
+Families of foreign causes are held out in turn; every law is fitted anew. `steady`: the strength is the same without
+any part of the tests. `lead`: score over the best set without the effect, other effects in its place included. `fixed`:
+the share on held-out tests with the set of all tests. `explained`: what the whole set explains. `generic`: what a
+pattern without a cause, or a model-form effect, scores less in the effect's place.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from ablate_diagnosis import patched, row, scored, seconds_of, write
 from bayes_iwan.diagnosis.assessment import calibration
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE
 from bayes_iwan.diagnosis.assessment.indicators import Figures
-from bayes_iwan.diagnosis.search.search_result import OWN_FORM
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from study_cases import read_cases
 
 #: one figure each, larger for a cause
 TRIED: dict[str, Callable[[Figures], float]] = {
     "steady": lambda f: -min(f.differs, 5.0),
     "lead": lambda f: float(np.arcsinh(f.lead / (2.0 * max(f.tests, 6)))),
-    "fixed": lambda f: float(np.clip(f.fixed, -1.0, 1.0)) if f.judged else f.fitted,
+    "fixed": lambda f: float(np.clip(f.fixed, -1.0, 1.0)) if f.has_held_out else f.fitted,
     "explained": lambda f: 1.0 - min(f.left, 1.0),
     "generic": lambda f: float(
-        np.arcsinh(-max((v for n, v in f.rivals.items() if n in NO_CAUSE | OWN_FORM), default=-f.gain) / 12.0)
+        np.arcsinh(-max((v for n, v in f.alternatives.items() if n in NO_CAUSE | MODEL_FORM), default=-f.gain) / 12.0)
     ),
 }
 

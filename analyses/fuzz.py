@@ -129,8 +129,8 @@ def in_fork(
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         with open("/proc/self/statm") as file:
             now = int(file.read().split()[0]) * resource.getpagesize()
-        room = (MEMORY_MB << 20) + TIMES_FILE * max(map(len, raws))
-        resource.setrlimit(resource.RLIMIT_AS, (now + room,) * 2)
+        space = (MEMORY_MB << 20) + TIMES_FILE * max(map(len, raws))
+        resource.setrlimit(resource.RLIMIT_AS, (now + space,) * 2)
         for i in np.flatnonzero(codes == NOT_RUN):
             k, changed = damaged(reader, raws, np.random.default_rng([seed, first + int(i)]))
             reader.files[k].write_bytes(changed)

@@ -57,7 +57,7 @@ fixed = 14.0
 DIAGNOSE_CONFIG = """
 [model]
 slip = "gamma2"
-grip = "constant"
+normal_force = "constant"
 [parameters.kp_N_mm]
 prior = {dist = "lognorm", s = 0.5, scale = 5.0}
 lower = 1.0
@@ -66,12 +66,12 @@ tied = "eta2"
 """
 CAUSE = {
     "name": "moving_mass", "probability": 0.98, "share": 0.7, "share_interval": [0.6, 0.8], "share_held_out": 0.65,
-    "cannot_tell_apart": ["force_delay"],
+    "tied_with": ["force_delay"],
 }  # fmt: skip
 ANSWER = {
     "schema": 2,
-    "verdict": {"kind": "explained", "causes": [CAUSE], "unknown_rest": False},
-    "probabilities": {"moving_mass": 0.98, "none": 0.01, "unknown_rest": 0.05},
+    "verdict": {"kind": "explained", "causes": [CAUSE], "unknown_cause": False},
+    "probabilities": {"moving_mass": 0.98, "none": 0.01, "unknown_cause": 0.05},
     "rest": {"share": 0.1, "interval": [0.0, 0.2]},
 }
 
@@ -159,10 +159,10 @@ def _sampled(path: Path, resume: bool) -> object:
 
 
 def _fits(path: Path) -> Callable[[], object]:
-    """fits.json of a diagnosis that named a mass, and its reader, with the unseen campaign read once."""
+    """fits.json of a diagnosis that named a mass, and its reader, with the sealed campaign read once."""
     data = gap_data(read_campaign("campaign").loops(**saved_fits.LOOPS))
     scales = scales_of(data.loops)
-    settings = diagnose_settings_of({"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}})
+    settings = diagnose_settings_of({"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}})
     names = base_problem(data, settings, scales, base_model(settings, scales)).names
 
     def fit(more: tuple[str, ...], effects: list[dict]) -> dict[str, object]:

@@ -5,8 +5,8 @@
 Each real campaign is diagnosed as it is. Then a delay, a high-pass of force or displacement, a mass, a drift or a fade
 of friction is applied to the measured signals at a size of 6 to 20 % of the friction force, the loops are averaged
 anew, and the campaign is diagnosed again, with nothing told of the first diagnosis. Right is an answer that names what
-was added (or has it among what cannot be told apart from a named cause); where the natural gap already had a part with
-that name, its strength must have moved by two standard deviations (counted without that, too). The natural budget
+was added (or has it among what cannot be distinguished from a named cause); where the natural gap already had a part
+with that name, its strength must have moved by two standard deviations (counted without that, too). The natural budget
 should be unchanged: each natural cause still named, or in a set, and its newtons what they were, within the interval
 that was said or ten points of the natural gap; a cause that is lost has none. An effect can be absorbed by the model's
 own parameters, or undo a part of the natural gap: what is found is also counted over the visible ones, which make the
@@ -53,7 +53,7 @@ MOVED = 2.0
 VISIBLE = 0.1
 #: a natural cause's share of the natural gap is unchanged within so much
 UNCHANGED = 0.1
-#: rivals of a natural place within so many nats may be what is there
+#: alternatives of a natural place within so many nats may be what is there
 NEAR_NATS = 10.0
 
 
@@ -151,21 +151,21 @@ def visible(answer: dict[str, Any], natural: dict[str, Any]) -> bool:
 
 def places(done: dict[str, Any]) -> list[tuple[str, Figures, bool]]:
     """Source, figures and whether the added effect is it (or among its nearest), of every place of visible cases. What
-    also stands in the natural gap, or as a near rival there, is left out: nobody knows whether it is true."""
+    also stands in the natural gap, or as a near alternative there, is omitted: nobody knows whether it is true."""
     out = []
     for name, answer in done.items():
         natural = done[f"natural, {answer['source']}"]
         if name.startswith("natural") or not visible(answer, natural):
             continue
-        known = {r for f in natural["figures"] for r, v in f["rivals"].items() if v > -NEAR_NATS}
+        known = {r for f in natural["figures"] for r, v in f["alternatives"].items() if v > -NEAR_NATS}
         for f in (Figures(**f) for f in answer["figures"]):
-            true = f.rivals.get(answer["effect"], -np.inf) > -calibration().apart
+            true = f.alternatives.get(answer["effect"], -np.inf) > -calibration().apart
             if true or f.name not in known:
                 out.append((answer["source"], f, true))
     return out
 
 
-def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
+def assessed(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
     """Is the added effect named (or in the set), and are the natural causes still there?"""
     causes = {c["name"]: c for c in answer["verdict"]["causes"]}
     before = {e["name"]: e for e in natural["effects"]}
@@ -190,7 +190,7 @@ def judged(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:
 
 def _tied(answer: dict[str, Any]) -> dict[str, float]:
     """Effects that stand in a set, or that a named cause cannot be told from, and the share of the gap of that."""
-    tied = {n: c["share"] for c in answer["verdict"]["causes"] for n in c["cannot_tell_apart"]}
+    tied = {n: c["share"] for c in answer["verdict"]["causes"] for n in c["tied_with"]}
     return tied | {n: some["share"] for some in answer["verdict"]["one_of"] for n in some["names"]}
 
 
@@ -258,10 +258,10 @@ def main() -> None:
                 write_json(store, done)  # a killed run goes on from here
     for source in SOURCES:
         print(f"{source}: " + " ".join(done[f"natural, {source}"]["sentences"][:4]))
-    found = [judged(a, done[f"natural, {a['source']}"]) for k, a in done.items() if not k.startswith("natural")]
+    found = [assessed(a, done[f"natural, {a['source']}"]) for k, a in done.items() if not k.startswith("natural")]
     for source in SOURCES:
         its = [a for k, a in done.items() if a["source"] == source and not k.startswith("natural")]
-        named = [judged(a, natural)["named"] for a in its if visible(a, natural := done[f"natural, {source}"])]
+        named = [assessed(a, natural)["named"] for a in its if visible(a, natural := done[f"natural, {source}"])]
         print(f"{source}: named {sum(named)} of {len(named)} visible ones")
     beside = [(a, done[f"natural, {a['source']}"]) for k, a in done.items() if not k.startswith("natural")]
     of_each = [budget_kept(*pair) for pair in beside]

@@ -32,12 +32,12 @@ from matplotlib.figure import Figure
 import bayes_iwan
 import stand_in
 from bayes_iwan import cli
-from bayes_iwan import report as report_room
+from bayes_iwan import report as report_folder
 from bayes_iwan.campaign import Record, read_campaign, write_campaign
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.models import Model, Reference, sine_motion
-from bayes_iwan.report.diagnosis import diagnosis_files as diagnosis_room
+from bayes_iwan.report.diagnosis import diagnosis_files as diagnosis_folder
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import subplots
 from bayes_iwan.sampling import run as sampling_run
@@ -48,7 +48,7 @@ from bayes_iwan.withheld import sealed as withheld
 CONFIG = """
 [model]
 slip = "gamma1"
-grip = "constant"
+normal_force = "constant"
 stiffness = "constant"
 embedded = false
 [loops]
@@ -91,7 +91,7 @@ class Tally:
 
 def made_up(folder: Path, kp: float, seed: int) -> Path:
     """Two tests of a classical Iwan specimen, 8 cycles each."""
-    model = Model(Reference(1.0, 0.1), slip="gamma1", grip="constant", stiffness="constant")
+    model = Model(Reference(1.0, 0.1), slip="gamma1", normal_force="constant", stiffness="constant")
     true = {"kp_N_mm": kp, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
     records = []
     for amplitude in (0.3, 1.0):
@@ -136,16 +136,18 @@ def small_page(*rest: object) -> Path:
 def lighten() -> None:
     """Short adaptation, pages of one figure, a diagnosis that is told: in this process and its children alone."""
     sampling_run._WARM_UP = 1
-    report_room.identification_report = small_page
+    report_folder.identification_report = small_page
     fit = SimpleNamespace(problem=SimpleNamespace(prior=SimpleNamespace(free=())))
-    diagnosis_room.diagnose_folder = lambda campaign, **options: SimpleNamespace(
+    diagnosis_folder.diagnose_folder = lambda campaign, **options: SimpleNamespace(
         campaign=read_campaign(campaign), seed=0, fit=fit
     )
-    diagnosis_room.to_dict = lambda found: as_found()
-    diagnosis_room.effects_described = lambda found: {}
-    diagnosis_room.write_answer = write_told
-    diagnosis_room.diagnosis_figures = lambda found, ahead=None: {n: small_figure() for n in ("gap", "where", "shares")}
-    diagnosis_room.write_diagnosis_page = lambda answer, figures, path, *about: small_page(path)
+    diagnosis_folder.to_dict = lambda found: as_found()
+    diagnosis_folder.effects_described = lambda found: {}
+    diagnosis_folder.write_answer = write_told
+    diagnosis_folder.diagnosis_figures = lambda found, ahead=None: {
+        n: small_figure() for n in ("gap", "where", "shares")
+    }
+    diagnosis_folder.write_diagnosis_page = lambda answer, figures, path, *about: small_page(path)
 
 
 def in_child(work: Callable[[], int], said: Path, limit: int | None = None) -> int:
@@ -292,7 +294,7 @@ def killed(
 
 
 def starved(start: Callable[[Path], int], times: int, rng: np.random.Generator, tmp: Path) -> Tally:
-    """Files that may not grow beyond a random size: one line, and the answer once there is room."""
+    """Files that may not grow beyond a random size: one line, and the answer once there is space."""
     tally, expected = Tally(), results(tmp / "identify-whole")
     out, said = tmp / "starved", tmp / "said.txt"
     for _ in range(times):

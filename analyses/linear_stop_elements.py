@@ -1,4 +1,4 @@
-"""Does the base model fit as well as plain stop elements? Its misfit beside that of a linear fit, campaign by campaign.
+"""Does the base model fit as well as plain stop elements? Its gap beside that of a linear fit, campaign by campaign.
 
     python analyses/linear_stop_elements.py [FOLDER ...] [--elements 20] [--seed 0] [--out table.csv]
 
@@ -42,14 +42,14 @@ LEAST, RIDGE = 0.01, 1e-6
 #: of a posterior's scores, those beyond are named as at the edge of their prior
 EDGE = 2.5
 #: columns of the table, headings and names: what is fitted, the base as diagnosed, by least squares, the linear fit,
-#: and the last two on tests that are left out
+#: and the last two on held-out tests
 COLUMNS = (
     ("force", "force_N"),
     ("base", "base_N"),
     ("base, LSQ", "least_squares_N"),
     ("linear", "linear_N"),
-    ("LSQ, out", "least_squares_left_out_N"),
-    ("lin., out", "linear_left_out_N"),
+    ("LSQ, out", "least_squares_held_out_N"),
+    ("lin., out", "linear_held_out_N"),
 )
 #: prior draws and starts of the base's least squares, and how many independent data a loop counts for in it
 DRAWS, STARTS, DATA_A_TEST = 800, 12, 16
@@ -129,8 +129,8 @@ def compared(folder: Path, elements: int, seed: int) -> dict[str, object]:
         "base_N": rms(base_residuals(problem, z, loops)),
         "least_squares_N": rms(base_residuals(problem, least, loops)),
         "linear_N": rms(linear_residuals(loops, loops, elements)),
-        "least_squares_left_out_N": float("nan"),
-        "linear_left_out_N": float("nan"),
+        "least_squares_held_out_N": float("nan"),
+        "linear_held_out_N": float("nan"),
         "at_edge": "; ".join(at_edge),
     }
     if len(loops) > 2:
@@ -139,7 +139,7 @@ def compared(folder: Path, elements: int, seed: int) -> dict[str, object]:
             others = loops[:i] + loops[i + 1 :]
             base.append(base_residuals(*base_by_least_squares(others, seed), [one]))
             linear.append(linear_residuals(others, [one], elements))
-        row |= {"least_squares_left_out_N": rms(np.stack(base)), "linear_left_out_N": rms(np.stack(linear))}
+        row |= {"least_squares_held_out_N": rms(np.stack(base)), "linear_held_out_N": rms(np.stack(linear))}
     return row
 
 

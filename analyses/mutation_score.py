@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
-#: tests of a folder's own; a second command's worth of others would catch more, and take longer
+#: tests of a folder's own; a second set of others would catch more, and take longer
 TESTS = {
     "physics": ["tests/models"],
     "effects": ["tests/effects", "tests/virtual_rig/test_faults_against_effects.py"],

@@ -33,7 +33,7 @@ class PaperCoordinates:
         if not (
             isinstance(model, Model)
             and isinstance(model.slip_family, Gammas)
-            and model.grip == "hunt_crossley"
+            and model.normal_force == "hunt_crossley"
             and not self.problem.effects
             and model.stiffness == "saturating"
             and all(p.free for p in self.problem.prior.parameters)
@@ -106,9 +106,9 @@ class PaperCoordinates:
         and (k̃ₙ, λ, β) → (slope, rate, β) have determinant ±1, so that dx/dy is a product of single derivatives.
         """
         x, possible = self._sampled(y)
-        bend = x["stiffness_bend"]
-        out = np.log(bend * np.abs(np.expm1(bend) - bend * np.exp(bend)) / np.expm1(bend) ** 2)
-        logged = ["kp_N_mm", "k1_N_mm", "mean_slip_force_N", "grip_slope", "grip_rate", "beta"]
+        ratio = x["stiffness_ratio"]
+        out = np.log(ratio * np.abs(np.expm1(ratio) - ratio * np.exp(ratio)) / np.expm1(ratio) ** 2)
+        logged = ["kp_N_mm", "k1_N_mm", "mean_slip_force_N", "normal_force_slope", "normal_force_rate", "beta"]
         logged += [n for n in self.problem.names if n.startswith(("slip_ratio_", "eta", "share_"))]
         logged += [p.name for p in self.problem.likelihood.parameters]
         for name in logged:

@@ -18,7 +18,7 @@ import numpy as np
 
 import bayes_iwan as bi
 from bayes_iwan.comparison.families import SHORT
-from bayes_iwan.inference.results.held_out_frequencies import HELD, left_out_frequencies, left_out_said
+from bayes_iwan.inference.results.held_out_frequencies import HELD, held_out_frequencies, held_out_said
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.report.identification.loops import test_name
@@ -113,7 +113,7 @@ def on_the_rig(count, seed, what, laplace):
         loops = simulated(seed, index)["loops"]
         if laplace:
             left = without_sampling(loops, index)
-            print(f"{index}: {left_out_said(left) or 'one frequency only'}", flush=True)
+            print(f"{index}: {held_out_said(left) or 'one frequency only'}", flush=True)
             every += [(x.points_50, x.points_90, x.quantities_90) for x in left]
             continue
         for name, files in folds(loops, what).items():
@@ -123,18 +123,18 @@ def on_the_rig(count, seed, what, laplace):
             every.append((half.points, most.points, most.parameter_values))
     half, most, others = 100 * np.mean(every, axis=0)
     print(
-        f"{count} specimens, {len(every)} groups left out: 50 % bands hold {half:.0f} % of points, 90 % bands "
+        f"{count} specimens, {len(every)} groups held out: 50 % bands hold {half:.0f} % of points, 90 % bands "
         f"{most:.0f} %, and {others:.0f} % of energies and stiffnesses; {sum(x[1] < HELD for x in every)} groups are "
         f"held by less than {100 * HELD:.0f} %"
     )
 
 
 def without_sampling(loops, seed, starts=12):
-    """Each frequency of the loops left out, about optima that least squares finds from draws of the prior."""
+    """Each frequency of the loops held out, about optima that least squares finds from draws of the prior."""
     problem = bi.make_problem(loops)
     first = problem.prior.draw(np.random.default_rng([seed, 3]), 40 * starts)
     optima, _, _ = most_probable(problem, first[np.argsort(problem.goal(first))[:starts]])
-    return left_out_frequencies(problem, optima)
+    return held_out_frequencies(problem, optima)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What Table 1 of the paper gives, as printed and as mended, in the manner of its Figs. 8 to 12.
+"""What Table 1 of the paper gives, as printed and as corrected, in the manner of its Figs. 8 to 12.
 
     python analyses/reproduce_paper.py [--out runs/reproduce_paper] [--budget-s 40]
 
@@ -35,7 +35,7 @@ REFERENCE = Reference(AMPLITUDE_MM, 2e-3 * np.pi * AMPLITUDE_MM * FREQUENCIES_HZ
 
 
 def printed_alpha(u, speed_m_s, amplitude):
-    """Eq. (11) with nothing mended."""
+    """Eq. (11) with nothing corrected."""
     kn, lam, beta = (TABLE_1[name] for name in ("kn_1_mm", "lambda_s_m", "beta"))
     y = np.abs(amplitude - u) ** beta
     return kn * (y - amplitude**beta) + lam * kn * y * speed_m_s * np.sign(amplitude - u) + 1.0
@@ -145,7 +145,7 @@ def figure_12(model: Model, parameter_values, folder: Path) -> None:
 
 
 def text(model: Model, parameter_values) -> str:
-    """What Table 1 gives in figures, what breaks, and what the mend costs."""
+    """What Table 1 gives in figures, what breaks, and what the correction costs."""
     loops = sine_motion(frequency_hz=FREQUENCIES_HZ, amplitude_mm=AMPLITUDE_MM, samples=512)
     area = loop_energy_mJ(loops.displacement_mm, model.friction_force(parameter_values, loops))[0]
     alpha = model.alpha(parameter_values, loops)[0]
@@ -171,7 +171,7 @@ def text(model: Model, parameter_values) -> str:
     ten = dict(parameter_values) | {"beta": parameter_values["beta"] / 10.0}
     change = np.max(np.abs(model.force(ten, loops) - model.force(parameter_values, loops)))
     lines.append(f"  change the force by {change:.4f} N at most")
-    lines.append("The mend, y ≥ floor·A, hardly depends on the floor: area at 15 Hz")
+    lines.append("The correction, y ≥ floor·A, hardly depends on the floor: area at 15 Hz")
     kept = motion.Y_FLOOR
     for floor in (1e-4, 1e-3, 1e-2, 3e-2, 1e-1):
         motion.Y_FLOOR = floor

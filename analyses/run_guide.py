@@ -64,7 +64,9 @@ def main() -> None:
     campaign = Path(__file__).parents[1] / "data" / "rope_spring"
     for page in args.pages:
         target, constant = PAGES[page]
-        config = {"model": {"grip": "constant", "stiffness": "constant", "embedded": False}} if constant else None
+        config = (
+            {"model": {"normal_force": "constant", "stiffness": "constant", "embedded": False}} if constant else None
+        )
         folder = Path(tempfile.mkdtemp())
         posterior = bi.identify(campaign, quick=True, seed=1, progress=False, config=config)
         posterior.export(target, folder / "isolator")

@@ -56,10 +56,10 @@ WATCHED = (
         "slip_ratio_21",
         "eta1",
         "share_1",
-        "grip_slope",
+        "normal_force_slope",
         "beta",
     ),
-    *("noise_N", "noise_scale", "discrepancy_odd", "discrepancy_even", "stiffness_exponent", "slip_tilt1"),
+    *("noise_N", "noise_scale", "discrepancy_odd", "discrepancy_even", "stiffness_exponent", "slip_deviation1"),
 )
 
 
@@ -199,7 +199,7 @@ def main() -> None:
     parser.add_argument("--tests", type=int, nargs="+", default=[0, 4, 8], help="numbers of its tests, from 0")
     parser.add_argument("--likelihoods", nargs="+", choices=KINDS, default=["correlated"])
     parser.add_argument("--slip", default="gamma3", help="family of slip forces")
-    parser.add_argument("--embedded", action="store_true", help="the model's form may bend a little")
+    parser.add_argument("--embedded", action="store_true", help="with the embedded model error")
     parser.add_argument("--from-truth", action="store_true", help="exact ranks from chains that start at the truth")
     parser.add_argument("--budget", type=float, default=60.0, help="seconds of sampling for each posterior, at most")
     parser.add_argument("--ess", type=float, default=400.0, help="effective draws of each posterior, at least")

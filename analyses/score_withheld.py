@@ -1,6 +1,6 @@
-"""Make sealed cases, answer them, open the seals: what a diagnosis is worth, beside simpler ways to name a cause.
+"""Make sealed cases, answer them, open the seals: how good a diagnosis is, beside simpler ways to name a cause.
 
-    python analyses/score_withheld.py --cases 200 --out score [--workers 2] [--laws other] [--left-out end_stop:hertz]
+    python analyses/score_withheld.py --cases 200 --out score [--workers 2] [--laws other] [--excluded end_stop:hertz]
 
 One command for everything: cases are made on the virtual rig and sealed, answered (with baselines from the same
 data), scored with intervals, and drawn. What is there already is kept, so an interrupted run goes on. With --seed the
@@ -22,9 +22,9 @@ from bayes_iwan.withheld.answering import answer
 from bayes_iwan.withheld.sealed import make, read_json, truth_folder
 
 
-def share_found(folder: Path, unseen: Path, cause: str) -> float | None:
+def share_found(folder: Path, sealed: Path, cause: str) -> float | None:
     """Share of the gap that a named cause removes on tests that nobody has seen."""
-    return find_shares(folder, unseen)[1].get(cause)
+    return find_shares(folder, sealed)[1].get(cause)
 
 
 def run(args: argparse.Namespace) -> scoring.Score:
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> scoring.Score:
         truth,
         answers=answers,
         find_shrink=share_found,
-        left_out=args.left_out,
+        excluded=args.excluded,
     )
 
 
@@ -54,7 +54,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("score"))
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--laws", choices=("catalogue", "other", "all"), default="all")
-    parser.add_argument("--left-out", action="append", default=[], metavar="NAME", help="law or kind not calibrated on")
+    parser.add_argument("--excluded", action="append", default=[], metavar="NAME", help="law or kind not calibrated on")
     parser.add_argument("--full", action="store_true", help="sample the leading explanations too (slow)")
     args = parser.parse_args()
     score = run(args)

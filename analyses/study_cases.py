@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from bayes_iwan import former_names
 from bayes_iwan.diagnosis.assessment import verdict
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Gaps, gaps_of
-from bayes_iwan.diagnosis.assessment.calibration import Calibration, rest_figures
+from bayes_iwan.diagnosis.assessment.calibration import Calibration, unexplained_figures
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, USUAL_GAP
-from bayes_iwan.diagnosis.search.search_result import OWN_FORM
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.virtual_rig.faults import OUTSIDE
 from bayes_iwan.withheld.true_gaps import by_set
 
@@ -66,7 +67,8 @@ def read_cases(paths: Iterable[Path]) -> list[Case]:
 def case_of(stored: Mapping[str, Any]) -> Case:
     truth = stored["truth"]
     some: list[dict[str, Any]] = [
-        {k: float("nan") if v is None else v for k, v in f.items() if k in FIGURES} for f in stored["figures"]
+        {k: float("nan") if v is None else v for k, v in f.items() if k in FIGURES}
+        for f in ({former_names.FIGURES.get(k, k): v for k, v in f.items()} for f in stored["figures"])
     ]
     return Case(
         path=stored["path"],
@@ -84,7 +86,7 @@ def case_of(stored: Mapping[str, Any]) -> Case:
 
 @dataclass(frozen=True)
 class Answer:
-    """What is said of a case: named effects (of the base's own form not counted), what they are tied with or one of,
+    """What is said of a case: named effects (of the base's form not counted), what they are tied with or one of,
     the probability of every effect, and that of a rest without a name."""
 
     named: frozenset[str]
@@ -95,22 +97,24 @@ class Answer:
 
     @property
     def flagged(self) -> bool:
-        return self.rest >= 0.5
+        return self.discrepancy >= 0.5
 
 
 def answer(case: Case, c: Calibration) -> Answer:
     """What constants say of a case, by the package's own rules."""
     named = verdict.named_by(case.figures, c)
     p, _ = verdict.contributing(case.figures, c)
-    own = frozenset(f.name for f in case.figures) & OWN_FORM
+    own = frozenset(f.name for f in case.figures) & MODEL_FORM
     left = case.gap_resolved[frozenset(named) | own]
-    rest = verdict.rest_without_name(c.unknown_rest(rest_figures(left, case.subharmonic)), case.figures, c)
+    rest = verdict.unknown_cause_probability(
+        c.unknown_cause(unexplained_figures(left, case.subharmonic)), case.figures, c
+    )
     tied = {n for f in case.figures if f.name in named for n in verdict.candidates_of(f, c)}
     tied |= {n for some in verdict.one_of(case.figures, named, c) for n in some.names}
     return Answer(
-        frozenset(named) - OWN_FORM,
+        frozenset(named) - MODEL_FORM,
         frozenset(tied),
-        {n: v for n, v in p.items() if n not in NO_CAUSE | OWN_FORM},
+        {n: v for n, v in p.items() if n not in NO_CAUSE | MODEL_FORM},
         rest,
         left / max(case.gap_resolved[frozenset()], 1e-12),
     )
@@ -166,32 +170,32 @@ def table(some: Sequence[Counts]) -> list[str]:
 
 
 def place_is_true(case: Case, f: Figures, apart: float) -> bool:
-    """Does something true stand in an effect's place: it, or a rival that these tests cannot tell from it?"""
+    """Does something true stand in an effect's place: it, or an alternative that these tests cannot tell from it?"""
     if f.name in NO_CAUSE:
         return bool(case.foreign)
-    return f.name in case.true or any(v > -apart and n in case.true for n, v in f.rivals.items())
+    return f.name in case.true or any(v > -apart and n in case.true for n, v in f.alternatives.items())
 
 
 def share_pairs(case: Case) -> list[tuple[Gaps, Gaps]]:
-    """Of each true effect of the best set: its gaps on the fitted tests (sd: how they vary between tests left out), and
-    on tests left out."""
+    """Of each true effect of the best set: its gaps on the fitted tests (sd: how they vary between held-out tests), and
+    on held-out tests."""
     names = frozenset(case.stored["chosen"])
     keys = [frozenset(), names, *(names - {n} for n in names), *(frozenset({n}) for n in names)]
-    some = [by_set(u["power_N2"]) for u in case.stored.get("unseen", ())]
+    some = [by_set(u["power_N2"]) for u in case.stored.get("held_out", case.stored.get("unseen", ()))]
     if not names or not some or any(k not in x for k in keys for x in some):
         return []
     found = gaps_of(names, {k: np.concatenate([np.array(x[k]) for x in some]) for k in keys})
     gap_N = by_set(case.stored["gap_N"])
     fitted = gaps_of(names, {k: np.array([gap_N[k] ** 2]) for k in keys})
-    judged = {f.name for f in case.figures if f.judged}
-    return [(replace(fitted[n], sd=found[n].sd), found[n]) for n in sorted(names & case.true & judged - OWN_FORM)]
+    assessed = {f.name for f in case.figures if f.has_held_out}
+    return [(replace(fitted[n], sd=found[n].sd), found[n]) for n in sorted(names & case.true & assessed - MODEL_FORM)]
 
 
-def rest_is_real(case: Case, named: frozenset[str]) -> bool:
+def has_unlisted_cause(case: Case, named: frozenset[str]) -> bool:
     """Is something visible there that is not named?"""
     return bool(case.visible - named)
 
 
 def groups(case: Case, index: int, folds: int) -> str:
-    """What is left out together with a case: all foreign causes of its family, else every so many cases."""
+    """What is held out together with a case: all foreign causes of its family, else every so many cases."""
     return case.family if case.foreign else f"{index % folds}"

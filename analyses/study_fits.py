@@ -1,4 +1,4 @@
-"""Search and weigh the campaigns of a study and keep what judging needs: one JSON a case.
+"""Search and weigh the campaigns of a study and keep what the assessment needs: one JSON a case.
 
     python analyses/study_fits.py /work/cache/draws/4101_*.pickle --out /work/cache/fits [--workers 2]
     python analyses/study_fits.py ../shared/data/mr_damper_off ... --out /work/cache/fits
@@ -26,7 +26,7 @@ from bayes_iwan.diagnosis.assessment.assessed_search import weighed
 from bayes_iwan.diagnosis.assessment.indicators import ranked_by_training
 from bayes_iwan.diagnosis.diagnosis import searched
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.search.search_result import OWN_FORM
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.executors import Failure, finished, opened
 from bayes_iwan.files import finite, write_whole
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -68,7 +68,7 @@ def fitted(shared: dict[str, Any], path: str) -> dict[str, Any]:
         found = weighed(search, 0)
     took_all = time.process_time() - began
     whole = frozenset(search.chosen)
-    beside = (whole & OWN_FORM, *(frozenset(some) | (whole & OWN_FORM) for some in ([n] for n in search.chosen)))
+    beside = (whole & MODEL_FORM, *(frozenset(some) | (whole & MODEL_FORM) for some in ([n] for n in search.chosen)))
     subsets = {whole, *beside, *found.models.sizes}
     for k in range(2 ** len(whole)):
         subsets.add(frozenset(n for i, n in enumerate(sorted(whole)) if k >> i & 1))
@@ -86,14 +86,14 @@ def fitted(shared: dict[str, Any], path: str) -> dict[str, Any]:
         "gap_resolved": {named(k): s.all.resolved_share for k, s in found.models.sizes.items()},
         "along_N": {named(k): s.along.rms_N for k, s in found.models.sizes.items()},
         "noise_N": found.sizes[frozenset()].all.noise_N,
-        "unseen": [
+        "held_out": [
             {
                 "by": u.by,
                 "power_N2": {named(k): v.tolist() for k, v in u.power_N2.items()},
                 "along_N2": {named(k): v.tolist() for k, v in u.along_N2.items()},
                 "trained": dict(zip(map(named, ranked[0]), ranked[1].tolist())),
             }
-            for u in found.unseen
+            for u in found.held_out
             for ranked in [ranked_by_training(search, u)]
         ],
         "base_z": dict(zip(base.problem.names, base.z.tolist())),

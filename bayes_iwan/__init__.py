@@ -4,7 +4,7 @@ In a notebook (each command line's answer is an object here):
 
     import bayes_iwan as bi
     posterior = bi.identify("data/rope_spring", out="results", seed=1)
-    posterior                                               # values, intervals and misfit on one screen
+    posterior                                               # values, intervals and gap on one screen
     posterior.predict(frequency_hz=12.0, amplitude_mm=0.5)  # loops with bands
     bi.diagnose("data/rope_spring", quick=True)             # what the model misses, and why
     bi.plot.loops(posterior, width="column")                # figures; bi.demo() gives data to try all this on

@@ -27,7 +27,7 @@ from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.report import accessors as accessors  # gives posteriors their plots
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 
-if TYPE_CHECKING:  # each function imports the rooms that it needs itself: together they take a second
+if TYPE_CHECKING:  # each function imports the folders that it needs itself: together they take a second
     from bayes_iwan.campaign.folders.inspect import Inspection
     from bayes_iwan.comparison.families import Comparison
     from bayes_iwan.diagnosis.diagnosis import Diagnosis
@@ -110,7 +110,7 @@ def check(campaign: Campaign | PathLike) -> Check:
     Raises
     ------
     CampaignError
-        one line that names the file, what is wrong with it and the mend.
+        one line that names the file, what is wrong with it and the fix.
 
     Examples
     --------
@@ -375,7 +375,7 @@ def compare(
     config, seed
         as for :func:`identify`.
     by
-        "loo" (single data left out), "tests" (whole tests left out) or "auto" (the first where its Pareto k hold).
+        "loo" (single data held out), "tests" (whole tests held out) or "auto" (the first where its Pareto k hold).
     executor
         from :func:`bayes_iwan.executors.opened`, to fit families side by side.
     progress

@@ -205,7 +205,7 @@ class Rounds(Generic[Shared]):
                     if waiting[i].cancel():
                         done[i] = _piece(self._shared, work, pieces[i])
             return {i: done[i] if i in done else _result(future) for i, future in waiting.items()}
-        finally:  # whoever asked has gone: do not start the rest
+        finally:  # whoever asked has gone: do not start the others
             for future in waiting.values():
                 future.cancel()
 
@@ -241,7 +241,7 @@ def _elsewhere(
             yield name, _result(future)
         for future in as_completed(again):
             yield again[future], _result(future)
-    finally:  # whoever asked has gone: do not start the rest
+    finally:  # whoever asked has gone: do not start the others
         for future in (*waiting, *again):
             future.cancel()
 
@@ -319,7 +319,7 @@ def _ready() -> None:
 
 
 def _packed(value: Any) -> bytes | Exception:
-    """As it travels to a process of ours, packed as the pool would, or why it cannot, which whoever waits is told."""
+    """As it travels to a process of ours, packed as the pool would, or why it cannot, which whoever waits learns."""
     try:
         return bytes(ForkingPickler.dumps(value))
     except Exception as error:
@@ -399,7 +399,7 @@ class Processes(ThreadPoolExecutor):
         self._write.close()
         self._read.close()
 
-    def __exit__(self, kind: type[BaseException] | None, *rest: Any) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *others: Any) -> None:
         if kind is not None:
             self._write.close()  # ends every process at once: pieces keep what they need to go on in files
         self.shutdown(cancel_futures=kind is not None)

@@ -1,4 +1,4 @@
-"""What goes to a terminal: text without the characters that would steer it, and one way to be told to stop."""
+"""What goes to a terminal: text without the characters that would steer it, and one way to be stopped."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from threadpoolctl import ThreadpoolController
 
 #: samples of all draws and loops that go through together: what lies between stages stays in the processor's cache
 CHUNK = 1 << 16
-#: fewer samples than this are not worth a second thread
+#: fewer samples than this are not enough for a second thread
 ALONE = 1 << 14
 
 

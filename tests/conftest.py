@@ -40,7 +40,7 @@ def measured():
 @pytest.fixture(scope="session")
 def made_up_campaign(tmp_path_factory):
     """Two tests of a classical Iwan specimen with one gamma of slip forces, 8 cycles, noise of 0.02 N."""
-    model = Model(Reference(1.0, 0.1), slip="gamma1", grip="constant", stiffness="constant")
+    model = Model(Reference(1.0, 0.1), slip="gamma1", normal_force="constant", stiffness="constant")
     true = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
     records = []
     for amplitude in (0.3, 1.0):
@@ -70,7 +70,7 @@ def made_up_campaign(tmp_path_factory):
 SHORT = """
 [model]
 slip = "gamma1"
-grip = "constant"
+normal_force = "constant"
 stiffness = "constant"
 embedded = false
 [likelihood]
@@ -159,7 +159,7 @@ def parameter_values_of(model: Model, draws: int = 1, **others) -> dict:
 
 def elastic(reference) -> tuple[Model, dict]:
     """A spring of 10 N/mm: parallel 4 N/mm and elements of 6 N/mm, none of which slips below 30 N."""
-    model = Model(reference, slip="uniform", grip="constant", stiffness="constant")
+    model = Model(reference, slip="uniform", normal_force="constant", stiffness="constant")
     return model, {
         "kp_N_mm": np.array([4.0]),
         "force_zero_N": np.zeros(1),
@@ -308,8 +308,8 @@ def true_z(problem, values=None, **noise):
     if "beta" in n:
         s = problem.model.reference
         length = s.length_mm / REFERENCE.length_mm
-        n["grip_slope"] = n["grip_slope"] * length ** n["beta"]
-        n["grip_rate"] = n["grip_rate"] * length ** n["beta"] * s.speed_m_s / REFERENCE.speed_m_s
+        n["normal_force_slope"] = n["normal_force_slope"] * length ** n["beta"]
+        n["normal_force_rate"] = n["normal_force_rate"] * length ** n["beta"] * s.speed_m_s / REFERENCE.speed_m_s
     default = {"noise_scale": 1.0, "discrepancy_share": 1e-4, "discrepancy_length": 0.06, "noise_N": 0.02}
     default |= {"discrepancy_odd": 1e-4, "discrepancy_even": 1e-4, "discrepancy_slope": 2.0}
     default |= dict.fromkeys(embedded_error.NAMES, 0.0)

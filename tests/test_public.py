@@ -16,7 +16,7 @@ import bayes_iwan as bi
 from bayes_iwan.cli import main
 from bayes_iwan.sampling.checkpoint import NAME
 
-ONE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+ONE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -87,7 +87,7 @@ def test_quick_finds_the_numbers_that_made_the_loops_and_says_what_it_is(quick):
 def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
     posterior, _ = quick
     shown = repr(posterior)
-    assert len(shown) < 4000 and "kp_N_mm" in shown and "misfit" in shown and "<table>" in posterior._repr_html_()
+    assert len(shown) < 4000 and "kp_N_mm" in shown and "residual" in shown and "<table>" in posterior._repr_html_()
     table = posterior.to_dataframe()
     assert table.shape[0] == posterior.flat_z().shape[0] and table.index.names == ["chain", "draw"]
     assert table["kp_N_mm"].mean() == pytest.approx(posterior.values()["kp_N_mm"].mean())
@@ -101,7 +101,7 @@ def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
     # the fitted tests, on their own nominal motion: measured loops lie where predicted
     measured = np.stack([x.force_N for x in posterior.loops])
     assert np.sqrt(np.mean((measured - middle) ** 2)) < 0.05
-    assert posterior.misfit().share < 0.03
+    assert posterior.residual_size().share < 0.03
     with pytest.raises(ValueError, match="there is no test"):
         posterior.plot.loop("nothing.csv")
     for figure in (posterior.plot.loop("f10_a1.csv"), bi.plot.corner(posterior)):
@@ -110,12 +110,12 @@ def test_a_posterior_shows_predicts_and_hands_on_its_draws(quick):
 
 def test_a_prior_that_excludes_the_truth_and_a_wrong_fixed_value_are_said(made_up_campaign, tmp_path, capsys):
     config = tmp_path / "c.toml"
-    model = '[model]\nslip = "gamma1"\ngrip = "constant"\nstiffness = "constant"\n'
+    model = '[model]\nslip = "gamma1"\nnormal_force = "constant"\nstiffness = "constant"\n'
     arguments = ["identify", str(made_up_campaign), "--quick", "--seed", "1", "--config", str(config)]
     config.write_text(model + "[parameters.kp_N_mm]\nupper = 3.0\n")
     assert main([*arguments, "--out", str(tmp_path / "cut")]) == 0
     said = capsys.readouterr().out
-    assert "kp_N_mm lies at the upper end of its prior" in said and "misfit" in said
+    assert "kp_N_mm lies at the upper end of its prior" in said and "residual" in said
     assert "lies at the upper end" in (tmp_path / "cut" / "report.html").read_text()
     config.write_text(model + "[parameters.k1_N_mm]\nfixed = 2.0\n")
     assert main([*arguments, "--out", str(tmp_path / "wrong")]) == 0

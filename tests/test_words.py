@@ -24,7 +24,7 @@ PARTS = {
 }
 #: retired word: (pattern, what to say). Letters may not touch it, "_" may: identifiers count. Capitals count alike
 RETIRED = {
-    "rest": (r"(?<!at )rest", "unexplained, discrepancy"),
+    "rest": (r"(?<!at[ _])(?<!from )(?<!relative to )rest(?! positions?\b)", "unexplained, discrepancy"),
     "misfit": (r"misfits?", "gap"),
     "missed": (r"missed", "gap, residual"),
     "looks": (r"looks", "residual, or what it is about"),
@@ -60,16 +60,20 @@ RETIRED = {
     "street": (r"streets?", "order of folders"),
     "mend": (r"mend(s|ed|ing)?", "fix"),
 }
+#: names in sealed truths and files written before, which stay readable
+KEPT = re.compile(r"\bbend_share\b|\"bends\"|\broom_climate\b|\brest_s\b")
+#: the one place that knows the names of before
+FORMER = ROOT / "bayes_iwan" / "former_names.py"
 PATTERNS = {word: re.compile(rf"(?<![a-z])(?:{pattern})(?![a-z])", re.I) for word, (pattern, _) in RETIRED.items()}
 
 
 def files_of(part: str) -> list[Path]:
-    return sorted({path for pattern in PARTS[part] for path in ROOT.glob(pattern)})
+    return sorted({path for pattern in PARTS[part] for path in ROOT.glob(pattern)} - {FORMER})
 
 
 def counts_of(part: str) -> dict[str, int]:
     """How often each word stands in a part of the project."""
-    text = "\n".join(path.read_text(encoding="utf-8") for path in files_of(part))
+    text = KEPT.sub("", "\n".join(path.read_text(encoding="utf-8") for path in files_of(part)))
     found = {word: len(pattern.findall(text)) for word, pattern in PATTERNS.items()}
     return {word: n for word, n in found.items() if n}
 
@@ -78,7 +82,7 @@ def places_of(part: str, word: str, most: int = 5) -> list[str]:
     out = []
     for path in files_of(part):
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-            if PATTERNS[word].search(line):
+            if PATTERNS[word].search(KEPT.sub("", line)):
                 out.append(f"{path.relative_to(ROOT)}:{number}")
     return out[-most:]
 

@@ -3,9 +3,9 @@
     bayes-iwan diagnose CAMPAIGN --out RUN --effects analyses/effects/quadratic_drag.py
 
 What must be there: a name, the strength (name, symbol, unit, description), three sentences for the reader, a first
-guess of the strength (any value of the right order: its prior is scaled to the specimen afterwards), and one station
-of the model: motion, grip, slip, force or around. More parameters would go into `extra_parameters`; `law` and `remedy`
-are sentences for the report. A second class with the same name would be another law of the same cause.
+guess of the strength (any value of the right order: its prior is scaled to the specimen afterwards), and one stage
+of the model: motion, normal_force, slip, force or around. More parameters would go into `extra_parameters`; `law` and
+`remedy` are sentences for the report. A second class with the same name would be another law of the same cause.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
     F = kp u + z,    dz/du = σ (1 − (z/Z) sgn u̇),    Z the friction force, σ the stiffness of the contact
 
 Between two samples z approaches ±Z exponentially, so a cycle maps its start z linearly onto its end: the steady loop
-is the fixed point of that line. The model offers the station `slip`: effects of the catalogue that change how much
+is the fixed point of that line. The model offers the stage `slip`: effects of the catalogue that change how much
 friction there is (weakening with speed, fading, ...) scale Z. With weakening it is LuGre's model without the damping
 of its bristles.
 """
@@ -18,7 +18,7 @@ from bayes_iwan.models import Parameter, Simulator
 
 class Dahl(Simulator):
     name = "dahl"
-    stations = frozenset({"slip"})
+    stages = frozenset({"slip"})
 
     def parameters(self, scales):
         return (

@@ -129,13 +129,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parsed(parse: argparse.ArgumentParser, words: list[str]) -> argparse.Namespace:
     """The arguments; an unknown option is an error of the command that it was given to, which knows its own."""
-    args, rest = parse.parse_known_args(words)
-    if rest:
+    args, unknown = parse.parse_known_args(words)
+    if unknown:
         one = parse
         for word in args.command.split():
             action = next(x for x in one._actions if isinstance(x, argparse._SubParsersAction))
             one = action.choices[word]
-        one.error(f"unrecognized arguments: {' '.join(rest)}")
+        one.error(f"unrecognized arguments: {' '.join(unknown)}")
     return args
 
 

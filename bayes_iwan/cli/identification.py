@@ -1,4 +1,4 @@
-"""Commands that identify: one campaign, its report, rival families, a folder of specimens."""
+"""Commands that identify: one campaign, its report, other families, a folder of specimens."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def run_identify(args: argparse.Namespace) -> int:
 
     from bayes_iwan import Model, NotConverged, identify
     from bayes_iwan.executors import opened
-    from bayes_iwan.inference.results.held_out_frequencies import left_out_said
+    from bayes_iwan.inference.results.held_out_frequencies import held_out_said
 
     warnings.simplefilter("ignore", NotConverged)  # said below
 
@@ -98,10 +98,10 @@ def run_identify(args: argparse.Namespace) -> int:
     for row in posterior.summary():
         if row.name in wanted:
             say(f"{units.name(row.name):20s} {row.q50:.4g}  ({row.q05:.4g} to {row.q95:.4g}) {row.unit}")
-    misfit = posterior.misfit()
-    say(f"{'misfit':20s} {misfit.rms_N:.3g} {units.force} RMS, {100 * misfit.share:.2g} % of the friction force")
-    if posterior.left_out and all(x.holds for x in posterior.left_out):
-        say(left_out_said(posterior.left_out))
+    residual = posterior.residual_size()
+    say(f"{'residual':20s} {residual.rms_N:.3g} {units.force} RMS, {100 * residual.share:.2g} % of the friction force")
+    if posterior.held_out and all(x.holds for x in posterior.held_out):
+        say(held_out_said(posterior.held_out))
     for text in posterior.warnings():
         say(text)
     say(posterior.message)
@@ -156,8 +156,8 @@ def run_report(args: argparse.Namespace) -> None:
         "--by",
         choices=("auto", "loo", "tests"),
         default="auto",
-        help="rank by single data left out (ArviZ "
-        "LOO), by whole tests left out, or by the first where its Pareto k hold (auto)",
+        help="rank by single data held out (ArviZ "
+        "LOO), by whole tests held out, or by the first where its Pareto k hold (auto)",
     ),
     *ELSEWHERE,
     examples=("bayes-iwan compare campaign --out families",),

@@ -17,8 +17,8 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     argument("--seed", metavar="S", type=int, help="development cases that can be made again: marked as not sealed"),
     argument("--out", metavar="DIR", required=True, help="folder for the cases; made if need be"),
     argument("--laws", choices=("catalogue", "other", "all"), default="all", help="laws of the causes (default: all)"),
-    argument("--leave-out-law", metavar="NAME:LAW", action="append", default=[], help="a law that is not drawn"),
-    argument("--leave-out-outside", metavar="NAME", action="append", default=[], help="an unlisted cause not drawn"),
+    argument("--exclude-law", metavar="NAME:LAW", action="append", default=[], help="a law that is not drawn"),
+    argument("--exclude-outside", metavar="NAME", action="append", default=[], help="an unlisted cause not drawn"),
     *ELSEWHERE,
 )
 def run_make(args: argparse.Namespace) -> None:
@@ -30,8 +30,8 @@ def run_make(args: argparse.Namespace) -> None:
             args.out,
             seed=args.seed,
             laws=args.laws,
-            leave_out_laws=args.leave_out_law,
-            leave_out_outside=args.leave_out_outside,
+            excluded_laws=args.exclude_law,
+            excluded_outside=args.excluded_outside,
             executor=executor,
         )
     say(f"truths are in {truth}; keep them apart")
@@ -68,7 +68,7 @@ def run_answer(args: argparse.Namespace) -> None:
     argument("--answers", metavar="FILE", help="answers.json (default: DIR/answers/answers.json)"),
     argument("--out", metavar="DIR", help="folder for table and figures"),
     argument(
-        "--left-out", metavar="NAME", action="append", default=[], help="law (NAME:LAW) or kind not calibrated on"
+        "--excluded", metavar="NAME", action="append", default=[], help="law (NAME:LAW) or kind not calibrated on"
     ),
     argument("--allow-effects-file", action="store_true", help="run the code of the Python files that answers name"),
 )
@@ -82,6 +82,6 @@ def run_score(args: argparse.Namespace) -> None:
             answers=args.answers,
             out=args.out,
             allow_effects_file=args.allow_effects_file,
-            left_out=args.left_out,
+            excluded=args.excluded,
         )
     )

@@ -11,7 +11,7 @@ from html import escape
 
 import numpy as np
 
-from bayes_iwan import executors
+from bayes_iwan import executors, former_names
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
@@ -21,7 +21,7 @@ from bayes_iwan.inference.setup.config import Config, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, ModelSettings, SamplingSettings, SearchSettings
 from bayes_iwan.models import Simulator
-from bayes_iwan.models.bouc_wen import RIVALS
+from bayes_iwan.models.bouc_wen import OTHER_MODELS
 
 
 class CompareError(ValueError):
@@ -38,7 +38,7 @@ class Family:
     simulator: Simulator | None = None
 
     def problem(self, loops: Sequence[Loop], settings: IdentifySettings) -> Problem:
-        # bends would make all forms alike: forms are compared as they are written
+        # the embedded model error would make all forms alike: forms are compared as they are written
         mine = replace(settings, model=replace(self.model, embedded=False))
         own = {p.name for p in make_problem(loops, replace(mine, parameters={}), self.simulator).prior.parameters}
         # a configuration's parameters may belong to another family: those that this one lacks do not apply to it
@@ -66,20 +66,20 @@ FAMILIES: dict[str, Family] = {
             )
             for name, label in _SLIP.items()
         ),
-        Family("no_speed", "normal force without speed", ModelSettings(grip="hunt_crossley_no_speed")),
-        Family("polynomial2", "normal force a quadratic in u", ModelSettings(grip="polynomial2")),
-        Family("polynomial3", "normal force a cubic in u", ModelSettings(grip="polynomial3")),
+        Family("no_speed", "normal force without speed", ModelSettings(normal_force="hunt_crossley_no_speed")),
+        Family("polynomial2", "normal force a quadratic in u", ModelSettings(normal_force="polynomial2")),
+        Family("polynomial3", "normal force a cubic in u", ModelSettings(normal_force="polynomial3")),
         Family(
-            "constant_grip",
+            "constant_normal_force",
             "constant normal force (classical Iwan)",
-            ModelSettings(grip="constant", stiffness="constant"),
+            ModelSettings(normal_force="constant", stiffness="constant"),
         ),
         Family("constant_stiffness", "element stiffness constant", ModelSettings(stiffness="constant")),
-        Family("bouc_wen", "Bouc–Wen", simulator=RIVALS["bouc_wen"]),
+        Family("bouc_wen", "Bouc–Wen", simulator=OTHER_MODELS["bouc_wen"]),
         Family(
             "generalized_bouc_wen",
             "generalized Bouc–Wen, asymmetric",
-            simulator=RIVALS["generalized_bouc_wen"],
+            simulator=OTHER_MODELS["generalized_bouc_wen"],
         ),
     )
 }
@@ -92,7 +92,7 @@ QUESTIONS: tuple[tuple[str, str, str], ...] = (
     ("Are three gammas better than a Gaussian distribution?", "gamma3", "gaussian"),
     ("Are three gammas better than a power law?", "gamma3", "power_law"),
     ("Does the speed term of the normal force pay?", "gamma3", "no_speed"),
-    ("Does a normal force that varies pay at all?", "gamma3", "constant_grip"),
+    ("Does a normal force that varies pay at all?", "gamma3", "constant_normal_force"),
     ("Is Eq. (11) better than a cubic polynomial?", "gamma3", "polynomial3"),
     ("Does a stiffness that depends on the normal force pay?", "gamma3", "constant_stiffness"),
     ("Is the generalized Iwan model better than Bouc–Wen?", "gamma3", "bouc_wen"),
@@ -111,7 +111,7 @@ SHORT = IdentifySettings(
 class Entry:
     """One family's fit. residual_share : RMS residual of the median prediction over RMS friction force.
 
-    loo : ArviZ's, datum by datum. tests : whole tests left out (None with fewer than three tests).
+    loo : ArviZ's, datum by datum. tests : whole tests held out (None with fewer than three tests).
     """
 
     family: Family
@@ -135,7 +135,7 @@ class Row:
     difference_se: float
     loo: float
     loo_holds: bool
-    left_out: float
+    held_out: float
     residual_share: float
     parameters: int
     seconds: float
@@ -153,7 +153,7 @@ class Comparison:
     by
         "loo" or "tests", which of the two predictive densities ranks them.
     entries
-        a family each, with its posterior, misfit and predictive densities.
+        a family each, with its posterior, residual and predictive densities.
     """
 
     campaign: str
@@ -247,7 +247,7 @@ def compare_families(
 
     campaign : a campaign, its folder, or loops. config : as for `identify`, without [model];
     its [search] and [sampling] tables replace :data:`SHORT` where given. by : "loo" ranks by ArviZ's
-    leave-one-datum-out density, "tests" by whole tests left out, "auto" by the first if its Pareto k hold for every
+    leave-one-datum-out density, "tests" by whole tests held out, "auto" by the first if its Pareto k hold for every
     family, else by the second. executor : from :func:`bayes_iwan.executors.opened`, to fit families side by side.
     Raises CompareError for unknown families or rankings.
     """
@@ -255,7 +255,8 @@ def compare_families(
     names = list(known) if families is None else list(families)
     for name in names:
         if name not in known:
-            raise CompareError(f"no family {name!r}; there are {', '.join(known)}")
+            said = former_names.renamed(name, former_names.FAMILIES)
+            raise CompareError(f"{name} {said}" if said else f"no family {name!r}; there are {', '.join(known)}")
     if len(set(names)) < 2:
         raise CompareError("a comparison needs at least two families")
     if by not in ("auto", "loo", "tests"):
@@ -277,7 +278,7 @@ def compare_families(
     if by == "auto":
         by = "loo" if all(e.loo.holds for e in entries) or entries[0].tests is None else "tests"
     if by == "tests" and entries[0].tests is None:
-        raise CompareError("ranking by tests left out needs at least three tests that are fitted")
+        raise CompareError("ranking by held-out tests needs at least three tests that are fitted")
     unranked = Comparison(title, by, tuple(entries))
     order = sorted(entries, key=lambda e: -float(unranked._pointwise(e).sum()))
     return Comparison(title, by, tuple(order))
@@ -304,4 +305,4 @@ def _entry(common: tuple[Sequence[Loop], IdentifySettings, int], name: str) -> E
     kept = len(pointwise) // chains * chains
     loo = psis_loo(pointwise[:kept].reshape(chains, -1, pointwise.shape[1]))
     tests = leave_tests_out(posterior, seed=seed) if len(problem.loops) > 2 else None
-    return Entry(family, posterior, problem.ndim, posterior.misfit().share, loo, tests, time.monotonic() - began)
+    return Entry(family, posterior, problem.ndim, posterior.residual_size().share, loo, tests, time.monotonic() - began)

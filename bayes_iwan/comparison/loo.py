@@ -109,7 +109,7 @@ def _chunked(function: Callable[[Array], Array], z: Array, size: int = 1000) -> 
 def _moved(problem: Problem, z: Array, log_w: Array, walkers: int, steps: int, seed: int) -> Array:
     """Draws (2·walkers, ndim) of a problem's posterior, from others' draws z with weights towards it.
 
-    Weights are tempered until they leave at least a quarter of the walkers distinct; the moves do the rest.
+    Weights are tempered until they leave at least a quarter of the walkers distinct; the moves do what remains.
     """
     rng = np.random.default_rng([seed, 61])
     power = 1.0

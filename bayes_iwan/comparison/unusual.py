@@ -2,7 +2,7 @@
 
 Each quantity of each specimen is taken on its population's scale, from the median of all, over their robust spread
 (median absolute deviation), its own error counted. The distance allows for quantities that go together. What stands out
-is told by the false discovery rate (Benjamini & Hochberg 1995), not by Bonferroni's bound: of those named, one in
+is decided by the false discovery rate (Benjamini & Hochberg 1995), not by Bonferroni's bound: of those named, one in
 twenty is expected to be named by chance.
 """
 
@@ -87,7 +87,7 @@ def _discovered(chance: Array) -> NDArray[np.bool_]:
 
 
 def _distances(score: Array) -> Array:
-    """Robust Mahalanobis distance (specimens,), of median one, with scores that are missing left out."""
+    """Robust Mahalanobis distance (specimens,), of median one, with scores that are missing omitted."""
     filled = np.where(np.isfinite(score), score, 0.0)
     n, m = filled.shape
     kept = np.clip(filled, -2.5, 2.5)

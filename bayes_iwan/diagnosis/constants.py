@@ -1,6 +1,6 @@
 """Every constant of the diagnosis that was chosen rather than derived, each with unit and reason.
 
-`analyses/ablate_diagnosis.py` says what each is worth (`analyses/ablation.md`).
+`analyses/ablate_diagnosis.py` says what each brings (`analyses/ablation.md`).
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from typing import Final
 TREND_FLOOR: Final = 0.002
 #: power over white noise's at which a line of the mains stands out
 LINE_STANDS: Final = 25.0
-#: share of the friction level beyond which a rest is the less likely, p(ln a) ∝ 1/(1 + (a/LARGE_REST)²): else one
-#: record's rest, of few harmonics, grows to the friction force itself and leaves nothing to tell
-LARGE_REST: Final = 0.1
-#: sd of the logarithm of a harmonic's variance over the smooth rest's
+#: share of the friction level beyond which a discrepancy is the less likely, p(ln a) ∝ 1/(1 + (a/LARGE_DISCREPANCY)²):
+#: else one record's discrepancy, of few harmonics, grows to the friction force itself and leaves nothing to tell
+LARGE_DISCREPANCY: Final = 0.1
+#: sd of the logarithm of a harmonic's variance over the smooth discrepancy's
 SPECTRUM_SD: Final = 1.4
-#: share of the friction level beside which, at most, the least gap in newtons is sought: beside a larger rest priors
-#: hold a model where it misses far more than it must
-LARGEST_REST: Final = 0.05
+#: share of the friction level beside which, at most, the least gap in newtons is sought: beside a larger discrepancy
+#: priors hold a model where it misses far more than it must
+LARGEST_DISCREPANCY: Final = 0.05
 
-# ---- the score of a set of effects (searching/found.py)
+# ---- the score of a set of effects (search/search_result.py)
 
 #: nats: an effect must gain so much to be in a set; the logarithm of how many effects and laws compete for its place,
 #: twice, since evidence and newtons both count what it gains
@@ -35,7 +35,7 @@ NEWTON_NATS: Final = 4.0
 #: a sound specimen's usual gap over the friction force: a smaller gap scores no more
 USUAL_GAP: Final = 0.004
 
-# ---- how far the search looks (searching/search.py)
+# ---- how far the search goes (search/model_search.py)
 
 #: single effects are refitted if they promise PROMISE nats or, where the gap is more than a sound specimen's, are among
 #: so many most promising ones or sudden
@@ -50,22 +50,22 @@ LAWS_MOST: Final = 2
 #: sets of each size that grow, and effects that each is tried with
 BEAM: Final = 2
 BRANCH: Final = 4
-#: effects in a set, at most; those that bend the base's own form are not counted
+#: effects in a set, at most; model-form effects are not counted
 MOST_EFFECTS: Final = 4
 #: rounds of dropping and exchanging
 ROUNDS: Final = 2
 #: what removes less of the friction force is not named: two sensors of one kind differ by as much
 LEAST_OF_FRICTION: Final = 0.001
 
-# ---- figures of an effect (judging/figures.py)
+# ---- figures of an effect (assessment/indicators.py)
 
-#: sets without an effect that it is compared with on tests left out
+#: sets without an effect that it is compared with on held-out tests
 OTHER_SETS: Final = 2
 
 #: strengths that differ by so many prior standard deviations are still called the same: nature's law is not quite ours
 LOOSE: Final = 0.2
 
-# ---- numbers that no cause has (judging/plausible.py)
+# ---- numbers that no cause has (assessment/plausible_values.py)
 
 #: prior standard deviations beyond which a number is not plausible
 LARGEST_SCORE: Final = 4.0
@@ -74,25 +74,25 @@ LONGEST_PERIODS: Final = 3.0
 #: largest over smallest frequency that tells how a force follows frequency
 CLOCK_SPREAD: Final = 1.15
 
-# ---- the verdict (judging/verdict.py)
+# ---- the verdict (assessment/verdict.py)
 
-#: probability from which an effect is named: a false name costs more than a missed one. Of 73 campaigns of a study 3
-#: have a false name with it, 6 with 0.55, for 34 and 36 of 43 right ones (analyses/ablation.md)
+#: probability from which an effect is named: a false name costs more than a cause not named. Of 73 campaigns of a study
+#: 3 have a false name with it, 6 with 0.55, for 34 and 36 of 43 right ones (analyses/ablation.md)
 NAMED: Final = 0.65
-#: share of the gap that an effect must remove to be named; of a cause in the base's own form, which always removes some
+#: share of the gap that an effect must remove to be named; of a cause in the base's form, which always removes some
 LEAST_SHARE: Final = 0.02
-LEAST_OWN_FORM: Final = 0.2
-#: gap over the friction force below which no cause in the base's own form is named: so much every specimen differs
+LEAST_MODEL_FORM: Final = 0.2
+#: gap over the friction force below which no cause in the base's form is named: so much every specimen differs
 LEAST_GAP: Final = 0.01
 #: share of what changes along the record that is reported
 LEAST_ALONG: Final = 0.2
 #: what a single record shows by itself: a line of the mains, a level that the force does not pass, a zero that moves
-SHOWN_BY_RECORD: Final = frozenset({"mains_hum", "force_clipping", "force_drift"})
+SHOWN_BY_RECORD: Final = frozenset({"mains_interference", "force_clipping", "force_drift"})
 #: share of a gap, most of which has no name, that an effect must remove alone to be suspected, and how many are said
 SUSPECT: Final = 0.5
 SUSPECTS_MOST: Final = 6
 
-# ---- probabilities (judging/calibration.py; their weights are fitted, in calibration.json)
+# ---- probabilities (assessment/calibration.py; their weights are fitted, in calibration.json)
 
 #: nats for each test up to which evidence counts in full; beyond, by its logarithm
 LINEAR_NATS: Final = 2.0

@@ -1,4 +1,4 @@
-"""The diagnosis of one campaign: the gap as a budget of named causes and a rest."""
+"""The diagnosis of one campaign: the gap as a budget of named causes and an unexplained part."""
 
 from __future__ import annotations
 
@@ -16,13 +16,21 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.loops.clipping import Limit, limits_of_loops
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
-from bayes_iwan.diagnosis.answer.gap_location import Located, Watcher, located
+from bayes_iwan.diagnosis.answer.gap_location import Located, ProgressListener, located
 from bayes_iwan.diagnosis.answer.imitation import Edge, Imitation, edges_of, imitations
 from bayes_iwan.diagnosis.answer.localisation import Where, where
 from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
 from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, weighed
-from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, GapBudget, Kind, RestOfGap, Share, Verdict, rest_share
+from bayes_iwan.diagnosis.assessment.budget import (
+    NO_CAUSE,
+    GapBudget,
+    Kind,
+    Share,
+    Unexplained,
+    Verdict,
+    unexplained_share,
+)
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, calibration
 from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling, sampled_fit
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
@@ -49,8 +57,8 @@ from bayes_iwan.threads import linear_algebra
 #: models to start from, by name
 BASES: dict[str, ModelSettings] = {
     "generalized": ModelSettings(),
-    "no_speed": ModelSettings(grip="hunt_crossley_no_speed"),
-    "classical": ModelSettings(grip="constant", stiffness="constant"),
+    "no_speed": ModelSettings(normal_force="hunt_crossley_no_speed"),
+    "classical": ModelSettings(normal_force="constant", stiffness="constant"),
 }
 #: draws behind the intervals of an effect's parameters
 DRAWS = 2000
@@ -81,14 +89,14 @@ class Moved:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis:
-    """What the model misses, as a budget of named causes and a rest.
+    """What the model misses, as a budget of named causes and an unexplained part.
 
     Attributes
     ----------
     verdict
         the headline: its kind, the named causes and the probability of each effect.
     budget
-        the gap as a sum: before, each cause's share, the rest; RMS in N and shares with 90 % intervals.
+        the gap as a sum: before, each cause's share, the unexplained part; RMS in N and shares with 90 % intervals.
     before, residual, where
         gap, residual and place of what the base model misses.
     after_residual
@@ -108,11 +116,11 @@ class Diagnosis:
     clipped
         where a channel was limited by its amplifier, as far as the fitted tests tell.
     needs_clock
-        effects that were left out because the records have no clock.
+        effects that were omitted because the records have no clock.
     next_test
         the test that would settle what is open, None where nothing is.
     sampling
-        what the draws behind the named effects' numbers are worth; None where they are Laplace's approximation, by
+        quality of the draws behind the named effects' numbers; None where they are Laplace's approximation, by
         `quick` or since nothing is named.
     found
         what stands behind all this.
@@ -181,16 +189,16 @@ def diagnose_loops(
     constants: Calibration | None = None,
     report: Report = silent,
     executor: Executor | None = None,
-    watcher: Watcher | None = None,
+    listener: ProgressListener | None = None,
 ) -> Diagnosis:
     """Diagnose averaged loops; tests with role "held-out" are not fitted, only predicted.
 
     extra : a user's own effects; simulator : the base model (default: the Iwan model of the settings); constants :
     another calibration than the shipped one; executor : from :func:`bayes_iwan.executors.opened`, to refit effects
-    side by side; watcher : told of the stages. The answer does not hang on how many processes or threads there are.
+    side by side; listener : called at the stages. The answer does not hang on how many processes or threads there are.
     Raises ValueError where no test is left to fit.
     """
-    settings, watcher = settings or DiagnoseSettings(), watcher or Watcher()
+    settings, listener = settings or DiagnoseSettings(), listener or ProgressListener()
     if not campaign.clock and simulator is None:
         settings = replace(settings, model=settings.model.without_speed)
     fitted = [x for x in loops if x.role != "held-out"]
@@ -200,9 +208,9 @@ def diagnose_loops(
     with linear_algebra().limit(limits=1):  # with more threads sums are rounded otherwise, and a search ends elsewhere
         data = gap_data(fitted)
         search = searched(data, settings, seed, extra, simulator, report, executor)
-        watcher.searched()
+        listener.searched()
         gap = located(campaign, search, seed)
-        watcher.located(gap)
+        listener.located(gap)
         found = weighed(search, seed)
         report("weighing causes")
         verdict = verdict_of(found, constants or calibration(), held_out)
@@ -266,15 +274,15 @@ def _reported(
     if named and not quick:  # of a model without effects no number is reported
         fit, sampling = sampled_fit(data, fit, seed, report)
     left = residual_of(data, found.in_newtons[named])
-    places = where_sentences(gap.where if not named else where(left, seed)) if verdict.unknown_rest else []
+    places = where_sentences(gap.where if not named else where(left, seed)) if verdict.unknown_cause else []
     outside = [f for f in found.figures if f.name in NO_CAUSE]
-    looks_like = max(outside, key=lambda f: f.gain).name if outside and verdict.unknown_rest else None
-    rest = RestOfGap(
+    resembles = max(outside, key=lambda f: f.gain).name if outside and verdict.unknown_cause else None
+    unexplained = Unexplained(
         verdict.probabilities["unknown"],
-        rest_share(named, found.sizes) if named else Share(1.0, 1.0, 1.0),
+        unexplained_share(named, found.sizes) if named else Share(1.0, 1.0, 1.0),
         after.all.share,
         tuple(places),
-        looks_like,
+        resembles,
         found.subharmonic,
     )
     rng = np.random.default_rng([seed, 2])
@@ -297,7 +305,7 @@ def _reported(
         data,
         found,
         verdict,
-        GapBudget(gap.size.all, after.all, verdict.causes, rest),
+        GapBudget(gap.size.all, after.all, verdict.causes, unexplained),
         gap.size,
         gap.residual,
         gap.where,
@@ -355,24 +363,24 @@ def _moved(base: Fit, fit: Fit, rng: np.random.Generator) -> dict[str, Moved]:
 def _next(
     data: GapData, found: Weighed, verdict: Verdict, constants: Calibration, campaign: Campaign
 ) -> NextTest | None:
-    """The test that best settles what is still in question: a cause and its nearest rival, or whether a cause is there
-    at all; None where nothing is, or where the drive must be mended first."""
+    """The test that best settles what is still in question: a cause and its nearest alternative, or whether a cause is
+    there at all; None where nothing is, or where the drive must be fixed first."""
     if verdict.kind is Kind.DRIVE:
         return None
     whole = frozenset(found.search.chosen)
     for f in sorted(found.figures, key=lambda f: -f.moved):
         if f.name in NO_CAUSE:
             continue
-        rivals = [
+        others = [
             n
-            for n, v in sorted(f.rivals.items(), key=lambda nv: -nv[1])
+            for n, v in sorted(f.alternatives.items(), key=lambda nv: -nv[1])
             if n != f.name and n not in NO_CAUSE and v > -constants.apart
         ]
         open_question = OPEN[0] < constants.contributes(f) < OPEN[1]
-        if not rivals and not open_question:
+        if not others and not open_question:
             continue
-        other = rivals[0] if rivals else "none"
-        if rivals:
+        other = others[0] if others else "none"
+        if others:
             fits = found.search.fit(found.asked), found.search.fit(found.asked - {f.name} | {other})
         else:
             fits = found.fits[whole], found.fits[whole - {f.name}]
@@ -406,9 +414,9 @@ def diagnose_folder(
     simulator_file: str | Path | None = None,
     progress: bool = True,
     executor: Executor | None = None,
-    watcher: Watcher | None = None,
+    listener: ProgressListener | None = None,
 ) -> Diagnosis:
-    """Diagnose a campaign folder; executor, watcher : see :func:`diagnose_loops`."""
+    """Diagnose a campaign folder; executor, listener : see :func:`diagnose_loops`."""
     read = read_campaign(campaign)
     extra = load_effects(effects_file) if effects_file else ()
     simulator = load_simulator(simulator_file) if simulator_file else None
@@ -424,7 +432,7 @@ def diagnose_folder(
             simulator=simulator,
             report=bar,
             executor=executor,
-            watcher=watcher,
+            listener=listener,
         )
     finally:
         bar.close()

@@ -101,14 +101,17 @@ class ForceDriftByTest(ByTest):
         return {"rate_N_s": (np.sqrt(np.mean(rate * rate, axis=1)), "N/s")}
 
 
-class MainsHum(ByTest):
-    name = "mains_hum"
+class MainsInterference(ByTest):
+    name = "mains_interference"
     needs_clock = True
     law = "a sine at the mains' frequency, 50 Hz, and its third harmonic locked to it"
-    strength = ("amplitude_N", "a", "N", "amplitude of the mains line in the force channel")
-    parts = (("cosine", "c", "N", "cosine of the mains line"), ("sine", "s", "N", "sine of the mains line"))
+    strength = ("amplitude_N", "a", "N", "amplitude of the mains interference in the force channel")
+    parts = (
+        ("cosine", "c", "N", "cosine of the mains interference"),
+        ("sine", "s", "N", "sine of the mains interference"),
+    )
     evolving = True
-    sudden = True  # in loops whose harmonic it is the base has bent to it: a first step tells little there
+    sudden = True  # in loops whose harmonic it is the base has adapted to it: a first step tells little there
     order = 4
     which: ClassVar[int] = 0  # column of the data's mains_hz
     physics = (
@@ -168,9 +171,9 @@ class MainsHum(ByTest):
         return (50.0, 60.0)[self.which]
 
 
-class MainsHum60(MainsHum):
+class MainsInterference60(MainsInterference):
     law = "a sine at the mains' frequency, 60 Hz, and its third harmonic locked to it"
     which = 1
 
 
-EFFECTS: tuple[type[Effect], ...] = (ForceDrift, ForceDriftByTest, MainsHum, MainsHum60)
+EFFECTS: tuple[type[Effect], ...] = (ForceDrift, ForceDriftByTest, MainsInterference, MainsInterference60)

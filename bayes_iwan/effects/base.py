@@ -1,7 +1,7 @@
-"""What an effect is: a physical cause outside the base model, at one station of the model's line.
+"""What an effect is: a physical cause outside the base model, at one stage of the model's line.
 
 An effect brings its own named parameters, and a neutral value of its strength at which it vanishes, so every extended
-model contains the base model. Write your own in one file: subclass :class:`Effect`, override one station, and hand
+model contains the base model. Write your own in one file: subclass :class:`Effect`, override one stage, and hand
 the file to `bayes-iwan diagnose --effects FILE` (`analyses/own_effect.py` is an example).
 
 Priors of strengths are not in physical units: a strength is given the prior share of the friction force that it moves
@@ -18,11 +18,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from scipy import fft, stats
 
+from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.models import Motion
 from bayes_iwan.models.distinct import for_distinct
@@ -37,7 +38,7 @@ SHARE_SPREAD = 0.9
 
 
 class EffectError(ValueError):
-    """A user's effect that cannot be used; the message names the file and the mend."""
+    """A user's effect that cannot be used; the message names the file and the fix."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class ExtraParameter:
     """A parameter beside the strength: symbol, unit, description, prior (frozen scipy.stats), bounds.
 
     scan : is it tried at several values before a refit (a relaxation time, a gap), or only refined from its prior's
-        median, as the parameter that bends a law about the classical one?
+        median, as the parameter that changes a law's form about the classical one?
     """
 
     symbol: str
@@ -90,7 +91,7 @@ class Effect:
     """A physical cause outside the model, for one campaign; subclass it to add one of your own.
 
     A subclass sets `name`, `strength`, `physics`, `reference` and `signature`, gives `first_guess`, and overrides one
-    station (or more): `motion`, `grip`, `stiffness`, `slip`, `asymmetry`, `slip_table`, `force`, `around`, or
+    stage (or more): `motion`, `normal_force`, `stiffness`, `slip`, `asymmetry`, `slip_table`, `force`, `around`, or
     `recorded` and `lines` for what does not repeat with the cycle. At strength 0 it must change nothing.
 
     Parameters
@@ -110,7 +111,7 @@ class Effect:
     law
         the formula in words, for the report.
     statement
-        what the base's own form lacks, if that is what the effect mends.
+        what the base's form lacks, where the effect stands for that.
     strength
         name, symbol, unit and description of the main parameter.
     signed, limit
@@ -124,7 +125,7 @@ class Effect:
     law_error
         relative error of a strength: nature's law is not quite ours.
     sudden
-        whether a first step tells little of it: nothing is seen below a threshold, or the base has bent to it.
+        whether a first step tells little of it: nothing is seen below a threshold, or the base has adapted to it.
     flexible
         whether it absorbs part of most gaps: then it is sought last and named by its share.
     order
@@ -171,7 +172,7 @@ class Effect:
 
     name: ClassVar[str]
     law: ClassVar[str] = ""  # the formula, in words, for the report
-    statement: ClassVar[str] = ""  # what the base's own form lacks, if that is what the effect mends
+    statement: ClassVar[str] = ""  # what the base's form lacks, where the effect stands for that
     strength: ClassVar[tuple[str, str, str, str]]  # name, symbol, unit, description of the strength
     signed: ClassVar[bool] = False  # may the strength be negative?
     limit: ClassVar[float] = np.inf  # largest |strength|
@@ -188,6 +189,12 @@ class Effect:
     look_alikes: ClassVar[tuple[str, ...]] = ()
     bench: ClassVar[str] = ""  # what on the bench would tell it from its look-alikes
     remedy: ClassVar[str] = ""  # what an engineer can do about it, in one sentence; "" where there is nothing
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for name in former_names.EFFECT_MEMBERS:
+            if name in vars(cls):
+                raise EffectError(f"{cls.__name__}.{name} {former_names.renamed(name, former_names.EFFECT_MEMBERS)}")
 
     def first_guess(self) -> float:
         """Any strength of the right order, from the campaign's scales: where calibration starts."""
@@ -231,9 +238,9 @@ class Effect:
         )
 
     @property
-    def stations(self) -> frozenset[str]:
-        """The stations at which it acts: those that its class overrides."""
-        return stations_of(type(self))
+    def stages(self) -> frozenset[str]:
+        """The stages at which it acts: those that its class overrides."""
+        return stages_of(type(self))
 
     @property
     def strength_names(self) -> tuple[str, ...]:
@@ -275,12 +282,12 @@ class Effect:
             return law(parameter_values)
         return for_distinct(law, [p.name for p in self.parameters], parameter_values)
 
-    # the stations: each returns what it was given unless overridden
+    # the stages: each returns what it was given unless overridden
     def motion(self, motion: Motion, parameter_values: ParameterValues) -> Motion:
         """What the specimen does, from what was measured."""
         return motion
 
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def normal_force(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         """The relative normal force α (the stiffness k(α) follows it)."""
         return alpha
 
@@ -298,7 +305,7 @@ class Effect:
 
     def slip_table(self, tables: Array, top: Array, parameter_values: ParameterValues) -> Array:
         """The slip forces at rest: coefficients (draws, cells, 4) of E[min(Φ, φ)] up to φ = top (draws,), N, as
-        :mod:`bayes_iwan.models.series` bends them."""
+        :mod:`bayes_iwan.models.series` changes them."""
         return tables
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -331,8 +338,8 @@ class Effect:
         return {}
 
 
-def stations_of(kind: type[Effect]) -> frozenset[str]:
-    """The stations at which effects of a class act."""
+def stages_of(kind: type[Effect]) -> frozenset[str]:
+    """The stages at which effects of a class act."""
     return frozenset(s for s in (*OUTER, *INNER) if getattr(kind, s) is not getattr(Effect, s))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting, specimen
-from bayes_iwan.effects.base import Effect, EffectError, stations_of
+from bayes_iwan.effects.base import Effect, EffectError, stages_of
 from bayes_iwan.effects.conditions import following
 from bayes_iwan.effects.empirical_patterns import EFFECTS as WITHOUT_CAUSE
 from bayes_iwan.effects.paper_stages import missing_terms
@@ -27,7 +27,7 @@ BUILT_IN: tuple[type[Effect], ...] = (
 NAMES: tuple[str, ...] = tuple(dict.fromkeys(e.name for e in BUILT_IN))
 #: patterns without a cause, which stand for "unknown"
 UNLISTED: tuple[type[Effect], ...] = WITHOUT_CAUSE
-#: causes in the base's own form
+#: causes in the base's form
 FORM: tuple[type[Effect], ...] = model_form.EFFECTS
 
 
@@ -40,15 +40,15 @@ def variants(
     """What makes effects of each name, one for each law. Raises EffectError if a name is taken or the simulator does
     not offer what an extra effect acts on.
 
-    extra : a user's own classes; simulator : only effects whose stations it offers, and what the paper adds to an Iwan
+    extra : a user's own classes; simulator : only effects whose stages it offers, and what the paper adds to an Iwan
     model that lacks it; conditions : what each test states, by name
     (:func:`bayes_iwan.effects.conditions.conditions_of`), which slip forces, stiffness and zero may follow; form : are
-    causes in the base's own form (:data:`FORM`) on offer?
+    causes in the base's form (:data:`FORM`) on offer?
     """
     out: dict[str, tuple[Maker, ...]] = {}
 
     def fits(effect: type[Effect]) -> bool:
-        return simulator is None or offered(stations_of(effect), simulator)
+        return simulator is None or offered(stages_of(effect), simulator)
 
     for effect in (*BUILT_IN, *(FORM if form else ()), *missing_terms(simulator)):
         if not fits(effect):
@@ -60,7 +60,7 @@ def variants(
         if effect.name in (*out, "none", "unknown", *(e.name for e in UNLISTED)):
             raise EffectError(f"an effect named {effect.name!r} exists already; choose another name")
         if simulator is not None and not fits(effect):
-            inside = sorted(stations_of(effect) - simulator.stations - {*OUTER})
+            inside = sorted(stages_of(effect) - simulator.stages - {*OUTER})
             raise EffectError(
                 f"the effect {effect.name} acts on {inside[0]}, which the simulator {simulator.name} does not offer"
             )
@@ -69,8 +69,8 @@ def variants(
 
 
 def unlisted(simulator: Simulator) -> tuple[type[Effect], ...]:
-    """Those of :data:`UNLISTED` whose stations a simulator offers."""
-    return tuple(k for k in UNLISTED if offered(stations_of(k), simulator))
+    """Those of :data:`UNLISTED` whose stages a simulator offers."""
+    return tuple(k for k in UNLISTED if offered(stages_of(k), simulator))
 
 
 def ordered(effects: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -152,7 +152,7 @@ def following(
     conditions: Mapping[str, tuple[float, ...]], fits: Callable[[type[Effect]], bool] = lambda kind: True
 ) -> dict[str, tuple[Callable[..., Effect], ...]]:
     """What may follow each condition, by the name of the effect: makers that take (scales, tests); fits : those that
-    the simulator has stations for."""
+    the simulator has stages for."""
     return {
         f"{kind.what}_follows_{name}": (partial(kind, condition=name, values=values),)
         for name, values in conditions.items()

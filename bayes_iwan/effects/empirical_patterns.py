@@ -1,7 +1,7 @@
-"""Patterns of force that stand for no cause of the catalogue: what makes "unknown" sharper than a smooth misfit.
+"""Patterns of force that stand for no cause of the catalogue: what makes "unknown" sharper than a smooth discrepancy.
 
 A catalogue can always close part of a gap whose cause it lacks: weakening with speed imitates a drag. A smooth
-discrepancy alone is a weak rival to that, since it must learn the misfit of every test anew. These patterns say
+discrepancy alone is a weak alternative to that, since it must learn the gap of every test anew. These patterns say
 in a few parameters how such gaps run; a named effect has to beat them too, and where one of them wins the answer is
 "unknown", with the pattern reported. They name no cause: many mechanisms share each of them.
 """

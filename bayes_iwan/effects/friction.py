@@ -156,7 +156,7 @@ class FrictionFade(Effect):
     )
     signature = "loops grow thinner from cycle to cycle; trend in quadrature and odd harmonics, none in the mean"
     look_alikes = ("spring_softening",)
-    bench = "return to the first test after the last; rest, then repeat (heat recovers, wear does not)"
+    bench = "return to the first test after the last; pause, then repeat (heat recovers, wear does not)"
     remedy = "Run the specimen in before measuring, let it cool between tests, and state the cycle that values are for."
 
     def first_guess(self) -> float:
@@ -226,7 +226,7 @@ class SpringSoftening(Effect):
     )
     signature = "loops lean over from cycle to cycle while their height stays; trend in phase, little in quadrature"
     look_alikes = ("friction_fade",)
-    bench = "return to the first test after a rest: heat recovers; a thermometer on the specimen"
+    bench = "return to the first test after a pause: heat recovers; a thermometer on the specimen"
     remedy = "Let the specimen reach its working temperature before measuring, and state it beside the values."
 
     def first_guess(self) -> float:
@@ -282,7 +282,9 @@ class DirectionDependentFriction(Effect):
     strength = ("asymmetry", "a", "-", "friction × (1 ± asymmetry), + for slip in the direction of rising u")
     signed = True
     limit = 0.9
-    physics = "The surface resists one direction of slip more than the other: fibre lay, wound rope, tilted asperities."
+    physics = (
+        "The surface resists one direction of slip more than the other: fibre lay, wound rope, inclined asperities."
+    )
     reference = "Zmitrowicz, Int. J. Solids Struct. 25 (1989) 1407"
     signature = "even harmonics and a mean force, at every frequency and amplitude alike"
     look_alikes = ("quadratic_stiffness",)
@@ -297,7 +299,7 @@ class DirectionDependentFriction(Effect):
         return parameter_values[self.strength_name]
 
 
-class DirectionDependentGrip(DirectionDependentFriction):
+class DirectionDependentNormalForce(DirectionDependentFriction):
     """Direction dependence of the normal force, as of a wedge or a wound rope that tightens itself: the stiffness
     follows it, and it turns over with the motion rather than at once."""
 
@@ -321,7 +323,7 @@ class DirectionDependentGrip(DirectionDependentFriction):
     def asymmetry(self, parameter_values: ParameterValues) -> Array:
         return np.zeros_like(parameter_values[self.strength_name])
 
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def normal_force(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         return alpha * self.leaning(motion, parameter_values)
 
     def leaning(self, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -330,13 +332,13 @@ class DirectionDependentGrip(DirectionDependentFriction):
         return 1.0 + self.get(parameter_values, "asymmetry") * turned
 
 
-class DirectionDependentSlip(DirectionDependentGrip):
+class DirectionDependentSlip(DirectionDependentNormalForce):
     """The same of the slip forces alone: asperities that lean, and yield the more the faster they are met."""
 
     law = "slip forces × (1 + a·tanh(v/v₀)): turns over with the motion, the stiffness stays"
     reference = DirectionDependentFriction.reference
 
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def normal_force(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         return alpha
 
     def slip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
@@ -349,6 +351,6 @@ EFFECTS: tuple[type[Effect], ...] = (
     FrictionFade,
     SpringSoftening,
     DirectionDependentFriction,
-    DirectionDependentGrip,
+    DirectionDependentNormalForce,
     DirectionDependentSlip,
 )

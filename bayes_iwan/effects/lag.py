@@ -48,7 +48,7 @@ class NormalForceLag(Effect):
         relaxed(np.ascontiguousarray(alpha), up, down, out)
         return out
 
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def normal_force(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         return np.maximum(self.late(alpha, motion, parameter_values), 0.02)
 
 
@@ -81,7 +81,7 @@ class NormalForceLagFromStart(NormalForceLag):
             **super().extra_parameters(),
         }
 
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def normal_force(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         ratio, share = self.get(parameter_values, "slow_ratio"), self.get(parameter_values, "slow_share")
         slow = self.get(parameter_values, "tau_s") * ratio
         left = decay_over_block(motion, 1.0 / (motion.frequency_hz * np.maximum(slow[:, :, 0], 1e-15)))[:, :, None]

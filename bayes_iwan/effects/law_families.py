@@ -16,7 +16,7 @@ _POINTS, _WEIGHTS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0,
 
 
 def about(value: float, sd: float):
-    """A normal prior of a parameter that bends a law, with the classical law in its middle."""
+    """A normal prior of a parameter that changes a law's form, with the classical law in its middle."""
     return stats.norm(loc=value, scale=sd)
 
 

@@ -149,12 +149,12 @@ class ForceHighpass(Effect):
 class ForceHighpassFromStart(ForceHighpass):
     """The same with its transient: the mean force has not yet leaked away when a record begins.
 
-    A mean F̄ that has stood for a time t has become F̄·(p₁e^(p₁t) − p₂e^(p₂t))/(p₁ − p₂), p₁ and p₂ the poles of
+    A mean F̄ that was held for a time t has become F̄·(p₁e^(p₁t) − p₂e^(p₂t))/(p₁ − p₂), p₁ and p₂ the poles of
     s² + ω_c s + q ω_c².
     """
 
     law = (
-        "the same, and the mean force, that has stood since some cycles before each record, leaks away: "
+        "the same, and the mean force, that was held since some cycles before each record, leaks away: "
         "e^(−2πf_c t) for a first order"
     )
     evolving = True
@@ -165,19 +165,18 @@ class ForceHighpassFromStart(ForceHighpass):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             **super().extra_parameters(),
-            "stood_cycles": ExtraParameter(
-                "n₀", "-", "cycles before the record since which the mean force has stood",
+            "held_cycles": ExtraParameter(
+                "n₀", "-", "cycles before the record since which the mean force was held",
                 stats.lognorm(s=0.8, scale=6.0), 0.0, 200.0, scan=False,
             ),
-            "stood_share": ExtraParameter(
+            "held_share": ExtraParameter(
                 "m", "-", "that mean force over the model's", about(1.0, 0.5), -2.0, 4.0, scan=False
             ),
         }  # fmt: skip
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        corner, second, kept, stood, share = (
-            self.get(parameter_values, n)[:, :, 0]
-            for n in ("corner_hz", "second", "kept", "stood_cycles", "stood_share")
+        corner, second, kept, held, share = (
+            self.get(parameter_values, n)[:, :, 0] for n in ("corner_hz", "second", "kept", "held_cycles", "held_share")
         )
         # the poles are −½ω_c(1 ± turn); at q = ¼ they are one, whose limit is theirs a hair apart
         turn = np.sqrt((1.0 - 4.0 * np.maximum(second, 0.0)).astype(complex))
@@ -188,7 +187,7 @@ class ForceHighpassFromStart(ForceHighpass):
             rate = np.pi * corner / motion.frequency_hz * (1.0 + one)  # per cycle
             rate = np.where(np.abs(rate) < 1e-9, 1e-9, rate)
             # it goes on falling within a cycle: at each place of the loop the average over the block's cycles
-            block = decay_over_block(motion, rate) * rate / -np.expm1(-rate) * np.exp(-rate * stood)
+            block = decay_over_block(motion, rate) * rate / -np.expm1(-rate) * np.exp(-rate * held)
             left = left + (0.5 * (1.0 + one) / one * block)[:, :, None] * np.exp(
                 -rate[:, :, None] * theta
             )  # of conjugates, so the sum is real
@@ -235,7 +234,7 @@ class SteepLowpass(ForceLowpass):
     """A filter of higher order far below its corner: its group delay is what is left of it, and a faint droop.
 
     The logarithm of any low-pass is −ix − κx²/2 + … , x = 2πfτ: κ = 1/n for n equal poles, about 0 for Bessel and
-    Butterworth filters. So a steep filter passes for a delay, and the two are to be told apart by their droop alone.
+    Butterworth filters. So a steep filter passes for a delay, and the two differ by their droop alone.
     """
 
     law = (

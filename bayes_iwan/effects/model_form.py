@@ -1,4 +1,4 @@
-"""Causes in the model's own form: where a specimen is an Iwan model, but not of the family that the base assumes.
+"""Causes in the model's form: where a specimen is an Iwan model, but not of the family that the base assumes.
 
 Each frees one function of the base by a short series about it (:mod:`bayes_iwan.models.series`), all of whose
 coefficients vanish together. They are named candidates: "the slip forces are not a mixture of three gammas".
@@ -49,7 +49,12 @@ class SlipForcesFree(_Series):
     name = "slip_forces_free"
     statement = "the slip forces are not of the base's family (a mixture of three gammas)"
     law = "density × exp(Σ c_k π_k(F))/Z, π_1 … π_5 the Legendre polynomials of the share F that slips earlier"
-    strength = ("tilt", "c", "-", "root of the coefficients' sum of squares: by about that share the density differs")
+    strength = (
+        "deviation",
+        "c",
+        "-",
+        "root of the coefficients' sum of squares: by about that share the density differs",
+    )
     terms = tuple(
         (f"c{k}", f"c{k}", f"Legendre coefficient {k} of the log density over its quantiles") for k in range(1, 6)
     )
@@ -67,7 +72,7 @@ class SlipForcesFree(_Series):
     remedy = "Use the fitted slip-force density of the report in place of the gamma mixture."
 
     def slip_table(self, tables: Array, top: Array, parameter_values: ParameterValues) -> Array:
-        return series.tilted(tables, top, self.coefficients(parameter_values))
+        return series.deviating(tables, top, self.coefficients(parameter_values))
 
 
 class StiffnessLawFree(_Series):
@@ -75,14 +80,14 @@ class StiffnessLawFree(_Series):
     statement = "the elements' stiffness does not follow the normal force as Eq. (12) has it"
     law = "k(α)·exp(a·ln α + ½b·ln²α)"
     strength = (
-        "bend",
+        "growth",
         "a, b",
         "-",
         "root of the coefficients' sum of squares: change of the elasticity d ln k / d ln α",
     )
     terms = (
         ("exponent", "a", "change of d ln k / d ln α at α = 1"),
-        ("bend", "b", "growth of d ln k / d ln α with ln α"),
+        ("growth", "b", "growth of d ln k / d ln α with ln α"),
     )
     order = 2  # after whatever changes α
     physics = (
@@ -96,8 +101,8 @@ class StiffnessLawFree(_Series):
     remedy = "Use the fitted stiffness law of the report in place of Eq. (12)."
 
     def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
-        exponent, bend = (self.get(parameter_values, n) for n in ("exponent", "bend"))
-        return series.bent_stiffness(k, alpha, exponent, bend)
+        exponent, growth = (self.get(parameter_values, n) for n in ("exponent", "growth"))
+        return series.deviating_stiffness(k, alpha, exponent, growth)
 
     def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
         return Effect.reported(self, values)
@@ -108,7 +113,7 @@ class NormalForceFree(_Series):
     statement = "the normal force does not follow the motion as Eq. (11) has it"
     law = "α·exp(Σ c·{u, u², |u̇|, u|u̇|, u̇, u u̇}), u and u̇ in the campaign's largest amplitude and speed"
     strength = (
-        "bend",
+        "deviation",
         "c",
         "-",
         "root of the coefficients' sum of squares: by about that share the normal force differs",
@@ -133,11 +138,11 @@ class NormalForceFree(_Series):
     bench = "a cell that measures the normal force"
     remedy = "Use the fitted normal force of the report in place of Eq. (11)."
 
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def normal_force(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         u, v = motion.displacement_mm / self.scales.length_mm, motion.velocity_m_s / self.scales.speed_m_s
         speed = motion.speed_m_s / self.scales.speed_m_s
         basis = np.stack([u, u * u, speed, u * speed, v, u * v])
-        return series.bent_normal_force(alpha, basis, self.coefficients(parameter_values))
+        return series.deviating_normal_force(alpha, basis, self.coefficients(parameter_values))
 
 
 EFFECTS: tuple[type[Effect], ...] = (SlipForcesFree, StiffnessLawFree, NormalForceFree)

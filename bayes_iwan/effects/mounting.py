@@ -126,7 +126,7 @@ class FreePlay(Effect):
     order = 1
     physics = (
         "Backlash in series (a loose thread or pin): while the play is crossed no force is carried, so the "
-        "measured force rests at zero; beyond it the specimen follows at half the play's distance."
+        "measured force stays at zero; beyond it the specimen follows at half the play's distance."
     )
     reference = (
         "Nordin & Gutman, Automatica 38 (2002) 1633; Kim, Rook & Singh, J. Sound Vib. 263 (2003) 665 (smoothed ends)"

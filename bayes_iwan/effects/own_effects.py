@@ -9,7 +9,7 @@ from bayes_iwan.models.user_file import classes_in
 
 
 def load_effects(path: str | Path) -> tuple[type[Effect], ...]:
-    """The Effect subclasses defined in a user's Python file. Raises EffectError naming the file and the mend."""
+    """The Effect subclasses defined in a user's Python file. Raises EffectError naming the file and the fix."""
     found = classes_in(path, Effect, EffectError)
     if not found:
         raise EffectError(f"{path}: defines no subclass of bayes_iwan.effects.Effect")

@@ -15,7 +15,8 @@ from bayes_iwan.models import Model, Simulator, normal_force
 from bayes_iwan.models import stiffness as laws
 from bayes_iwan.models.iwan_parameters import EXPONENT_PRIOR
 
-#: below this d ln k / d ln α the stiffness is taken as constant: Eq. (12) then follows only an all but vanishing grip
+#: below this d ln k / d ln α the stiffness is taken as constant: Eq. (12) then follows only an all but vanishing
+#: influence of the normal force
 LEAST_ELASTICITY = 1e-6
 
 
@@ -43,7 +44,7 @@ class VaryingNormalForce(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {"beta": _beta()}
 
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def normal_force(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         zero, beta = np.log(self.scales.length_mm), self.get(parameter_values, "beta")
         top = np.log(motion.amplitude_mm)[:, None] - zero
         change = np.expm1(beta * (motion.log_penetration - zero)) - np.expm1(beta * top)
@@ -79,7 +80,7 @@ class SpeedDependentNormalForce(Effect):
                 return parameter_values[owner]
         return parameter_values[f"{self.name}.beta"]
 
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
+    def normal_force(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         squeezed = np.exp(
             self.exponent(parameter_values)[:, None, None] * (motion.log_penetration - np.log(self.scales.length_mm))
         )
@@ -91,7 +92,12 @@ class SpeedDependentNormalForce(Effect):
 
 class StiffnessOfNormalForce(Effect):
     name = "stiffness_of_normal_force"
-    strength = ("elasticity", "ε", "-", "d ln k / d ln α at α = 1; 1: the stiffness is proportional to the grip")
+    strength = (
+        "elasticity",
+        "ε",
+        "-",
+        "d ln k / d ln α at α = 1; 1: the stiffness is proportional to the normal force",
+    )
     limit = 1.0 - 1e-4
     order = 1  # after whatever changes α
     physics = "Contacts that are squeezed harder are stiffer, up to the stiffness of the bodies themselves."
@@ -106,8 +112,8 @@ class StiffnessOfNormalForce(Effect):
     def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         # Eq. (12) over its value at α = 1, so that the base's k stays k(1)
         value = np.atleast_1d(parameter_values[self.strength_name])
-        bend = laws.bend_of_elasticity(np.clip(value, LEAST_ELASTICITY, self.limit))[:, None, None]
-        factor = np.expm1(-bend * alpha) / np.expm1(-bend)
+        ratio = laws.ratio_of_elasticity(np.clip(value, LEAST_ELASTICITY, self.limit))[:, None, None]
+        factor = np.expm1(-ratio * alpha) / np.expm1(-ratio)
         return k * np.where(value[:, None, None] < LEAST_ELASTICITY, 1.0, factor)
 
 
@@ -118,10 +124,10 @@ def missing_terms(simulator: Simulator | None) -> tuple[type[Effect], ...]:
     """Those of the paper's terms that an Iwan model does without; none for another simulator."""
     if not isinstance(simulator, Model):
         return ()
-    grip, stiffness = simulator.grip, simulator.stiffness
+    law, stiffness = simulator.normal_force, simulator.stiffness
     lacks = {
-        VaryingNormalForce: grip == normal_force.Constant.name,
-        SpeedDependentNormalForce: grip != normal_force.HuntCrossley().name,
+        VaryingNormalForce: law == normal_force.Constant.name,
+        SpeedDependentNormalForce: law != normal_force.HuntCrossley().name,
         StiffnessOfNormalForce: stiffness == laws.ConstantStiffness.name,
     }
     return tuple(effect for effect in EFFECTS if lacks[effect])

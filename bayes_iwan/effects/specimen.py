@@ -13,7 +13,7 @@ from bayes_iwan.effects.law_families import about, power_of
 class ViscousDamping(Effect):
     name = "viscous_damping"
     needs_clock = True
-    # p = 2 is left out: the drag of fluid pushed through a gap is another mechanism
+    # p = 2 is omitted: the drag of fluid pushed through a gap is another mechanism
     law = (
         "c·|v|·((1 + (v/v₁)²)/(1 + (v_ref/v₁)²))^((p − 1)/2)·(sgn v + s), v_ref the campaign's largest speed; p = 1: "
         "a force proportional to velocity, v₁ → 0: to its power p; s = ±1: a valve that damps one way only"
@@ -42,7 +42,7 @@ class ViscousDamping(Effect):
             "exponent": ExtraParameter(
                 "p", "-", "power of the speed", stats.lognorm(s=0.25, scale=1.0), 0.3, 1.65, scan=False
             ),
-            "bend_m_s": ExtraParameter(
+            "thinning_m_s": ExtraParameter(
                 "v₁",
                 "m/s",
                 "speed from which the power holds, below it the force is proportional to the speed",
@@ -58,8 +58,8 @@ class ViscousDamping(Effect):
         top = self.scales.speed_m_s
 
         def drag_N(own: ParameterValues) -> Array:
-            bend = self.get(own, "bend_m_s")
-            thinned = (bend**2 + motion.speed_m_s**2) / (bend**2 + top**2)
+            from_m_s = self.get(own, "thinning_m_s")
+            thinned = (from_m_s**2 + motion.speed_m_s**2) / (from_m_s**2 + top**2)
             grown = motion.speed_m_s / top * power_of(thinned, 0.5 * (self.get(own, "exponent") - 1.0))
             way = np.sign(motion.velocity_m_s) + self.get(own, "one_way")
             return (self.get(own, "c_N_s_mm") * 1e3 * top) * way * grown
@@ -73,7 +73,7 @@ class MaxwellBranch(Effect):
     law = "k·(iωτ)^a/(1 + (iωτ)^a); a = 1: one relaxation time, less: a spread of them (fractional Maxwell)"
     strength = ("k_N_mm", "k_m", "N/mm", "stiffness of the branch")
     physics = (
-        "A spring and a dashpot in series beside the rest: the polymer rope creeps, so part of its stiffness "
+        "A spring and a dashpot in series beside the others: the polymer rope creeps, so part of its stiffness "
         "acts only above the frequency 1/(2πτ)."
     )
     reference = (
@@ -137,7 +137,7 @@ class MovingMass(Effect):
     signature = "in-phase force falling with frequency squared; no work unless its mount damps"
     look_alikes = ("maxwell_branch",)
     bench = "a run of the bare fixture; a known mass added"
-    remedy = "Take m·ü of the bare fixture off the force, or put the cell on the side that rests."
+    remedy = "Take m·ü of the bare fixture off the force, or put the cell on the side that does not move."
 
     def first_guess(self) -> float:
         return 0.1 * self.scales.slip_N * self.scales.length_mm * 1e-3 / self.scales.speed_m_s**2
@@ -233,7 +233,7 @@ class CubicStiffness(Effect):
         return force_N + self.own(spring_N, motion, parameter_values)
 
 
-class BentStiffness(CubicStiffness):
+class TrilinearStiffness(CubicStiffness):
     law = "k₃·ℓ³·g(|u|/ℓ)/g(1)·sgn u, g: two slopes that meet at x₀ within a width w; w → 0: trilinear"
     reference = (
         "Natsiavas, J. Sound Vib. 134 (1989) 315 (symmetric trilinear springs); Shaw & Holmes, ibid. 90 (1983) 129"
@@ -242,9 +242,15 @@ class BentStiffness(CubicStiffness):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "bend": ExtraParameter("x₀", "-", "where the spring bends, over ℓ", about(0.5, 0.25), 0.05, 0.95),
+            "knee": ExtraParameter("x₀", "-", "where the slope changes, over ℓ", about(0.5, 0.25), 0.05, 0.95),
             "width": ExtraParameter(
-                "w", "-", "half width of the bend, over ℓ", stats.lognorm(s=0.7, scale=0.1), 0.01, 0.6, scan=False
+                "w",
+                "-",
+                "half width of the change of slope, over ℓ",
+                stats.lognorm(s=0.7, scale=0.1),
+                0.01,
+                0.6,
+                scan=False,
             ),
         }
 
@@ -252,12 +258,12 @@ class BentStiffness(CubicStiffness):
         length, u = self.scales.length_mm, motion.displacement_mm
 
         def spring_N(own: ParameterValues) -> Array:
-            bend, width = self.get(own, "bend"), self.get(own, "width")
+            knee, width = self.get(own, "knee"), self.get(own, "width")
 
             def beyond(x: Array) -> Array:
                 """Rounded max(x − x₀, 0), its value and its slope at 0 taken off, for these are the linear spring's."""
-                hard = np.logaddexp(0.0, (x - bend) / width) - np.logaddexp(0.0, -bend / width)
-                return width * hard - x / (1.0 + np.exp(bend / width))
+                hard = np.logaddexp(0.0, (x - knee) / width) - np.logaddexp(0.0, -knee / width)
+                return width * hard - x / (1.0 + np.exp(knee / width))
 
             shape = np.sign(u) * beyond(np.abs(u) / length) / beyond(np.ones(1))
             return (self.get(own, "k3_N_mm3") * length**3) * shape
@@ -356,7 +362,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     MovingMass,
     QuadraticStiffness,
     CubicStiffness,
-    BentStiffness,
+    TrilinearStiffness,
     EndStop,
     EndStops,
 )

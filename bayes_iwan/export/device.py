@@ -112,20 +112,20 @@ def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[st
     """Parameters and stages of the Iwan model itself; floored : is α held above its floor after effects?"""
     ell, speed = model.reference.length_mm, model.reference.speed_m_s
     sets = len(values["kp_N_mm"])
-    names = [n for n in model.names if n not in (*model.slip_family.names, *embedded_error.TILT_NAMES)]
+    names = [n for n in model.names if n not in (*model.slip_family.names, *embedded_error.SLIP_NAMES)]
     parameters = {n: np.asarray(values[n], float) for n in names}
     parameters["amplitude_mm"] = np.full(sets, ell)
     stages: dict[str, list[str]] = {name: [] for name in STAGES}
-    alpha, law = stages["alpha"], model.grip_law
+    alpha, law = stages["alpha"], model.normal_force_law
     if isinstance(law, normal_force.HuntCrossley):
         beta = parameters["beta"]
         parameters["beta"] = np.where(np.abs(beta) < 1e-12, 1e-12, beta)
-        rate = f"p->grip_rate / {speed!r}" if law.speed else "0.0"
+        rate = f"p->normal_force_rate / {speed!r}" if law.speed else "0.0"
         alpha.append(
             f"""{{
-    const double rest = exp(p->beta * log(A / {ell!r}));
+    const double centre = exp(p->beta * log(A / {ell!r}));
     const double rise = expm1(p->beta * log(fmax(A - u, {Y_FLOOR!r} * A) / A));
-    alpha = 1.0 + p->grip_slope * rest / p->beta * rise + {rate} * rest * (1.0 + rise) * fabs(v);
+    alpha = 1.0 + p->normal_force_slope * centre / p->beta * rise + {rate} * centre * (1.0 + rise) * fabs(v);
     alpha = fmax(alpha, {ALPHA_FLOOR!r});
 }}"""
         )
@@ -137,7 +137,7 @@ def _base(model: Model, values: ParameterValues, floored: bool) -> tuple[dict[st
     elif not isinstance(law, normal_force.Constant):
         raise ExportError(f"the normal force {law.name!r} has no law in C yet; add it to bayes_iwan/export/device.py")
     if model.stiffness == "saturating":
-        stages["stiffness"].append("k = p->k1_N_mm * expm1(-p->stiffness_bend * alpha) / expm1(-p->stiffness_bend);")
+        stages["stiffness"].append("k = p->k1_N_mm * expm1(-p->stiffness_ratio * alpha) / expm1(-p->stiffness_ratio);")
     if model.embedded:
         at_corner = f"(A - u) / ({embedded_error.CORNER_WIDTH!r} * A)"
         alpha.append(f"alpha *= exp(p->{embedded_error.CORNER_NAME} / (1.0 + {at_corner} * {at_corner}));")

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects import catalogue, conditions
 from bayes_iwan.effects.base import Effect
@@ -65,14 +66,14 @@ def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:
     kept = [e for e in problem.effects if not isinstance(e, OF_THE_RIG)]
     mine = {p.name for e in kept for p in e.parameters} | {p.name for p in problem.prior.parameters if not p.owner}
     noise = {p.name for p in problem.likelihood.parameters}
-    told = [p for p in problem.prior.parameters if p.name in mine - noise]
-    free = [n for n in problem.names if n in {p.name for p in told}]
+    inferred = [p for p in problem.prior.parameters if p.name in mine - noise]
+    free = [n for n in problem.names if n in {p.name for p in inferred}]
     draws = np.stack([values[n][1:] for n in free])
     out = {
         "schema": SCHEMA,
         "card": card.to_dict(),
         "scales": asdict(problem.scales),
-        "model": {n: getattr(model, n) for n in ("slip", "grip", "stiffness", "embedded")}
+        "model": {n: getattr(model, n) for n in ("slip", "normal_force", "stiffness", "embedded")}
         if isinstance(model, Model)
         else {"simulator": model.name},
         "effects": [
@@ -92,7 +93,7 @@ def files(problem: Problem, z: Array, card: Card) -> dict[str, str]:
                 "point": float(values[p.name][0]),
                 "draws": values[p.name][1:].tolist(),
             }
-            for p in told
+            for p in inferred
         ],
         "names": free,
         "covariance": np.cov(draws).reshape(len(free), len(free)).tolist() if draws.shape[1] > 1 else None,
@@ -111,12 +112,17 @@ def read(path: Path) -> ExportedModel:
     if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
         raise ExportError(f"{path}: not a model of this version ({SCHEMA}); export it again")
     try:
-        parts = stored["model"]
+        parts = former_names.config_of(stored)["model"]
         if "simulator" in parts:
             raise ExportError(f"{path}: holds draws of {parts['simulator']}, a simulator of your own; read its numbers")
         scales = Scales(**stored["scales"])
-        model = Model(scales.reference, parts["slip"], parts["grip"], parts["stiffness"], embedded=parts["embedded"])
-        values = {str(p["name"]): np.array([p["point"], *p["draws"]], float) for p in stored["parameters"]}
+        model = Model(
+            scales.reference, parts["slip"], parts["normal_force"], parts["stiffness"], embedded=parts["embedded"]
+        )
+        values = {
+            former_names.parameters_in(str(p["name"])): np.array([p["point"], *p["draws"]], float)
+            for p in stored["parameters"]
+        }
         covariance = np.zeros((0, 0)) if stored["covariance"] is None else np.array(stored["covariance"], float)
         if len({len(x) for x in values.values()}) != 1 or not all(np.isfinite(x).all() for x in values.values()):
             raise ValueError("parameters of different lengths, or not finite")
@@ -125,7 +131,7 @@ def read(path: Path) -> ExportedModel:
             model=model,
             effects=_effects(stored["effects"], scales, model),
             values=values,
-            names=tuple(map(str, stored["names"])),
+            names=tuple(former_names.parameters_in(str(n)) for n in stored["names"]),
             covariance=covariance,
         )
     except ExportError:
@@ -139,7 +145,7 @@ def _effects(stored: Sequence[Mapping[str, Any]], scales: Scales, model: Model) 
     kinds = [k for some in catalogue.variants((), model, form=True).values() for k in some]
     classes = {k.__name__: k for k in (*kinds, *conditions.EFFECTS) if isinstance(k, type)}
     out = []
-    for e in stored:
+    for e in map(former_names.effect_of, stored):
         more = {"condition": e["condition"], "values": tuple(e["values"])} if "condition" in e else {}
         out.append(classes[e["class"]](scales, (), e["strength_value"], **more))
     return tuple(out)

@@ -178,14 +178,14 @@ def _of_posterior(posterior: Posterior, draws: int) -> Source:
     if draws > held:
         raise ExportError(f"the posterior holds {held} draws, so draws can be {held} at most, not {draws}")
     kept = posterior.flat_z(draws) if draws else posterior.z[:0].reshape(0, posterior.ndim)
-    misfit = posterior.misfit()
+    residual = posterior.residual_size()
     return Source(
         problem=posterior.problem,
         z=np.concatenate([posterior.point.z[None], kept]),
         campaign=posterior.campaign,
         method="Laplace's approximation about the most probable point" if posterior.quick else "sampled posterior",
         seed=posterior.seed,
-        unexplained=(misfit.rms_N, misfit.share),
+        unexplained=(residual.rms_N, residual.share),
     )
 
 

@@ -1,10 +1,10 @@
 """Descent of a cost in nats from many starts at once, to a tenth of a nat and no further.
 
 Where many models are compared, most evaluations go into digits that nobody asks for and into starts that end nowhere.
-:func:`least_squares_batch` finds optima to all digits, and is the judge in the tests; this one ends a start once its
-linear model promises next to nothing, and gives it up where it falls behind the best, gains too little to catch up, or
-runs into its valley. Jacobians are forward differences; in a bent valley the one at hand corrects its own steps, since
-a new one costs as many evaluations as there are variables.
+:func:`least_squares_batch` finds optima to all digits, and is what the tests compare with; this one ends a start once
+its linear model promises next to nothing, and gives it up where it falls behind the best, gains too little to catch up,
+or runs into its local optimum. Jacobians are forward differences; where residuals curve the one at hand corrects its
+own steps, since a new one costs as many evaluations as there are variables.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from bayes_iwan.fitting.least_squares import BatchResiduals, Counted, damped_ste
 ENOUGH = 0.1
 #: a start that is so many nats behind the best one and promises no better is given up, and any after LATE iterations
 BEHIND, LATE = 30.0, 20
-#: starts nearer than this in every variable, and by no more nats than BEHIND, are in one valley: the better one goes on
+#: starts nearer than this in every variable, and by no more nats than BEHIND, are at one local optimum: the better one
+#: goes on
 NEAR = 0.05
 #: steps in vain in a row after which a start has arrived where it can; each is damped so much more
 IN_VAIN, MORE = 4, 1e3
-#: a step that brings less than this share of what the linear model promised is corrected for the valley's bend, where
-#: the correction is shorter than this share of the step
-STRAIGHT, BEND = 0.75, 0.75
+#: a step that brings less than this share of what the linear model promised is corrected for the residuals' curvature,
+#: where the correction is shorter than this share of the step
+STRAIGHT, CURVED = 0.75, 0.75
 #: a start behind the best is given up, after FEW iterations, if CATCH times what it will gain, its gains falling off as
 #: they last did, does not catch up
 CATCH, FEW = 3.0, 4
@@ -123,19 +124,19 @@ def descend(
         new_r[tried] = call(trial[tried])
         new_cost[tried] = half_square(new_r[tried])
         fell_short = cost[active] - new_cost.min(axis=1) < STRAIGHT * promised.max(axis=1)
-        bends = np.flatnonzero(fell_short & np.isfinite(new_cost).any(axis=1))
-        if bends.size:
-            who = active[bends]
-            corrected, short = _bent(
-                jacobian[who], x[who], r[who], trial[bends], new_r[bends], d[go][bends], damping[who, None] * LADDER
+        curves = np.flatnonzero(fell_short & np.isfinite(new_cost).any(axis=1))
+        if curves.size:
+            who = active[curves]
+            corrected, short = _corrected(
+                jacobian[who], x[who], r[who], trial[curves], new_r[curves], d[go][curves], damping[who, None] * LADDER
             )
-            start, rung = np.nonzero(short & np.isfinite(new_cost[bends]))
+            start, rung = np.nonzero(short & np.isfinite(new_cost[curves]))
             if start.size:
                 point = np.clip(corrected[start, rung], lower, upper)
                 its_r = call(point)
                 its_cost = half_square(its_r)
-                better = its_cost < new_cost[bends[start], rung]
-                to = bends[start[better]], rung[better]
+                better = its_cost < new_cost[curves[start], rung]
+                to = curves[start[better]], rung[better]
                 trial[to], new_r[to], new_cost[to] = point[better], its_r[better], its_cost[better]
         at, pick = np.arange(active.size), np.argmin(new_cost, axis=1)
         gain = cost[active] - new_cost[at, pick]
@@ -154,7 +155,7 @@ def descend(
     return Descent(x, cost, arrived, call.count)
 
 
-def _bent(
+def _corrected(
     jacobian: Array, x: Array, r: Array, trial: Array, new_r: Array, d: Array, damping: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Where the same linear model leads from what it got wrong at trial points (starts, ladder, ndim), and whether each
@@ -166,7 +167,7 @@ def _bent(
     wrong = np.where(np.isfinite(new_r), new_r - r[:, None, :], 0.0) - step @ turned
     ridge = (turned @ scaled)[:, None] + damping[:, :, None, None] * np.eye(x.shape[1])
     back = -np.linalg.solve(ridge, (wrong @ scaled)[..., None])[..., 0]
-    short = np.linalg.norm(back, axis=2) <= BEND * np.linalg.norm(step, axis=2)
+    short = np.linalg.norm(back, axis=2) <= CURVED * np.linalg.norm(step, axis=2)
     return trial + back / d[:, None, :], short
 
 
@@ -179,7 +180,7 @@ def _to_come(gains: Array, left: int) -> Array:
 
 
 def _twins(x: Array, cost: Array, alive: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(starts,) those that lie in the valley of a better one."""
+    """(starts,) those that lie at the local optimum of a better one."""
     out = np.zeros(len(x), dtype=bool)
     order = np.argsort(cost)
     for i, one in enumerate(order):

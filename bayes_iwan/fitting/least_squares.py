@@ -18,7 +18,7 @@ from bayes_iwan.arrays import Array
 BatchResiduals = Callable[[Array], Array]
 
 # Damping factors tried together in every iteration, as multiples of the current one. A Jacobian costs ndim
-# evaluations, so four trial steps are cheap, and the best of four saves whole iterations on curved valleys.
+# evaluations, so four trial steps are cheap, and the best of four saves whole iterations in curved residuals.
 _DAMPING_LADDER = np.array([1e-2, 1e-1, 1.0, 10.0])
 _DAMPING_LEAST, _DAMPING_MOST = 1e-14, 1e12
 
@@ -66,7 +66,7 @@ class LeastSquaresFit:
         """(ndim, ndim) covariance (JᵀJ)⁺ at one optimum (default: the best).
 
         It is right when the residuals are in units of their noise. Numbers on a bound and directions that the
-        residuals do not see (singular values below 1e-10 of the largest) are left out: variance 0.
+        residuals do not see (singular values below 1e-10 of the largest) are omitted: variance 0.
         """
         k = self.best if start is None else start
         jacobian = np.where(self.at_bound[k], 0.0, self.jacobian[k])
@@ -142,7 +142,7 @@ def least_squares_batch(
     damping = np.full(n_starts, 1e-3)
     column = np.zeros((n_starts, ndim))  # Marquardt's scaling: largest column norm so far
     central = np.zeros(n_starts, dtype=bool)
-    misses = np.zeros(n_starts, dtype=np.int64)
+    failures = np.zeros(n_starts, dtype=np.int64)
     jacobian = np.zeros((n_starts, r.shape[1], ndim))
     stale = np.ones(n_starts, dtype=bool)
     last_central = np.zeros(n_starts, dtype=bool)  # whether the Jacobian held is a central one at x
@@ -197,14 +197,14 @@ def least_squares_batch(
         # after a miss, go on with central ones.
         tiny = better & ((small_gain & small_promise) | (moved < xtol))
         miss = ~better & ~flat
-        misses[active] = np.where(miss | tiny, misses[active] + 1, 0)
+        failures[active] = np.where(miss | tiny, failures[active] + 1, 0)
         first = (miss | tiny) & ~last_central[active]
         central[active[first]] = True
         stale[active[first]] = True
         damping[active[first & miss]] /= 1e3
-        settled = tiny & ~first & (misses[active] >= 2)
+        settled = tiny & ~first & (failures[active] >= 2)
         status[active[settled]] = np.where(moved[settled] < xtol, CONVERGED_STEP, CONVERGED_COST)
-        hopeless = miss & ~first & (small_promise | (misses[active] >= 6))
+        hopeless = miss & ~first & (small_promise | (failures[active] >= 6))
         status[active[hopeless]] = np.where(small_promise[hopeless], CONVERGED_COST, CONVERGED_STEP)
 
     good = np.flatnonzero(np.isfinite(cost))
@@ -331,7 +331,7 @@ def damped_steps(
 
     least, most = ((lower - x) * d)[:, None, :], ((upper - x) * d)[:, None, :]
     fixed = np.zeros(p.shape, dtype=bool)
-    for _ in range(ndim):  # fix what leaves the box on its side of it and solve again for the rest
+    for _ in range(ndim):  # fix what leaves the box on its side of it and solve again for the others
         out = ~fixed & ((p < least) | (p > most))
         again = np.nonzero(out.any(axis=2))
         if again[0].size == 0:

@@ -229,9 +229,9 @@ def identify_problem(
     >>> import tempfile, bayes_iwan as bi
     >>> folder = tempfile.mkdtemp()
     >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
-    >>> problem = bi.make_problem(bi.check(folder).loops, {"model": {"slip": "gamma1", "grip": "constant"}})
+    >>> problem = bi.make_problem(bi.check(folder).loops, {"model": {"slip": "gamma1", "normal_force": "constant"}})
     >>> posterior = bi.identify_problem(problem, 1, progress=False, quick=True)
-    >>> posterior.ndim == problem.ndim, bool(posterior.misfit().share < 0.1)
+    >>> posterior.ndim == problem.ndim, bool(posterior.residual_size().share < 0.1)
     (True, True)
     """
     settings = settings_of(config)

@@ -1,4 +1,4 @@
-"""Rival models for comparison: Bouc–Wen, and its generalisation to asymmetric loops.
+"""Other models for comparison: Bouc–Wen, and its generalisation to asymmetric loops.
 
     F = kp u + z + force zero,      dz/du = k [1 − ψ |z/Z|ⁿ],
 
@@ -27,7 +27,7 @@ from bayes_iwan.models.kernels import sliders
 from bayes_iwan.models.motion import Motion
 from bayes_iwan.models.parameter import Parameter
 from bayes_iwan.models.scales import Scales
-from bayes_iwan.models.simulator import Derived, Simulator, Station, force_zero
+from bayes_iwan.models.simulator import Derived, Modifier, Simulator, force_zero
 from bayes_iwan.threads import over_draws
 
 #: longest Runge–Kutta step, in units of the relaxation length Z/(k n |ψ|)
@@ -179,12 +179,12 @@ class _Hysteretic(Simulator):
         )
 
     def friction_force(
-        self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()
+        self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()
     ) -> Array:
         """z in N, (draws, loops, samples)."""
         return _hysteresis(self.shape(parameter_values), parameter_values, motion)
 
-    def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+    def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()) -> Array:
         """Force in N, (draws, loops, samples); NaN where the model has no steady loop."""
         spring = parameter_values["kp_N_mm"][:, None, None] * motion.displacement_mm
         return self.friction_force(parameter_values, motion) + spring
@@ -237,4 +237,4 @@ class GeneralizedBoucWen(_Hysteretic):
         return {n: Derived("N^(1−n)/mm", x) for n, x in {"beta1": unit, **terms}.items()}
 
 
-RIVALS: dict[str, Simulator] = {r.name: r for r in (BoucWen(), GeneralizedBoucWen())}
+OTHER_MODELS: dict[str, Simulator] = {r.name: r for r in (BoucWen(), GeneralizedBoucWen())}

@@ -1,12 +1,11 @@
-"""The embedded discrepancy: the model's own form may be a little off, where nature's is.
+"""The embedded model error: parameters inside the model let its laws deviate a little from their form.
 
-Slip forces are no exact gamma mixture, the stiffness follows the normal force by no exact Eq. (12), and the normal
-force has no sharp corner at u = A. Each of these three is bent by a few parameters (:mod:`.series`)
-whose priors are narrow and centred on no bend, so that loops which do not ask for it leave the paper's model as it is.
-What the bends take from the other parameters' certainty is the point: the intervals of stiffness and slip force then
-allow for it.
+A real specimen's slip forces are no exact gamma mixture, its stiffness follows the normal force by no exact Eq. (12),
+and its normal force has no sharp corner at u = A. Each of these three laws has a few parameters of deviation
+(:mod:`.series`). Their priors are narrow and centred on zero, where the paper's model holds. The intervals of stiffness
+and slip force then allow for such deviations.
 
-An additive discrepancy cannot do that: added to the force, it explains a loop's misfit, but does not say that a slip
+An additive discrepancy cannot do that: added to the force, it explains a loop's residual, but does not say that a slip
 force was off by as much.
 """
 
@@ -23,17 +22,17 @@ from bayes_iwan.models.kernels.sliders import OCTAVES
 from bayes_iwan.models.motion import Motion
 from bayes_iwan.models.slip_force import SlipForce
 
-#: terms of the tilt of the slip forces' density
-TILTS = 6
-TILT_NAMES = tuple(f"slip_tilt{k}" for k in range(1, TILTS + 1))
-STIFFNESS_NAME, CORNER_NAME = "stiffness_exponent", "grip_corner"
-NAMES = (*TILT_NAMES, STIFFNESS_NAME, CORNER_NAME)
-#: the corner's bend is felt within this share of the amplitude from u = A
+#: terms of the deviation of the slip forces' density
+SLIP_TERMS = 6
+SLIP_NAMES = tuple(f"slip_deviation{k}" for k in range(1, SLIP_TERMS + 1))
+STIFFNESS_NAME, CORNER_NAME = "stiffness_exponent", "normal_force_corner"
+NAMES = (*SLIP_NAMES, STIFFNESS_NAME, CORNER_NAME)
+#: the corner's deviation is felt within this share of the amplitude from u = A
 CORNER_WIDTH = 0.05
 
 
 @dataclass(frozen=True)
-class Tilted:
+class DeviatingSlipForce:
     """A family of slip forces whose density is multiplied by exp(Σ c_k π_k(F)), then stretched to the family's mean.
 
     The mean slip force, which loops determine, is so left to its own number.
@@ -54,7 +53,7 @@ class Tilted:
         return self.base.units
 
     def table(self, parameter_values: ParameterValues) -> tuple[Array, Array]:
-        return series.tilted_to_mean(*self.base.table(parameter_values), _tilts(parameter_values))
+        return series.deviating_to_mean(*self.base.table(parameter_values), _coefficients(parameter_values))
 
     def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:
         w, cubic, width = self._cells(phi, parameter_values)
@@ -79,8 +78,8 @@ class Tilted:
         return self.base.mean(parameter_values)
 
 
-def _tilts(parameter_values: ParameterValues) -> Array:
-    return np.stack([parameter_values[name] for name in TILT_NAMES], axis=1)
+def _coefficients(parameter_values: ParameterValues) -> Array:
+    return np.stack([parameter_values[name] for name in SLIP_NAMES], axis=1)
 
 
 def corner(motion: Motion) -> Array:
@@ -89,11 +88,11 @@ def corner(motion: Motion) -> Array:
     return 1.0 / (1.0 + ((a - motion.displacement_mm) / (CORNER_WIDTH * a)) ** 2)
 
 
-def bend_normal_force(alpha: Array, motion: Motion, parameter_values: ParameterValues) -> None:
-    """Bend α's corner at u = A, in place: times exp(grip_corner) there."""
+def deviate_normal_force(alpha: Array, motion: Motion, parameter_values: ParameterValues) -> None:
+    """α times exp(normal_force_corner) about its corner at u = A, in place."""
     pointwise.times_exponential(alpha, corner(motion), parameter_values[CORNER_NAME])
 
 
-def bend_stiffness(k: Array, alpha: Array, parameter_values: ParameterValues) -> None:
+def deviate_stiffness(k: Array, alpha: Array, parameter_values: ParameterValues) -> None:
     """k·α^stiffness_exponent, in place: k(1) is what it was."""
     pointwise.times_power(k, alpha, parameter_values[STIFFNESS_NAME])

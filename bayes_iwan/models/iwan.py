@@ -1,11 +1,11 @@
 """The generalized Iwan model: a line of stages from motion to the specimen's force.
 
-    motion → α(u, u̇) → [grip] → k(α) → [stiffness] → [slip] → sliders → + parallel spring
+    motion → α(u, u̇) → [normal_force] → k(α) → [stiffness] → [slip] → sliders → + parallel spring
 
-Each stage takes and returns arrays shaped (draws, loops, samples). The bracketed stations are empty for the paper's
-model. `grip` changes the normal force and with it the stiffness; `slip` changes what an element can carry at a given
-normal force (its coefficient of friction) and leaves k alone. Every model the paper mentions is one :class:`Model`
-away.
+Each stage takes and returns arrays shaped (draws, loops, samples). The bracketed stages are empty for the paper's
+model. `normal_force` changes the normal force and with it the stiffness; `slip` changes what an element can carry at a
+given normal force (its coefficient of friction) and leaves k alone. Every model the paper mentions is one
+:class:`Model` away.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.models import embedded_error, iwan_parameters, normal_force, slip_force, stiffness
 from bayes_iwan.models.kernels import sliders
 from bayes_iwan.models.motion import Motion
-from bayes_iwan.models.normal_force import ALPHA_FLOOR
+from bayes_iwan.models.normal_force import ALPHA_FLOOR, NormalForce
 from bayes_iwan.models.parameter import Parameter
 from bayes_iwan.models.scales import Reference, Scales
-from bayes_iwan.models.simulator import INNER, Derived, ModelError, Simulator, Station
+from bayes_iwan.models.simulator import INNER, Derived, ModelError, Modifier, Simulator
 from bayes_iwan.models.stiffness import Stiffness
 from bayes_iwan.threads import over_draws
 
@@ -37,12 +37,13 @@ class Model(Simulator):
         the campaign's scales (see :class:`bayes_iwan.models.scales.Reference`).
     slip
         "gamma1", "gamma2", "gamma3", "uniform", "gaussian" or "power_law".
-    grip
+    normal_force
         "constant" (classical Iwan), "polynomial1" … "polynomial6", "hunt_crossley_no_speed", "hunt_crossley".
     stiffness
         "constant" or "saturating" (Eq. 12).
     embedded
-        whether the model's own form may bend a little (see :mod:`bayes_iwan.models.embedded_error`).
+        whether the model error is embedded: its laws may deviate a little (see
+        :mod:`bayes_iwan.models.embedded_error`).
 
     Raises
     ------
@@ -67,16 +68,16 @@ class Model(Simulator):
 
     reference: Reference
     slip: str = "gamma3"
-    grip: str = "hunt_crossley"
+    normal_force: str = "hunt_crossley"
     stiffness: str = "saturating"
     embedded: bool = False
 
-    stations = frozenset(INNER)
+    stages = frozenset(INNER)
 
     def __post_init__(self) -> None:
         for what, name, known in (
             ("slip", self.slip, slip_force.FAMILIES),
-            ("grip", self.grip, normal_force.LAWS),
+            ("normal_force", self.normal_force, normal_force.LAWS),
             ("stiffness", self.stiffness, stiffness.LAWS),
         ):
             if name not in known:
@@ -85,18 +86,18 @@ class Model(Simulator):
     @property
     def name(self) -> str:
         """The parts in one word."""
-        return f"{self.slip}/{self.grip}/{self.stiffness}" + ("/embedded" if self.embedded else "")
+        return f"{self.slip}/{self.normal_force}/{self.stiffness}" + ("/embedded" if self.embedded else "")
 
     @property
     def slip_family(self) -> slip_force.SlipForce:
         """The distribution of slip forces."""
         family = slip_force.FAMILIES[self.slip]
-        return embedded_error.Tilted(family) if self.embedded else family
+        return embedded_error.DeviatingSlipForce(family) if self.embedded else family
 
     @property
-    def grip_law(self) -> normal_force.NormalForce:
+    def normal_force_law(self) -> NormalForce:
         """The law of the relative normal force α."""
-        return normal_force.LAWS[self.grip]
+        return normal_force.LAWS[self.normal_force]
 
     @property
     def stiffness_law(self) -> Stiffness:
@@ -105,8 +106,9 @@ class Model(Simulator):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Numbers that `force` reads: parallel spring, then stiffness, slip forces, grip, bends."""
-        laws = (self.stiffness_law, self.slip_family, self.grip_law)
+        """Numbers that `force` reads: parallel spring, then stiffness, slip forces, normal force, embedded model
+        error."""
+        laws = (self.stiffness_law, self.slip_family, self.normal_force_law)
         return (
             "kp_N_mm",
             *(name for law in laws for name in law.names),
@@ -133,27 +135,27 @@ class Model(Simulator):
     def derived(self, parameter_values: ParameterValues) -> dict[str, Derived]:
         return self.paper_values(parameter_values)
 
-    def alpha(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()) -> Array:
-        """Relative normal force with the grip effects, (draws, loops, samples)."""
-        alpha = self.grip_law.alpha(parameter_values, motion, self.reference, len(parameter_values["kp_N_mm"]))
+    def alpha(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()) -> Array:
+        """Relative normal force with the normal-force effects, (draws, loops, samples)."""
+        alpha = self.normal_force_law.alpha(parameter_values, motion, self.reference, len(parameter_values["kp_N_mm"]))
         if self.embedded:
-            embedded_error.bend_normal_force(alpha, motion, parameter_values)
+            embedded_error.deviate_normal_force(alpha, motion, parameter_values)
         for effect in effects:
-            alpha = effect.grip(alpha, motion, parameter_values)
+            alpha = effect.normal_force(alpha, motion, parameter_values)
         return np.maximum(alpha, ALPHA_FLOOR) if effects else alpha
 
     def friction_force(
-        self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()
+        self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()
     ) -> Array:
         """Friction force of the elements in N, (draws, loops, samples), of a specimen moved exactly so."""
         return self._sum(parameter_values, motion, np.zeros(len(parameter_values["kp_N_mm"])), effects)
 
-    def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+    def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()) -> Array:
         """Friction, Eq. (3), and parallel spring, N, (draws, loops, samples)."""
         return self._sum(parameter_values, motion, parameter_values["kp_N_mm"], effects)
 
     def _sum(
-        self, parameter_values: ParameterValues, motion: Motion, parallel: Array, effects: Sequence[Station]
+        self, parameter_values: ParameterValues, motion: Motion, parallel: Array, effects: Sequence[Modifier]
     ) -> Array:
         """Friction + parallel·u, parallel (draws,) in N/mm.
 
@@ -167,7 +169,7 @@ class Model(Simulator):
             alpha = np.ascontiguousarray(self.alpha(some, moved, effects))
             k = self.stiffness_law.k(some, alpha)
             if self.embedded:
-                embedded_error.bend_stiffness(k, alpha, some)
+                embedded_error.deviate_stiffness(k, alpha, some)
             for effect in effects:
                 k = effect.stiffness(k, alpha, moved, some)
             k = np.ascontiguousarray(k)

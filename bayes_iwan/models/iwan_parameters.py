@@ -23,9 +23,9 @@ from bayes_iwan.models.simulator import force_zero
 if TYPE_CHECKING:
     from bayes_iwan.models.iwan import Model
 
-#: prior standard deviations of the embedded bends: of the first tilt of the slip forces' density (the k-th is a k-th
-#: of it), of the exponent in k(α), of the corner in α
-TILT_SD, EXPONENT_SD, CORNER_SD = 0.3, 0.1, 0.05
+#: prior standard deviations of the embedded model error: of the first deviation of the slip forces' density (the k-th
+#: is a k-th of it), of the exponent in k(α), of the corner in α
+SLIP_SD, EXPONENT_SD, CORNER_SD = 0.3, 0.1, 0.05
 #: scale of the t₂ priors of what changes the normal force: its median magnitude is 0.27, that of N(0, 0.4). The paper
 #: gives no scale, and by Table 1 the change grows with the amplitude (2.2 at 5 mm), so the tails are heavy
 NORMAL_FORCE_SCALE = 0.33
@@ -66,7 +66,7 @@ def _slip_parameters(family: slip_force.SlipForce, s: Scales) -> list[Parameter]
             for i in range(1, n)
         ]
         # the last component carries the upper end of the slip forces: where it may not end steeply, elements that never
-        # slip stand in for a part of kp (with η ≤ 16 kp was off by three times as much on the virtual rig, too small in
+        # slip take a part of kp (with η ≤ 16 kp was off by three times as much on the virtual rig, too small in
         # four of five specimens). Much narrower than a sixth of the mean (η = 40) a component is a single slider, which
         # follows the noise of one loop
         out += [
@@ -140,16 +140,16 @@ def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
             )
         )
     out += _slip_parameters(slip_force.FAMILIES[model.slip], s)
-    for name in model.grip_law.names:
+    for name in model.normal_force_law.names:
         if name == "beta":
             out.append(
                 Parameter("beta", "β", "-", "exponent of the Hunt–Crossley normal force", EXPONENT_PRIOR, 0.004, 5.0)
             )
-        elif name == "grip_slope":
+        elif name == "normal_force_slope":
             out.append(
                 Parameter(name, "k̃ₙβℓ^β", "-", "relative change of the normal force with displacement", _any_change())
             )
-        elif name == "grip_rate":
+        elif name == "normal_force_rate":
             out.append(Parameter(name, "λk̃ₙℓ^βv", "-", "relative change of the normal force with speed", _any_change()))
         else:
             out.append(Parameter(name, name, "-", f"coefficient of (u/ℓ)^{name[1:]} in α", _any_change()))
@@ -157,17 +157,19 @@ def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
 
 
 def embedded_parameters() -> tuple[Parameter, ...]:
-    """How far the model's own form may bend: narrow, and centred on no bend."""
-    tilts = (
-        Parameter(name, f"c{k}", "-", f"bend {k} of the slip forces' density", stats.norm(scale=TILT_SD / k))
-        for k, name in enumerate(embedded_error.TILT_NAMES, start=1)
+    """The embedded model error: how far the model's laws may deviate. Narrow, and centred on zero."""
+    slip = (
+        Parameter(name, f"c{k}", "-", f"deviation {k} of the slip forces' density", stats.norm(scale=SLIP_SD / k))
+        for k, name in enumerate(embedded_error.SLIP_NAMES, start=1)
     )
     return (
-        *tilts,
+        *slip,
         Parameter(
             embedded_error.STIFFNESS_NAME, "q", "-", "exponent of α that multiplies k(α)", stats.norm(scale=EXPONENT_SD)
         ),
-        Parameter(embedded_error.CORNER_NAME, "c0", "-", "bend of α at its corner, u = A", stats.norm(scale=CORNER_SD)),
+        Parameter(
+            embedded_error.CORNER_NAME, "c0", "-", "deviation of α at its corner, u = A", stats.norm(scale=CORNER_SD)
+        ),
     )
 
 
@@ -176,16 +178,16 @@ def model_values(model: Model, values: Mapping[str, Array]) -> ParameterValues:
     v = values
     out = {name: v[name] for name in v if name not in ("elasticity",)}
     if model.stiffness == "saturating":
-        out["stiffness_bend"] = stiffness.bend_of_elasticity(v["elasticity"])
+        out["stiffness_ratio"] = stiffness.ratio_of_elasticity(v["elasticity"])
     family = slip_force.FAMILIES[model.slip]
     if isinstance(family, slip_force.Gammas):
         n = family.components
-        rest = np.ones_like(v["mean_slip_force_N"])
-        ratio = np.ones_like(rest)
+        remaining = np.ones_like(v["mean_slip_force_N"])
+        ratio = np.ones_like(remaining)
         weights, ratios = [], []
         for i in range(1, n + 1):
-            weight = rest * v[f"share_{i}"] if i < n else rest
-            rest = rest - weight
+            weight = remaining * v[f"share_{i}"] if i < n else remaining
+            remaining = remaining - weight
             ratio = ratio * v[f"slip_ratio_{i}{i - 1}"] if i > 1 else ratio
             weights.append(weight)
             ratios.append(ratio)
@@ -202,7 +204,7 @@ def sampled_values(model: Model, parameter_values: Mapping[str, Array]) -> Param
     """The inverse of :func:`model_values`; gamma components are put in order of their means."""
     out = dict(parameter_values)
     if model.stiffness == "saturating":
-        out["elasticity"] = stiffness.elasticity(parameter_values["stiffness_bend"])
+        out["elasticity"] = stiffness.elasticity(parameter_values["stiffness_ratio"])
     family = slip_force.FAMILIES[model.slip]
     if isinstance(family, slip_force.Gammas):
         each = range(1, family.components + 1)
@@ -212,15 +214,15 @@ def sampled_values(model: Model, parameter_values: Mapping[str, Array]) -> Param
         )
         order = np.argsort(t * eta, axis=1)
         t, eta, g = (np.take_along_axis(a, order, axis=1) for a in (t, eta, g))
-        means, rest = t * eta, np.ones(len(t))
+        means, remaining = t * eta, np.ones(len(t))
         out["mean_slip_force_N"] = np.sum(g * means, axis=1)
         for i in each:
             out[f"eta{i}"] = eta[:, i - 1]
             if i > 1:
                 out[f"slip_ratio_{i}{i - 1}"] = means[:, i - 1] / means[:, i - 2]
             if i < family.components:
-                out[f"share_{i}"] = g[:, i - 1] / rest
-                rest = rest - g[:, i - 1]
+                out[f"share_{i}"] = g[:, i - 1] / remaining
+                remaining = remaining - g[:, i - 1]
     elif family.name == "uniform":
         out["mean_slip_force_N"] = parameter_values["slip_mean_N"]
     return out
@@ -231,10 +233,10 @@ def paper_values(model: Model, parameter_values: Mapping[str, Array]) -> Paramet
     out = {"kp_N_mm": parameter_values["kp_N_mm"]}
     out |= stiffness.paper_stiffness(parameter_values) if model.stiffness == "saturating" else {}
     out |= {name: parameter_values[name] for name in model.slip_family.names}
-    if "beta" in model.grip_law.names:
+    if "beta" in model.normal_force_law.names:
         out |= normal_force.paper_hunt_crossley(parameter_values, model.reference)
     else:
-        out |= {name: parameter_values[name] for name in model.grip_law.names}
+        out |= {name: parameter_values[name] for name in model.normal_force_law.names}
     return out
 
 

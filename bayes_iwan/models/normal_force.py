@@ -71,8 +71,8 @@ class HuntCrossley:
 
         α = 1 + slope·((y/ℓ)^β − (A/ℓ)^β)/β + rate·(y/ℓ)^β |u̇|/v,
 
-    grip_slope = k̃ₙβℓ^β, grip_rate = λk̃ₙℓ^β v with the reference length ℓ and speed v. `speed=False` leaves the
-    last term out. sign(A − u) of Eq. (11) is +1 by the floor on y (`models.motion.Y_FLOOR`).
+    normal_force_slope = k̃ₙβℓ^β, normal_force_rate = λk̃ₙℓ^β v with the reference length ℓ and speed v. `speed=False`
+    leaves the last term out. sign(A − u) of Eq. (11) is +1 by the floor on y (`models.motion.Y_FLOOR`).
     """
 
     speed: bool = True
@@ -83,18 +83,18 @@ class HuntCrossley:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return ("grip_slope", "grip_rate", "beta") if self.speed else ("grip_slope", "beta")
+        return ("normal_force_slope", "normal_force_rate", "beta") if self.speed else ("normal_force_slope", "beta")
 
     def alpha(self, parameter_values: ParameterValues, motion: Motion, reference: Reference, draws: int) -> Array:
         out = np.empty((draws, motion.loops, motion.samples))
         zero = math.log(reference.length_mm)
-        rate = parameter_values["grip_rate"] / reference.speed_m_s if self.speed else np.zeros(draws)
+        rate = parameter_values["normal_force_rate"] / reference.speed_m_s if self.speed else np.zeros(draws)
         pointwise.hunt_crossley(
             motion.log_penetration,
             np.log(motion.amplitude_mm),
             zero,
             motion.speed_m_s,
-            parameter_values["grip_slope"],
+            parameter_values["normal_force_slope"],
             rate,
             parameter_values["beta"],
             ALPHA_FLOOR,
@@ -104,21 +104,21 @@ class HuntCrossley:
 
 
 def paper_hunt_crossley(parameter_values: ParameterValues, reference: Reference) -> dict[str, Array]:
-    """The paper's k̃ₙ (mm^−β), λ (s/m) from grip_slope, grip_rate and β. λ is NaN where k̃ₙ = 0."""
-    slope, beta = parameter_values["grip_slope"], parameter_values["beta"]
+    """The paper's k̃ₙ (mm^−β), λ (s/m) from normal_force_slope, normal_force_rate and β. λ is NaN where k̃ₙ = 0."""
+    slope, beta = parameter_values["normal_force_slope"], parameter_values["beta"]
     out = {"kn_1_mm": slope / (beta * reference.length_mm**beta), "beta": beta}
-    if "grip_rate" in parameter_values:
+    if "normal_force_rate" in parameter_values:
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = parameter_values["grip_rate"] * beta / (slope * reference.speed_m_s)
+            ratio = parameter_values["normal_force_rate"] * beta / (slope * reference.speed_m_s)
         out["lambda_s_m"] = np.where(slope != 0, ratio, np.nan)
     return out
 
 
 def from_paper_hunt_crossley(kn, lam, beta, reference: Reference) -> dict[str, Array]:
-    """grip_slope, grip_rate, beta from the paper's k̃ₙ, λ (s/m), β."""
+    """normal_force_slope, normal_force_rate, beta from the paper's k̃ₙ, λ (s/m), β."""
     kn, lam, beta = (np.atleast_1d(np.asarray(x, float)) for x in (kn, lam, beta))
     scaled = kn * reference.length_mm**beta
-    return {"grip_slope": scaled * beta, "grip_rate": lam * scaled * reference.speed_m_s, "beta": beta}
+    return {"normal_force_slope": scaled * beta, "normal_force_rate": lam * scaled * reference.speed_m_s, "beta": beta}
 
 
 _ALL: tuple[NormalForce, ...] = (

@@ -23,7 +23,7 @@ Z_LIMIT = 8.0
 
 
 class ParameterError(ValueError):
-    """A parameter, prior or tie that makes no sense; the message names the parameter and the mend."""
+    """A parameter, prior or tie that makes no sense; the message names the parameter and the fix."""
 
 
 class _Family(Protocol):

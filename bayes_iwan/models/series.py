@@ -1,8 +1,8 @@
-"""Bends of the model's own functions: any base keeps its shape, and is bent smoothly where the data ask for it.
+"""Deviations of the model's functions: a base function times the exponential of a short series.
 
 Three functions of the Iwan model are assumptions of form: the slip forces are a gamma mixture (Eq. 10), the stiffness
-follows the normal force by Eq. (12), the normal force follows the motion by Eq. (11). Each bend here multiplies one of
-them by the exponential of a short series, so it is positive whatever the coefficients and nothing at zero.
+follows the normal force by Eq. (12), the normal force follows the motion by Eq. (11). Each deviation here multiplies
+one of them. The product is positive whatever the coefficients, and the base function where all of them are zero.
 
 Slip forces: their density is multiplied by exp(Σ c_k π_k(p)) / Z, where p = F(φ) is the share of elements that slip
 earlier and π_k the orthonormal Legendre polynomials on [0, 1]: Neyman's smooth alternatives (Skandinavisk
@@ -24,23 +24,23 @@ from bayes_iwan.models.kernels.sliders import OCTAVES
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
-#: cells of p on which the tilted distribution function is tabulated, and the cubics' error: below 1e-7 for |c| ≤ 1
+#: cells of p on which the deviating distribution function is tabulated, and the cubics' error: below 1e-7 for |c| ≤ 1
 _P_CELLS = 32
 _GAUSS, _WEIGHTS = legendre.leggauss(3)
 
 
-def tilt_basis(order: int, p: Array) -> Array:
+def deviation_basis(order: int, p: Array) -> Array:
     """(order, …) orthonormal Legendre polynomials π_1 … π_order on [0, 1] at p (…): mean 0 and mean square 1."""
     x = 2.0 * np.asarray(p, float) - 1.0
     return np.stack([math.sqrt(2 * k + 1.0) * legendre.Legendre.basis(k)(x) for k in range(1, order + 1)])
 
 
-def tilt(coefficients: Array, p: Array) -> Array:
+def density_ratio(coefficients: Array, p: Array) -> Array:
     """(draws, …) by how much the slip-force density grows at quantile p (…); coefficients (draws, order)."""
     order = coefficients.shape[1]
     x, weight = legendre.leggauss(64)
-    whole = 0.5 * np.exp(coefficients @ tilt_basis(order, 0.5 + 0.5 * x)) @ weight
-    grown = np.exp(np.tensordot(coefficients, tilt_basis(order, p), axes=1))
+    whole = 0.5 * np.exp(coefficients @ deviation_basis(order, 0.5 + 0.5 * x)) @ weight
+    grown = np.exp(np.tensordot(coefficients, deviation_basis(order, p), axes=1))
     return grown / whole.reshape(-1, *([1] * np.ndim(p)))
 
 
@@ -49,7 +49,7 @@ def _cells_basis(order: int) -> tuple[Array, Array]:
     """The basis at the Gauss points of all cells of p, (order, 3 cells), and at their ends, (order, cells + 1)."""
     ends = np.linspace(0.0, 1.0, _P_CELLS + 1)
     inside = (ends[:-1, None] + 0.5 * (1.0 + _GAUSS) / _P_CELLS).ravel()
-    return tilt_basis(order, inside), tilt_basis(order, ends)
+    return deviation_basis(order, inside), deviation_basis(order, ends)
 
 
 def _distribution(coefficients: Array) -> tuple[Array, Array]:
@@ -63,9 +63,9 @@ def _distribution(coefficients: Array) -> tuple[Array, Array]:
 
 
 @_jit
-def _tilt_tables(tables, top, width, value, slope, tilted, same_mean, out, stretch):
-    """Tilted tables into out: the tilted survival at the cells' ends and middles, integrated by Simpson's rule. If
-    same_mean they are stretched to the mean that they had, by a factor (draws,) that is left in stretch.
+def _deviating_tables(tables, top, width, value, slope, deviates, same_mean, out, stretch):
+    """Deviating tables into out: the deviating survival at the cells' ends and middles, integrated by Simpson's rule.
+    If same_mean they are stretched to the mean that they had, by a factor (draws,) that is left in stretch.
 
     The share of elements beyond the quantile p is read from Hermite cubics over equal cells of p. Where each place lies
     among them is worked out in vectors; reading cannot be.
@@ -76,7 +76,7 @@ def _tilt_tables(tables, top, width, value, slope, tilted, same_mean, out, stret
     cell, place, above = np.empty(2 * cells, np.uint64), np.empty(2 * cells), np.empty(2 * cells)
     for d in range(draws):
         stretch[d] = 1.0
-        if not tilted[d]:
+        if not deviates[d]:
             out[d] = tables[d]
             continue
         for i in range(parts):
@@ -98,7 +98,7 @@ def _tilt_tables(tables, top, width, value, slope, tilted, same_mean, out, stret
         for j in range(2 * cells):
             i, w = cell[j], place[j]
             above[j] = cubic[i, 0] + w * (cubic[i, 1] + w * (cubic[i, 2] + w * cubic[i, 3]))
-        # below the table's lowest node nearly all elements hold, whatever the tilt
+        # below the table's lowest node nearly all elements hold, whatever the deviation
         held = tables[d, 0, 1] / (width[0] * top[d])
         at = min(max((1.0 - held) * parts, 0.0), most)
         i, w = int(at), at - math.floor(at)
@@ -127,41 +127,42 @@ def cell_width(cells: int) -> Array:
     return np.repeat(np.ldexp(1.0, np.arange(OCTAVES) - OCTAVES), cells // OCTAVES) / (cells // OCTAVES)
 
 
-def tilted(tables: Array, top: Array, coefficients: Array) -> Array:
+def deviating(tables: Array, top: Array, coefficients: Array) -> Array:
     """A slip-force table whose density is multiplied by exp(Σ c_k π_k(F)) / Z.
 
-    tables : (draws, cells, 4), top : (draws,) N, from a slip-force family's `table`; the tilted table has the same top.
+    tables : (draws, cells, 4), top : (draws,) N, from a slip-force family's `table`; the deviating table has the same
+    top.
     coefficients : (draws, order), dimensionless; a draw with all of them zero keeps its table bit for bit. Order 1
         moves the mean, order 2 the spread; size 0.3 changes the density by about that share.
     """
-    return _tilt(tables, top, coefficients, False)[0]
+    return _deviating(tables, top, coefficients, False)[0]
 
 
-def tilted_to_mean(tables: Array, top: Array, coefficients: Array) -> tuple[Array, Array]:
+def deviating_to_mean(tables: Array, top: Array, coefficients: Array) -> tuple[Array, Array]:
     """The same, with slip forces then stretched to the mean that they had: table and top."""
-    out, stretch = _tilt(tables, top, coefficients, True)
+    out, stretch = _deviating(tables, top, coefficients, True)
     return out, top * stretch
 
 
-def _tilt(tables: Array, top: Array, coefficients: Array, same_mean: bool) -> tuple[Array, Array]:
-    """The tilted table, and what it was stretched by (draws,)."""
+def _deviating(tables: Array, top: Array, coefficients: Array, same_mean: bool) -> tuple[Array, Array]:
+    """The deviating table, and what it was stretched by (draws,)."""
     out, stretch = np.empty_like(tables), np.empty(len(tables))
     value, slope = _distribution(coefficients)
-    width, bent = cell_width(tables.shape[1]), np.any(coefficients != 0.0, axis=1)
-    _tilt_tables(tables, top, width, value, slope, bent, same_mean, out, stretch)
+    width, deviates = cell_width(tables.shape[1]), np.any(coefficients != 0.0, axis=1)
+    _deviating_tables(tables, top, width, value, slope, deviates, same_mean, out, stretch)
     return out, stretch
 
 
-def bent_stiffness(k: Array, alpha: Array, exponent: Array, bend: Array) -> Array:
+def deviating_stiffness(k: Array, alpha: Array, exponent: Array, growth: Array) -> Array:
     """k(α)·exp(a ln α + ½ b ln²α), N/mm: at rest (α = 1) k is what it was; d ln k / d ln α grows by a + b ln α.
 
-    k, alpha : (draws, loops, samples); exponent a, bend b : (draws, 1, 1).
+    k, alpha : (draws, loops, samples); exponent a, growth b : (draws, 1, 1).
     """
     x = np.log(alpha)
-    return k * np.exp(x * (exponent + 0.5 * bend * x))
+    return k * np.exp(x * (exponent + 0.5 * growth * x))
 
 
-def bent_normal_force(alpha: Array, basis: Array, coefficients: Array) -> Array:
+def deviating_normal_force(alpha: Array, basis: Array, coefficients: Array) -> Array:
     """α·exp(Σ c_i b_i(u, u̇)); alpha (draws, loops, samples), basis (terms, 1 or draws, loops, samples),
     coefficients (draws, terms)."""
     exponent = np.zeros(alpha.shape)

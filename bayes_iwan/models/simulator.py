@@ -1,10 +1,10 @@
-"""What is fitted, and the line of stations along which effects act on it.
+"""What is fitted, and the line of stages along which effects act on it.
 
-    motion → [motion] → [around] → simulator, with [grip], [stiffness], [slip] … where it offers them
+    motion → [motion] → [around] → simulator, with [normal_force], [stiffness], [slip] … where it offers them
     → + force zero → [force] → F
 
 A simulator is whatever has parameters for given scales and turns parameter values and a motion into a force. Effects
-sit at the bracketed stations; the outer ones apply to any simulator, the inner ones to those that offer them.
+sit at the bracketed stages; the outer ones apply to any simulator, the inner ones to those that offer them.
 """
 
 from __future__ import annotations
@@ -12,44 +12,45 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy import stats
 
+from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.models.distinct import for_distinct
 from bayes_iwan.models.motion import Motion
 from bayes_iwan.models.parameter import Parameter
 from bayes_iwan.models.scales import Scales
 
-#: stations that every simulator has, in the order of the signal, and those inside it that it may offer
+#: stages that every simulator has, in the order of the signal, and those inside it that it may offer
 OUTER = ("motion", "around", "force")
-INNER = ("grip", "stiffness", "slip", "asymmetry", "slip_table")
+INNER = ("normal_force", "stiffness", "slip", "asymmetry", "slip_table")
 #: the zero of the force channel, N: added to what the simulator says if it is among the parameters
 FORCE_ZERO = "force_zero_N"
 
 
 class ModelError(ValueError):
-    """A simulator that cannot be built or used; the message names what and the mend."""
+    """A simulator that cannot be built or used; the message names what and the fix."""
 
 
-class Station(Protocol):
-    """What the line asks of an effect: any of these may change what passes its station."""
+class Modifier(Protocol):
+    """What the line asks of an effect: any of these may change what passes its stage."""
 
     @property
     def name(self) -> str: ...
 
     @property
-    def stations(self) -> frozenset[str]:
-        """The stations at which it acts."""
+    def stages(self) -> frozenset[str]:
+        """The stages at which it acts."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]: ...
 
     def motion(self, motion: Motion, parameter_values: ParameterValues) -> Motion: ...
 
-    def grip(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array: ...
+    def normal_force(self, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array: ...
 
     def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array: ...
 
@@ -77,15 +78,15 @@ class Simulator(ABC):
 
     Attributes
     ----------
-    stations
-        the inner stations ("grip", "stiffness", "slip", "asymmetry", "slip_table") that `force` honours in the effects
-        it is handed; none unless said.
+    stages
+        the inner stages ("normal_force", "stiffness", "slip", "asymmetry", "slip_table") that `force` honours in the
+        effects it is handed; none unless said.
 
     Raises
     ------
     ModelError
         from `force`, where it cannot be used for that motion; from :func:`bayes_iwan.make_problem`, for an effect at a
-        station that it does not offer.
+        stage that it does not offer.
 
     Examples
     --------
@@ -103,7 +104,13 @@ class Simulator(ABC):
     3.5
     """
 
-    stations: frozenset[str] = frozenset()
+    stages: frozenset[str] = frozenset()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for name in former_names.SIMULATOR_MEMBERS:
+            if name in vars(cls):
+                raise ModelError(f"{cls.__name__}.{name} {former_names.renamed(name, former_names.SIMULATOR_MEMBERS)}")
 
     @property
     @abstractmethod
@@ -119,15 +126,15 @@ class Simulator(ABC):
         return values
 
     @abstractmethod
-    def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()) -> Array:
+    def force(self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()) -> Array:
         """Force of the specimen, N, shaped (draws, loops, samples), without the zero of the force channel.
 
         A periodic motion asks for steady loops, a record for the force from rest. NaN where there is none.
-        effects : those that act at the stations offered.
+        effects : those that act at the stages offered.
         """
 
     def friction_force(
-        self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Station] = ()
+        self, parameter_values: ParameterValues, motion: Motion, effects: Sequence[Modifier] = ()
     ) -> Array:
         """The part of the force that friction makes, N, (draws, loops, samples): shares of the gap refer to it.
 
@@ -138,7 +145,7 @@ class Simulator(ABC):
 
     def spring_N_mm(self, parameter_values: ParameterValues) -> Array | None:
         """(draws,) stiffness of the spring beside the friction, which friction loops are drawn without; None where
-        there is no such number: the straight line that fits each loop best stands in for it.
+        there is no such number: the straight line that fits each loop best is taken.
         """
         return parameter_values.get("kp_N_mm")
 
@@ -159,18 +166,18 @@ def force_zero(scales: Scales) -> Parameter:
     return Parameter(FORCE_ZERO, "F₀", "N", "zero of the force channel", stats.t(df=2, scale=0.003 * scales.force_N))
 
 
-def inner_effects(effects: Sequence[Station]) -> tuple[Station, ...]:
+def inner_effects(effects: Sequence[Modifier]) -> tuple[Modifier, ...]:
     """Those that act inside the simulator."""
-    return tuple(e for e in effects if not e.stations.isdisjoint(INNER))
+    return tuple(e for e in effects if not e.stages.isdisjoint(INNER))
 
 
-def offered(stations: frozenset[str], simulator: Simulator) -> bool:
-    """Does the simulator have the stations at which an effect acts?"""
-    return stations <= simulator.stations.union(OUTER)
+def offered(stages: frozenset[str], simulator: Simulator) -> bool:
+    """Does the simulator have the stages at which an effect acts?"""
+    return stages <= simulator.stages.union(OUTER)
 
 
 def recorded_force(
-    simulator: Simulator, effects: Sequence[Station], parameter_values: ParameterValues, motion: Motion
+    simulator: Simulator, effects: Sequence[Modifier], parameter_values: ParameterValues, motion: Motion
 ) -> Array:
     """The force that the cell records, N, (draws, loops, samples), with all effects and the force zero."""
     inside = inner_effects(effects)
@@ -186,7 +193,7 @@ def recorded_force(
 
     inner: Callable[[Motion], Array] = specimen
     for effect in effects:  # effects in series with the specimen need the force back
-        if "around" in effect.stations:
+        if "around" in effect.stages:
             inner = _around(effect, inner, parameter_values)
     out = inner(motion)
     if FORCE_ZERO in parameter_values:
@@ -197,6 +204,6 @@ def recorded_force(
 
 
 def _around(
-    effect: Station, inner: Callable[[Motion], Array], parameter_values: ParameterValues
+    effect: Modifier, inner: Callable[[Motion], Array], parameter_values: ParameterValues
 ) -> Callable[[Motion], Array]:
     return lambda motion: effect.around(inner, motion, parameter_values)

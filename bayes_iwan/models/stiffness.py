@@ -37,36 +37,36 @@ class ConstantStiffness:
 
 @dataclass(frozen=True)
 class Saturating:
-    """Eq. (12), k = k_u(1 − exp(−k_i α/k_u)), by k1 = k(1) and stiffness_bend z = k_i/k_u > 0."""
+    """Eq. (12), k = k_u(1 − exp(−k_i α/k_u)), by k1 = k(1) and stiffness_ratio z = k_i/k_u > 0."""
 
     name = "saturating"
-    names = ("k1_N_mm", "stiffness_bend")
+    names = ("k1_N_mm", "stiffness_ratio")
 
     def k(self, parameter_values: ParameterValues, alpha: Array) -> Array:
         out = np.empty_like(alpha)
-        bend = parameter_values["stiffness_bend"]
-        pointwise.saturating(alpha, parameter_values["k1_N_mm"] / -np.expm1(-bend), bend, out)
+        ratio = parameter_values["stiffness_ratio"]
+        pointwise.saturating(alpha, parameter_values["k1_N_mm"] / -np.expm1(-ratio), ratio, out)
         return out
 
 
 def paper_stiffness(parameter_values: ParameterValues) -> dict[str, Array]:
     """The paper's k_i and k_u (N/mm) from k1 and z."""
-    final = parameter_values["k1_N_mm"] / -np.expm1(-parameter_values["stiffness_bend"])
-    return {"ki_N_mm": final * parameter_values["stiffness_bend"], "ku_N_mm": final}
+    final = parameter_values["k1_N_mm"] / -np.expm1(-parameter_values["stiffness_ratio"])
+    return {"ki_N_mm": final * parameter_values["stiffness_ratio"], "ku_N_mm": final}
 
 
 def from_paper_stiffness(ki, ku) -> dict[str, Array]:
     """k1 and z from the paper's k_i and k_u (N/mm)."""
     ki, ku = (np.atleast_1d(np.asarray(x, float)) for x in (ki, ku))
-    return {"k1_N_mm": -ku * np.expm1(-ki / ku), "stiffness_bend": ki / ku}
+    return {"k1_N_mm": -ku * np.expm1(-ki / ku), "stiffness_ratio": ki / ku}
 
 
-def elasticity(bend: Array) -> Array:
+def elasticity(ratio: Array) -> Array:
     """d ln k / d ln α at α = 1, in (0, 1): z/(e^z − 1). Unlike z it is what loops determine."""
-    return bend / np.expm1(bend)
+    return ratio / np.expm1(ratio)
 
 
-def bend_of_elasticity(value: Array) -> Array:
+def ratio_of_elasticity(value: Array) -> Array:
     """The inverse of :func:`elasticity`; value in (0, 1)."""
     out = np.empty_like(value)
     pointwise.solve_elasticity(np.ascontiguousarray(value), out)

@@ -21,7 +21,7 @@ _NAMED = "bayes_iwan_user_"
 
 
 def classes_in(path: str | os.PathLike[str], base: type[T], error: type[ValueError]) -> tuple[type[T], ...]:
-    """The subclasses of `base` that a Python file defines. Raises `error` naming the file and the mend."""
+    """The subclasses of `base` that a Python file defines. Raises `error` naming the file and the fix."""
     path = Path(path)
     if not path.is_file():
         raise error(f"{path}: no such file")
@@ -77,7 +77,7 @@ def _with_files(paths: tuple[tuple[str, Path], ...]) -> UserFiles:
 def load_simulator(path: str | os.PathLike[str]) -> Simulator:
     """The simulator that a user's Python file defines: its one class that can be made without arguments.
 
-    Raises ModelError naming the file and the mend.
+    Raises ModelError naming the file and the fix.
     """
     defined = classes_in(path, Simulator, ModelError)  # type: ignore[type-abstract]
     found = [c for c in defined if not c.__name__.startswith("_")]

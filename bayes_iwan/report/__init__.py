@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bayes_iwan.report.identification.checks import regions_figure as regions_figure
     from bayes_iwan.report.identification.identification_page import identification_report as identification_report
     from bayes_iwan.report.identification.identification_page import report_run as report_run
-    from bayes_iwan.report.identification.law_figures import grip_figure as grip_figure
+    from bayes_iwan.report.identification.law_figures import normal_force_figure as normal_force_figure
     from bayes_iwan.report.identification.law_figures import slip_density_figure as slip_density_figure
     from bayes_iwan.report.identification.law_figures import stiffness_figure as stiffness_figure
     from bayes_iwan.report.identification.loops import frequencies_figure as frequencies_figure
@@ -43,7 +43,7 @@ _FROM = {
     "diagnosis.files": ("headline_of", "write_diagnosis", "write_found"),
     "identification.checks": ("loo_pit", "loo_pit_figure", "region_checks", "regions_figure"),
     "identification.frequencies": ("wander_figure",),
-    "identification.laws": ("grip_figure", "slip_density_figure", "stiffness_figure"),
+    "identification.laws": ("normal_force_figure", "slip_density_figure", "stiffness_figure"),
     "identification.loops": ("frequencies_figure", "loops_figure", "paper_fig3", "residuals_figure"),
     "identification.marginals": ("corner_figure", "identifiable_corner", "paper_corner", "prior_posterior_figure"),
     "identification.page": ("identification_report", "report_run"),

@@ -1,4 +1,4 @@
-"""How to cite the package and what it rests on."""
+"""How to cite the package and what it is built on."""
 
 from __future__ import annotations
 

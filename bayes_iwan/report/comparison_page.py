@@ -55,7 +55,7 @@ def ranking_figure(comparison: Comparison) -> Figure:
 
 @styled
 def tests_figure(comparison: Comparison) -> Figure:
-    """Where families gain and lose: log predictive density of each test when it is left out, less the best family's."""
+    """Where families gain and lose: log predictive density of each test when it is held out, less the best family's."""
     entries = [e for e in comparison.entries if e.tests is not None]
     best = entries[0]
     files = [x.file.removesuffix(".gz").removesuffix(".csv") for x in best.posterior.problem.loops]
@@ -109,7 +109,7 @@ def comparison_table(comparison: Comparison) -> Table:
         "difference_se",
         "elpd_loo",
         "loo_pareto_k_holds",
-        "elpd_tests_left_out",
+        "elpd_held_out_tests",
         "residual_share",
         "parameters",
         "seconds",
@@ -127,7 +127,7 @@ def comparison_table(comparison: Comparison) -> Table:
             r.difference_se,
             r.loo,
             r.loo_holds,
-            r.left_out,
+            r.held_out,
             r.residual_share,
             r.parameters,
             r.seconds,
@@ -141,23 +141,23 @@ def comparison_table(comparison: Comparison) -> Table:
 #: standard errors of a difference, and the difference itself, below which nothing is decided
 DECIDES, LEAST = 2.0, 4.0
 _WORDS = (
-    ("density", "expected log predictive density: how probable data that were left out are to the fitted family, in "
+    ("density", "expected log predictive density: how probable data that were held out are to the fitted family, in "
      "nats (natural logarithm); larger is better", ""),
     ("SE", "standard error", ""),
-    ("LOO", "leave-one-out: a single datum left out at a time", ""),
+    ("LOO", "leave-one-out: a single datum held out at a time", ""),
     ("k", "Pareto shape of the weights behind LOO; above 0.7 it is not to be trusted", ""),
     ("residual", "measured − predicted force, RMS, as a share of the RMS friction force", "%"),
 )  # fmt: skip
 
 
 def _answer(section: Section, comparison: Comparison) -> None:
-    """Which family predicts best, which cannot be told from it, and what the words mean."""
+    """Which family predicts best, which are tied with it, and what the words mean."""
     rows = comparison.rows()
     best, *others = rows
     tied = [r.label for r in others if abs(r.difference) < max(DECIDES * r.difference_se, LEAST)]
     said = f"{best.label} predicts best and misses {100 * best.residual_share:.2g} % of the friction force."
     if tied:
-        said += f" Not to be told from it by these tests: {', '.join(tied)}."
+        said += f" Tied with it on these tests: {', '.join(tied)}."
     elif others:
         said += f" Every other one predicts worse, the next ({others[0].label}) by {-others[0].difference:.0f} nats."
     found = [(said, True, "")]
@@ -191,9 +191,9 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
     rows = comparison.rows()
     section = page.section("Ranking")
     how = (
-        "one datum at a time left out (ArviZ PSIS-LOO; its Pareto k hold for every family)"
+        "one datum at a time held out (ArviZ PSIS-LOO; its Pareto k hold for every family)"
         if comparison.by == "loo"
-        else "whole tests left out, parameters learnt from the others alone (the Pareto k of leaving out single "
+        else "whole tests held out, parameters learnt from the others alone (the Pareto k of leaving out single "
         "data do not hold for every family, or tests were asked for)"
     )
     section.text(
@@ -210,7 +210,7 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
             "difference",
             "± SE",
             "LOO by datum",
-            "tests left out",
+            "held-out tests",
             "residual / friction",
             "parameters",
             "time (s)",
@@ -221,7 +221,7 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
                 r.label,
                 *((signed(r.difference), f"{r.difference_se:.1f}") if r is not rows[0] else ("0", "–")),
                 signed(r.loo) + ("" if r.loo_holds else " (k too high)"),
-                signed(r.left_out),
+                signed(r.held_out),
                 f"{100 * r.residual_share:.2g} %",
                 r.parameters,
                 f"{r.seconds:.0f}",
@@ -237,7 +237,7 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
             "some units larger than the standard error says."
         )
     section.text(
-        "Density and residual need not rank alike. Each family carries a smooth misfit of its own size and "
+        "Density and residual need not rank alike. Each family carries a smooth discrepancy of its own size and "
         "length, learnt from the tests: one that is large but smooth and alike in all tests costs less "
         "than a smaller one with sharp features."
     )
@@ -250,7 +250,7 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
         section = page.section("Where families gain and lose")
         section.figure(
             tests_figure(comparison),
-            "Log predictive density of each test when it is left out, less that "
+            "Log predictive density of each test when it is held out, less that "
             "of the best family. Orange: worse, violet: better.",
             "Families by tests, differences as numbers.",
             name="tests",

@@ -1,4 +1,4 @@
-"""Loops of a diagnosed model with each named effect in it and taken out, for the loop viewer."""
+"""Loops of a diagnosed model with each named effect in it and without it, for the loop viewer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SAMPLES = 128
 def effect_sets(found: Diagnosis) -> tuple[tuple[str, ...], Array]:
     """Names of the switchable effects and the force (sets, tests, samples), N, of the fitted model with some of them.
 
-    Set i holds effect k where bit k of i is one; nothing is fitted again when one is taken out. Loops begin where the
+    Set i holds effect k where bit k of i is one; nothing is fitted again when one is removed. Loops begin where the
     averaged loops do, their means are zero.
     """
     fit = found.fit

@@ -32,7 +32,7 @@ _ENVIRONMENT = Environment(
 
 
 def template(name: str, **values: Any) -> Markup:
-    """One of the room's templates, filled in; values are escaped unless they are Markup."""
+    """One of the folder's templates, filled in; values are escaped unless they are Markup."""
     return Markup(_ENVIRONMENT.get_template(name).render(**values))
 
 

@@ -22,7 +22,7 @@ from bayes_iwan.report.batch.batch_run.specimens import Batch
 from bayes_iwan.report.comparison_page import ranking_figure
 from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
 from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figure
-from bayes_iwan.report.identification.law_figures import grip_figure, slip_density_figure, stiffness_figure
+from bayes_iwan.report.identification.law_figures import normal_force_figure, slip_density_figure, stiffness_figure
 from bayes_iwan.report.identification.loops import frequencies_figure, loops_figure, paper_fig3, residuals_figure
 from bayes_iwan.report.identification.marginals import identifiable_corner, paper_corner, prior_posterior_figure
 from bayes_iwan.report.identification.sampling import tau_figure, traces_figure
@@ -55,7 +55,7 @@ __all__ = [
 loops, residuals, frequencies = loops_figure, residuals_figure, frequencies_figure
 total_and_friction, trends = paper_fig3, trends_figure
 parameters, corner = prior_posterior_figure, identifiable_corner
-slip_forces, stiffness, normal_force = slip_density_figure, stiffness_figure, grip_figure
+slip_forces, stiffness, normal_force = slip_density_figure, stiffness_figure, normal_force_figure
 regions, loo_pit = regions_figure, loo_pit_figure
 traces, autocorrelation = traces_figure, tau_figure
 ranking = ranking_figure

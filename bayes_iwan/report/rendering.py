@@ -1,5 +1,5 @@
 """A page's figures as SVG, PNG and PDF: shared with a second process, which draws while the next ones are made; the
-rest is drawn here once all are.
+others are drawn here once all are.
 
 Drawing is pure Python and takes longer than all else that a page is made of; a second core halves it. Which process
 draws which figure depends on the figures alone, never on who is faster, so the files are the same in every run. Where
@@ -102,7 +102,7 @@ class Renderer:
     """The figures of one page.
 
     aside : share them with a second process. busy : what this process has to do while it orders, as :func:`_work` of
-    drawing: so much of it the other one begins with at once; the rest is shared out when all is ordered.
+    drawing: so much of it the other one begins with at once; the others are shared out when all is ordered.
     """
 
     def __init__(self, aside: bool = False, busy: int = 0) -> None:
@@ -175,7 +175,7 @@ class Renderer:
 
 
 def _work(figure: Figure) -> int:
-    """What a figure costs to draw, in tenths of a second or so: a panel is worth one, and every figure two besides."""
+    """What a figure costs to draw, in tenths of a second or so: a panel counts one, and every figure two besides."""
     return 2 + len(figure.axes)
 
 

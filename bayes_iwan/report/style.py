@@ -1,4 +1,4 @@
-"""How every figure looks: colours that colour-blind readers can tell apart, sizes that survive print, files."""
+"""The look of every figure: colours that colour-blind readers can tell apart, sizes that survive print, files."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def asked_width(default: float) -> float:
 def decimal_ticks(axis: Axis, low: float, high: float, most: int = 6) -> None:
     """Plain numbers on a logarithmic axis: 1, 2 and 5 times powers of ten, or these powers alone where there are many.
 
-    Matplotlib's own are formulas, dozens to a panel, each as dear to draw as the rest of it.
+    Matplotlib's own are formulas, dozens to a panel, each as dear to draw as all else.
     """
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     ticks = [float(f"{m}e{k}") for k in powers for m in (1, 2, 5)]
@@ -236,7 +236,7 @@ def band(
 def literal(figure: Figure) -> Figure:
     """The figure with every text that is no formula, though it has dollar signs, shown as it stands.
 
-    Names of tests and of their quantities come from files, and may hold what only looks like mathematics.
+    Names of tests and of their quantities come from files, and may hold what only resembles mathematics.
     """
     for text in figure.findobj(Text):
         if "$" in text.get_text() and text.get_parse_math():
@@ -279,10 +279,10 @@ def relabel(figure: Figure, units: Units) -> None:
         for axis in (axes.xaxis, axes.yaxis):  # labels of ticks are written anew at each drawing
             formatter = axis.get_major_formatter()
             if isinstance(formatter, FuncFormatter):
-                axis.set_major_formatter(partial(_told, units, formatter))
+                axis.set_major_formatter(partial(_formatted, units, formatter))
 
 
-def _told(units: Units, plain: FuncFormatter, x: float, at: int | None) -> str:
+def _formatted(units: Units, plain: FuncFormatter, x: float, at: int | None) -> str:
     return units.said(plain(x, at))
 
 

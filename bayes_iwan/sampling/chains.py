@@ -24,7 +24,7 @@ class Stop(Enum):
 
 @dataclass(frozen=True)
 class Chains:
-    """Production draws of independent ensembles, and what they are worth.
+    """Production draws of independent ensembles, and their quality.
 
     draws[e, i, w] is walker w of ensemble e after step i + 1 of production. quantities are what the caller's
     function makes of the same draws. convergence covers names + quantity_names (None if production is too short

@@ -3,7 +3,7 @@
 The file is a line that says what it is and then records, one a commit: length, SHA-256, and arrays as numpy stores
 them (no pickle). A record holds the draws since the one before and what has changed of the run's state; its checksum
 covers the record before as well, so that none can be lost or changed unnoticed. Whatever follows the last whole record
-(a kill in the middle of a write, a full disk, a damaged byte) is left out, and a run that goes on from the records
+(a kill in the middle of a write, a full disk, a damaged byte) is omitted, and a run that goes on from the records
 before draws the very same again: a run follows from its state, bit for bit.
 """
 
@@ -39,7 +39,7 @@ class CheckpointError(ValueError):
 class Snapshot:
     """What a checkpoint holds: the run's state and the draws of each stage up to it, (stored, walkers, ...).
 
-    damaged : bytes after the last whole record, which are left out.
+    damaged : bytes after the last whole record, which are omitted.
     """
 
     state: Mapping[str, NDArray]
@@ -146,8 +146,8 @@ class _Journal:
             raise CheckpointError(f"{self.path}: damaged at its start; delete it to start anew")
         n = len(self.header["names"])
 
-        def together(kind: str, stage: str, *rest: int) -> Array:
-            none = np.empty((0, self.header["walkers"][stage], *rest))
+        def together(kind: str, stage: str, *shape: int) -> Array:
+            none = np.empty((0, self.header["walkers"][stage], *shape))
             return np.concatenate([none, *self.appended.get(f"{kind}/{stage}", [])])
 
         try:

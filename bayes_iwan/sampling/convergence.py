@@ -1,4 +1,4 @@
-"""Whether ensembles of walkers have converged, and how much their draws are worth.
+"""Whether ensembles of walkers have converged, and how good their draws are.
 
 Draws are shaped (ensembles, steps, walkers) or (ensembles, steps, walkers, quantities) throughout. The walkers of
 one ensemble propose from each other and are not independent; the ensembles are. So
@@ -81,11 +81,11 @@ def convergence_of(draws: Array, names: tuple[str, ...], thin: int = 1, independ
         raise ValueError(f"draws of shape {x.shape} are not (ensembles, steps, walkers, {len(names)})")
     tau = autocorrelation_time if independent else longest_autocorrelation_time
 
-    def judged(column: Array) -> tuple[float, float, float, float]:
+    def assessed(column: Array) -> tuple[float, float, float, float]:
         ranks = rank_normalise(column) if _usable(column) else column
         return *_ranked(column, independent), ess_tail(apart(column) if independent else column), tau(ranks)
 
-    rows = np.array([*alongside(judged, [x[..., j] for j in range(x.shape[3])])]).reshape(len(names), 4)
+    rows = np.array([*alongside(assessed, [x[..., j] for j in range(x.shape[3])])]).reshape(len(names), 4)
     return Convergence(
         names=tuple(names),
         r_hat=rows[:, 0],
@@ -167,7 +167,7 @@ def rank_normalise(x: Array) -> Array:
 
 
 def _halves(x: Array) -> Array:
-    """(2·ensembles, steps // 2, walkers): each ensemble's run cut in two, an odd middle step left out."""
+    """(2·ensembles, steps // 2, walkers): each ensemble's run cut in two, an odd middle step omitted."""
     x = np.asarray(x, dtype=float)
     half = x.shape[1] // 2
     return np.concatenate([x[:, :half], x[:, x.shape[1] - half :]])

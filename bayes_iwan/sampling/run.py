@@ -2,9 +2,9 @@
 
 A pilot brings the walkers to the posterior, fits the moves to it and chooses their mixture; then all is frozen, and
 only draws from then on count. Where the posterior is a sum of squares, walkers take steps along its manifold and, where
-a few parameters bend it, independent proposals between; these walkers never know of one another. Where such steps lead
-nowhere (a simulator with jumps), walkers move by differential evolution and snooker moves, and the first half of their
-steps does not count.
+it curves along a few parameters only, independent proposals between; these walkers never know of one another. Where
+such steps lead nowhere (a simulator with jumps), walkers move by differential evolution and snooker moves, and the
+first half of their steps does not count.
 
 Walkers advance in blocks of steps, each with random numbers of its own that follow from the seed, so draws are the same
 wherever a block is computed. Block by block they go into a checkpoint; a run that goes on from it draws the very same.
@@ -34,7 +34,7 @@ from bayes_iwan.sampling.convergence import Convergence, convergence_of
 from bayes_iwan.sampling.moves.differential import DifferentialMove
 from bayes_iwan.sampling.moves.manifold import LEAST, ManifoldMove
 from bayes_iwan.sampling.moves.metropolis import LeastSquares
-from bayes_iwan.sampling.moves.nested import KNOWN, NestedMove, bending_parameters
+from bayes_iwan.sampling.moves.nested import KNOWN, NestedMove, curving_parameters
 from bayes_iwan.sampling.moves.snooker import SnookerMove
 from bayes_iwan.sampling.plan import BatchFunction, Plan, SamplingError
 
@@ -215,11 +215,11 @@ class EnsembleRun:
         self.log_prob = self.log_prob_of(self.z)
         manifold = ManifoldMove(self.target)
         jumps: NestedMove | None = None
-        bent = bending_parameters(self.target, np.unique(self._starts[: len(self.z)], axis=0))
+        curving = curving_parameters(self.target, np.unique(self._starts[: len(self.z)], axis=0))
         recent: list[Array] = []
-        for stage in range(_STAGES + (_JUMPING if len(bent) else 0)):
+        for stage in range(_STAGES + (_JUMPING if len(curving) else 0)):
             if stage >= _STAGES:
-                jumps = self._nested(bent, np.concatenate(recent))
+                jumps = self._nested(curving, np.concatenate(recent))
             recent = recent[-1:] if stage == 1 else recent  # the first steps are on the way
             for _ in range(_WARM_UP):
                 self._use(*_entries(manifold, jumps))
@@ -237,9 +237,9 @@ class EnsembleRun:
         self._disperse(np.concatenate(recent))
         self._use(_BY_EACH_OTHER)
 
-    def _nested(self, bent: NDArray[np.int64], z: Array) -> NestedMove:
+    def _nested(self, curving: NDArray[np.int64], z: Array) -> NestedMove:
         """Independent proposals learnt from draws (n, ndim) of the pilot."""
-        return NestedMove(self.target, bent, z[self._random(4).permutation(len(z))[:KNOWN]])
+        return NestedMove(self.target, curving, z[self._random(4).permutation(len(z))[:KNOWN]])
 
     def _disperse(self, z: Array) -> None:
         """Put walkers that move by each other at different places among these (n, ndim) and the starts."""
@@ -356,7 +356,7 @@ class EnsembleRun:
                 out["scale"] = np.array(move.scale)
             if isinstance(move, NestedMove):
                 own = move.target.nuisance
-                out |= {"bent": move.bent, "known": move.known, "own_centre": own.centre, "own_root": own.root}
+                out |= {"curving": move.curving, "known": move.known, "own_centre": own.centre, "own_root": own.root}
         return out
 
     def _restored(self, found: Snapshot, path: Path) -> None:
@@ -376,9 +376,9 @@ class EnsembleRun:
         if self.independent:
             manifold = ManifoldMove(self.target, float(state["scale"]))
             jumps = None
-            if "bent" in state:
+            if "curving" in state:
                 own = self.target.with_nuisance(state["own_centre"], state["own_root"])
-                jumps = NestedMove(own, state["bent"], state["known"])
+                jumps = NestedMove(own, state["curving"], state["known"])
             self._use(*_entries(manifold, jumps))
         else:
             self._use(_BY_EACH_OTHER)

@@ -58,7 +58,7 @@ _NOT_TOGETHER = {
 class Case:
     """One case before it is run: everything that its records follow from.
 
-    `tests` are what the diagnosis is given (fit and held-out roles), `unseen` what it never sees; `friction_rms_N`
+    `tests` are what the diagnosis is given (fit and held-out roles), `sealed` what it never sees; `friction_rms_N`
     and the faults' sizes were measured on coarse trial runs of `tests`; `noise_share` is the force noise over it.
     """
 
@@ -67,7 +67,7 @@ class Case:
     faults: tuple[Fault, ...]
     setup: Setup
     tests: tuple[PlannedTest, ...]
-    unseen: tuple[PlannedTest, ...]
+    sealed: tuple[PlannedTest, ...]
     seed: int
     friction_rms_N: float
     noise_share: float
@@ -102,7 +102,7 @@ class Case:
                 "share_of_friction": self.noise_share,
             },
             "friction_rms_N": self.friction_rms_N,
-            "design": {"tests": plan(self.tests), "unseen": plan(self.unseen)},
+            "design": {"tests": plan(self.tests), "sealed": plan(self.sealed)},
             "seed": self.seed,
         }
 
@@ -111,7 +111,7 @@ def draw_design(rng: np.random.Generator) -> tuple[tuple[PlannedTest, ...], tupl
     """Tests at random, and tests that the diagnosis is not to see.
 
     Mostly 2 to 4 frequencies by 2 or 3 amplitudes, one in seven at a single frequency (3 to 4 amplitudes); in
-    three cases of ten one or two of them are held out. Unseen: a new frequency within the range and a new
+    three cases of ten one or two of them are held out. HeldOut: a new frequency within the range and a new
     amplitude, sometimes beyond the range.
     """
     single = rng.random() < 1 / 7
@@ -137,8 +137,8 @@ def draw_design(rng: np.random.Generator) -> tuple[tuple[PlannedTest, ...], tupl
     middle = float(np.round(rng.uniform(amplitudes[0], amplitudes[-1]), 2))
     beyond_f = float(np.round(np.clip(frequencies[-1] * rng.uniform(1.1, 1.35), 5, 35), 1))
     beyond_a = float(np.round(amplitudes[-1] * rng.uniform(1.02, 1.15), 2))
-    unseen = [test(inside, middle), test(beyond_f, float(amplitudes[-1])), test(float(frequencies[0]), beyond_a)]
-    return tests, tuple(unseen)
+    sealed = [test(inside, middle), test(beyond_f, float(amplitudes[-1])), test(float(frequencies[0]), beyond_a)]
+    return tests, tuple(sealed)
 
 
 def draw_setup(rng: np.random.Generator) -> Setup:
@@ -178,32 +178,32 @@ def draw_case(
     faults: Sequence[str] | None = None,
     *,
     laws: str = "all",
-    leave_out_laws: Sequence[str] = (),
-    leave_out_outside: Sequence[str] = (),
+    excluded_laws: Sequence[str] = (),
+    excluded_outside: Sequence[str] = (),
 ) -> Case:
     """Draw one case.
 
     Parameters: `kind`, one of `KINDS`, or None for one at random by `KIND_SHARES`; `faults`, names to use instead of
     random ones. `laws`: "catalogue" (the law that the diagnosis' effect of that name has too), "other" or "all";
-    `leave_out_laws`, entries like "end_stop:hertz", and `leave_out_outside`, names of faults from outside, are not
+    `excluded_laws`, entries like "end_stop:hertz", and `excluded_outside`, names of faults from outside, are not
     drawn. Where a specimen and its tests cannot show a fault of the drawn size (a normal-force lag on a specimen with
-    an almost constant normal force), specimen and tests are drawn again, so that the mix of faults is not bent. Raises
+    an almost constant normal force), specimen and tests are drawn again, so that the mix of faults stays. Raises
     `RigError` for an unknown kind, law or name, or when 60 draws did not do.
     """
     kind = kind or str(rng.choice(list(KIND_SHARES), p=list(KIND_SHARES.values())))
     if kind not in KINDS:
         raise RigError(f"no kind of case {kind!r}; there are: {', '.join(KINDS)}")
-    strange = sorted(set(leave_out_outside) - set(OUTSIDE))
+    strange = sorted(set(excluded_outside) - set(OUTSIDE))
     if strange:
         raise RigError(f"no fault from outside the catalogue is called {', '.join(strange)}")
     names = (
-        tuple(faults) if faults is not None else _draw_names(kind, rng, sorted(set(OUTSIDE) - set(leave_out_outside)))
+        tuple(faults) if faults is not None else _draw_names(kind, rng, sorted(set(OUTSIDE) - set(excluded_outside)))
     )
-    chosen = [str(rng.choice(laws_of(name, laws, leave_out_laws))) for name in names]
+    chosen = [str(rng.choice(laws_of(name, laws, excluded_laws))) for name in names]
     sizes = [float(np.exp(rng.uniform(*np.log(SIZE_RANGE)))) for _ in names]
     noise = float(np.exp(rng.uniform(*np.log(NOISE_RANGE))))
     for _ in range(60):
-        tests, unseen = draw_design(rng)
+        tests, sealed = draw_design(rng)
         setup = draw_setup(rng)
         seed = int(rng.integers(2**62))
         amplitudes = [t.amplitude_mm for t in tests]
@@ -227,7 +227,7 @@ def draw_case(
         friction = _kept(sound, trial_tests(tests, ()), specimen, setup, seed)[0].friction_rms_N
         noisy = with_noise(setup, noise, friction, max(amplitudes))
         seen = shares_left(specimen, tests, found, setup=setup, seed=seed)
-        return Case(kind, specimen, seen, noisy, tests, unseen, seed, friction, noise)
+        return Case(kind, specimen, seen, noisy, tests, sealed, seed, friction, noise)
     raise RigError(f"60 specimens and designs drawn, none shows {' and '.join(names)} at the size asked for")
 
 
@@ -247,8 +247,8 @@ def _kept(
 def simulate(case: Case) -> tuple[list[Record], list[Record]]:
     """Run a case: the records that a diagnosis is given, and those that it never sees."""
     seen = simulate_tests(case.specimen, case.tests, setup=case.setup, faults=case.faults, seed=case.seed)
-    unseen = simulate_tests(
-        case.specimen, case.unseen, setup=case.setup, faults=case.faults, seed=case.seed,
+    sealed = simulate_tests(
+        case.specimen, case.sealed, setup=case.setup, faults=case.faults, seed=case.seed,
         first_index=len(case.tests),
     )  # fmt: skip
-    return records(seen), records(unseen)
+    return records(seen), records(sealed)

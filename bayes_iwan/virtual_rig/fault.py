@@ -75,7 +75,7 @@ class Acting:
 
     @property
     def remembers(self) -> bool:
-        """Whether each slider remembers its slip speed or its rest."""
+        """Whether each slider remembers its slip speed or how long it stuck."""
         return self.rate_factor is not None or self.motion.ageing != 0.0 or self.motion.healing != 0.0
 
 
@@ -162,7 +162,7 @@ class FaultKind:
     The first law is the one that the diagnosis' catalogue has too.
     `draw` draws the parameters that all laws have beside the main one; `signed`: the main one may be negative;
     `listed`: the diagnosis' catalogue has an effect of this name. `family`: what kinds from outside it have in common
-    (whatever is fitted to such cases is scored with a whole family left out).
+    (whatever is fitted to such cases is scored with a whole family held out).
     """
 
     name: str

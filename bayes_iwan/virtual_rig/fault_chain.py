@@ -248,7 +248,7 @@ def _mains(third: float, fifth: float, wander_hz: float = 0.0, beat: float = 0.0
 
 
 MAINS = FaultKind(
-    "mains_hum",
+    "mains_interference",
     "amplitude_N",
     linear(lambda s: 0.6 * s.friction_rms_N),
     (

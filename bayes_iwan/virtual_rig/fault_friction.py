@@ -36,7 +36,7 @@ def _ageing(p: Parameters) -> Acting:
 
 
 def _breakaway(p: Parameters) -> Acting:
-    """Friction that grows while a slider rests and breaks down over a slip distance: a peak after each reversal."""
+    """Friction that grows while a slider sticks and breaks down over a slip distance: a peak after each reversal."""
     return Acting(motion=FaultValues(ageing=2.5 * p["drop"], ageing_tau=p["ageing_s"], ageing_slip=p["slip_mm"]))
 
 

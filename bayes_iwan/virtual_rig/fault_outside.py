@@ -12,7 +12,7 @@ rings), `cell_hysteresis` (the force cell lags), `impact_chatter` (a burst of ri
 `detent` (a ball falls into a notch), `lubrication_peak` (friction is highest at one speed), `loose_debris` (what lies
 in the contact makes it stiffer or softer from cycle to cycle), `stick_slip` (the sliding force is a sawtooth over the
 way), `room_climate` (friction differs by test), `two_ranges` (a force amplifier changes its gain where it changes its
-range), `amplitude_gain` (the gain follows the amplitude), `slow_zero` (the zero swings with the room's heating),
+range), `amplitude_gain` (the gain follows the amplitude), `slow_zero` (the zero swings with the building's heating),
 `noise_bursts` (a loose plug), `coarse_steps` (a converter with few bits).
 For drag and both hystereses the diagnosis has a pattern that names no cause
 (:mod:`bayes_iwan.effects.empirical_patterns`), for the hystereses by another law; studies tell them apart from the

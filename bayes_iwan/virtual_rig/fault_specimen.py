@@ -147,8 +147,8 @@ QUADRATIC = FaultKind(
 )  # fmt: skip
 
 
-def _bends(p: Parameters) -> Acting:
-    """Straight to a bend on either side, another slope beyond."""
+def _trilinear(p: Parameters) -> Acting:
+    """Straight up to a displacement on either side, another slope beyond."""
     k, at, width = p["k3_N_mm3"] * p["reach_mm"] ** 2, p["bend_share"] * p["reach_mm"], 0.05 * p["reach_mm"]
 
     def force(d: Array) -> Array:
@@ -168,7 +168,7 @@ def _sinh_spring(p: Parameters) -> Acting:
     return Acting(displacement_force=lambda d: k * (d0 * np.sinh(d / d0) - d) / np.sinh(p["reach_mm"] / d0))
 
 
-def _draw_bend(low: float, high: float):
+def _draw_knee(low: float, high: float):
     return lambda g, s: {"reach_mm": s.largest_mm, "bend_share": float(g.uniform(low, high))}
 
 
@@ -178,9 +178,9 @@ CUBIC = FaultKind(
     linear(lambda s: 2 * s.stiffness_N_mm / s.largest_mm**2),
     (
         Law("cube", lambda p: Acting(displacement_force=lambda d: p["k3_N_mm3"] * d**3)),
-        Law("bends", _bends, _draw_bend(0.35, 0.65)),
-        Law("tanh", _tanh_spring, _draw_bend(0.3, 0.8)),
-        Law("sinh", _sinh_spring, _draw_bend(0.2, 0.4)),
+        Law("bends", _trilinear, _draw_knee(0.35, 0.65)),
+        Law("tanh", _tanh_spring, _draw_knee(0.3, 0.8)),
+        Law("sinh", _sinh_spring, _draw_knee(0.2, 0.4)),
     ),
     signed=True,
 )

@@ -41,8 +41,8 @@ def check_faults(faults: Sequence[Fault]) -> None:
             raise RigError(f"fault {fault.name!r} needs the parameter {kind.main!r}")
 
 
-def laws_of(name: str, laws: str = "catalogue", leave_out: Sequence[str] = ()) -> tuple[str, ...]:
-    """Names of the laws of a fault to draw from; `leave_out` holds entries like "end_stop:hertz".
+def laws_of(name: str, laws: str = "catalogue", excluded: Sequence[str] = ()) -> tuple[str, ...]:
+    """Names of the laws of a fault to draw from; `excluded` holds entries like "end_stop:hertz".
 
     A fault from outside the catalogue has one law, whatever is asked for. Raises `RigError` if none is left.
     """
@@ -51,9 +51,9 @@ def laws_of(name: str, laws: str = "catalogue", leave_out: Sequence[str] = ()) -
     names = [law.name for law in KINDS[name].laws]
     if KINDS[name].listed and laws != "all":
         names = names[:1] if laws == "catalogue" else names[1:]
-    left = tuple(n for n in names if f"{name}:{n}" not in leave_out)
+    left = tuple(n for n in names if f"{name}:{n}" not in excluded)
     if not left:
-        raise RigError(f"every law of {name} among the {laws} ones is left out; leave one in, or the fault out")
+        raise RigError(f"every law of {name} among the {laws} ones is excluded; keep one, or remove the fault")
     return left
 
 

@@ -160,7 +160,7 @@ def march(
     fall_gain = 1.0 if not lagged else h / (q.lag_fall_s + h)
     slow_gain, slower_gain = h / (q.lag_slow_s + h), h / (q.lag_slower_s + h)
     # a second-order lag: τ1·τ2·a'' + (τ1 + τ2)·a' + a = α
-    whole_rest = np.log1p(q.healing_time / q.healing_cut)
+    whole_healing = np.log1p(q.healing_time / q.healing_cut)
     second = q.lag_second_s
     second_gain = 1.0 / (1.0 + (q.lag_rise_s + second) / h + q.lag_rise_s * second / h**2) if second else 1.0
     displacement_start = -0.5 * (q.displacement_force.size - 1) * q.displacement_step
@@ -173,12 +173,12 @@ def march(
         u = drive[i]
         # ---- what changes slowly, taken at the start of the step
         common = 1.0
-        soft = grip = 1.0
+        soft = kept = 1.0
         if q.fade.size > 1 and cycle[i] > 0.0:
             travelled = worked / q.fade_work_Nmm if q.fade_work_Nmm != 0.0 else cycle[i]
             faded = _look_up(q.fade, 0.0, q.fade_step, travelled)[0]
             common *= faded
-            grip = faded**q.fade_stiffness
+            kept = faded**q.fade_stiffness
         if q.groove != 0.0:
             common *= 1.0 + q.groove * np.sin(2.0 * np.pi * d_old / q.groove_pitch + q.groove_phase)
         if q.position.size > 1:
@@ -206,7 +206,7 @@ def march(
                 own[j] = 1.0 + q.ageing * bond[j]
         if healed:
             for j in range(m):
-                own[j] = 1.0 - q.healing * (1.0 - np.log1p(rested[j] / q.healing_cut) / whole_rest)
+                own[j] = 1.0 - q.healing * (1.0 - np.log1p(rested[j] / q.healing_cut) / whole_healing)
         if q.lag_quick != 0.0:  # the farther it has to fall, the quicker it does: no exponential
             fall_gain = h / (q.lag_fall_s / (1.0 + q.lag_quick * max(alpha_lag - alpha_was, 0.0)) + h)
         # ---- solve for the end's position
@@ -237,7 +237,7 @@ def march(
             if alpha < 0.05:
                 alpha, dalpha = 0.05, 0.0
             decay = np.exp(-s.curve * alpha**s.curve_power)
-            k = soft * grip * s.contact * (1.0 - decay) / k_norm
+            k = soft * kept * s.contact * (1.0 - decay) / k_norm
             k_log_slope = decay * s.curve * s.curve_power * alpha ** (s.curve_power - 1.0) / (1.0 - decay)
             limit = alpha * common
             stuck_k = stuck_f = slid_f = slid_k = 0.0

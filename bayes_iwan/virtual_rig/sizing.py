@@ -195,8 +195,8 @@ def shares_left(
 
     *Visible share*: what is left, in RMS, of a fault's change of the force after the best combination of small changes
     of both springs, of the stiffness law, of the normal force's parameters and of the slip forces (eight groups) is
-    taken out: what no other parameters of the specimen imitate. A rig's compliance leaves some 0.02 (it looks like
-    other slip forces), a mains line leaves 1.
+    removed: what no other parameters of the specimen imitate. A rig's compliance leaves some 0.02 (it resembles
+    other slip forces), mains interference leaves 1.
 
     *Share of the gap*: the gap is what all faults together leave so; taking some of them away leaves a smaller gap,
     and 1 − smaller/larger is what they remove. That is shared among the faults by Shapley's value (as LMG does for
@@ -278,7 +278,7 @@ def _shapley(i: int, n: int, left: dict[tuple[int, ...], float]) -> float:
     total = 0.0
     others = [k for k in range(n) if k != i]
     for k in range(n):
-        for rest in combinations(others, k):  # still there after i has been removed
+        for some in combinations(others, k):  # still there after i has been removed
             weight = factorial(k) * factorial(n - k - 1) / factorial(n)
-            total += weight * (left[tuple(sorted((*rest, i)))] - left[rest])
+            total += weight * (left[tuple(sorted((*some, i)))] - left[some])
     return total

@@ -1,8 +1,8 @@
 """Specimens for the virtual rig: sliders one by one, a normal force, a contact stiffness.
 
 Part of the virtual rig, which shares no code with `bayes_iwan.models`: what the rig makes must be a fair
-judge of the model that is fitted to it. The specimens follow the paper's physics (Fig. 6, Eqs. (10)–(12)) but
-never exactly: slip forces need not be gamma-distributed, sliders differ in stiffness, the stiffness law and the
+independent check of the model that is fitted to it. The specimens follow the paper's physics (Fig. 6, Eqs. (10)–(12))
+but never exactly: slip forces need not be gamma-distributed, sliders differ in stiffness, the stiffness law and the
 normal force have slightly other shapes.
 """
 
@@ -18,7 +18,7 @@ from bayes_iwan.arrays import Array
 
 
 class RigError(ValueError):
-    """A virtual test that cannot be run as asked; the message names the value and the mend."""
+    """A virtual test that cannot be run as asked; the message names the value and the fix."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def draw_specimen(
     """A specimen at random around Table 1, whose friction shows at the amplitudes it will be tested at.
 
     Parameters: `amplitudes_mm`, the smallest and the largest; `speed_m_s`, the largest peak speed of the
-    campaign, from which λ is set so that the normal force stays within about 0.45 and 1.8 of its rest value.
+    campaign, from which λ is set so that the normal force stays within about 0.45 and 1.8 of its value at rest.
     """
     smallest, largest = amplitudes_mm
     contact = float(rng.uniform(8.0, 25.0))

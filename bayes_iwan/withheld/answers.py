@@ -1,8 +1,8 @@
-"""What a diagnosis says of a case, as it is scored: from `diagnosis.json` of schema 2, or of the first version.
+"""What a diagnosis says of a case, as it is scored: from `diagnosis.json` of schema 3, 2 or 1.
 
-Schema 2 says how probable it is that each effect contributes, that none does ("none") and that a rest without a name
-is there ("unknown_rest"): not exclusive, so they need not sum to 1. The first version's probabilities were of
-exclusive labels ("none", "unknown", one cause): they sum to 1.
+Schemas 3 and 2 differ in names alone. They say how probable it is that each effect contributes, that none does
+("none") and that an unknown cause is there ("unknown_cause"): not exclusive, so they need not sum to 1. Schema 1's
+probabilities were of exclusive labels ("none", "unknown", one cause): they sum to 1.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bayes_iwan import former_names
 from bayes_iwan.withheld.sealed import WithheldError
 from bayes_iwan.withheld.truths import json_number
 
@@ -35,18 +36,18 @@ class Named:
 
 @dataclass(frozen=True)
 class Answer:
-    """A verdict: its kind, the causes it names, whether it says that a rest has no name, and marginal probabilities.
+    """A verdict: its kind, the causes it names, whether it says that a cause is unknown, and marginal probabilities.
 
-    `rest` is the rest's share of the gap with its interval, nan where not said; `one_of` effects of which one is said
-    to contribute, though it cannot be told which.
+    `unexplained` is that share of the gap with its interval, nan where not said; `one_of` effects of which one is said
+    to contribute, though it cannot be said which.
     """
 
     kind: str
     causes: tuple[Named, ...]
-    unknown_rest: bool
-    rest: float
-    rest_low: float
-    rest_high: float
+    unknown_cause: bool
+    unexplained: float
+    unexplained_low: float
+    unexplained_high: float
     probabilities: Mapping[str, float]
     one_of: tuple[frozenset[str], ...] = ()
 
@@ -56,7 +57,7 @@ class Answer:
 
     @property
     def in_sets(self) -> frozenset[str]:
-        """The causes named, all that they cannot be told from, and those that are only named together."""
+        """The causes named, all that are tied with them, and those that are only named together."""
         return self.names.union(*(c.alike for c in self.causes), *self.one_of)
 
 
@@ -67,6 +68,7 @@ def read_answer(name: str, answer: Mapping[str, Any]) -> Answer:
     exclusive ones do not sum to 1, or if the verdict contradicts itself.
     """
     try:
+        answer = former_names.diagnosis_of(answer)
         probabilities = {str(k): json_number(v) for k, v in answer["probabilities"].items()}
         verdict = answer["verdict"]
         new = "kind" in verdict
@@ -83,29 +85,29 @@ def read_answer(name: str, answer: Mapping[str, Any]) -> Answer:
 
 def _second(name: str, answer: Mapping[str, Any], probabilities: Mapping[str, float]) -> Answer:
     verdict = answer["verdict"]
-    kind, rest = verdict["kind"], bool(verdict["unknown_rest"])
+    kind, unknown = verdict["kind"], bool(verdict["unknown_cause"])
     causes = tuple(_named(c) for c in verdict["causes"])
     refused = ""
     if kind not in KINDS:
         refused = f"there is no verdict {kind!r}"
-    elif not {"none", "unknown_rest"} <= set(probabilities):
-        refused = "it gives no probability of none and of unknown_rest"
+    elif not {"none", "unknown_cause"} <= set(probabilities):
+        refused = "it gives no probability of none and of unknown_cause"
     elif bool(causes) != (kind in ("explained", "partly_explained")):
         refused = f"its verdict is {kind} and it names {len(causes)} causes"
-    elif rest != (kind in ("partly_explained", "unknown")):
-        refused = f"its verdict is {kind} and unknown_rest is {str(rest).lower()}"
+    elif unknown != (kind in ("partly_explained", "unknown")):
+        refused = f"its verdict is {kind} and unknown_cause is {str(unknown).lower()}"
     elif probabilities["none"] + max((p for k, p in probabilities.items() if k != "none"), default=0.0) > 1 + _ROUNDING:
         refused = "none and some cause have probabilities that sum to more than 1"
     elif any(math.isfinite(c.probability) and not 0.0 <= c.probability <= 1.0 for c in causes):
         refused = "a cause's probability is not in 0 to 1"
     if refused:
         raise WithheldError(f"the answer to {name} is refused: {refused}")
-    left = answer.get("rest") or {}
+    left = answer.get("unexplained") or {}
     low, high = left.get("interval") or (float("nan"), float("nan"))
     return Answer(
         kind,
         causes,
-        rest,
+        unknown,
         json_number(left.get("share")),
         json_number(low),
         json_number(high),
@@ -123,7 +125,7 @@ def _named(cause: Mapping[str, Any]) -> Named:
         json_number(low),
         json_number(high),
         json_number(cause.get("share_held_out")),
-        frozenset(cause.get("cannot_tell_apart") or ()),
+        frozenset(cause.get("tied_with") or ()),
     )
 
 
@@ -133,7 +135,7 @@ def _first(name: str, verdict: Mapping[str, Any], probabilities: dict[str, float
             f"the answer to {name} is refused: its probabilities sum to {sum(probabilities.values()):g}"
         )
     cause, second = verdict["cause"], verdict.get("second_cause")
-    alike = frozenset(verdict.get("cannot_tell_apart") or ())
+    alike = frozenset(verdict.get("tied_with") or ())
     nothing = float("nan")
     named = [n for n in (cause, second) if n and n not in ("none", "unknown")]
     causes = tuple(
@@ -142,5 +144,5 @@ def _first(name: str, verdict: Mapping[str, Any], probabilities: dict[str, float
     )
     kind = "explained" if causes else str(cause)
     marginal = {k: p for k, p in probabilities.items() if k != "unknown"}
-    marginal |= {"none": probabilities.get("none", 0.0), "unknown_rest": probabilities.get("unknown", 0.0)}
+    marginal |= {"none": probabilities.get("none", 0.0), "unknown_cause": probabilities.get("unknown", 0.0)}
     return Answer(kind, causes, cause == "unknown", nothing, nothing, nothing, marginal)

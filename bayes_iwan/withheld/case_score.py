@@ -28,13 +28,13 @@ class Marginal:
 
 @dataclass(frozen=True)
 class CaseScore:
-    """Truth and answer of one case; `unseen`: whether the share found on unseen tests lies in each cause's interval."""
+    """Truth and answer of one case; `sealed`: whether the share found on sealed tests lies in each cause's interval."""
 
     name: str
     truth: Truth
     answer: Answer
     answered: bool
-    unseen: tuple[bool, ...]
+    sealed: tuple[bool, ...]
 
     @property
     def kind(self) -> str:
@@ -47,7 +47,7 @@ class CaseScore:
 
     @property
     def in_set(self) -> bool:
-        """Every listed cause is named or among what a named one cannot be told from."""
+        """Every listed cause is named or among what is tied with a named one."""
         return bool(self.truth.listed) and all(c.name in self.answer.in_sets for c in self.truth.listed)
 
     @property
@@ -82,14 +82,14 @@ class CaseScore:
 
     @property
     def held_out(self) -> tuple[bool, ...]:
-        """For each named cause with a share on tests left out: whether that lies in the interval stated for it."""
+        """For each named cause with a share on held-out tests: whether that lies in the interval stated for it."""
         return tuple(
             n.share_low <= n.share_held_out <= n.share_high for n in self.answer.causes if np.isfinite(n.share_held_out)
         )
 
     @property
     def marginals(self) -> tuple[Marginal, ...]:
-        """Probabilities that each effect contributes, against whether it does; causes too small to be seen left out."""
+        """Probabilities that each effect contributes, against whether it does; causes too small to be seen omitted."""
         hidden = {c.name for c in self.truth.listed if not self.truth.seen(c)}
         true = {c.name for c in self.truth.listed}
         p = self.answer.probabilities
@@ -106,12 +106,12 @@ class CaseScore:
         )
 
     def _labels(self) -> tuple[Marginal, ...]:
-        """All that is stated: effects, none, a rest without a name. A rest too small to be seen is not asked for."""
+        """All that is stated: effects, none, an unknown cause. One too small to be seen is not asked for."""
         p = self.answer.probabilities
         more = [Marginal("none", p.get("none", 0.0), self.kind == "none")]
         unlisted = [c for c in self.truth.causes if not c.listed]
         if all(self.truth.seen(c) for c in unlisted):
-            more.append(Marginal("unknown_rest", p.get("unknown_rest", 0.0), bool(unlisted)))
+            more.append(Marginal("unknown_cause", p.get("unknown_cause", 0.0), bool(unlisted)))
         return (*self.marginals, *more)
 
     @property
@@ -133,12 +133,12 @@ def score_case(
 ) -> CaseScore:
     """Compare one answer (the content of a `diagnosis.json`, or None) with the truth.
 
-    found : share of the gap that each named cause removes on unseen tests, by cause.
+    found : share of the gap that each named cause removes on sealed tests, by cause.
     """
     read = SILENT if answer is None else read_answer(name, answer)
-    unseen = tuple(
+    sealed = tuple(
         c.share_low <= (found or {})[c.name] <= c.share_high
         for c in read.causes
         if c.name in (found or {}) and np.isfinite(c.share_low)
     )
-    return CaseScore(name, truth, read, answer is not None, unseen)
+    return CaseScore(name, truth, read, answer is not None, sealed)

@@ -1,6 +1,6 @@
 """A process that cannot read some folder, by the kernel's own means: Landlock (Linux 5.13 and later), as any user.
 
-What is granted is granted by place: the folders named, beneath which the closed one is left out. Everything else on the
+What is granted is granted by place: the folders named, beneath which the closed one is omitted. Everything else on the
 machine can neither be read nor listed nor changed by this process, nor by what it starts, by no path, link, library or
 subprocess, and the process cannot take it back. What it does not guard against: a copy of the truths within a granted
 folder (a hard link made beforehand is one), what a process had open before, the network, and whoever runs the parent.
@@ -84,7 +84,7 @@ def _grant(libc: ctypes.CDLL, rules: int, place: Path, rights: int) -> None:
 
 
 def _around(place: Path, shut: list[Path]) -> list[Path]:
-    """The place, or what of it is left when the closed folders are taken out."""
+    """The place, or what of it is left when the closed folders are removed."""
     if any(place == s or s in place.parents for s in shut) or not place.exists():
         return []
     if not any(place in s.parents for s in shut):

@@ -67,7 +67,7 @@ def bootstrap(
 
 
 def binned(values: Sequence[float], hits: Sequence[bool], edges: Sequence[float]) -> list[tuple[float, Estimate]]:
-    """Share of hits in each bin of `values`: (mean of the values in it, share), empty bins left out."""
+    """Share of hits in each bin of `values`: (mean of the values in it, share), empty bins omitted."""
     x, h = np.asarray(values, dtype=float), np.asarray(hits, dtype=bool)
     place = np.digitize(x, edges[1:-1])
     return [

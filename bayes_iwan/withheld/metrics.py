@@ -2,7 +2,7 @@
 
 A cause is *visible* if what it leaves, once the specimen's parameters have moved, is above the noise of the force
 channel. Shares of the gap are in RMS, shared among overlapping causes by Shapley's value. Intervals are at 95 %:
-Clopper–Pearson for shares of cases, bootstrap over cases for the rest.
+Clopper–Pearson for shares of cases, bootstrap over cases for the others.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def summarise(cases: Sequence[CaseScore], seed: int = 0) -> dict[str, Estimate]:
     parts = [(c, cause) for c in both for cause in c.truth.causes]
     clear_parts = [(c, cause) for c, cause in parts if c.truth.seen(cause)]
     known_seen = [c for c in beside if all(c.truth.seen(k) for k in c.truth.listed)]
-    rest_seen = [c for c in beside if all(c.truth.seen(k) for k in c.truth.causes if not k.listed)]
+    unlisted_seen = [c for c in beside if all(c.truth.seen(k) for k in c.truth.causes if not k.listed)]
     whole = kind("single", "pair", "triple")
     answered = [c for c in cases if c.answered]
     shares = [(named, true) for c in cases for named, true in c.shares]
@@ -57,25 +57,27 @@ def summarise(cases: Sequence[CaseScore], seed: int = 0) -> dict[str, Estimate]:
         "pairs and triples: all of a case's effects named": share([c.found for c in both]),
         "known beside unknown: known one named": share([c.found for c in beside]),
         "known beside unknown: known one named, if visible": share([c.found for c in known_seen]),
-        "known beside unknown: rest flagged": share([c.answer.unknown_rest for c in beside]),
-        "known beside unknown: rest flagged, if visible": share([c.answer.unknown_rest for c in rest_seen]),
-        "known beside unknown: both": share([c.found and c.answer.unknown_rest for c in beside]),
+        "known beside unknown: unknown cause flagged": share([c.answer.unknown_cause for c in beside]),
+        "known beside unknown: unknown cause flagged, if visible": share(
+            [c.answer.unknown_cause for c in unlisted_seen]
+        ),
+        "known beside unknown: both": share([c.found and c.answer.unknown_cause for c in beside]),
         "outside alone: called unknown": share([c.answer.kind == "unknown" for c in outside]),
         "outside alone, gap visible: called unknown": share([c.answer.kind == "unknown" for c in outside if c.visible]),
         "outside alone: called none": share([c.answer.kind == "none" for c in outside]),
-        "no fault: a cause named or a rest flagged (false alarm)": share(
+        "no fault: a cause named or a unknown cause flagged (false alarm)": share(
             [c.answer.kind != "none" for c in kind("none")]
         ),
         "no fault: a cause named": share([bool(c.answer.names) for c in kind("none")]),
         "all cases: a false name": share([bool(c.false_names) for c in cases]),
         "all cases: a false name, none of the set true": share([c.far_off for c in cases]),
         "all cases: a name that is no effect of the rig": share([bool(c.answer.names - set(CATALOGUE)) for c in cases]),
-        "listed causes alone: a rest flagged": share([c.answer.unknown_rest for c in whole]),
+        "listed causes alone: a unknown cause flagged": share([c.answer.unknown_cause for c in whole]),
         "share of the gap: within 10 points": share([abs(n.share - t) <= SHARE_POINTS for n, t in shares]),
         "share of the gap: in its 90 % interval": share([n.share_low <= t <= n.share_high for n, t in shares]),
         "share of the gap: stated less true": bootstrap([n.share - t for n, t in shares], rng),
-        "share on tests left out: in its 90 % interval": share([c for case in cases for c in case.held_out]),
-        "share found on unseen tests: in its 90 % interval": share([c for case in cases for c in case.unseen]),
+        "share on held-out tests: in its 90 % interval": share([c for case in cases for c in case.held_out]),
+        "share found on sealed tests: in its 90 % interval": share([c for case in cases for c in case.sealed]),
         "probability that an effect contributes: less frequency": _bias(marginals, rng),
         "probability that an effect contributes: calibration error": _error(marginals, rng),
         "probability of causes named: less frequency": _bias(causes, rng),
@@ -144,10 +146,10 @@ def by_law(cases: Sequence[CaseScore]) -> dict[str, tuple[Estimate, Estimate]]:
 
 
 def by_outside(cases: Sequence[CaseScore]) -> dict[str, tuple[Estimate, Estimate]]:
-    """Visible causes from outside the catalogue flagged as a rest, and cases of theirs with a false name, by name."""
+    """Visible causes from outside the catalogue flagged as unknown, and cases of theirs with a false name, by name."""
     out: dict[str, list[tuple[bool, bool]]] = {}
     for c in cases:
         for k in c.truth.causes:
             if not k.listed and c.truth.seen(k):
-                out.setdefault(k.name, []).append((c.answer.unknown_rest, bool(c.false_names)))
+                out.setdefault(k.name, []).append((c.answer.unknown_cause, bool(c.false_names)))
     return {label: (share([a for a, _ in hits]), share([b for _, b in hits])) for label, hits in sorted(out.items())}

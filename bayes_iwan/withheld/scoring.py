@@ -1,4 +1,4 @@
-"""What a set of answers is worth: answers against truths whose seals were checked, each figure with an interval."""
+"""How good a set of answers is: answers against truths whose seals were checked, each figure with an interval."""
 
 from __future__ import annotations
 
@@ -13,7 +13,14 @@ from bayes_iwan.virtual_rig.faults import CATALOGUE
 from bayes_iwan.withheld.case_score import CaseScore, score_case
 from bayes_iwan.withheld.estimates import Estimate, findable
 from bayes_iwan.withheld.metrics import by_law, by_outside, confusion, summarise
-from bayes_iwan.withheld.sealed import WithheldError, check_seals, check_unseen, read_json, read_truths
+from bayes_iwan.withheld.sealed import (
+    WithheldError,
+    check_sealed_tests,
+    check_seals,
+    read_json,
+    read_truths,
+    sealed_tests,
+)
 from bayes_iwan.withheld.truths import Truth, read_truth
 
 FindShrink = Callable[[Path, Path, str], float | None]
@@ -40,7 +47,7 @@ class Score:
     def table(self) -> str:
         """The score as text, one line a figure; the held-back cases' and the baselines' values beside it."""
         width = max(len(k) for k in self.summary)
-        beside = ({"left out of calibration": self.held_back} if self.held_back else {}) | dict(self.baselines)
+        beside = ({"excluded from calibration": self.held_back} if self.held_back else {}) | dict(self.baselines)
         lines = []
         if beside:
             lines.append(" " * (width + 2) + f"{'these answers':34s}" + "".join(f"{n:>26s}" for n in beside))
@@ -56,7 +63,9 @@ class Score:
                 f"{label:{width}s}  {figure.text() if np.isfinite(figure.value) else 'not within those tried'}"
             )
         lines += _split_lines("by law (visible listed causes)", ("named", "or in the set"), by_law(self.cases))
-        lines += _split_lines("by outside kind (visible)", ("rest flagged", "a false name"), by_outside(self.cases))
+        lines += _split_lines(
+            "by outside kind (visible)", ("unknown cause flagged", "a false name"), by_outside(self.cases)
+        )
         if self.faulty:
             lines.append("counted apart: cases of a law that no specimen has")
             lines += [f"  {c.name}: {', '.join(k.name for k in c.truth.causes)}: {_said(c)}" for c in self.faulty]
@@ -78,7 +87,7 @@ class Score:
         return {
             "schema": 2,
             "summary": _plain(self.summary),
-            "left_out_of_calibration": _plain(self.held_back),
+            "excluded_from_calibration": _plain(self.held_back),
             "findable_visible": _plain(self.findable_visible),
             "baselines": _plain(self.baselines),
             "by_law": _plain(by_law(self.cases)),
@@ -113,8 +122,8 @@ def _case(c: CaseScore) -> dict[str, Any]:
         "family": c.truth.family,
         "verdict": c.answer.kind,
         "named": [{"name": n.name, "probability": n.probability, "share": n.share} for n in c.answer.causes],
-        "cannot_tell_apart": sorted(c.answer.in_sets - c.answer.names),
-        "unknown_rest": c.answer.unknown_rest,
+        "tied_with": sorted(c.answer.in_sets - c.answer.names),
+        "unknown_cause": c.answer.unknown_cause,
         "found": c.found,
         "in_set": c.in_set,
         "false_names": sorted(c.false_names),
@@ -141,14 +150,14 @@ def score_answers(
     answers: Mapping[str, Mapping[str, Any]],
     *,
     found: Mapping[str, Mapping[str, float]] | None = None,
-    left_out: Sequence[str] = (),
+    excluded: Sequence[str] = (),
     baselines: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None,
     notes: Sequence[str] = (),
     seed: int = 0,
 ) -> Score:
     """Score answers against truths whose seals have been checked.
 
-    Parameters: both by case name; `found`, by case and cause, shares of the gap found on unseen tests; `left_out`, laws
+    Parameters: both by case name; `found`, by case and cause, shares of the gap found on sealed tests; `excluded`, laws
     ("name:law") and outside kinds that calibration never saw: their cases get a table of their own beside; `baselines`,
     other sets of answers by name, scored beside. Raises `WithheldError` for answers without a truth, and for answers
     that are refused.
@@ -159,7 +168,7 @@ def score_answers(
     read = {name: read_truth(name, truths[name]) for name in sorted(truths)}
     everything = _scored(read, answers, found or {})
     cases = tuple(c for c in everything if not c.truth.faulty)
-    new = [c for c in cases if any(k.name in left_out or f"{k.name}:{k.law}" in left_out for k in c.truth.causes)]
+    new = [c for c in cases if any(k.name in excluded or f"{k.name}:{k.law}" in excluded for k in c.truth.causes)]
     single = [c for c in cases if c.kind == "single" and c.truth.noise > 0 and c.truth.causes[0].visible > 0]
     return Score(
         cases=cases,
@@ -199,17 +208,17 @@ def score(
     answers: Path | str | None = None,
     find_shrink: FindShrink | None = None,
     allow_effects_file: bool = False,
-    left_out: Sequence[str] = (),
+    excluded: Sequence[str] = (),
     baselines: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None,
     seed: int = 0,
 ) -> Score:
     """Check the commitments, then score `answers.json` (by default `directory/answers/answers.json`).
 
-    Answers are {"answers": {case: diagnosis}} or {case: diagnosis}. `find_shrink(diagnosis_folder, unseen_campaign,
-    cause)` predicts the unseen tests with the diagnosed model, with and without the cause, and returns the share of the
-    gap that it removes there; it is called for every named cause of a case with an unseen campaign in the folder of
+    Answers are {"answers": {case: diagnosis}} or {case: diagnosis}. `find_shrink(diagnosis_folder, sealed_campaign,
+    cause)` predicts the sealed tests with the diagnosed model, with and without the cause, and returns the share of the
+    gap that it removes there; it is called for every named cause of a case with an sealed campaign in the folder of
     truths. Where `fits.json` names a file of the answerer's own effects or simulator, that code is run only if
-    `allow_effects_file`; else such cases have no share on unseen tests, and the table says so. Raises `WithheldError`
+    `allow_effects_file`; else such cases have no share on sealed tests, and the table says so. Raises `WithheldError`
     if a seal is broken.
     """
     directory, truth = Path(directory), Path(truth)
@@ -220,23 +229,23 @@ def score(
     found: dict[str, dict[str, float]] = {}
     foreign = []
     for name in sorted(set(given) & set(truths)):
-        unseen, fits = truth.parent / "unseen" / name, answers_path.parent / name / "fits.json"
-        if find_shrink is None or not (unseen / "campaign.toml").is_file() or not fits.is_file():
+        sealed, fits = sealed_tests(truth, name), answers_path.parent / name / "fits.json"
+        if find_shrink is None or not (sealed / "campaign.toml").is_file() or not fits.is_file():
             continue
-        check_unseen(name, unseen, truths[name])
+        check_sealed_tests(name, sealed, truths[name])
         if _names_code(fits) and not allow_effects_file:
             foreign.append(name)
             continue
         causes = score_case(name, read_truth(name, truths[name]), given[name]).answer.causes
-        values = {c.name: find_shrink(fits.parent, unseen, c.name) for c in causes if c.name in CATALOGUE}
+        values = {c.name: find_shrink(fits.parent, sealed, c.name) for c in causes if c.name in CATALOGUE}
         found[name] = {k: float(v) for k, v in values.items() if v is not None and np.isfinite(v)}
     notes = []
     if foreign:
         notes.append(
-            f"not tried on unseen tests, since fits.json names code of the answerer's own (run it with "
+            f"not tried on sealed tests, since fits.json names code of the answerer's own (run it with "
             f"--allow-effects-file): {', '.join(foreign)}"
         )
-    return score_answers(truths, given, found=found, left_out=left_out, baselines=baselines, notes=notes, seed=seed)
+    return score_answers(truths, given, found=found, excluded=excluded, baselines=baselines, notes=notes, seed=seed)
 
 
 def _names_code(fits: Path) -> bool:

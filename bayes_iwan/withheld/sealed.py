@@ -9,7 +9,7 @@ Layout::
     DIR/commitments.json              {"rule": ..., "sealed": true, "entropy": "<sha256>", "cases": {"case_01": ...}}
     DIR/case_01/campaign.toml ...     what a diagnosis is given
     DIR-truth/truth.json              {"schema": 2, "entropy": ..., "cases": {"case_01": {...}, ...}}
-    DIR-truth/unseen/case_01/...      tests of the same specimen that no diagnosis sees, to check its predictions
+    DIR-truth/sealed/case_01/...      tests of the same specimen that no diagnosis sees, to check its predictions
 
 Everything random follows from 256 bits of the system's entropy, which are kept with the truths, committed to, and
 published with them at opening: whoever has the campaigns cannot try seeds until one gives them. Development cases may
@@ -20,8 +20,8 @@ A case's truth is an object: "schema", "case", "kind" (one of `rig.cases.KINDS`)
 force, the share of it that no other parameters of the specimen imitate, its share of the gap that all leave together,
 units in the parameters' names), "true_gap_N" (RMS gap, N, that the base model leaves of the rig with each set of the
 faults, by names joined with "+"), "true_share" (of the gap, what is gone with each fault out of the rig, the others
-there), "specimen", "setup", "noise", "friction_rms_N", "design", "seed" (of the case's run), "data" and "unseen_data"
-(SHA-256 of each file of its campaign and of its unseen tests, so that none can be changed
+there), "specimen", "setup", "noise", "friction_rms_N", "design", "seed" (of the case's run), "data" and "sealed_data"
+(SHA-256 of each file of its campaign and of its sealed tests, so that none can be changed
 after the other) and "salt".
 """
 
@@ -39,6 +39,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_iwan import former_names
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import write_json
@@ -110,10 +111,10 @@ class _Draws:
 
     entropy: str
     out: Path
-    unseen: Path
+    sealed: Path
     laws: str
-    leave_out_laws: tuple[str, ...]
-    leave_out_outside: tuple[str, ...]
+    excluded_laws: tuple[str, ...]
+    excluded_outside: tuple[str, ...]
 
 
 def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, Any]:
@@ -121,10 +122,10 @@ def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, Any]:
     bits = hashlib.sha256(f"{draws.entropy}/{name}".encode()).digest()
     case = rig_cases.draw_case(
         np.random.default_rng(int.from_bytes(bits, "big")), kind, laws=draws.laws,
-        leave_out_laws=draws.leave_out_laws, leave_out_outside=draws.leave_out_outside,
+        excluded_laws=draws.excluded_laws, excluded_outside=draws.excluded_outside,
     )  # fmt: skip
     given, kept = rig_cases.simulate(case)
-    for folder, tests in ((draws.out, given), (draws.unseen, kept)):
+    for folder, tests in ((draws.out, given), (draws.sealed, kept)):
         write_campaign(
             folder / name, name=name, description="a rope spring on the virtual rig, one withheld case",
             tests=tests, source="bayes_iwan withheld",
@@ -134,7 +135,7 @@ def _make_one(draws: _Draws, piece: tuple[str, str | None]) -> dict[str, Any]:
         "true_gap_N": by_name(gap_N),
         "true_share": {n: removed(gap_N, {n})[n] for n in max(gap_N, key=len, default=())},
     }
-    hashes = {"data": file_hashes(draws.out / name), "unseen_data": file_hashes(draws.unseen / name)}
+    hashes = {"data": file_hashes(draws.out / name), "sealed_data": file_hashes(draws.sealed / name)}
     return {**case.truth(name), **gap, **hashes, "salt": secrets.token_hex(32)}
 
 
@@ -145,15 +146,15 @@ def make(
     seed: int | None = None,
     kinds: Sequence[str] | None = None,
     laws: str = "all",
-    leave_out_laws: Sequence[str] = (),
-    leave_out_outside: Sequence[str] = (),
+    excluded_laws: Sequence[str] = (),
+    excluded_outside: Sequence[str] = (),
     executor: Executor | None = None,
 ) -> Path:
     """Draw `n` cases, write their campaigns to `out` and seal their truths beside it.
 
     Parameters: `seed`, for development cases alone: it makes them again, and they are marked as not sealed; without it
     everything follows from 256 bits of the system's entropy. `kinds`, one a case, in place of the random mix; `laws`,
-    `leave_out_laws` and `leave_out_outside` as in `rig.cases.draw_case`. `executor` makes cases side by side. Returns
+    `excluded_laws` and `excluded_outside` as in `rig.cases.draw_case`. `executor` makes cases side by side. Returns
     the path of the truth file. Raises `WithheldError` if either folder exists already.
     """
     out = Path(out)
@@ -168,7 +169,7 @@ def make(
     names = [f"case_{i + 1:0{max(2, len(str(n)))}d}" for i in range(n)]
     pieces = {name: (name, kinds[i] if kinds is not None else None) for i, name in enumerate(names)}
     entropy = secrets.token_hex(32) if seed is None else f"seed {seed}"
-    draws = _Draws(entropy, out, apart / "unseen", laws, tuple(leave_out_laws), tuple(leave_out_outside))
+    draws = _Draws(entropy, out, apart / "sealed", laws, tuple(excluded_laws), tuple(excluded_outside))
     truths: dict[str, dict[str, Any]] = {}
     for name, truth in finished(pieces, _make_one, draws, executor=executor, what="making cases", unit="case"):
         if isinstance(truth, Failure):
@@ -242,7 +243,14 @@ def check_seals(directory: Path | str, truths: Mapping[str, Mapping[str, Any]]) 
         raise WithheldError(f"the campaign was changed after it was sealed: {', '.join(changed)}")
 
 
-def check_unseen(name: str, folder: Path, truth: Mapping[str, Any]) -> None:
-    """Raise `WithheldError` if the unseen tests of a case are not those that were sealed with its truth."""
-    if "unseen_data" in truth and file_hashes(folder) != truth["unseen_data"]:
-        raise WithheldError(f"the unseen tests were changed after they were sealed: {name}")
+def sealed_tests(truth_file: Path, name: str) -> Path:
+    """The folder of a case's sealed tests beside its truth file, which sets of before call otherwise."""
+    found = [truth_file.parent / folder / name for folder in ("sealed", *former_names.TRUTH)]
+    return next((x for x in found if x.is_dir()), found[0])
+
+
+def check_sealed_tests(name: str, folder: Path, truth: Mapping[str, Any]) -> None:
+    """Raise `WithheldError` if the sealed tests of a case are not those that were sealed with its truth."""
+    hashes = next((truth[k] for k in ("sealed_data", *former_names.TRUTH) if k in truth), None)
+    if hashes is not None and file_hashes(folder) != hashes:
+        raise WithheldError(f"the sealed tests were changed after they were sealed: {name}")

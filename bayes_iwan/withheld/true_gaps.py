@@ -1,5 +1,5 @@
 """What the faults of a case make of the gap, from the rig itself: the gap that the base model leaves with some of the
-faults taken out, and the share of it that is gone with each.
+faults removed, and the share of it that is gone with each.
 
 An answer says what the gap loses with its named effects in the model. The truth beside it is what the gap loses, in
 newtons, with these faults out of the rig, the others still there.
@@ -29,7 +29,7 @@ def true_gaps_N(case: Case, seed: int) -> dict[frozenset[str], float]:
     for a case without any. seed : of the fits' starts."""
 
     def gap_N(some: frozenset[str]) -> float:
-        fewer = replace(case, faults=tuple(f for f in case.faults if f.name in some), unseen=())
+        fewer = replace(case, faults=tuple(f for f in case.faults if f.name in some), sealed=())
         loops = [average(r, **LOOPS) for r in simulate(fewer)[0] if r.role != "held-out"]
         data = gap_data(loops)
         return gap_rms_N(data, fit_base(data, DiagnoseSettings(), scales_of(loops), np.random.default_rng(seed)))

@@ -13,6 +13,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from bayes_iwan import former_names
 from bayes_iwan.diagnosis.assessment.budget import subsets
 from bayes_iwan.virtual_rig.cases import KINDS
 from bayes_iwan.virtual_rig.faults import CATALOGUE
@@ -98,7 +99,7 @@ def _ours(truth: Mapping[str, Any]) -> Truth:
         size = json_number(e.get("size"))
         visible = size * json_number(e.get("visible_share"))
         share = json_number(e.get("share")) if len(truth["effects"]) > 1 else 1.0
-        causes.append(PlantedCause(e["name"], e.get("law", ""), size, visible, share))
+        causes.append(PlantedCause(_now(e["name"]), e.get("law", ""), size, visible, share))
     if truth["kind"] not in KINDS:
         raise KeyError(f"kind {truth['kind']!r}")
     noise = truth.get("noise")
@@ -110,12 +111,22 @@ def _ours(truth: Mapping[str, Any]) -> Truth:
         frequencies=len({t["frequency_hz"] for t in tests if t.get("role", "fit") == "fit"}),
         family=str(truth.get("specimen", {}).get("family", "")),
         faulty=False,
-        gap_N={k: json_number(v) for k, v in by_set(truth.get("true_gap_N") or {}).items()},
+        gap_N={
+            k: json_number(v)
+            for k, v in by_set(
+                {former_names.parameters_in(k): v for k, v in (truth.get("true_gap_N") or {}).items()}
+            ).items()
+        },
     )
 
 
+def _now(name: str) -> str:
+    """The name that an effect has now."""
+    return former_names.EFFECTS.get(name, name)
+
+
 def _first_set(truth: Mapping[str, Any]) -> Truth:
-    names = [n for n in (truth["kind"], truth.get("second")) if n and n != "none"]
+    names = [_now(n) for n in (truth["kind"], truth.get("second")) if n and n != "none"]
     known, unknown = (sum((n in CATALOGUE) is listed for n in names) for listed in (True, False))
     kind = next(k for k, counts in KINDS.items() if counts == (known, unknown))
     alone = len(names) == 1

@@ -128,7 +128,7 @@ def test_spikes_are_said(tmp_path, record):
     assert any("1 spike(s) in the force" in w and f"{r.time_s[700]:.6g} s" in w for w in test.warnings)
 
 
-def test_a_coarsely_rounded_time_column_is_mended_by_the_sample_rate(folder, toml, record, csv):
+def test_a_coarsely_rounded_time_column_is_fixed_by_the_sample_rate(folder, toml, record, csv):
     r = record()
     rounded = replace(r, time_s=np.round(r.time_s, 3))  # steps of 0.78 ms written as 0 or 1 ms
     text = csv(rounded)

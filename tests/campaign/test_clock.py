@@ -49,7 +49,7 @@ def test_check_prints_no_frequency(clockless):
 
 def test_speed_is_no_parameter_without_a_clock(clockless):
     names = make_problem(read_campaign(clockless).loops()).names
-    assert "grip_rate" not in names and "grip_slope" in names
+    assert "normal_force_rate" not in names and "normal_force_slope" in names
 
 
 @pytest.mark.parametrize(

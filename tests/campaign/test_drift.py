@@ -41,7 +41,7 @@ def test_a_drift_of_the_force_alone_is_left_in_and_tied(record):
     r = record(noise_N=0.003, noise_mm=0.0003, n_cycles=20.3)
     kept, _ = check_record(replace(r, force_N=r.force_N + np.linspace(0, 0.5, r.time_s.size)))
     (said,) = (w for w in kept.warnings if "mean force drifts" in w)
-    assert "zero, or a load that relaxes" in said and "`diagnose` looks for it" in said
+    assert "zero, or a load that relaxes" in said and "`diagnose` searches for it" in said
 
 
 def test_noise_is_no_drift(record):

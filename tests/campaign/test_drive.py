@@ -1,4 +1,4 @@
-"""The drive is judged before anything is averaged: steady drives pass, whatever their rate and noise."""
+"""The drive is assessed before anything is averaged: steady drives pass, whatever their rate and noise."""
 
 from dataclasses import replace
 
@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import split
-from bayes_iwan.campaign.timing.drive import judge
+from bayes_iwan.campaign.timing.drive import assess_drive
 
 
 def test_run_in_and_run_out_are_no_staircase(record):
     r = record(n_cycles=30.3)
     ramp = np.clip(r.time_s / 0.35, 0.3, 1) * np.clip((r.time_s[-1] - r.time_s) / 0.25, 0, 1)
-    assert judge(r.time_s, ramp * r.displacement_mm).kind == "steady"
+    assert assess_drive(r.time_s, ramp * r.displacement_mm).kind == "steady"
     assert len(split(replace(r, displacement_mm=ramp * r.displacement_mm))) == 1
 
 
@@ -21,4 +21,4 @@ def test_run_in_and_run_out_are_no_staircase(record):
 def test_steady_sines_are_steady(record, rate, noise):
     for seed in range(5):
         r = record(rate_hz=rate, n_cycles=25.3, noise_mm=noise, seed=seed)
-        assert judge(r.time_s, r.displacement_mm).kind == "steady"
+        assert assess_drive(r.time_s, r.displacement_mm).kind == "steady"

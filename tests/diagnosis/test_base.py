@@ -19,7 +19,7 @@ def test_table_1_at_2_and_5_mm_is_fitted_to_its_noise_whatever_its_slip_forces(k
     loops = kit.made_up(kit.force_of(model, values), tests, noise_N=noise_N).loops()
     data, scales = gap_data(loops), scales_of(loops)
     fit = fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(0))
-    rate = fit.problem.prior.values(fit.z[None])["grip_rate"][0]
-    assert rate == pytest.approx(float(values["grip_rate"][0]) * scales.speed_m_s / 0.785, rel=0.05)
+    rate = fit.problem.prior.values(fit.z[None])["normal_force_rate"][0]
+    assert rate == pytest.approx(float(values["normal_force_rate"][0]) * scales.speed_m_s / 0.785, rel=0.05)
     assert float(np.sqrt(np.mean(fit.problem.residual(fit.z[None]) ** 2))) < noise_N
     assert not missed(data, fit)

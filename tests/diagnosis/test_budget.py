@@ -10,15 +10,15 @@ from bayes_iwan.diagnosis.answer.wording import title
 from bayes_iwan.diagnosis.assessment.budget import Gaps, gaps_of, shares_of, subsets
 from bayes_iwan.diagnosis.assessment.calibration import (
     EFFECT_FIGURES,
-    REST_FIGURES,
+    UNEXPLAINED_FIGURES,
     Calibration,
     calibration,
     effect_figures,
     from_json,
-    rest_figures,
+    unexplained_figures,
 )
 from bayes_iwan.diagnosis.assessment.indicators import Figures
-from bayes_iwan.diagnosis.assessment.verdict import contributing, named_by, one_of, refused, rest_without_name
+from bayes_iwan.diagnosis.assessment.verdict import contributing, named_by, one_of, refused, unknown_cause_probability
 from bayes_iwan.diagnosis.constants import (
     ALIKE_NATS,
     EFFECT_NATS,
@@ -73,10 +73,10 @@ PLACE = Figures(
     name="moving_mass",
     gain=60.0,
     lead=20.0,
-    rivals={"moving_mass": 0.0, "free_play": -14.0},
+    alternatives={"moving_mass": 0.0, "free_play": -14.0},
     fitted=0.6,
     alone=0.6,
-    unseen=0.6,
+    held_out=0.6,
     fixed=0.6,
     differs=0.5,
     left=0.2,
@@ -87,7 +87,7 @@ PLACE = Figures(
 )
 
 
-@pytest.mark.parametrize("change", [{"gain": 200.0}, {"fitted": 0.9}, {"unseen": 0.9}], ids=str)
+@pytest.mark.parametrize("change", [{"gain": 200.0}, {"fitted": 0.9}, {"held_out": 0.9}], ids=str)
 def test_better_figures_never_make_a_cause_less_probable(change):
     c = calibration()
     assert c.contributes(replace(PLACE, **change)) >= c.contributes(PLACE)
@@ -96,22 +96,24 @@ def test_better_figures_never_make_a_cause_less_probable(change):
 
 def test_a_clear_effect_is_named_and_no_evidence_names_nothing():
     c = calibration()
-    clear = replace(PLACE, gain=300.0, rivals={"moving_mass": 0.0})
+    clear = replace(PLACE, gain=300.0, alternatives={"moving_mass": 0.0})
     assert named_by([clear], c) == ("moving_mass",)
-    idle = replace(clear, gain=3.0, fitted=0.03, unseen=0.01, left=0.9, gap=0.003)
+    idle = replace(clear, gain=3.0, fitted=0.03, held_out=0.01, left=0.9, gap=0.003)
     assert c.contributes(idle) < 0.5 and named_by([idle], c) == ()
 
 
-SURE = replace(PLACE, gain=500.0, fitted=0.8, alone=0.8, unseen=0.8, fixed=0.8, left=0.1, rivals={"moving_mass": 0.0})
+SURE = replace(
+    PLACE, gain=500.0, fitted=0.8, alone=0.8, held_out=0.8, fixed=0.8, left=0.1, alternatives={"moving_mass": 0.0}
+)
 
 
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ({"tests": 1, "unseen": np.nan}, "one record"),
-        ({"unseen": -0.01}, "left out"),
-        ({"unseen": 0.0}, "left out"),
-        ({"fixed": -0.1}, "left out"),
+        ({"tests": 1, "held_out": np.nan}, "one record"),
+        ({"held_out": -0.01}, "held-out tests"),
+        ({"held_out": 0.0}, "held-out tests"),
+        ({"fixed": -0.1}, "held-out tests"),
         ({"fitted": 0.01}, "too little"),
         ({"before": 0.001, "fitted": 0.5}, "too little"),
         ({"odd": "mass of 9 t is beyond what is possible"}, "9 t"),
@@ -121,7 +123,7 @@ SURE = replace(PLACE, gain=500.0, fitted=0.8, alone=0.8, unseen=0.8, fixed=0.8, 
 )
 def test_a_name_is_refused_however_probable(change, why):
     c, f = calibration(), replace(SURE, **change)
-    f = replace(f, rivals={f.name: 0.0})
+    f = replace(f, alternatives={f.name: 0.0})
     assert refused(SURE) == "" and why in refused(f)
     assert named_by([SURE], c) == ("moving_mass",) and named_by([f], c) == ()
     if f.name != "lagging_force":
@@ -129,20 +131,27 @@ def test_a_name_is_refused_however_probable(change, why):
 
 
 def test_what_the_record_itself_shows_is_named_from_one_record():
-    hum = replace(SURE, name="mains_hum", rivals={"mains_hum": 0.0}, tests=1, unseen=float("nan"), fixed=float("nan"))
-    assert refused(hum) == "" and named_by([hum], calibration()) == ("mains_hum",)
+    hum = replace(
+        SURE,
+        name="mains_interference",
+        alternatives={"mains_interference": 0.0},
+        tests=1,
+        held_out=float("nan"),
+        fixed=float("nan"),
+    )
+    assert refused(hum) == "" and named_by([hum], calibration()) == ("mains_interference",)
 
 
 def test_one_record_says_one_of_these():
-    one = replace(SURE, tests=1, unseen=float("nan"), rivals={"moving_mass": 0.0, "free_play": -3.0})
+    one = replace(SURE, tests=1, held_out=float("nan"), alternatives={"moving_mass": 0.0, "free_play": -3.0})
     (said,) = one_of([one], named_by([one], calibration()), calibration())
     assert set(said.names) == {"moving_mass", "free_play"}
 
 
-def test_what_no_test_left_out_can_judge_counts_as_it_is_fitted():
-    c, unjudged = calibration(), replace(PLACE, unseen=float("nan"))
-    assert not unjudged.judged and PLACE.judged
-    assert c.contributes(unjudged) == pytest.approx(c.contributes(replace(PLACE, unseen=PLACE.fitted)))
+def test_what_no_test_left_out_can_show_counts_as_it_is_fitted():
+    c, alone = calibration(), replace(PLACE, held_out=float("nan"))
+    assert not alone.has_held_out and PLACE.has_held_out
+    assert c.contributes(alone) == pytest.approx(c.contributes(replace(PLACE, held_out=PLACE.fitted)))
 
 
 OTHERS = ("viscous_damping", "end_stop", "free_play", "force_lowpass")
@@ -150,15 +159,15 @@ OTHERS = ("viscous_damping", "end_stop", "free_play", "force_lowpass")
 
 @pytest.mark.parametrize(("tied", "named"), [(0, True), (1, True), (2, True), (3, False), (4, False)])
 def test_a_name_needs_a_probability_of_its_own_and_many_are_said_together(tied, named):
-    """With so many tied rivals in its place an effect has 1/(1 + tied) of the place's probability."""
+    """With so many tied other effects in its place an effect has 1/(1 + tied) of the place's probability."""
     c = calibration()
-    f = replace(SURE, rivals=dict.fromkeys((SURE.name, *OTHERS[:tied]), 0.0))
+    f = replace(SURE, alternatives=dict.fromkeys((SURE.name, *OTHERS[:tied]), 0.0))
     assert named_by([f], c) == ((SURE.name,) if named else ())
     said = one_of([f], named_by([f], c), c)
     if named:
         assert said == ()
     else:
-        assert set(said[0].names) == set(f.rivals) and said[0].probability == pytest.approx(c.contributes(f))
+        assert set(said[0].names) == set(f.alternatives) and said[0].probability == pytest.approx(c.contributes(f))
 
 
 def test_rivals_share_their_places_probability():
@@ -168,17 +177,17 @@ def test_rivals_share_their_places_probability():
 
 def test_a_form_of_the_base_and_effects_that_cannot_be_told_from_it_are_said_together():
     c, tied = calibration(), dict.fromkeys(("slip_forces_free", *OTHERS), 0.0)
-    place = replace(SURE, name="slip_forces_free", rivals=tied)
+    place = replace(SURE, name="slip_forces_free", alternatives=tied)
     (said,) = one_of([place], named_by([place], c), c)
     assert set(said.names) == set(tied)
-    assert one_of([replace(place, rivals={"slip_forces_free": 0.0, "stiffness_law_free": 0.0})], (), c) == ()
+    assert one_of([replace(place, alternatives={"slip_forces_free": 0.0, "stiffness_law_free": 0.0})], (), c) == ()
     assert one_of([place], ("slip_forces_free",), c) == ()
 
 
 def test_what_nothing_of_the_catalogue_fills_is_not_said_to_be_one_of_it():
     c, tied = calibration(), dict.fromkeys((SURE.name, *OTHERS), 0.0)
-    assert one_of([replace(SURE, rivals={SURE.name: 0.0})], (), c) == ()  # one alone is named or not
-    assert one_of([replace(SURE, rivals=tied, unseen=-0.1)], (), c) == ()  # nothing holds on other tests
+    assert one_of([replace(SURE, alternatives={SURE.name: 0.0})], (), c) == ()  # one alone is named or not
+    assert one_of([replace(SURE, alternatives=tied, held_out=-0.1)], (), c) == ()  # nothing holds on other tests
 
 
 def test_evidence_counts_more_beside_a_gap_that_no_sound_specimen_has():
@@ -196,11 +205,11 @@ def test_evidence_counts_by_test_but_a_single_record_no_more_than_a_few():
 
 def test_a_pattern_speaks_for_a_cause_where_it_removes_as_much_as_a_cause_must():
     c = calibration()
-    sure = replace(SURE, name="lagging_force", rivals={"lagging_force": 0.0})
-    assert rest_without_name(0.1, [sure], c) > 0.9
-    assert rest_without_name(0.1, [replace(sure, fitted=0.01)], c) == pytest.approx(0.1)
+    sure = replace(SURE, name="lagging_force", alternatives={"lagging_force": 0.0})
+    assert unknown_cause_probability(0.1, [sure], c) > 0.9
+    assert unknown_cause_probability(0.1, [replace(sure, fitted=0.01)], c) == pytest.approx(0.1)
     tiny = replace(sure, fitted=0.2, before=0.004)  # 0.08 % of the friction force
-    assert rest_without_name(0.1, [tiny], c) == pytest.approx(0.1)
+    assert unknown_cause_probability(0.1, [tiny], c) == pytest.approx(0.1)
 
 
 def test_the_score_of_a_set():
@@ -225,15 +234,15 @@ def test_the_quick_gap_is_nearly_that_of_a_whole_refit(kit):
 
 def test_a_larger_rest_is_likelier_to_have_a_cause():
     c = calibration()
-    p = [c.unknown_rest(rest_figures(share, 1.0)) for share in (0.0005, 0.005, 0.05)]
+    p = [c.unknown_cause(unexplained_figures(share, 1.0)) for share in (0.0005, 0.005, 0.05)]
     assert p[0] < 0.5 < p[2] and p == sorted(p)
-    assert c.unknown_rest(rest_figures(0.004, 800.0)) >= c.unknown_rest(rest_figures(0.004, 1.0))
+    assert c.unknown_cause(unexplained_figures(0.004, 800.0)) >= c.unknown_cause(unexplained_figures(0.004, 1.0))
 
 
 def test_shipped_constants_have_one_sign_and_one_weight_for_each_figure():
     c = calibration()
     assert len(c.effect) == len(EFFECT_FIGURES) == len(effect_figures(PLACE))
-    assert len(c.rest) == len(REST_FIGURES)
+    assert len(c.rest) == len(UNEXPLAINED_FIGURES)
     assert min(c.effect) >= 0.0 and min(c.rest) >= 0.0
 
 

@@ -17,7 +17,7 @@ PLANTED = (
     "force_highpass",
     "force_clipping",
     "force_drift",
-    "mains_hum",
+    "mains_interference",
 )
 
 

@@ -1,4 +1,4 @@
-"""What a diagnosis looks at, against records whose truth is known."""
+"""What a diagnosis uses, against records whose truth is known."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from bayes_iwan.campaign.loops.averaging import TRUSTED_BAND
 from bayes_iwan.diagnosis.fits.data import MAINS_HZ, TREND_HARMONICS, gap_data, predicted
 from bayes_iwan.diagnosis.fits.evidence import base_problem, extended
-from bayes_iwan.effects.along_record import ForceDrift, ForceDriftByTest, MainsHum
+from bayes_iwan.effects.along_record import ForceDrift, ForceDriftByTest, MainsInterference
 from bayes_iwan.inference.setup.loop_scales import scales_of
 
 TESTS = [(8.0, 0.4), (8.0, 0.9), (20.0, 0.4), (20.0, 0.9)]
@@ -153,9 +153,10 @@ def test_predicted_hum_is_what_a_hum_does_to_the_data(data_of, kit):
     parameter_values = {}
     for t, file in enumerate(files(humming)):
         parameter_values |= {
-            f"mains_hum.{part}[{file}]": 0.05 * wave(0.4 + t) for part, wave in (("cosine", np.cos), ("sine", np.sin))
+            f"mains_interference.{part}[{file}]": 0.05 * wave(0.4 + t)
+            for part, wave in (("cosine", np.cos), ("sine", np.sin))
         }
-    mean, trend, lines = difference(MainsHum(kit.scales, files(humming)), parameter_values, humming, kit)
+    mean, trend, lines = difference(MainsInterference(kit.scales, files(humming)), parameter_values, humming, kit)
     # a sample at the very end of a record may count in the whole loop and not in a block: a thousandth of the hum
     np.testing.assert_allclose(mean, humming.harmonics_N - still.harmonics_N, atol=5e-5)
     np.testing.assert_allclose(trend, humming.trend_N - still.trend_N, atol=5e-5)
@@ -213,13 +214,17 @@ def test_predicted_third_harmonic_of_a_hum_is_locked_to_it(kit):
     still, hums = (
         gap_data(kit.made_up(kit.specimen_force, tests, extra=extra).loops(**kit.small)) for extra in (None, humming)
     )
-    parameter_values = {"mains_hum.third_cosine": third * np.cos(psi), "mains_hum.third_sine": -third * np.sin(psi)}
+    parameter_values = {
+        "mains_interference.third_cosine": third * np.cos(psi),
+        "mains_interference.third_sine": -third * np.sin(psi),
+    }
     for t, file in enumerate(files(still)):
         parameter_values |= {
-            f"mains_hum.{part}[{file}]": 0.05 * wave(0.4 + t) for part, wave in (("cosine", np.cos), ("sine", np.sin))
+            f"mains_interference.{part}[{file}]": 0.05 * wave(0.4 + t)
+            for part, wave in (("cosine", np.cos), ("sine", np.sin))
         }
     still = replace(still, mains_hz=np.tile([50.0, 60.0], (2, 1)))
-    mean, _, _ = difference(MainsHum(kit.scales, files(still)), parameter_values, still, kit)
+    mean, _, _ = difference(MainsInterference(kit.scales, files(still)), parameter_values, still, kit)
     np.testing.assert_allclose(mean, hums.harmonics_N - still.harmonics_N, atol=5e-5)
     assert np.all(np.abs(mean[:, 15]) > 0.014)
 

@@ -77,14 +77,14 @@ def test_a_drive_with_corners_is_told_to_be_the_drive_s(cornered):
     assert all(any("has corners" in w for w in test.warnings) for test in cornered.campaign.tests)
     assert 0.01 < cornered.before.all.share < CORNERS_GAP  # what there is to be blamed on someone
     assert cornered.verdict.kind is Kind.DRIVE and cornered.verdict.cause == "drive"
-    assert cornered.verdict.causes == () and not cornered.verdict.unknown_rest and cornered.next_test is None
+    assert cornered.verdict.causes == () and not cornered.verdict.unknown_cause and cornered.next_test is None
     said = " ".join(cornered.sentences())
     assert "cannot be told" in said and "sines" in said and files[0] in said
     answer = cornered.to_dict()
     assert answer["verdict"]["kind"] == "drive" and answer["verdict"]["cornered_drives"] == files
 
 
-def test_a_gap_above_what_corners_make_is_judged_with_the_drive_beside_it(cornered, monkeypatch):
+def test_a_gap_above_what_corners_make_is_assessed_with_the_drive_beside_it(cornered, monkeypatch):
     """As if the channels were sampled ten times as fast: what they may have made is less than the gap."""
     for loop in cornered.data.loops:
         monkeypatch.setitem(loop.__dict__, "corners_gap", 0.01)

@@ -9,10 +9,10 @@ import pytest
 from bayes_iwan.campaign import average
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
 from bayes_iwan.diagnosis.assessment import sampled_fit
-from bayes_iwan.diagnosis.constants import LARGE_REST
+from bayes_iwan.diagnosis.constants import LARGE_DISCREPANCY
 from bayes_iwan.diagnosis.fits import evidence
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN, LENGTHS, SHARES, Linear, Rest, RestSize
+from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN, LENGTHS, SHARES, Discrepancy, DiscrepancySize, Linear
 from bayes_iwan.diagnosis.fits.evidence import _distinct, _grid, extended, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
@@ -28,7 +28,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 def toy():
     """A model of four numbers, linear about where it stands, and a rest of which a part changes along the record."""
     rng = np.random.default_rng(5)
-    rest = Rest(rng.uniform(0.0, 400.0, 30), rng.integers(0, 6, 30), np.arange(30) >= 24)
+    rest = Discrepancy(rng.uniform(0.0, 400.0, 30), rng.integers(0, 6, 30), np.arange(30) >= 24)
     return Linear(rng.standard_normal(30), 3.0 * rng.standard_normal((30, 4)), rest, rng.standard_normal(4))
 
 
@@ -51,15 +51,17 @@ def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record
     np.testing.assert_allclose(np.ptp(grid.log_z - one), 0.0, atol=1e-9)  # the average is one constant
     i, k = np.unravel_index(np.argmax(one), one.shape)
     assert (grid.size.share, grid.size.length) == (SHARES[i], LENGTHS[k])
-    low, middle, high = sorted(grid.rest_share)
-    assert grid.rest_share == (middle, low, high) and low < high
+    low, middle, high = sorted(grid.discrepancy_share)
+    assert grid.discrepancy_share == (middle, low, high) and low < high
 
 
 def test_a_rest_as_large_as_the_friction_is_unlikely_beforehand(toy):
-    """Rows without any rest: what is left of the evidence is its prior, 1/(1 + (share/LARGE_REST)²)."""
-    bare = replace(toy, rest=replace(toy.rest, eigen=np.zeros(30)))
-    log_z = [bare.evidence(((share, float(LENGTHS[0]), 0.0),)).log_z[0] for share in (1e-9, LARGE_REST, 1.0)]
-    np.testing.assert_allclose(np.subtract(log_z, log_z[0]), [0.0, -np.log(2.0), -np.log1p(LARGE_REST**-2)], rtol=1e-9)
+    """Rows without any rest: what is left of the evidence is its prior, 1/(1 + (share/LARGE_DISCREPANCY)²)."""
+    bare = replace(toy, rest=replace(toy.discrepancy, eigen=np.zeros(30)))
+    log_z = [bare.evidence(((share, float(LENGTHS[0]), 0.0),)).log_z[0] for share in (1e-9, LARGE_DISCREPANCY, 1.0)]
+    np.testing.assert_allclose(
+        np.subtract(log_z, log_z[0]), [0.0, -np.log(2.0), -np.log1p(LARGE_DISCREPANCY**-2)], rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("bend", [30.0, np.inf])
@@ -105,7 +107,7 @@ def test_a_larger_model_misses_no_more_in_newtons_than_a_smaller_one(kit):
 def test_evidence_is_the_mean_over_the_grid_and_the_rest_has_its_size(kit):
     fit = kit.diagnosed(None).search.base
     assert fit.log_evidence == pytest.approx(np.log(np.mean(np.exp(fit.log_z - fit.log_z.max()))) + fit.log_z.max())
-    middle, low, high = fit.rest_share
+    middle, low, high = fit.discrepancy_share
     assert SHARES[0] <= low < middle < high <= SHARES[-1] and middle < 0.01
 
 
@@ -123,13 +125,13 @@ def test_a_large_rest_does_not_lead_a_model_away_from_what_it_can_fit(measured):
     for seed in (1, 2):
         base = fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(seed))
         assert gap_rms_N(data, base) < 0.1 * level
-    far = replace(base, z=np.zeros_like(base.z), rest_share=(1.8, 0.2, 2.2))
+    far = replace(base, z=np.zeros_like(base.z), discrepancy_share=(1.8, 0.2, 2.2))
     assert gap_rms_N(data, far) < 0.1 * level  # wherever evidence left it
     held = predicting(data, far, in_newtons(data, far))
     assert held.size.share == 1.8 and np.linalg.norm(held.z) < np.linalg.norm(in_newtons(data, far).z)
 
 
-@pytest.mark.parametrize("name", ["friction_fade", "force_drift", "mains_hum"])
+@pytest.mark.parametrize("name", ["friction_fade", "force_drift", "mains_interference"])
 def test_idle_evolving_effect_costs_what_the_steady_model_pays(name, kit):
     """A steady model misses all trends and lines; an evolving one that is switched off misses the same."""
     found = kit.diagnosed(None).search
@@ -144,7 +146,7 @@ def test_idle_evolving_effect_costs_what_the_steady_model_pays(name, kit):
     np.testing.assert_allclose(idle[: len(base)], base, atol=0.5)
     assert rows.layout.constant == 0.0
     assert 0.5 * np.sum(idle[len(base) :] ** 2) == pytest.approx(
-        steady.layout.missed(RestSize(0.0, 0.1, 0.0)), rel=0.03
+        steady.layout.steady_cost(DiscrepancySize(0.0, 0.1, 0.0)), rel=0.03
     )
 
 

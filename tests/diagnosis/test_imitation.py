@@ -88,13 +88,15 @@ def test_the_base_s_own_speed_term_is_told_from_a_dashpot(kit):
 def test_parameters_at_the_edge_are_found(damper):
     base = damper.base
     z = base.z.copy()
-    z[base.problem.names.index("grip_rate")] = 3.6
+    z[base.problem.names.index("normal_force_rate")] = 3.6
     z[base.problem.names.index("kp_N_mm")] = -4.2
 
     found = edges_of(replace(base, z=z))
     names = [x.name for x in found]
-    assert {"grip_rate", "kp_N_mm"} <= set(names) and abs(found[0].deviations) == max(abs(x.deviations) for x in found)
-    rate = next(x for x in found if x.name == "grip_rate")
+    assert {"normal_force_rate", "kp_N_mm"} <= set(names) and abs(found[0].deviations) == max(
+        abs(x.deviations) for x in found
+    )
+    rate = next(x for x in found if x.name == "normal_force_rate")
     assert rate.value == pytest.approx(
-        float(base.problem.prior["grip_rate"].value(np.array(3.6)))
+        float(base.problem.prior["normal_force_rate"].value(np.array(3.6)))
     ) and rate.deviations == pytest.approx(3.6)

@@ -10,9 +10,9 @@ from bayes_iwan.diagnosis.assessment.indicators import _chosen_share, ranked_by_
 from bayes_iwan.diagnosis.constants import EFFECT_NATS
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.evidence import extended
-from bayes_iwan.diagnosis.fits.held_out_tests import Unseen, for_loops, refitted
+from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, for_loops, refitted
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
-from bayes_iwan.effects.along_record import MainsHum
+from bayes_iwan.effects.along_record import MainsInterference
 
 
 def test_groups_are_tests_of_one_frequency_or_amplitude(kit):
@@ -24,7 +24,7 @@ def test_groups_are_tests_of_one_frequency_or_amplitude(kit):
 
 def test_true_cause_shrinks_the_gap_at_frequencies_and_amplitudes_left_out(kit):
     cause = kit.diagnosed("channel_delay").verdict.causes[0]
-    assert cause.held_out_by == "one frequency left out and one amplitude left out"
+    assert cause.held_out_by == "one frequency held out and one amplitude held out"
     assert cause.held_out.value > 0.6 and cause.held_out.low <= cause.held_out.value <= cause.held_out.high
 
 
@@ -47,10 +47,12 @@ def test_refit_to_some_tests_stays_near_the_whole_fit(kit):
 def test_hums_numbers_go_with_their_tests(kit):
     found = kit.diagnosed("channel_delay").search
     files = tuple(x.file for x in found.data.loops)
-    problem = extended(found.base.problem, [MainsHum(found.scales, files)])
+    problem = extended(found.base.problem, [MainsInterference(found.scales, files)])
     few = gap_data(found.data.loops[1:3])
-    hums = [n for n in for_loops(problem, few.loops, few).names if n.startswith("mains_hum") and "third" not in n]
-    assert hums == [f"mains_hum.{p}[{f}]" for p in ("cosine", "sine") for f in files[1:3]]
+    hums = [
+        n for n in for_loops(problem, few.loops, few).names if n.startswith("mains_interference") and "third" not in n
+    ]
+    assert hums == [f"mains_interference.{p}[{f}]" for p in ("cosine", "sine") for f in files[1:3]]
 
 
 POWER = {frozenset(): np.array([100.0, 1.0, 1.0]), frozenset("a"): np.array([100.0, 0.25, 4.0])}
@@ -58,12 +60,12 @@ POWER = {frozenset(): np.array([100.0, 1.0, 1.0]), frozenset("a"): np.array([100
 
 def test_shares_test_by_test_count_each_test_alike():
     along = {frozenset(): np.array([0.0, 1.0, 4.0]), frozenset("a"): np.array([0.0, 0.0, 1.0])}
-    unseen = Unseen("one frequency left out", ("x", "y", "z"), POWER, along)
-    np.testing.assert_allclose(unseen.by_test((), "a"), [0.0, 0.5, -0.5])
-    np.testing.assert_allclose(unseen.by_test((), "a", along=True), [0.0, 1.0, 0.5])
+    held_out = HeldOut("one frequency held out", ("x", "y", "z"), POWER, along)
+    np.testing.assert_allclose(held_out.by_test((), "a"), [0.0, 0.5, -0.5])
+    np.testing.assert_allclose(held_out.by_test((), "a", along=True), [0.0, 1.0, 0.5])
 
 
-def test_a_name_is_judged_by_the_set_that_the_other_tests_would_have_chosen(kit):
+def test_a_name_is_assessed_by_the_set_that_the_other_tests_would_have_chosen(kit):
     """By hand: of two tests left out, one set is best for the tests that the first is predicted from, the base for the
     second's. There nothing would have been named, so nothing is removed."""
     effects = {"a": (SimpleNamespace(look_alikes=()),)}
@@ -75,9 +77,9 @@ def test_a_name_is_judged_by_the_set_that_the_other_tests_would_have_chosen(kit)
         a: np.array([[90.0, 0.0], [1.0, 1.0], [2.0, 2.0]]),
     }
     power = {none: np.array([1.0, 1.0]), a: np.array([0.25, 0.25])}
-    unseen = Unseen("one frequency left out", ("x", "y"), power, power, trained)
-    sets, scores = ranked_by_training(search, unseen)
+    held_out = HeldOut("one frequency held out", ("x", "y"), power, power, trained)
+    sets, scores = ranked_by_training(search, held_out)
     expected = 90.0 + newton_nats(1.0, sound_N, 2) - EFFECT_NATS
     assert scores[sets.index(a), 0] == pytest.approx(expected)
     effect = SimpleNamespace(name="a", evolving=False)
-    assert _chosen_share(search, unseen, effect) == pytest.approx(0.25)  # a half of one, nothing of the other
+    assert _chosen_share(search, held_out, effect) == pytest.approx(0.25)  # a half of one, nothing of the other

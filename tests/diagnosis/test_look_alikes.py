@@ -21,5 +21,5 @@ def test_a_last_exchange_does_not_leave_two_that_look_alike():
     loops = [average(r, **LOOPS) for r in cases.simulate(case)[0] if r.role != "held-out"]
     found = searched(gap_data(loops), DiagnoseSettings(), 0)
     assert {"channel_delay", "force_lowpass"} & set(found.chosen)
-    causes = [n for n in found.chosen if n not in LAST]  # what bends the base's own form may stand beside any
+    causes = [n for n in found.chosen if n not in LAST]  # what bends the base's form may stand beside any
     assert not [pair for pair in combinations(causes, 2) if look_alike(found.effects, *pair)]

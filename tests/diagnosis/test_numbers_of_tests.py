@@ -9,7 +9,7 @@ from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search import model_search as searching
 from bayes_iwan.diagnosis.search import refits
 from bayes_iwan.diagnosis.search.candidates import candidate
-from bayes_iwan.diagnosis.search.fitted_sets import Explored, silent
+from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, silent
 from bayes_iwan.diagnosis.search.model_search import fit_singles
 from bayes_iwan.effects import catalogue
 from bayes_iwan.inference.setup.loop_scales import scales_of
@@ -25,7 +25,7 @@ def test_a_mains_line_that_every_loop_hides_is_refitted_whatever_a_step_promises
     for hz, tried in ((6.0, True), (7.0, False)):
         made = simulate_campaign([PlannedTest(hz, a, cycles=12) for a in (0.4, 0.9)], seed=3)
         data = gap_data(Campaign("virtual rig", "", "", "", None, made.records).loops(**kit.small))
-        kinds, rng = {"mains_hum": catalogue.variants()["mains_hum"]}, np.random.default_rng(0)
-        found = Explored(data, scales_of(data.loops), kit.settings, kinds, rng, silent, None, None)
+        kinds, rng = {"mains_interference": catalogue.variants()["mains_interference"]}, np.random.default_rng(0)
+        found = FittedSets(data, scales_of(data.loops), kit.settings, kinds, rng, silent, None, None)
         fit_singles(found)
-        assert (frozenset({"mains_hum"}) in found.fits) is tried
+        assert (frozenset({"mains_interference"}) in found.fits) is tried

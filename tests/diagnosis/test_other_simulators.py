@@ -16,7 +16,7 @@ from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.inference.setup.loop_scales import loop_energy_mJ
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.models import ModelError, record_motion, sine_motion
-from bayes_iwan.models.bouc_wen import RIVALS
+from bayes_iwan.models.bouc_wen import OTHER_MODELS
 from bayes_iwan.models.simulator import inner_effects, recorded_force
 from bayes_iwan.models.user_file import load_simulator
 
@@ -53,7 +53,7 @@ def test_dahl_is_wens_model_with_exponent_and_share_one():
     motion = sine_motion(frequency_hz=10.0, amplitude_mm=[0.05, 0.7, 2.0], samples=256)
     loop = dahl.force(parameter_values, motion)
     wen = one(kp_N_mm=5.0, bw_k_N_mm=15.0, bw_force_N=1.2, bw_n=1.0, bw_share=1.0)
-    np.testing.assert_allclose(loop, RIVALS["bouc_wen"].force(wen, motion), atol=1e-4)
+    np.testing.assert_allclose(loop, OTHER_MODELS["bouc_wen"].force(wen, motion), atol=1e-4)
     time = np.arange(6 * 256) / 2560.0
     settled = dahl.force(parameter_values, record_motion(time, 0.7 * np.sin(2.0 * np.pi * 10.0 * time)))[0, 0]
     np.testing.assert_allclose(settled[5 * 256 :], loop[0, 1], atol=1e-9)
@@ -72,7 +72,7 @@ def test_a_planted_effect_is_found(name):
     assert not {"microslip", "gross slip"} & {x.name for x in found.where.of("region")}
 
 
-def test_friction_effects_are_offered_only_where_the_simulator_has_their_station():
+def test_friction_effects_are_offered_only_where_the_simulator_has_their_stage():
     spring, dahl = simulator_of("damped_spring"), simulator_of("dahl")
     assert "stribeck_weakening" not in variants((), spring) and "normal_force_lag" not in variants((), dahl)
     assert {"channel_delay", "viscous_damping", "rig_compliance"} < set(variants((), spring))
@@ -82,7 +82,7 @@ def test_friction_effects_are_offered_only_where_the_simulator_has_their_station
         problem.with_effects([StribeckWeakening(problem.scales)])
 
 
-@pytest.mark.parametrize("rival", RIVALS.values(), ids=RIVALS)
+@pytest.mark.parametrize("rival", OTHER_MODELS.values(), ids=OTHER_MODELS)
 def test_a_rival_s_force_honours_effects(rival):
     """A late force channel turns a rival's harmonics as it turns any; a high-pass takes its mean."""
     problem = make_problem(made("dahl").loops(**SMALL), None, rival)

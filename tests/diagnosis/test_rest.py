@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from bayes_iwan.diagnosis.constants import LARGE_REST, SPECTRUM_SD
-from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN, LENGTHS, LN_SPECTRUM, Linear, Rest, RestSize
+from bayes_iwan.diagnosis.constants import LARGE_DISCREPANCY, SPECTRUM_SD
+from bayes_iwan.diagnosis.fits.discrepancy_size import (
+    BETWEEN,
+    LENGTHS,
+    LN_SPECTRUM,
+    Discrepancy,
+    DiscrepancySize,
+    Linear,
+)
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
 
@@ -17,11 +24,11 @@ def toy(orders: int, rows: int = 30, changing: bool = True) -> Linear:
     rng = np.random.default_rng(5)
     jacobian, z = 3.0 * rng.standard_normal((rows, 4)), rng.standard_normal(4)
     late = np.arange(rows) >= (24 if changing else rows)
-    rest = Rest(rng.uniform(0.0, 400.0, rows), rng.integers(0, orders, rows), late)
+    rest = Discrepancy(rng.uniform(0.0, 400.0, rows), rng.integers(0, orders, rows), late)
     return Linear(rng.standard_normal(rows), jacobian, rest, z)
 
 
-def by_hand(rest: Rest, size: RestSize) -> np.ndarray:
+def by_hand(rest: Discrepancy, size: DiscrepancySize) -> np.ndarray:
     out = []
     for eigen, order, late in zip(rest.eigen, rest.order, rest.changing):
         share, length = (size.along, LENGTHS[-1]) if late else (size.share, size.length)
@@ -32,11 +39,11 @@ def by_hand(rest: Rest, size: RestSize) -> np.ndarray:
     return np.array(out)
 
 
-def gaussian_log_z(linear: Linear, size: RestSize) -> float:
+def gaussian_log_z(linear: Linear, size: DiscrepancySize) -> float:
     """ln evidence of a linear model with a standard normal prior, without the constants of 2π, and the size's prior."""
     data = linear.residual + linear.jacobian @ linear.z  # what a model at z = 0 misses
-    covariance = np.diag(by_hand(linear.rest, size)) + linear.jacobian @ linear.jacobian.T
-    prior = stats.cauchy(scale=LARGE_REST)
+    covariance = np.diag(by_hand(linear.discrepancy, size)) + linear.jacobian @ linear.jacobian.T
+    prior = stats.cauchy(scale=LARGE_DISCREPANCY)
     unlikely = float(prior.logpdf(size.share) - prior.logpdf(0.0))
     log_p = float(stats.multivariate_normal(cov=covariance).logpdf(data))
     return log_p + 0.5 * len(data) * np.log(2.0 * np.pi) + unlikely
@@ -45,18 +52,18 @@ def gaussian_log_z(linear: Linear, size: RestSize) -> float:
 @pytest.mark.parametrize("spectrum", [(), (0.1, 3.0), (0.5, 2.0, 7.0, 1.0, 0.01, 4.0)])
 def test_variance_is_noise_and_rest_row_by_row(spectrum):
     along = spectrum[::-1]
-    rest, size = toy(6).rest, RestSize(0.02, 0.1, 0.05, spectrum, along)
+    rest, size = toy(6).rest, DiscrepancySize(0.02, 0.1, 0.05, spectrum, along)
     np.testing.assert_allclose(rest.variance(size), by_hand(rest, size), rtol=1e-12)
     several = rest.variances(np.array([0.02, 0.4]), np.array([0.1, 0.03]), size)
     np.testing.assert_allclose(several[0], by_hand(rest, size), rtol=1e-12)
-    np.testing.assert_allclose(several[1], by_hand(rest, RestSize(0.4, 0.03, 0.05, spectrum, along)), rtol=1e-12)
+    np.testing.assert_allclose(several[1], by_hand(rest, DiscrepancySize(0.4, 0.03, 0.05, spectrum, along)), rtol=1e-12)
 
 
-@pytest.mark.parametrize("size", [RestSize(5e-4, 0.03, 0.0), RestSize(0.4, 0.1, 0.05, (2.0, 0.1, 1.0))])
+@pytest.mark.parametrize("size", [DiscrepancySize(5e-4, 0.03, 0.0), DiscrepancySize(0.4, 0.1, 0.05, (2.0, 0.1, 1.0))])
 def test_a_step_finds_the_posterior_of_a_linear_model(size):
     linear = toy(6)
     z, precision, left = linear.step(size)
-    data, variance = linear.residual + linear.jacobian @ linear.z, by_hand(linear.rest, size)
+    data, variance = linear.residual + linear.jacobian @ linear.z, by_hand(linear.discrepancy, size)
     np.testing.assert_allclose(precision, linear.jacobian.T @ (linear.jacobian / variance[:, None]) + np.eye(4))
     np.testing.assert_allclose(precision @ z, linear.jacobian.T @ (data / variance), rtol=1e-8)
     np.testing.assert_allclose(left, data - linear.jacobian @ z, rtol=1e-8)
@@ -74,7 +81,7 @@ def test_a_harmonics_size_is_integrated_out(changing):
     assert len(found) == (6 if changing else 3)
     for place, lambda_ in enumerate(found):
         at = (rest.order == place % 3) & (rest.changing == (place >= 3))
-        shape = by_hand(rest, RestSize(0.1, 0.03, 0.3))[at] - 1.0
+        shape = by_hand(rest, DiscrepancySize(0.1, 0.03, 0.3))[at] - 1.0
 
         def density(x, at=at, shape=shape):
             prior = stats.norm.pdf(x, scale=SPECTRUM_SD)
@@ -93,7 +100,7 @@ def test_evidence_has_every_harmonics_size_integrated_out():
     prior /= prior.sum()
     exact = np.logaddexp.reduce(
         [
-            gaussian_log_z(linear, RestSize(0.05, 0.03, 0.0, tuple(np.exp(LN_SPECTRUM[[i, k]]))))
+            gaussian_log_z(linear, DiscrepancySize(0.05, 0.03, 0.0, tuple(np.exp(LN_SPECTRUM[[i, k]]))))
             + np.log(prior[i] * prior[k])
             for i, k in product(range(len(LN_SPECTRUM)), repeat=2)
         ]
@@ -103,19 +110,19 @@ def test_evidence_has_every_harmonics_size_integrated_out():
 
 def test_without_a_rest_evidence_is_exact():
     linear = toy(6, changing=False)
-    none = replace(linear, rest=replace(linear.rest, eigen=np.zeros(30)))
+    none = replace(linear, rest=replace(linear.discrepancy, eigen=np.zeros(30)))
     found = none.evidence(((0.05, 0.03, 0.0),))
-    assert found.log_z[0] == pytest.approx(gaussian_log_z(none, RestSize(0.05, 0.03, 0.0)), rel=1e-9)
+    assert found.log_z[0] == pytest.approx(gaussian_log_z(none, DiscrepancySize(0.05, 0.03, 0.0)), rel=1e-9)
 
 
-def test_a_quiet_harmonic_is_judged_by_its_own_rest():
+def test_a_quiet_harmonic_is_assessed_by_its_own_rest():
     """A large rest in one harmonic must not hide what an effect does in another."""
     rng = np.random.default_rng(3)
     order = np.repeat([1, 2], 20)
     eigen = np.full(40, 1e6)
     loud = np.where(order == 1, 30.0, 1.0) * rng.standard_normal(40)
     signature = np.where(order == 2, 4.0, 0.0)[:, None] * np.ones((40, 1))
-    rest = Rest(eigen, order, np.zeros(40, dtype=bool))
+    rest = Discrepancy(eigen, order, np.zeros(40, dtype=bool))
     with_effect = Linear(loud + signature[:, 0], signature, rest, np.zeros(1))
     without = Linear(loud + signature[:, 0], 1e-9 * signature, rest, np.zeros(1))
     sizes = tuple((float(a), 0.03, 0.0) for a in np.geomspace(1e-3, 0.1, 9))
@@ -125,13 +132,13 @@ def test_a_quiet_harmonic_is_judged_by_its_own_rest():
     assert found[1] > 5.0 * found[2]
 
 
-def test_what_changes_along_the_record_is_judged_by_its_own_harmonic():
+def test_what_changes_along_the_record_is_assessed_by_its_own_harmonic():
     """Loops that swell for no known cause must not hide a drift of the mean."""
     rng = np.random.default_rng(4)
     order, late = np.repeat([0, 1], 20), np.ones(40, dtype=bool)
     swelling = np.where(order == 1, 30.0, 1.0) * rng.standard_normal(40)
     drift = np.where(order == 0, 4.0, 0.0)[:, None]
-    rest = Rest(np.full(40, 1e6), order, late)
+    rest = Discrepancy(np.full(40, 1e6), order, late)
     sizes = tuple((0.0, 0.1, float(b)) for b in np.geomspace(1e-3, 0.3, 9))
     known, unknown = (
         max(Linear(swelling + drift[:, 0], signature, rest, np.zeros(1)).evidence(sizes).log_z)

@@ -16,7 +16,7 @@ from bayes_iwan.diagnosis.search import model_search as searching
 from bayes_iwan.diagnosis.search import refits
 from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, missed, newton_nats, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import candidate, start_points, stepped_on, weighed_alike
-from bayes_iwan.diagnosis.search.fitted_sets import Explored, silent
+from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, silent
 from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, fit_singles, grow, search
 from bayes_iwan.diagnosis.search.search_result import LAST
 from bayes_iwan.diagnosis.search.strength import calibrated
@@ -36,7 +36,7 @@ FOUND = {"viscous_damping": "c_N_s_mm", "moving_mass": "m_kg"}
 
 def explorer(kit, data, kinds):
     """A search that has fitted its base and no more."""
-    return Explored(data, scales_of(data.loops), kit.settings, kinds, np.random.default_rng(0), silent, None, None)
+    return FittedSets(data, scales_of(data.loops), kit.settings, kinds, np.random.default_rng(0), silent, None, None)
 
 
 def promised(data, smaller, gap_N, effect):
@@ -60,27 +60,27 @@ def test_planted_effect_is_found_with_its_number(name, kit):
 def test_a_late_and_a_smoothed_force_are_said_to_be_all_but_one(kit):
     """A force that is 0.4 ms late is as well one that a steep filter smooths."""
     (cause,) = kit.diagnosed("channel_delay").verdict.causes
-    alike = {cause.name, *cause.cannot_tell_apart}
+    alike = {cause.name, *cause.tied_with}
     assert {"channel_delay", "force_lowpass"} <= alike
     assert sum(kit.diagnosed("channel_delay").verdict.probabilities[n] for n in alike) > 0.6
 
 
 def test_sound_rig_has_no_cause(kit):
     d = kit.diagnosed(None)
-    assert d.verdict.kind == Kind.NONE and d.verdict.causes == () and not d.verdict.unknown_rest
+    assert d.verdict.kind == Kind.NONE and d.verdict.causes == () and not d.verdict.unknown_cause
     assert d.verdict.probabilities["none"] > 0.5
 
 
 @pytest.mark.parametrize(
-    "name, looks_like", [("cell_hysteresis", "lagging_force"), ("sensor_hysteresis", "lagging_reading")]
+    "name, resembles", [("cell_hysteresis", "lagging_force"), ("sensor_hysteresis", "lagging_reading")]
 )
-def test_a_reading_with_hysteresis_is_unknown_and_described(name, looks_like):
+def test_a_reading_with_hysteresis_is_unknown_and_described(name, resembles):
     """The rig has plays in parallel, the pattern another law; neither is a cause of the catalogue."""
     plan = [PlannedTest(f, a, cycles=12) for f in (6.0, 14.0, 25.0) for a in (0.4, 0.9)]
     made = simulate_campaign(plan, fault=name, size=0.1, seed=3)
     campaign = Campaign("virtual rig", "", "", "", None, made.records)
     d = diagnose_loops(campaign, campaign.loops(n_phase=64, n_harmonics=20), seed=1, quick=True)
-    assert d.verdict.kind == Kind.UNKNOWN and d.verdict.names == () and d.budget.rest.looks_like == looks_like
+    assert d.verdict.kind == Kind.UNKNOWN and d.verdict.names == () and d.budget.unexplained.resembles == resembles
 
 
 def test_where_nothing_is_missed_nothing_is_searched(kit):
@@ -101,13 +101,13 @@ def test_where_nothing_is_missed_nothing_is_searched(kit):
 
 def test_cause_outside_the_catalogue_leaves_a_rest_without_a_name(kit):
     d = kit.diagnosed("base_resonance")
-    assert d.verdict.unknown_rest and d.verdict.kind in (Kind.UNKNOWN, Kind.PARTLY)
-    assert d.budget.rest.where  # and it is said where it sits
+    assert d.verdict.unknown_cause and d.verdict.kind in (Kind.UNKNOWN, Kind.PARTLY)
+    assert d.budget.unexplained.where  # and it is said where it sits
 
 
 def test_single_frequency_answer_holds_the_truth_among_what_cannot_be_told_apart(kit):
     d = kit.diagnosed("viscous_damping", "single")
-    near = {n for c in d.verdict.causes for n in (c.name, *c.cannot_tell_apart)}
+    near = {n for c in d.verdict.causes for n in (c.name, *c.tied_with)}
     assert "viscous_damping" in near and d.verdict.probabilities["viscous_damping"] > 0.3
 
 
@@ -117,8 +117,8 @@ def test_every_effect_is_offered_and_the_most_promising_first(kit):
     offered = found.offered(found.fits[frozenset()])
     # 50 and 60 Hz are no harmonics of these tests, and no line stands there
     assert data.mains_possible == (False, False)
-    assert {c.name for c in offered} == set(catalogue.NAMES) - {"mains_hum"} - LAST
-    promised = [c.worth for c in offered]
+    assert {c.name for c in offered} == set(catalogue.NAMES) - {"mains_interference"} - LAST
+    promised = [c.score for c in offered]
     assert promised == sorted(promised, reverse=True)
     # one step is but a screen: the truth need not lead, but it must be refitted
     assert "viscous_damping" in [c.name for c in offered[:SINGLE_MOST]]
@@ -129,12 +129,12 @@ def test_what_an_effect_removes_in_newtons_is_part_of_its_promise_where_there_is
     gap_N = gap_rms_N(found.data, found.base)
     for name in ("viscous_damping", "moving_mass"):
         without, beside = (promised(found.data, found.base, g, found.effects[name][0]) for g in (0.0, gap_N))
-        assert without.worth == without.gain == beside.gain and len(beside.starts) == len(without.starts) + 1
+        assert without.score == without.gain == beside.gain and len(beside.starts) == len(without.starts) + 1
         sound_N, tests = sound_gap_N(found.data), found.data.tests
         removed = newton_nats(0.0, sound_N, tests) - newton_nats(gap_N, sound_N, tests)
-        assert 0.0 <= beside.worth - beside.gain <= removed
+        assert 0.0 <= beside.score - beside.gain <= removed
         if name == "viscous_damping":  # the truth: most of the gap, and so a good part of what all of it is worth
-            assert beside.worth - beside.gain > removed / 3.0
+            assert beside.score - beside.gain > removed / 3.0
 
 
 def test_an_effect_is_not_promised_what_a_step_of_the_smaller_model_gains_by_itself(kit):
@@ -170,7 +170,9 @@ def test_effects_with_a_number_for_each_test_promise_what_a_step_of_these_gains(
         loops = kit.made_up(kit.specimen_force, tests, noise_N=0.01, cycles=24, extra=extra).loops(**kit.small)
         data, scales = gap_data(loops), scales_of(loops)
         base = fit_base(data, kit.settings, scales, np.random.default_rng(0))
-        effects = [calibrated(k, scales, data, base.problem, base.z) for k in catalogue.variants()["mains_hum"]]
+        effects = [
+            calibrated(k, scales, data, base.problem, base.z) for k in catalogue.variants()["mains_interference"]
+        ]
         gain[name] = [promised(data, base, 0.0, e).gain for e in effects if e.possible(data)]
     assert max(gain["hum"]) > 100.0 and len(gain["hum"]) == 1  # 50 Hz alone: no line stands at 60
     assert gain["quiet"] == []
@@ -305,8 +307,8 @@ def test_an_effect_without_a_finite_force_failed_and_is_not_called_improbable(ki
 
 # ---- a base without the paper's terms
 
-PLAIN = DiagnoseSettings(ModelSettings(slip="gamma1", grip="constant", stiffness="constant"))
-GAMMA1 = {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}
+PLAIN = DiagnoseSettings(ModelSettings(slip="gamma1", normal_force="constant", stiffness="constant"))
+GAMMA1 = {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}
 
 
 @pytest.fixture(scope="module")
@@ -317,12 +319,12 @@ def varying(kit):
         "kp_N_mm": 5.5,
         "force_zero_N": 0.0,
         "k1_N_mm": 14.0,
-        "stiffness_bend": 1.5,
+        "stiffness_ratio": 1.5,
         "t1_N": 0.6,
         "eta1": 2.0,
         "g1": 1.0,
-        "grip_slope": 0.35,
-        "grip_rate": 0.15,
+        "normal_force_slope": 0.35,
+        "normal_force_rate": 0.15,
         "beta": 0.8,
     }
     force = kit.force_of(model, {n: np.array([v]) for n, v in true.items()})

@@ -27,15 +27,15 @@ TIED = Imitation(
     ("viscous_damping", "speed_dependent_normal_force"),
     NextTest(12.0, 0.4, 20, ("viscous_damping", "speed_dependent_normal_force"), 6.0, ""),
 )
-EDGE = Edge("grip_rate", 1.4, "-", 3.5, "norm(scale=0.4)")
+EDGE = Edge("normal_force_rate", 1.4, "-", 3.5, "norm(scale=0.4)")
 
 
 def turned(found, kind, causes=(), probabilities=None, **verdict):
     """A diagnosis as if its verdict had been another."""
     p = dict.fromkeys(found.verdict.probabilities, 0.0) | {"none": 0.0, "unknown": 0.0} | (probabilities or {})
     flagged = kind in (Kind.PARTLY, Kind.UNKNOWN)
-    v = replace(found.verdict, kind=kind, causes=tuple(causes), probabilities=p, unknown_rest=flagged, **verdict)
-    rest = replace(found.budget.rest, probability=p["unknown"])
+    v = replace(found.verdict, kind=kind, causes=tuple(causes), probabilities=p, unknown_cause=flagged, **verdict)
+    rest = replace(found.budget.unexplained, probability=p["unknown"])
     moved = found.moved if causes else {}
     return replace(found, verdict=v, budget=replace(found.budget, causes=tuple(causes), rest=rest), moved=moved)
 
@@ -62,7 +62,7 @@ def answers(kit):
     unknown = {"unknown": 0.97}
     suspects = tuple(Suspect(n, 0.9) for n in ("rig_compliance", "free_play", "end_stop", "moving_mass"))
     groups = (OneOf(("rate_strengthening", "viscous_damping", "channel_delay", "end_stop", "free_play"), 0.9, 0.6),)
-    alike = replace(c, cannot_tell_apart=("rate_strengthening", "maxwell_branch", "channel_delay", "force_lowpass"))
+    alike = replace(c, tied_with=("rate_strengthening", "maxwell_branch", "channel_delay", "force_lowpass"))
     one_file = named.data.part([0])
     return {
         "none": replace(turned(nothing, Kind.NONE, (), {"none": 0.97}), imitations=(), edges=(), next_test=None),
@@ -99,7 +99,7 @@ def test_text_and_json_agree(answers, kind):
     assert not re.search(r"\b(nan|None|inf)\b|\de[+-]\d|\b0 Hz\b", text), text
     # every effect that is more probable than not is in the text
     for name, p in d["probabilities"].items():
-        if p >= 0.5 and name not in ("none", "unknown_rest", "drive"):
+        if p >= 0.5 and name not in ("none", "unknown_cause", "drive"):
             assert title(name).lower() in text.lower(), name
     for c in d["verdict"]["causes"]:
         assert f"probability {c['probability']:.2f}" in text and percent(c["share"]) in text
@@ -107,7 +107,7 @@ def test_text_and_json_agree(answers, kind):
     # what is unexplained is always said, as the JSON has it
     (unexplained,) = (s for s in said if s.startswith("Unexplained: "))
     assert percent(d["gap"]["after_share"]) + " of the friction force" in unexplained
-    assert percent(d["rest"]["share"] if d["verdict"]["causes"] else 1.0) + " of the gap" in unexplained
+    assert percent(d["unexplained"]["share"] if d["verdict"]["causes"] else 1.0) + " of the gap" in unexplained
     # lists are short
     assert max(s.count(",") for s in re.findall(r"(?:One of|tell it from|Speed dependence:)[^.]*", text) or [""]) <= 2
     # the next test is none that was run
@@ -143,7 +143,7 @@ def test_what_the_base_can_imitate_is_said_under_none(answers):
     assert speed.startswith("Speed dependence: viscous damping or a normal force that grows with speed. These tests do")
     assert "without any of them the model would miss 12 %" in speed.lower() and "2 % to 2.5 %" in speed
     assert said["verdict"]["colour"] == "note" and said["imitations"][0]["tied"] == TIED.tied
-    assert any("grip_rate = 1.4 (+3.5 prior sd)" in s for s in said["sentences"])
+    assert any("normal_force_rate = 1.4 (+3.5 prior sd)" in s for s in said["sentences"])
     assert said["sentences"][-1].startswith("Next: run 12 Hz at 0.4 mm for 20 cycles. It separates viscous damping and")
 
 
@@ -174,7 +174,7 @@ def test_a_limit_of_the_force_is_the_channel_s_only_where_a_record_shows_its_lev
     parameters = dict(found.parameters) | {"force_clipping": found.parameters[c.name]}
     limited = replace(turned(found, Kind.EXPLAINED, (replace(c, name="force_clipping"),)), parameters=parameters)
     (said,) = (s for s in sentences(limited) if s.startswith("A limit of the force"))
-    assert "Raise the force range" not in said and "a specimen that yields or slides there looks alike" in said
+    assert "Raise the force range" not in said and "a specimen that yields or slides there does the same" in said
     files = [x.file for x in found.data.loops]
     clipped = replace(limited, clipped=tuple(Limit(f, "force", 1, 3.2, True, 0.1) for f in files))
     text = " ".join(sentences(clipped))

@@ -28,7 +28,7 @@ def script():
 
 def test_exponent_of_the_pressure_is_found(kit, capsys):
     """Slip forces ∝ pressure^0.6, put into the specimen's numbers themselves; stiffness and spring stay."""
-    model, turn = Model(kit.reference, grip="constant", stiffness="constant"), iter(PRESSURES)
+    model, turn = Model(kit.reference, normal_force="constant", stiffness="constant"), iter(PRESSURES)
 
     def pressed(frequency, amplitude, samples):
         own = kit.parameter_values(model)
@@ -40,7 +40,7 @@ def test_exponent_of_the_pressure_is_found(kit, capsys):
     tests = tuple(replace(r, extras={"pressure_bar": p}) for r, p in zip(campaign.tests, PRESSURES))
     loops = replace(campaign, tests=tests).loops(**kit.small)
     scales, data = scales_of(loops), gap_data(loops)
-    classical = DiagnoseSettings(ModelSettings(slip="gamma2", grip="constant", stiffness="constant"))
+    classical = DiagnoseSettings(ModelSettings(slip="gamma2", normal_force="constant", stiffness="constant"))
     base = fit_base(data, classical, scales, np.random.default_rng(0))
     (maker,) = following(conditions_of([x.extras for x in loops]))["slip_forces_follows_pressure_bar"]
     effect = calibrated(maker, scales, data, base.problem, base.z)

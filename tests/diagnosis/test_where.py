@@ -20,7 +20,7 @@ from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.models import Model, Reference, sine_motion
 
-SETTINGS = DiagnoseSettings(ModelSettings(slip="gamma1", grip="constant", stiffness="constant"))
+SETTINGS = DiagnoseSettings(ModelSettings(slip="gamma1", normal_force="constant", stiffness="constant"))
 TRUTH = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1": 2.0, "g1": 1.0}
 TESTS = [(f, a) for f in (5.0, 30.0) for a in (0.3, 0.6, 1.0)]
 SAMPLES, CYCLES = 64, 18
@@ -29,7 +29,7 @@ SAMPLES, CYCLES = 64, 18
 def made_loops(added=None, seed=0, tests=TESTS, noise=0.01):
     """Averaged loops of a classical Iwan specimen; added(u mm, v m/s, a m/s², cycle number) is one force more, N."""
     rng = np.random.default_rng(seed)
-    model = Model(Reference(1.0, 0.1), slip="gamma1", grip="constant", stiffness="constant")
+    model = Model(Reference(1.0, 0.1), slip="gamma1", normal_force="constant", stiffness="constant")
     parameter_values = {k: np.array([v]) for k, v in TRUTH.items()}
     out = []
     for f, a in tests:
@@ -79,8 +79,8 @@ def test_a_perfect_model_reads_zero_within_its_interval(plain):
         zero += size.all.low_N == 0.0
         assert size.all.high_N < size.all.noise_N
         unbiased.append((size.all.residual_N**2 - size.all.noise_N**2) / size.all.noise_N**2)
-        unseen = gap_data(made_loops(seed=500 + seed, tests=[(15.0, 0.45), (50.0, 1.0)]))
-        zero_unseen += gap_size(residual_of(unseen, fit, refitted=False), seed=seed, draws=200).all.low_N == 0.0
+        held_out = gap_data(made_loops(seed=500 + seed, tests=[(15.0, 0.45), (50.0, 1.0)]))
+        zero_unseen += gap_size(residual_of(held_out, fit, refitted=False), seed=seed, draws=200).all.low_N == 0.0
     assert zero >= 10  # 95 % each; below 10 of 12 once in 50 such tests
     assert zero_unseen >= 9  # fewer numbers: the noise's own standard error is uncertain too
     assert abs(np.mean(unbiased)) < 0.1
@@ -213,13 +213,13 @@ def test_a_named_cause_shrinks_the_gap_and_another_set_of_tests_is_refused(visco
     before, after = gap_size(residual_of(data, base)), gap_size(residual_of(data, fit))
     found = shrink(before, after)
     assert found.value > 0.9 and found.low > 0.7 and found.high <= 1.0
-    unseen = gap_data(made_loops(lambda u, v, a, n: 1.5 * v, seed=7, tests=[(50.0, 1.0)]))
+    held_out = gap_data(made_loops(lambda u, v, a, n: 1.5 * v, seed=7, tests=[(50.0, 1.0)]))
     held_out = shrink(
-        gap_size(residual_of(unseen, base, refitted=False)), gap_size(residual_of(unseen, fit, refitted=False))
+        gap_size(residual_of(held_out, base, refitted=False)), gap_size(residual_of(held_out, fit, refitted=False))
     )
     assert held_out.value > 0.9
     with pytest.raises(ValueError, match="different tests"):
-        shrink(before, gap_size(residual_of(unseen, fit, refitted=False)))
+        shrink(before, gap_size(residual_of(held_out, fit, refitted=False)))
 
 
 def test_one_frequency_tells_no_power_of_frequency():

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_iwan.effects.along_record import RAMPS, ForceDrift, ForceDriftByTest, MainsHum, MainsHum60
+from bayes_iwan.effects.along_record import RAMPS, ForceDrift, ForceDriftByTest, MainsInterference, MainsInterference60
 
 TESTS = ("a.csv", "b.csv")
 #: two records, the first of which is the longest; four places of each, as shares of it
@@ -63,7 +63,7 @@ def test_a_newton_of_drift_takes_ten_cycles(kit):
     assert effect.per_N() * 10.0 / largest_hz == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("kind, hz", [(MainsHum, 50.0), (MainsHum60, 60.0)])
+@pytest.mark.parametrize("kind, hz", [(MainsInterference, 50.0), (MainsInterference60, 60.0)])
 def test_mains_and_their_third_harmonic_keep_their_shape_at_every_phase(kind, hz, kit):
     """A cos(θ − φ) + A (c₃ cos 3(θ − φ) + s₃ sin 3(θ − φ)), whatever φ: the wave is shifted, not bent."""
     effect = kind(kit.scales, TESTS)
@@ -76,8 +76,8 @@ def test_mains_and_their_third_harmonic_keep_their_shape_at_every_phase(kind, hz
     size, shift, c3, s3 = np.array([0.4, 1.3]), np.array([0.7, -2.1]), 0.2, -0.3
     values = values_of(effect, third_cosine=c3, third_sine=s3)
     for i, test in enumerate(TESTS):
-        values[f"mains_hum.cosine[{test}]"] = np.array([size[i] * np.cos(shift[i])])
-        values[f"mains_hum.sine[{test}]"] = np.array([size[i] * np.sin(shift[i])])
+        values[f"mains_interference.cosine[{test}]"] = np.array([size[i] * np.cos(shift[i])])
+        values[f"mains_interference.sine[{test}]"] = np.array([size[i] * np.sin(shift[i])])
     got = effect.recorded(data, values)[0, :, :, 0]
     at = theta - shift[:, None]
     expected = size[:, None] * (np.cos(at) + c3 * np.cos(3.0 * at) + s3 * np.sin(3.0 * at))

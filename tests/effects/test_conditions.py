@@ -63,7 +63,7 @@ def test_loops_carry_what_was_stated_into_the_motion_block_by_block():
 
 def mid_stroke(kit, effect, at, **given):
     """Friction where all elements slip, over what it is without the effect."""
-    model = Model(kit.reference, grip="constant", stiffness="constant")
+    model = Model(kit.reference, normal_force="constant", stiffness="constant")
     base = kit.parameter_values(model, kp_N_mm=0.0, k1_N_mm=1000.0)
     with_it = recorded_force(model, (effect,), base | parameter_values_of(effect, **given), at)
     return (with_it / recorded_force(model, (), base, at))[0, :, 0]

@@ -17,7 +17,8 @@ from bayes_iwan.models.simulator import recorded_force
 ISSUE = (
     "viscous_damping maxwell_branch moving_mass quadratic_stiffness cubic_stiffness end_stop stribeck_weakening "
     "rate_strengthening normal_force_lag friction_fade spring_softening direction_dependent_friction rig_compliance "
-    "free_play channel_delay integration_highpass force_highpass force_lowpass force_drift mains_hum force_clipping"
+    "free_play channel_delay integration_highpass force_highpass force_lowpass force_drift "
+    "mains_interference force_clipping"
 ).split()
 EVERY = (*catalogue.BUILT_IN, *PAPER)
 EVERY = (*EVERY, *catalogue.FORM)
@@ -133,7 +134,7 @@ def test_switched_off_it_gives_the_base_bit_for_bit(kind, kit):
 
 
 class Idle(Effect):
-    """An effect that does nothing at any station."""
+    """An effect that does nothing at any stage."""
 
     name = "idle"
     strength = ("nothing", "n", "-", "nothing")
@@ -250,7 +251,7 @@ def test_end_stop_acts_on_its_side_beyond_the_clearance_only(side, kit):
 
 def full_slip(kit):
     """Classical Iwan specimen moved so far that all elements slip in mid-stroke; mean slip force."""
-    model = Model(kit.reference, grip="constant", stiffness="constant")
+    model = Model(kit.reference, normal_force="constant", stiffness="constant")
     parameter_values = kit.parameter_values(model, kp_N_mm=0.0, k1_N_mm=1000.0)
     mean = float(
         sum(parameter_values[f"g{i}"] * parameter_values[f"t{i}_N"] * parameter_values[f"eta{i}"] for i in (1, 2, 3))[0]
@@ -337,7 +338,7 @@ def test_direction_dependent_friction_makes_a_mean_force(kit):
 
 
 def test_direction_dependent_friction_against_elements_with_asymmetric_bounds(kit):
-    model = Model(kit.reference, slip="uniform", grip="constant", stiffness="constant")
+    model = Model(kit.reference, slip="uniform", normal_force="constant", stiffness="constant")
     parameter_values = {
         "kp_N_mm": np.array([2.0]),
         "force_zero_N": np.zeros(1),
@@ -358,11 +359,11 @@ def test_direction_dependent_friction_against_elements_with_asymmetric_bounds(ki
     np.testing.assert_allclose(force[0], expected, atol=2e-4)
 
 
-def test_normal_force_lag_filters_the_grip(kit):
+def test_normal_force_lag_filters_the_normal_force(kit):
     effect, at = of("normal_force_lag", kit), motion()
     tau = 0.4 / OMEGA
     alpha = 1.0 + 0.3 * at.displacement_mm / A_MM
-    got = harmonics(effect.grip(alpha, at, with_strength(effect, tau))[0, 0])
+    got = harmonics(effect.normal_force(alpha, at, with_strength(effect, tau))[0, 0])
     before = harmonics(alpha[0, 0])
     assert got[0] == pytest.approx(1.0)
     assert got[1] == pytest.approx(before[1] / (1 + 0.4j), rel=3e-4)  # straight between samples
@@ -389,7 +390,7 @@ def test_free_play_rests_at_zero_force_over_its_width(kit):
 
 def test_free_play_with_friction_is_flat_on_both_branches_at_every_amplitude(kit):
     at = sine_motion(frequency_hz=[F_HZ, F_HZ], amplitude_mm=[0.9, 0.5], samples=512)
-    force, _ = change("free_play", kit, 0.15, at, Model(kit.reference, grip="constant", stiffness="constant"))
+    force, _ = change("free_play", kit, 0.15, at, Model(kit.reference, normal_force="constant", stiffness="constant"))
     u, v = at.displacement_mm[0], at.velocity_m_s[0]
     for loop in range(2):
         for rising in (True, False):
@@ -455,7 +456,7 @@ def test_speed_squared_dissipates_eight_thirds_c_omega_squared_a_cubed(kit):
 
 
 def test_break_away_lifts_friction_after_reversals_and_wears_off(kit):
-    model, at = Model(kit.reference, grip="constant", stiffness="constant"), motion(256)
+    model, at = Model(kit.reference, normal_force="constant", stiffness="constant"), motion(256)
     with_it, without = change("break_away", kit, 0.4, at, model=model, slide_mm=0.15)
     u, up = at.displacement_mm[0, 0], at.velocity_m_s[0, 0] > 0
     added, friction = (with_it - without)[0], np.ptp(without[0] - kit.parameter_values(model)["kp_N_mm"][0] * u) / 2.0
@@ -486,13 +487,13 @@ def test_a_lagging_force_loses_work_of_the_whole_force(kit):
     lag = without - with_it
     assert np.abs(lag).max() <= 0.2 and np.all(np.sum(lag * turns, axis=-1) > 0.0)  # behind the force, on the mean
     slow = replace(at, velocity_m_s=0.01 * at.velocity_m_s)
-    model = Model(kit.reference, grip="constant", stiffness="constant")
+    model = Model(kit.reference, normal_force="constant", stiffness="constant")
     fast_, slow_ = (np.subtract(*change("lagging_force", kit, 0.2, x, model=model, path_N=0.5)) for x in (at, slow))
     np.testing.assert_allclose(fast_, slow_)
 
 
 def test_a_lagging_reading_is_where_the_specimen_is(kit):
-    at, model = motion(512), Model(kit.reference, grip="constant", stiffness="constant")
+    at, model = motion(512), Model(kit.reference, normal_force="constant", stiffness="constant")
     true = kit.parameter_values(model)
     z = lag_behind(at.displacement_mm, np.array([0.1]))
     with_it, _ = change("lagging_reading", kit, 0.03, at, model=model, path_mm=0.1)
@@ -511,15 +512,15 @@ def test_papers_terms_on_the_classical_model_are_the_papers_model(kit):
     reference = replace(kit.reference)
     whole = Model(reference)
     true = kit.parameter_values(whole)
-    bend = true["stiffness_bend"]
-    classical = Model(reference, grip="constant", stiffness="constant")
+    bend = true["stiffness_ratio"]
+    classical = Model(reference, normal_force="constant", stiffness="constant")
     terms = catalogue.ordered([e(kit.scales) for e in PAPER])
     parameter_values = {
-        n: v for n, v in true.items() if n not in ("beta", "grip_slope", "grip_rate", "stiffness_bend")
+        n: v for n, v in true.items() if n not in ("beta", "normal_force_slope", "normal_force_rate", "stiffness_ratio")
     } | {
-        "varying_normal_force.slope": true["grip_slope"],
+        "varying_normal_force.slope": true["normal_force_slope"],
         "varying_normal_force.beta": true["beta"],
-        "speed_dependent_normal_force.rate": true["grip_rate"],
+        "speed_dependent_normal_force.rate": true["normal_force_rate"],
         "speed_dependent_normal_force.beta": np.array([2.0]),
         "stiffness_of_normal_force.elasticity": bend / np.expm1(bend),
     }
@@ -531,8 +532,8 @@ def test_papers_terms_are_offered_only_where_the_base_lacks_them():
         return [e.name for e in missing_terms(Model(Reference(1.0, 0.1), **model))]
 
     assert names({}) == [] and not {e.name for e in PAPER} & set(catalogue.variants())
-    assert names({"grip": "hunt_crossley_no_speed"}) == ["speed_dependent_normal_force"]
-    classical = {"grip": "constant", "stiffness": "constant"}
+    assert names({"normal_force": "hunt_crossley_no_speed"}) == ["speed_dependent_normal_force"]
+    classical = {"normal_force": "constant", "stiffness": "constant"}
     assert names(classical) == [e.name for e in PAPER]
     assert {e.name for e in PAPER} < set(catalogue.variants((), Model(Reference(1.0, 0.1), **classical)))
 

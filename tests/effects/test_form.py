@@ -1,4 +1,4 @@
-"""Causes in the model's own form: each frees one function of the base."""
+"""Causes in the model's form: each frees one function of the base."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy import optimize
 
 from bayes_iwan.effects.model_form import EFFECTS, NormalForceFree, SlipForcesFree, StiffnessLawFree
 from bayes_iwan.models import Model, sine_motion
-from bayes_iwan.models.series import tilt
+from bayes_iwan.models.series import density_ratio
 from bayes_iwan.models.simulator import recorded_force
 
 AT = sine_motion(frequency_hz=10.0, amplitude_mm=[0.15, 0.35, 0.9], samples=64)
@@ -26,23 +26,25 @@ def test_each_says_in_one_line_what_the_base_lacks(kind, kit):
 
 def test_tilt_of_one_gamma_takes_up_slip_forces_with_a_limit(kit):
     """A specimen whose slip forces are Segalman's power law with a tenth of them at the limit, fitted by one gamma with
-    its own stiffness and spring: freeing the density takes most of the misfit away."""
-    truth = Model(kit.reference, slip="power_law", grip="constant", stiffness="constant")
+    its own stiffness and spring: freeing the density takes most of the gap away."""
+    truth = Model(kit.reference, slip="power_law", normal_force="constant", stiffness="constant")
     own = {"kp_N_mm": 3.0, "k1_N_mm": 12.0, "slip_max_N": 4.0, "slip_chi": -0.4, "slip_end_share": 0.1}
     measured = recorded_force(truth, (), {n: np.array([v]) for n, v in own.items()}, AT)[0]
     base, effect = (
-        Model(kit.reference, slip="gamma1", grip="constant", stiffness="constant"),
+        Model(kit.reference, slip="gamma1", normal_force="constant", stiffness="constant"),
         SlipForcesFree(kit.scales),
     )
 
-    def misfit(x):
+    def error(x):
         base_values = dict(zip(("kp_N_mm", "k1_N_mm", "t1_N", "eta1"), np.exp(x[:4, None]))) | {"g1": np.ones(1)}
-        tilted = np.concatenate([x[4:], np.zeros(9 - len(x))])
-        return (recorded_force(base, (effect,), base_values | coefficients(effect, tilted), AT)[0] - measured).ravel()
+        deviating = np.concatenate([x[4:], np.zeros(9 - len(x))])
+        return (
+            recorded_force(base, (effect,), base_values | coefficients(effect, deviating), AT)[0] - measured
+        ).ravel()
 
     start = np.log([3.0, 12.0, 1.0, 1.5])
-    alone = optimize.least_squares(misfit, start)
-    freed = optimize.least_squares(misfit, np.concatenate([alone.x, np.zeros(5)]), max_nfev=40)
+    alone = optimize.least_squares(error, start)
+    freed = optimize.least_squares(error, np.concatenate([alone.x, np.zeros(5)]), max_nfev=40)
     assert freed.cost < 0.17**2 * alone.cost and alone.cost > 0.0
     assert np.abs(freed.x[4:]).max() < 3.0
 
@@ -52,8 +54,8 @@ def test_reported_size_is_the_share_by_which_the_density_differs(kit):
     c = np.array([0.05, -0.04, 0.02, 0.0, 0.03])
     told = effect.reported(coefficients(effect, c))
     x, w = np.polynomial.legendre.leggauss(60)
-    differs = np.sqrt(0.5 * w @ (tilt(c[None], 0.5 + 0.5 * x)[0] - 1.0) ** 2)
-    assert told["tilt"][0][0] == pytest.approx(differs, rel=0.1)
+    differs = np.sqrt(0.5 * w @ (density_ratio(c[None], 0.5 + 0.5 * x)[0] - 1.0) ** 2)
+    assert told["deviation"][0][0] == pytest.approx(differs, rel=0.1)
 
 
 def test_a_power_of_the_normal_force_in_place_of_a_constant_stiffness(kit):
@@ -71,4 +73,4 @@ def test_normal_force_is_bent_by_displacement_and_speed(kit):
     u, v = AT.displacement_mm / kit.scales.length_mm, AT.velocity_m_s / kit.scales.speed_m_s
     c = [0.1, -0.2, 0.3, 0.05, -0.15, 0.25]
     series = sum(a * b for a, b in zip(c, (u, u**2, abs(v), u * abs(v), v, u * v)))
-    np.testing.assert_allclose(effect.grip(alpha, AT, coefficients(effect, c)), np.exp(series), rtol=1e-12)
+    np.testing.assert_allclose(effect.normal_force(alpha, AT, coefficients(effect, c)), np.exp(series), rtol=1e-12)

@@ -71,10 +71,10 @@ def test_growing_is_logarithmic_proportional_and_close_to_prandtl_and_eyring():
     np.testing.assert_allclose(growing(x, np.array([0.5])), 2.0 * (np.sqrt(1.0 + x) - 1.0), rtol=1e-12)
     x = np.geomspace(0.05, 50.0, 200)  # three decades of speed across the knee
 
-    def misfit(p):
+    def error(p):
         return np.exp(p[0]) * growing(x * np.exp(p[1]), p[2:]) - np.arcsinh(x)
 
-    found = optimize.least_squares(misfit, [0.0, 0.0, 0.0])
+    found = optimize.least_squares(error, [0.0, 0.0, 0.0])
     assert np.abs(found.fun).max() < 0.025 * np.arcsinh(50.0)
 
 
@@ -103,13 +103,15 @@ def test_power_law_damper_dissipates_what_its_integral_says(p, kit):
     speed = 2.0 * np.pi * at.frequency_hz * at.amplitude_mm
     per_cycle = 2.0 * np.sqrt(np.pi) * special.gamma(0.5 * p + 1.0) / special.gamma(0.5 * p + 1.5)
     expected = c * top * (speed / top) ** p * at.amplitude_mm * per_cycle
-    np.testing.assert_allclose(work(added(effect, at, c_N_s_mm=c, exponent=p, bend_m_s=1e-9), at), expected, rtol=1e-5)
+    np.testing.assert_allclose(
+        work(added(effect, at, c_N_s_mm=c, exponent=p, thinning_m_s=1e-9), at), expected, rtol=1e-5
+    )
 
 
 def test_carreau_damper_is_a_dashpot_at_low_and_a_power_at_high_speed(kit):
     at, effect = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64), made(kit, "ViscousDamping")
     top, bend = kit.scales.speed_m_s, 0.2 * kit.scales.speed_m_s
-    force = added(effect, at, c_N_s_mm=0.003, exponent=0.5, bend_m_s=bend)[0]
+    force = added(effect, at, c_N_s_mm=0.003, exponent=0.5, thinning_m_s=bend)[0]
     v = at.velocity_m_s[0, 0]
     zero_shear = 3.0 * (1.0 + (top / bend) ** 2) ** 0.25  # N s/m, so that the secant at the largest speed is 3
     np.testing.assert_allclose(force.ravel(), zero_shear * v * (1.0 + (v / bend) ** 2) ** -0.25, rtol=1e-9, atol=1e-12)
@@ -151,15 +153,17 @@ def test_power_of_an_odd_spring_by_its_first_harmonic(n, kit):
 def test_a_bent_spring_is_trilinear_where_its_bends_are_sharp_and_linear_below_them(kit):
     at, length = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=512), kit.scales.length_mm
     x = at.displacement_mm[0] / length
-    sharp = added(made(kit, "BentStiffness"), at, k3_N_mm3=2.0, bend=0.3, width=0.01)
+    sharp = added(made(kit, "TrilinearStiffness"), at, k3_N_mm3=2.0, knee=0.3, width=0.01)
     expected = 2.0 * length**3 * np.sign(x) * np.maximum(np.abs(x) - 0.3, 0.0) / 0.7
     np.testing.assert_allclose(sharp, expected, atol=0.01 * 2.0 * length**3)
-    round_ = added(made(kit, "BentStiffness"), at, k3_N_mm3=2.0, bend=0.3, width=0.3)
+    round_ = added(made(kit, "TrilinearStiffness"), at, k3_N_mm3=2.0, knee=0.3, width=0.3)
     assert abs(work(round_, at)[0]) < 1e-6
     tiny = sine_motion(frequency_hz=F_HZ, amplitude_mm=1e-4 * length, samples=64)
-    assert np.abs(added(made(kit, "BentStiffness"), tiny, k3_N_mm3=2.0, bend=0.3, width=0.3)).max() < 1e-6  # no slope
+    assert (
+        np.abs(added(made(kit, "TrilinearStiffness"), tiny, k3_N_mm3=2.0, knee=0.3, width=0.3)).max() < 1e-6
+    )  # no slope
     full = sine_motion(frequency_hz=F_HZ, amplitude_mm=length, samples=64)
-    assert added(made(kit, "BentStiffness"), full, k3_N_mm3=2.0, bend=0.6, width=0.2).max() == pytest.approx(
+    assert added(made(kit, "TrilinearStiffness"), full, k3_N_mm3=2.0, knee=0.6, width=0.2).max() == pytest.approx(
         2.0 * length**3
     )
 
@@ -283,7 +287,7 @@ def test_lag_from_a_start_against_the_integrated_relaxation(kit):
     alpha = steady(np.arange(256) / 256.0 / f) * np.ones((1, 5, 1))
     # all of it slow, and nothing fast: the share and the ratio say the same in two ways
     for given in ({"slow_share": 0.0, "slow_ratio": 1.0}, {"slow_share": 1.0, "slow_ratio": 1.0}):
-        got = effect.grip(alpha, at, parameter_values_of(effect, tau_s=tau, start=start, **given))[0]
+        got = effect.normal_force(alpha, at, parameter_values_of(effect, tau_s=tau, start=start, **given))[0]
         np.testing.assert_allclose(got.mean(axis=1), blocks.mean(axis=1), atol=3e-5)
         np.testing.assert_allclose(got[-1], blocks[-1], atol=2e-3)
     assert abs(blocks[0].mean() - blocks[-1].mean()) > 0.01
@@ -301,7 +305,7 @@ def test_a_normal_force_that_is_let_go_later_than_taken_up(tau, release, kit):
         return (wanted(t) - a) / (up if wanted(t) > a else down)
 
     at = sine_motion(frequency_hz=f, amplitude_mm=A_MM, samples=256)
-    late = effect.grip(
+    late = effect.normal_force(
         wanted(np.arange(256) / 256.0 / f)[None, None], at, parameter_values_of(effect, tau_s=tau, release=release)
     )[0, 0]
     # the loop that was found goes on as the equation says, and ends where it began
@@ -315,7 +319,7 @@ def test_a_slow_part_of_the_normal_force_has_a_time_of_its_own(kit):
     effect, at = made(kit, "NormalForceLagFromStart"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=256)
     alpha = 1.0 + 0.3 * at.displacement_mm[0, 0] / A_MM
     given = parameter_values_of(effect, tau_s=0.5 / OMEGA, release=0.0, start=0.0, slow_share=0.3, slow_ratio=8.0)
-    got = complex_harmonics(effect.grip(alpha[None, None], at, given)[0])[0, 1]
+    got = complex_harmonics(effect.normal_force(alpha[None, None], at, given)[0])[0, 1]
     expected = 0.7 / (1.0 + 0.5j) + 0.3 / (1.0 + 4.0j)
     assert got / complex_harmonics(alpha[None])[0, 1] == pytest.approx(expected, rel=1e-4)
 
@@ -334,7 +338,7 @@ def test_a_mean_force_that_leaks_away_against_the_filter_run_in_time(second, kit
         span_cycles=np.full(5, 4.0),
     )
     given = parameter_values_of(
-        effect, corner_hz=corner, second=second, kept=0.0, stood_cycles=float(stood), stood_share=1.0
+        effect, corner_hz=corner, second=second, kept=0.0, held_cycles=float(stood), held_share=1.0
     )
     got = effect.force(wave[:256] * np.ones((1, 5, 1)), at, given)[0]
     np.testing.assert_allclose(got[1:], seen[1:], atol=0.03)
@@ -426,10 +430,13 @@ def test_springs_soften_by_time_by_cycles_and_with_power(kit):
     np.testing.assert_allclose(soft, left()[:, None] * plain, atol=1e-9)
 
 
-def test_self_tightening_grip_moves_normal_force_and_so_the_stiffness(kit):
-    effect, at = made(kit, "DirectionDependentGrip"), sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64)
+def test_self_tightening_moves_normal_force_and_so_the_stiffness(kit):
+    effect, at = (
+        made(kit, "DirectionDependentNormalForce"),
+        sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=64),
+    )
     parameter_values = parameter_values_of(effect, asymmetry=0.2, v0_m_s=1e-6)
-    alpha = effect.grip(np.ones((1, 1, 64)), at, parameter_values)[0, 0]
+    alpha = effect.normal_force(np.ones((1, 1, 64)), at, parameter_values)[0, 0]
     assert alpha[0] == pytest.approx(1.2) and alpha[32] == pytest.approx(0.8)
     model = Model(kit.reference)
     base = kit.parameter_values(model)
@@ -447,7 +454,7 @@ def test_slip_forces_that_lean_with_the_speed_leave_the_stiffness(kit):
     own = parameter_values_of(effect, asymmetry=0.2, v0_m_s=v0)
     slip = effect.slip(np.ones((1, 1, 64)), at, own)[0, 0]
     np.testing.assert_allclose(slip, 1.0 + 0.2 * np.tanh(np.ravel(at.velocity_m_s) / v0), rtol=1e-12)
-    np.testing.assert_array_equal(effect.grip(np.ones((1, 1, 64)), at, own), 1.0)
+    np.testing.assert_array_equal(effect.normal_force(np.ones((1, 1, 64)), at, own), 1.0)
     model = Model(kit.reference)
     base = kit.parameter_values(model)
     small = sine_motion(frequency_hz=F_HZ, amplitude_mm=1e-6, samples=64)  # hardly an element slips
@@ -552,11 +559,11 @@ def test_dispersive_delay_follows_a_power_and_an_all_pass_lies_between(kit):
     f = F_HZ * np.arange(1, 8)
     all_pass = 2.0 * np.arctan(0.5 * 2.0 * np.pi * f * 2e-3)  # first order, 2 ms: 43 % short of a delay at the end
 
-    def misfit(p):
+    def error(p):
         return 2.0 * np.pi * f * p[0] * (f / reference) ** p[1] - all_pass
 
-    found = optimize.least_squares(misfit, [2e-3, 0.0])
-    delay_alone = optimize.least_squares(lambda p: misfit([p[0], 0.0]), [2e-3])
+    found = optimize.least_squares(error, [2e-3, 0.0])
+    delay_alone = optimize.least_squares(lambda p: error([p[0], 0.0]), [2e-3])
     assert np.abs(found.fun).max() < 0.35 * np.abs(delay_alone.fun).max()
 
 

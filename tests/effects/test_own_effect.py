@@ -87,7 +87,7 @@ def test_it_acts_on_the_recorded_force(tmp_path, kit):
         (GOOD.replace('"softening"', '"soft.ening"'), "name"),
     ],
 )
-def test_bad_effect_files_are_named_with_the_mend(text, says, tmp_path):
+def test_bad_effect_files_are_named_with_the_fix(text, says, tmp_path):
     path = tmp_path / "own.py"
     path.write_text(text)
     with pytest.raises(EffectError) as error:

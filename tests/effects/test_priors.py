@@ -64,7 +64,7 @@ def table() -> dict:
     for effect in effects(SCALES):
         facts = {
             "signed": effect.signed, "order": effect.order, "sudden": effect.sudden, "flexible": effect.flexible,
-            "evolving": effect.evolving, "stations": sorted(effect.stations), "law_error": effect.law_error,
+            "evolving": effect.evolving, "stages": sorted(effect.stages), "law_error": effect.law_error,
         }  # fmt: skip
         out[type(effect).__name__] = facts | {p.name: row(p, effect) for p in effect.parameters}
     return out

@@ -34,8 +34,8 @@ def problem_of(tmp_path_factory):
     loops = campaign.loops()
 
     @cache
-    def make(slip="gamma3", grip="hunt_crossley", stiffness="saturating", embedded=False):
-        parts = {"slip": slip, "grip": grip, "stiffness": stiffness, "embedded": embedded}
+    def make(slip="gamma3", normal_force="hunt_crossley", stiffness="saturating", embedded=False):
+        parts = {"slip": slip, "normal_force": normal_force, "stiffness": stiffness, "embedded": embedded}
         return bi.make_problem(loops, {"model": parts})
 
     return make

@@ -16,9 +16,9 @@ pytestmark = pytest.mark.usefixtures("compiler")
 PARTS = (
     {},
     {"embedded": True},
-    {"slip": "uniform", "grip": "polynomial3", "embedded": True},
-    {"slip": "power_law", "grip": "hunt_crossley_no_speed", "stiffness": "constant"},
-    {"slip": "gamma1", "grip": "constant", "stiffness": "constant"},
+    {"slip": "uniform", "normal_force": "polynomial3", "embedded": True},
+    {"slip": "power_law", "normal_force": "hunt_crossley_no_speed", "stiffness": "constant"},
+    {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"},
 )
 
 

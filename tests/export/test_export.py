@@ -21,7 +21,7 @@ from bayes_iwan.models import Simulator
 
 @pytest.fixture(scope="module")
 def posterior(made_up_campaign):
-    config = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+    config = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
     return bi.identify(made_up_campaign, quick=True, seed=1, progress=False, config=config)
 
 
@@ -132,7 +132,7 @@ def test_a_simulator_of_ones_own_cannot_be_written_in_c_but_its_draws_can(made_u
 @pytest.fixture
 def fit(problem_of):
     """What a diagnosis holds of its fit with all named effects: viscous damping, and a delay of the channels."""
-    problem = problem_of(grip="constant", stiffness="constant")
+    problem = problem_of(normal_force="constant", stiffness="constant")
     effects = [kind(problem.scales) for kind in (ViscousDamping, ChannelDelay)]
     problem = problem.with_effects([replace(e, strength_value=e.first_guess()) for e in effects])
     z = np.zeros(problem.ndim)
@@ -153,7 +153,7 @@ def test_the_folder_of_a_diagnosis_needs_its_campaign(fit, problem_of, tmp_path)
     saved_fits = pytest.importorskip("bayes_iwan.diagnosis.answer.saved_fits")
     size = SimpleNamespace(share=0.01, length=1.0, along=0.01, spectrum=(), along_spectrum=(), between=(1.0, 1.0, 0.5))
     fits = {frozenset({"viscous_damping", "channel_delay"}): SimpleNamespace(**vars(fit), size=size)}
-    settings = bi.DiagnoseSettings(model=ModelSettings(grip="constant", stiffness="constant"))
+    settings = bi.DiagnoseSettings(model=ModelSettings(normal_force="constant", stiffness="constant"))
     run_of, campaign = tmp_path / "run", tmp_path / "campaign"
     saved_fits.write_fits(run_of / "fits.json", fits, fit.problem.scales, settings, None, None)
     with pytest.raises(ExportError, match="name its campaign as well"):

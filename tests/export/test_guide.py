@@ -21,7 +21,7 @@ def test_a_pages_code_runs(page, problem_of, draws, exported, tmp_path):
         except RuntimeError as error:  # OpenSees without libblas3
             pytest.skip(" ".join(str(error).split()))
     target, constant = run_guide.PAGES[page]
-    problem = problem_of(grip="constant", stiffness="constant") if constant else problem_of()
+    problem = problem_of(normal_force="constant", stiffness="constant") if constant else problem_of()
     shutil.copytree(exported(problem, draws(problem, 6), target), tmp_path / "isolator")
     run_guide.run_page(page, tmp_path, SHORTER.get(page))
     assert page == "export_mujoco" or (tmp_path / f"{page}.png").stat().st_size > 5000

@@ -27,7 +27,9 @@ def made(kind, problem):
 @pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("kind", LAWS, ids=lambda kind: kind.__name__)
 def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported, draws):
-    classical = {"grip": "constant", "stiffness": "constant"} if kind in paper_stages.EFFECTS else {"embedded": True}
+    classical = (
+        {"normal_force": "constant", "stiffness": "constant"} if kind in paper_stages.EFFECTS else {"embedded": True}
+    )
     problem = problem_of(**classical)
     problem = problem.with_effects([made(kind, problem)])
     z, cycles, w = draws(problem, 3, seed=2), SLOW.get(kind, 20), 2 * np.pi * HZ

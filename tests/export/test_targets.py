@@ -12,7 +12,7 @@ from bayes_iwan.export.device import ExportError, device_of, elements
 from bayes_iwan.export.json_file import ExportedModel
 from bayes_iwan.export.tested import steady_loops
 
-CLASSICAL = {"slip": "gamma3", "grip": "constant", "stiffness": "constant"}
+CLASSICAL = {"slip": "gamma3", "normal_force": "constant", "stiffness": "constant"}
 
 
 def right(force, problem, z, straight=False, steps=20):

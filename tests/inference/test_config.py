@@ -95,7 +95,7 @@ def test_what_a_command_would_not_use_is_refused():
 def test_a_problem_with_nothing_to_fit_is_refused(known):
     loops = known.loops()
     fixed = {n: {"fixed": 1.0} for n in ("kp_N_mm", "force_zero_N", "k1_N_mm", "mean_slip_force_N", "slip_width")}
-    model = {"slip": "uniform", "grip": "constant", "stiffness": "constant", "embedded": False}
+    model = {"slip": "uniform", "normal_force": "constant", "stiffness": "constant", "embedded": False}
     with pytest.raises(ParameterError, match="every parameter of the model is fixed"):
         make_problem(loops, {"model": model, "parameters": fixed})
     with pytest.raises(ParameterError, match="lies outside"):

@@ -1,4 +1,5 @@
-"""With a small smooth misfit correlated errors give intervals that cover; independent ones do not (at reduced size)."""
+"""With a small smooth discrepancy correlated errors give intervals that cover; independent ones do not (at reduced
+size)."""
 
 import sys
 from pathlib import Path

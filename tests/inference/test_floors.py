@@ -14,7 +14,7 @@ from bayes_iwan.models.bouc_wen import BoucWen
 from bayes_iwan.models.normal_force import ALPHA_FLOOR
 
 #: α = 1 − 1.6 u/ℓ + …: lost beyond u = 0.625 mm and more, so in the tests of 1 mm alone
-LOSING = {"grip_slope": np.array([1.6]), "grip_rate": np.array([0.3]), "beta": np.array([1.0])}
+LOSING = {"normal_force_slope": np.array([1.6]), "normal_force_rate": np.array([0.3]), "beta": np.array([1.0])}
 
 
 def elements(u, alpha, k, phi):
@@ -73,7 +73,7 @@ def test_the_end_of_the_stroke_is_said_where_it_matters(problem, known):
     assert floors.alpha_at_end == pytest.approx(printed + 0.6 * 0.01**0.6, rel=1e-2)
     assert floors.at_end == pytest.approx(2.0 * np.arccos(0.99) / (2.0 * np.pi), abs=0.01)
     assert floors_said(problem, z) == ()  # 0.04 is not worth a sentence
-    values = problem.prior.values(z[None]) | {"beta": np.array([0.0062]), "grip_slope": np.array([0.0111])}
+    values = problem.prior.values(z[None]) | {"beta": np.array([0.0062]), "normal_force_slope": np.array([0.0111])}
     (said,) = floors_said(problem, problem.prior.scores(values)[0])
     assert "A - u kept at or above 0.01 A" in said and "-0.79 as printed" in said
 

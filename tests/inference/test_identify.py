@@ -30,7 +30,7 @@ from bayes_iwan.sampling.checkpoint import CheckpointError
 pytestmark = pytest.mark.usefixtures("no_figure_files")
 
 SMALL = {
-    "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},
+    "model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False},
     "parameters": {"force_zero_N": {"fixed": 0.0}},
     "likelihood": {"kind": "gaussian"},
     "search": {"members": 40, "evaluations": 1200, "starts": 4},
@@ -48,7 +48,7 @@ TRUE = {"kp_N_mm": 5.5, "force_zero_N": 0.0, "k1_N_mm": 14.0, "t1_N": 0.6, "eta1
 
 @pytest.fixture(scope="module")
 def small_loops(known):
-    model = Model(known.reference, slip="gamma1", grip="constant", stiffness="constant")
+    model = Model(known.reference, slip="gamma1", normal_force="constant", stiffness="constant")
     return known.loops(model=model, values={k: np.array([v]) for k, v in TRUE.items()})
 
 
@@ -82,7 +82,7 @@ def test_the_truth_is_found(run):
 
 
 def test_numbers_that_cannot_vary_neither_block_convergence_nor_show_as_nan(run):
-    """The weight of a single gamma is one and a constant grip's α is one: no R-hat, no NaN, no obstacle."""
+    """The weight of a single gamma is one and a constant normal force's α is one: no R-hat, no NaN, no obstacle."""
     posterior, out = run
     assert posterior.converged and "g1" not in [row.name for row in posterior.convergence]
     assert all(np.isfinite([row.r_hat, row.ess_bulk, row.ess_tail, row.tau]).all() for row in posterior.convergence)
@@ -303,7 +303,7 @@ def test_each_search_has_a_population_and_a_maximum_of_its_own(run):
     """Both found the one maximum there is, from different searches; the sampler's starts know both."""
     posterior, out = run
     point = posterior.point
-    assert point.each_z.shape == (2, posterior.ndim) and point.missed_nats < 0.1
+    assert point.each_z.shape == (2, posterior.ndim) and point.short_nats < 0.1
     assert not np.array_equal(point.each_z[0], point.each_z[1])
     stored = json.loads((out / "point.json").read_text())
     assert len(stored["most_probable"]["best_log_prob_of_each_search"]) == 2
@@ -330,7 +330,7 @@ def test_quick_draws_lie_along_the_posterior_and_have_no_chains(run):
         sd = np.std(full[name])
         assert abs(np.mean(near[name]) - np.mean(full[name])) < 0.3 * sd, name
         assert np.std(near[name]) == pytest.approx(sd, rel=0.25), name
-    assert quick.misfit().share == pytest.approx(run[0].misfit().share, rel=0.02)
+    assert quick.residual_size().share == pytest.approx(run[0].residual_size().share, rel=0.02)
 
 
 def test_intervals_are_quantiles_of_the_draws(run):

@@ -1,4 +1,4 @@
-"""Frequencies left out and predicted: bands hold where the model is right, and it is said where they do not."""
+"""Frequencies held out and predicted: bands hold where the model is right, and it is said where they do not."""
 
 from dataclasses import replace
 
@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import read_campaign
-from bayes_iwan.inference.results.held_out_frequencies import LeftOut, left_out_frequencies, left_out_said
+from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency, held_out_frequencies, held_out_said
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.solving.point import most_probable
 
-SETTINGS = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+SETTINGS = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
 
 
 @pytest.fixture(scope="module")
@@ -28,26 +28,28 @@ def optima_of(problem):
     return most_probable(problem, first[np.argsort(problem.goal(first))[:6]])[0]
 
 
-def test_a_right_model_holds_a_frequency_left_out(loops):
+def test_a_right_model_holds_a_frequency_held_out(loops):
     problem = make_problem(loops, SETTINGS)
-    found = left_out_frequencies(problem, optima_of(problem))
+    found = held_out_frequencies(problem, optima_of(problem))
     assert [x.frequency_hz for x in found] == pytest.approx([10.0, 20.0])
     assert all(x.points_90 > 0.8 and x.points_50 < x.points_90 for x in found)
-    assert "do not trust" not in left_out_said(found)
+    assert "do not trust" not in held_out_said(found)
 
 
 def test_a_frequency_of_another_force_is_not_held_and_is_named(loops):
     """At 20 Hz a third more force: what 10 Hz says of it is wrong, and the other way round."""
     wrong = [replace(x, force_N=1.3 * x.force_N) if x.frequency_hz > 15.0 else x for x in loops]
     problem = make_problem(wrong, SETTINGS)
-    found = left_out_frequencies(problem, optima_of(problem))
+    found = held_out_frequencies(problem, optima_of(problem))
     assert max(x.points_90 for x in found) < 0.5
-    assert "at 20 Hz only" in left_out_said(found) and "do not trust predictions there" in left_out_said(found)
+    assert "at 20 Hz only" in held_out_said(found) and "do not trust predictions there" in held_out_said(found)
 
 
 def test_one_frequency_alone_says_nothing(loops):
     problem = make_problem(loops[:2], SETTINGS)
-    assert left_out_frequencies(problem, np.zeros((1, problem.ndim))) == ()
-    assert left_out_said(()) == ""
-    said = left_out_said((LeftOut(10.0, ("a",), 0.5, 0.92, 1.0), LeftOut(30.0, ("b",), 0.2, 0.36, 0.5)))
+    assert held_out_frequencies(problem, np.zeros((1, problem.ndim))) == ()
+    assert held_out_said(()) == ""
+    said = held_out_said(
+        (HeldOutFrequency(10.0, ("a",), 0.5, 0.92, 1.0), HeldOutFrequency(30.0, ("b",), 0.2, 0.36, 0.5))
+    )
     assert "hold 64 % of its points in the mean, at 30 Hz only 36 %: do not trust" in said

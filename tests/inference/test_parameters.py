@@ -165,4 +165,4 @@ def test_paper_coordinates_refuse_what_is_impossible(plain, known):
     heavy[0, map_.names.index("g1")] = 0.0
     assert map_.log_prob(np.concatenate([swapped, heavy])).tolist() == [-np.inf, -np.inf]
     with pytest.raises(ValueError, match="whole model"):
-        PaperCoordinates(make_problem(known.loops(), {"model": {"grip": "constant"}}))
+        PaperCoordinates(make_problem(known.loops(), {"model": {"normal_force": "constant"}}))

@@ -54,7 +54,10 @@ def test_every_quantity_at_known_numbers(problem, known):
     q = quantities(problem, known.true_z(problem))
     n = {name: x.values[0] for name, x in q.items()}
     for name, value in known.parameter_values().items():
-        if name in n and name not in ("grip_slope", "grip_rate"):  # these hang on the campaign's own scales
+        if name in n and name not in (
+            "normal_force_slope",
+            "normal_force_rate",
+        ):  # these hang on the campaign's own scales
             assert n[name] == pytest.approx(float(value[0]), rel=1e-4, abs=1e-4), name
     assert n["ki_N_mm"] == pytest.approx(19.62, rel=1e-4) and n["ku_N_mm"] == pytest.approx(30.37, rel=1e-4)
     assert n["kn_1_mm"] == pytest.approx(0.6, rel=1e-3) and n["lambda_s_m"] == pytest.approx(1.1, rel=1e-3)
@@ -84,7 +87,7 @@ def test_quantities_in_chunks_and_for_other_tests(problem, monkeypatch):
 
 def test_families_without_a_sampled_mean_report_it(known):
     for slip in ("gaussian", "power_law", "uniform", "gamma1"):
-        p = make_problem(known.loops(tests=((10.0, 1.0),)), {"model": {"slip": slip, "grip": "polynomial2"}})
+        p = make_problem(known.loops(tests=((10.0, 1.0),)), {"model": {"slip": slip, "normal_force": "polynomial2"}})
         z = p.prior.draw(np.random.default_rng(1), 20)
         got = quantities(p, z)["mean_slip_force_N"]
         np.testing.assert_allclose(got.values, p.model.slip_family.mean(p.parameter_values(z)))

@@ -9,7 +9,7 @@ from bayes_iwan.inference.results.reach import LEAST_PART, NEVER_SLIP, extrapola
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.models.bouc_wen import BoucWen
 
-SIMPLE = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False}}
+SIMPLE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False}}
 ETA, MEAN_N = 2.0, 1.2
 
 

@@ -46,8 +46,8 @@ def with_turning_points(u, alpha, k, closed=False):
             at = -b / (2.0 * a)
             if abs(at) > 1e-14:
                 along = ratio[low] if at > 0 else ratio[high]
-                grip = max(ratio[i] + abs(at) * (ratio[i] - along), ratio[i] * (1.0 - abs(at)))
-                rows.append((i + at, u[i] - b**2 / (4.0 * a), grip, k[i], False))
+                normal = max(ratio[i] + abs(at) * (ratio[i] - along), ratio[i] * (1.0 - abs(at)))
+                rows.append((i + at, u[i] - b**2 / (4.0 * a), normal, k[i], False))
     _, u, ratio, k, sample = (np.array(column) for column in zip(*sorted(rows)))
     return u, ratio * k, k, sample
 

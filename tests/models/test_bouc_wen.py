@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bayes_iwan.models import Scales, record_motion, sine_motion
-from bayes_iwan.models.bouc_wen import RIVALS, BoucWen, GeneralizedBoucWen
+from bayes_iwan.models.bouc_wen import OTHER_MODELS, BoucWen, GeneralizedBoucWen
 from bayes_iwan.models.simulator import recorded_force
 
 CASES = {
@@ -30,7 +30,7 @@ CASES = {
 
 def parameter_values_of(case, truth, **more):
     family, parameter_values = CASES[case]
-    return RIVALS[family], truth.columns(**{"kp_N_mm": 0.0, "force_zero_N": 0.0, **parameter_values, **more})
+    return OTHER_MODELS[family], truth.columns(**{"kp_N_mm": 0.0, "force_zero_N": 0.0, **parameter_values, **more})
 
 
 def by_scipy(psi, k, size, n, amplitude, samples, cycles):
@@ -138,7 +138,7 @@ def test_asymmetry_is_within_reach_only_of_the_generalised(truth):
     assert np.max(np.abs(force[:64] + force[64:])) > 0.2
 
 
-@pytest.mark.parametrize("rival", RIVALS.values(), ids=RIVALS)
+@pytest.mark.parametrize("rival", OTHER_MODELS.values(), ids=OTHER_MODELS)
 def test_batches_and_broken_numbers(rival, truth):
     """Draws do not feel each other; NaN, and draws whose z runs away or never closes, give NaN and nothing else."""
     rng = np.random.default_rng(0)

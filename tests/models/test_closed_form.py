@@ -97,7 +97,7 @@ def test_front_of_equation_3(truth):
 
 
 def uniform_model(reference):
-    return Model(reference, slip="uniform", grip="constant", stiffness="constant")
+    return Model(reference, slip="uniform", normal_force="constant", stiffness="constant")
 
 
 def uniform_values(truth):
@@ -145,7 +145,7 @@ def test_loop_and_energy_of_the_uniform_distribution(amplitude, truth, reference
 
 
 def test_element_model_is_the_same_physics(truth):
-    """The judge itself: 20,000 compiled elements against the closed form, and against its own shapes."""
+    """The element model itself: 20,000 compiled elements against the closed form, and against its own shapes."""
     u = np.r_[np.linspace(0.0, 0.15, 100), np.linspace(0.15, -0.15, 200)[1:]]
     phi = (np.arange(20_000) + 0.5) / 20_000 * LARGEST
     force = element_force(u, np.ones(299), np.full(299, K), phi, np.full(20_000, 1 / 20_000))

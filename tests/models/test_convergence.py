@@ -39,8 +39,8 @@ def draws(truth, reference, how):
     if how == "strongly varying":
         rng = np.random.default_rng(1)
         parameter_values |= {
-            "grip_slope": rng.uniform(-0.35, 0.35, 24),
-            "grip_rate": rng.uniform(0.0, 0.5, 24),
+            "normal_force_slope": rng.uniform(-0.35, 0.35, 24),
+            "normal_force_rate": rng.uniform(0.0, 0.5, 24),
             "beta": rng.uniform(0.05, 1.5, 24),
         }
     return parameter_values
@@ -122,6 +122,6 @@ def test_elements_converge_to_the_sliders(amplitude, truth, reference):
 def test_floor_of_alpha_is_met_sharply(truth, reference):
     """Where α meets its floor it has a kink, met between two samples: still within 0.2 % of the friction force."""
     model, parameter_values = Model(reference), truth.table_1(reference)
-    parameter_values |= {"grip_slope": np.array([-1.5]), "beta": np.array([1.0])}
+    parameter_values |= {"normal_force_slope": np.array([-1.5]), "beta": np.array([1.0])}
     assert np.any(model.alpha(parameter_values, shifted(128, 0.0)) == ALPHA_FLOOR)
     assert np.max(sampling_error(model, parameter_values, 128)) < 2e-3

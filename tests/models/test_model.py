@@ -18,7 +18,7 @@ from bayes_iwan.models.normal_force import (
 )
 from bayes_iwan.models.simulator import recorded_force
 from bayes_iwan.models.stiffness import LAWS as STIFFNESS_LAWS
-from bayes_iwan.models.stiffness import bend_of_elasticity, elasticity, from_paper_stiffness, paper_stiffness
+from bayes_iwan.models.stiffness import elasticity, from_paper_stiffness, paper_stiffness, ratio_of_elasticity
 from bayes_iwan.threads import ALONE
 
 AMPLITUDES, FREQUENCIES = np.repeat([0.3, 0.6, 1.0], 3), np.tile([10.0, 15.0, 20.0], 3)
@@ -71,7 +71,7 @@ def test_scale_degeneracy(slip, truth, reference):
         truth.table_1(reference, draws=2, spread=0.2)
         if slip == "gamma3"
         else (
-            {n: v for n, v in truth.table_1(reference).items() if n[0] not in "teg" or n.startswith("grip")}
+            {n: v for n, v in truth.table_1(reference).items() if n[0] not in "teg" or n.startswith("normal_force")}
             | truth.family_cases[slip][0]
         )
     )
@@ -114,7 +114,9 @@ def test_paper_numbers_there_and_back():
     back = paper_hunt_crossley(from_paper_hunt_crossley(kn, lam, beta, reference), reference)
     for name, value in (("kn_1_mm", kn), ("lambda_s_m", lam), ("beta", beta)):
         np.testing.assert_allclose(back[name], value, rtol=1e-13)
-    flat = paper_hunt_crossley({"grip_slope": np.zeros(1), "grip_rate": np.ones(1), "beta": np.ones(1)}, reference)
+    flat = paper_hunt_crossley(
+        {"normal_force_slope": np.zeros(1), "normal_force_rate": np.ones(1), "beta": np.ones(1)}, reference
+    )
     assert np.isnan(flat["lambda_s_m"][0])  # λ = rate/slope is not defined there
     ki, ku = np.array([19.62, 3.0, 100.0]), np.array([30.37, 50.0, 20.0])
     back = paper_stiffness(from_paper_stiffness(ki, ku))
@@ -125,8 +127,8 @@ def test_paper_numbers_there_and_back():
 def test_elasticity_there_and_back():
     """d ln k / d ln α at α = 1, by difference and inverted."""
     bend = np.geomspace(1e-6, 40.0, 60)
-    np.testing.assert_allclose(bend_of_elasticity(elasticity(bend)), bend, rtol=1e-6)
-    parameter_values = {"k1_N_mm": np.full(60, 3.0), "stiffness_bend": bend}
+    np.testing.assert_allclose(ratio_of_elasticity(elasticity(bend)), bend, rtol=1e-6)
+    parameter_values = {"k1_N_mm": np.full(60, 3.0), "stiffness_ratio": bend}
     h = 1e-5
     up, down = (
         STIFFNESS_LAWS["saturating"].k(parameter_values, np.full((60, 1, 1), 1.0 + s * h))[:, 0, 0] for s in (1, -1)
@@ -144,7 +146,11 @@ def test_hunt_crossley_is_a_logarithm_as_beta_vanishes(reference):
     y = np.maximum(a - motion.displacement_mm[0], Y_FLOOR * a)
     limit = 1.0 + 0.1 * np.log(y / a) + 0.3 * np.abs(motion.velocity_m_s[0]) / reference.speed_m_s
     for beta, bound in ((1e-3, 1e-2), (1e-6, 1e-5), (1e-9, 1e-8), (0.0, 1e-11)):
-        parameter_values = {"grip_slope": np.array([0.1]), "grip_rate": np.array([0.3]), "beta": np.array([beta])}
+        parameter_values = {
+            "normal_force_slope": np.array([0.1]),
+            "normal_force_rate": np.array([0.3]),
+            "beta": np.array([beta]),
+        }
         alpha = LAWS["hunt_crossley"].alpha(parameter_values, motion, reference, 1)[0]
         np.testing.assert_allclose(alpha, limit, atol=bound)
         without = LAWS["hunt_crossley_no_speed"].alpha(parameter_values, motion, reference, 1)[0]
@@ -156,10 +162,14 @@ def test_hunt_crossley_at_beta_1_and_2_is_a_polynomial(reference):
     motion = sine_motion(frequency_hz=15.0, amplitude_mm=0.5)
     motion = motion.moved(0.9 * motion.displacement_mm, motion.velocity_m_s, motion.acceleration_m_s2)
     slope = np.array([0.2])
-    straight = LAWS["hunt_crossley_no_speed"].alpha({"grip_slope": slope, "beta": np.ones(1)}, motion, reference, 1)
+    straight = LAWS["hunt_crossley_no_speed"].alpha(
+        {"normal_force_slope": slope, "beta": np.ones(1)}, motion, reference, 1
+    )
     line = LAWS["polynomial1"].alpha({"a1": -slope}, motion, reference, 1)
     np.testing.assert_allclose(straight, line, rtol=1e-13)
-    bent = LAWS["hunt_crossley_no_speed"].alpha({"grip_slope": slope, "beta": np.full(1, 2.0)}, motion, reference, 1)
+    bent = LAWS["hunt_crossley_no_speed"].alpha(
+        {"normal_force_slope": slope, "beta": np.full(1, 2.0)}, motion, reference, 1
+    )
     parabola = LAWS["polynomial2"].alpha({"a1": -slope * 0.5, "a2": slope / 2.0}, motion, reference, 1)
     np.testing.assert_allclose(bent, parabola, rtol=1e-13)
 
@@ -192,11 +202,11 @@ def test_vectorised_exponential():
 
 
 def test_loop_is_the_last_cycle_of_a_record(truth, reference):
-    """Every grip law: the steady loop equals the third cycle of a record that starts from rest."""
+    """Every law of the normal force: the steady loop equals the third cycle of a record that starts from rest."""
     n = 128
     t = np.arange(3 * n + 1) / (n * 15.0)
-    for grip in LAWS:
-        model = Model(reference, grip=grip)
+    for normal_force in LAWS:
+        model = Model(reference, normal_force=normal_force)
         parameter_values = truth.table_1(reference) | {f"a{d}": np.array([0.2 / d]) for d in range(1, 7)}
         loop = sine_motion(frequency_hz=15.0, amplitude_mm=0.8, samples=n)
         record = record_motion(t, 0.8 * np.sin(2 * np.pi * 15.0 * t), amplitude_mm=0.8, frequency_hz=15.0)
@@ -309,17 +319,17 @@ def test_parts_of_the_force_add_up(truth, reference):
 def test_unknown_parts_are_named(reference):
     with pytest.raises(ModelError, match=r"model.slip = 'gamma4' is not known; choose one of gamma1"):
         Model(reference, slip="gamma4")
-    with pytest.raises(ModelError, match=r"model.grip = 'hunt' is not known"):
-        Model(reference, grip="hunt")
+    with pytest.raises(ModelError, match=r"model.normal_force = 'hunt' is not known"):
+        Model(reference, normal_force="hunt")
     with pytest.raises(ModelError, match=r"model.stiffness = 'soft' is not known"):
         Model(reference, stiffness="soft")
 
 
 @pytest.mark.parametrize("slip", ["gamma1", "gamma2", "gamma3", "uniform", "gaussian", "power_law"])
 def test_names_are_what_the_force_reads(slip, truth, reference):
-    for grip in LAWS:
+    for normal_force in LAWS:
         for stiffness in STIFFNESS_LAWS:
-            model = Model(reference, slip=slip, grip=grip, stiffness=stiffness)
+            model = Model(reference, slip=slip, normal_force=normal_force, stiffness=stiffness)
             every = (
                 truth.table_1(reference) | truth.family_cases[slip][0] | {f"a{d}": np.array([0.1]) for d in range(1, 7)}
             )

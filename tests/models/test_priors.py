@@ -8,7 +8,7 @@ from bayes_iwan.models.paper_parameters import table_1
 from bayes_iwan.models.parameter import Z_LIMIT
 
 SCALES = Scales(5.0, 0.785, 20.0, 3.25, 5.7, 9.2)  # of Table 1 at 2 and 5 mm, 10 to 25 Hz
-CHANGES = ("grip_slope", "grip_rate")
+CHANGES = ("normal_force_slope", "normal_force_rate")
 
 
 def test_table_1_at_large_amplitudes_lies_within_three_prior_standard_deviations() -> None:
@@ -19,12 +19,12 @@ def test_table_1_at_large_amplitudes_lies_within_three_prior_standard_deviations
             assert abs(float(parameter.score(values[parameter.name])[0])) < 3.0, parameter.name
 
 
-@pytest.mark.parametrize("grip", ["hunt_crossley", "polynomial3"])
-def test_what_changes_the_normal_force_may_be_any_number_and_the_force_stays_finite(grip: str) -> None:
-    model = Model(SCALES.reference, grip=grip)
+@pytest.mark.parametrize("normal_force", ["hunt_crossley", "polynomial3"])
+def test_what_changes_the_normal_force_may_be_any_number_and_the_force_stays_finite(normal_force: str) -> None:
+    model = Model(SCALES.reference, normal_force=normal_force)
     parameters = model.parameters(SCALES)
     z = np.random.default_rng(0).standard_normal((500, len(parameters)))
-    heavy = [i for i, p in enumerate(parameters) if p.name in model.grip_law.names and p.name != "beta"]
+    heavy = [i for i, p in enumerate(parameters) if p.name in model.normal_force_law.names and p.name != "beta"]
     assert heavy
     z[:, heavy] = np.random.default_rng(1).choice([-Z_LIMIT, -5.0, 0.0, 5.0, Z_LIMIT], (500, len(heavy)))
     values = {p.name: p.value(z[:, i]) for i, p in enumerate(parameters)}

@@ -57,7 +57,7 @@ def plain(truth):
     return table, top, lambda phi: phi - 0.25 * phi**2
 
 
-def test_at_rest_a_falling_grip_lets_elements_slip(truth):
+def test_at_rest_a_falling_normal_force_lets_elements_slip(truth):
     """u stands still while α falls and rises: the force falls with α and does not come back."""
     table, top, _ = plain(truth)
     u = np.r_[np.linspace(0.0, 1.0, 20), np.ones(20)]

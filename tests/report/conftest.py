@@ -21,12 +21,12 @@ TRUTH = {
     "kp_N_mm": 5.4,
     "force_zero_N": 0.0,
     "k1_N_mm": 15.0,
-    "stiffness_bend": 0.6,
+    "stiffness_ratio": 0.6,
     "t1_N": 0.5,
     "eta1": 2.2,
     "g1": 1.0,
-    "grip_slope": 0.3,
-    "grip_rate": 0.07,
+    "normal_force_slope": 0.3,
+    "normal_force_rate": 0.07,
     "beta": 0.6,
 }
 SETTINGS = settings_of({"model": {"slip": "gamma1", "embedded": False}})

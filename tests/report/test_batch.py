@@ -20,7 +20,7 @@ from bayes_iwan.report.batch.batch_run import batch_run as room
 pytestmark = pytest.mark.usefixtures("no_figure_files")
 
 CONFIG = {
-    "model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant", "embedded": False},
+    "model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant", "embedded": False},
     "likelihood": {"kind": "gaussian"},
     "search": {"members": 40, "evaluations": 1200, "starts": 4, "second_search": False},
     "sampling": {

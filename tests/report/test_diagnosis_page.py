@@ -94,9 +94,9 @@ def answer(found, kind=None, **rest):
     if kind is not None:
         causes = () if kind == "unknown" else found.verdict.causes
         flagged = kind in ("partly_explained", "unknown")
-        verdict = replace(found.verdict, kind=Kind(kind), causes=causes, unknown_rest=flagged)
+        verdict = replace(found.verdict, kind=Kind(kind), causes=causes, unknown_cause=flagged)
         found = replace(found, verdict=verdict, moved={} if kind == "unknown" else found.moved)
-    return finite(to_dict(replace(found, budget=replace(found.budget, rest=replace(found.budget.rest, **rest)))))
+    return finite(to_dict(replace(found, budget=replace(found.budget, rest=replace(found.budget.unexplained, **rest)))))
 
 
 class Parts(HTMLParser):
@@ -271,7 +271,7 @@ def bars(axes):
 
 
 def test_the_waterfall_falls_from_the_gap_to_the_rest(found, figures):
-    share, rest = found.verdict.causes[0].share.value, found.budget.rest.share.value
+    share, rest = found.verdict.causes[0].share.value, found.budget.unexplained.share.value
     for name in ("budget", "headline"):
         drawn = bars(figures[name].axes[0])
         assert list(drawn) == ["gap", "viscous damping", "unexplained", "noise"]
@@ -279,8 +279,8 @@ def test_the_waterfall_falls_from_the_gap_to_the_rest(found, figures):
         left, width, text = drawn["viscous damping"]
         assert (left + width, width) == pytest.approx((1.0, share)) and text.startswith(f"{100 * share:.0f} %  (")
         assert drawn["unexplained"][:2] == pytest.approx((0.0, rest))
-    flagged = replace(found.budget, rest=replace(found.budget.rest, probability=0.9))
-    some = (OneOf(("end_stop", "free_play", "mains_hum"), 0.9, 0.5 * rest),)
+    flagged = replace(found.budget, rest=replace(found.budget.unexplained, probability=0.9))
+    some = (OneOf(("end_stop", "free_play", "mains_interference"), 0.9, 0.5 * rest),)
     drawn = bars(budget_figures.budget_figure(flagged, some).axes[0])
     assert list(drawn) == ["gap", "viscous damping", "unexplained", "of it one of: end stop\nor 2 others", "noise"]
     assert drawn["of it one of: end stop\nor 2 others"][:2] == pytest.approx((0.5 * rest, 0.5 * rest))

@@ -87,12 +87,12 @@ def test_left_out_tests_by_weights_and_by_moves(posterior, monkeypatch):
 @pytest.fixture(scope="module")
 def comparison(posterior, short_pilot):
     return compare_families(
-        posterior.problem.loops, ["constant_grip", "gamma1"], config=TINY, seed=2, by="tests", progress=False
+        posterior.problem.loops, ["constant_normal_force", "gamma1"], config=TINY, seed=2, by="tests", progress=False
     )
 
 
 def test_the_family_that_made_the_loops_wins(comparison):
-    assert [e.family.name for e in comparison.entries] == ["gamma1", "constant_grip"]
+    assert [e.family.name for e in comparison.entries] == ["gamma1", "constant_normal_force"]
     first, second = comparison.rows()
     assert first.difference == 0 and second.difference < -20
     assert first.residual_share < 0.02 < second.residual_share
@@ -104,7 +104,7 @@ def test_page_and_table_of_a_comparison(comparison, tmp_path):
     assert "one-gamma slip forces" in text and "<table" in text
     with (tmp_path / "compare.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [r["family"] for r in rows] == ["gamma1", "constant_grip"] and float(rows[1]["difference"]) < 0
+    assert [r["family"] for r in rows] == ["gamma1", "constant_normal_force"] and float(rows[1]["difference"]) < 0
     assert len(ranking_figure(comparison).axes) == 2
 
 

@@ -26,7 +26,7 @@ FIGURES = {
     "paper's Fig. 4": lambda p: loops.frequencies_figure(p, model=False),
     "paper's Fig. 8": law_figures.slip_density_figure,
     "paper's Fig. 9": law_figures.stiffness_figure,
-    "paper's Fig. 10": law_figures.grip_figure,
+    "paper's Fig. 10": law_figures.normal_force_figure,
     "paper's Fig. 12": loops.frequencies_figure,
     "prior and posterior": marginals.prior_posterior_figure,
     "corner": marginals.identifiable_corner,
@@ -126,7 +126,7 @@ def test_same_input_same_picture(posterior):
     pages = []
     for _ in range(2):
         page = Page("twice")
-        page.section("one").figure(law_figures.grip_figure(posterior), "caption", "alt")
+        page.section("one").figure(law_figures.normal_force_figure(posterior), "caption", "alt")
         pages.append(page.html())
     assert pages[0] == pages[1]
 

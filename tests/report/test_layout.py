@@ -17,7 +17,7 @@ from bayes_iwan.report.provenance import of_folder
 from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, torn
 
 needs_browser = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
-CLASSICAL = {"model": {"slip": "gamma1", "grip": "constant", "stiffness": "constant"}}
+CLASSICAL = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
 
 
 @pytest.fixture(scope="module")

@@ -206,7 +206,14 @@ def test_the_answer_comes_first_and_symbols_before_what_uses_them(text, posterio
     sections = re.findall(r"<h2[^>]*>(.*?)</h2>", text)
     assert sections[0] == "Answer"
     first = text.split("<h2")[1]
-    for words in ("parallel spring", "mean slip force", "equivalent stiffness", "loss factor", "misfit", "What is not"):
+    for words in (
+        "parallel spring",
+        "mean slip force",
+        "equivalent stiffness",
+        "loss factor",
+        "residual",
+        "What is not",
+    ):
         assert words in first, words
     legend = re.search(r'<dl class="symbols">(.*?)</dl>', text, re.S)
     symbols = {html.unescape(x) for x in re.findall(r"<dt>(.*?)</dt>", legend.group(1))}
@@ -232,18 +239,18 @@ def test_one_set_of_numbers(page, text, posterior):
         row = rows[f"dissipated_energy_mJ[{r['file']}]"]
         found = [float(r[f"energy_mJ_{x}"]) for x in ("q50", "q05", "q95")]
         assert found == pytest.approx([row.q50, row.q05, row.q95], rel=1e-7)
-    misfit = posterior.misfit()
+    residual = posterior.residual_size()
     fitted = [float(r["rms_residual_N"]) for r in loops if r["role"] != "held-out"]
-    assert np.sqrt(np.mean(np.square(fitted))) == pytest.approx(misfit.rms_N, rel=1e-6)
+    assert np.sqrt(np.mean(np.square(fitted))) == pytest.approx(residual.rms_N, rel=1e-6)
     shares = [float(r["residual_share_of_friction"]) for r in loops if r["role"] != "held-out"]
     friction = np.array(fitted) / np.array(shares)  # one friction force for every percentage
-    assert misfit.rms_N / np.sqrt(np.mean(friction**2)) == pytest.approx(misfit.share, rel=1e-6)
+    assert residual.rms_N / np.sqrt(np.mean(friction**2)) == pytest.approx(residual.share, rel=1e-6)
     for name in ("kp_N_mm", "k1_N_mm", "mean_slip_force_N"):
         middle, low, high = reported(posterior, name)
         first, rest = text.split("<h2")[1], text.split("<h2")[2]
         assert f"{low} to {high}" in html.unescape(first)
         assert f"{middle} [{low}, {high}]" in html.unescape(rest)  # the figure's own text
-    assert f"{100 * misfit.share:.2g} % of the friction force" in text.split("<h2")[1]
+    assert f"{100 * residual.share:.2g} % of the friction force" in text.split("<h2")[1]
 
 
 def test_failed_write_leaves_the_old_page(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from bayes_iwan.sampling.moves import DifferentialMove, ManifoldMove, NestedMove, SnookerMove
 from bayes_iwan.sampling.moves.manifold import Manifold
 from bayes_iwan.sampling.moves.metropolis import LeastSquares
-from bayes_iwan.sampling.moves.nested import bending_parameters
+from bayes_iwan.sampling.moves.nested import curving_parameters
 from bayes_iwan.sampling.nuisance import Nuisance
 
 NONE = Nuisance(np.empty(0, np.int64), np.empty(0), np.empty((0, 0)))
@@ -227,8 +227,8 @@ def test_what_bends_is_found():
 
     z = np.random.default_rng(0).standard_normal((8, 3))
     z[:, 1], z[:, 2] = z[:, 0] ** 2, 0.0
-    assert bending_parameters(target_of(rows, 3), z).tolist() == [0]
-    assert bending_parameters(target_of(lambda z: 40.0 * z, 3), z).tolist() == []
+    assert curving_parameters(target_of(rows, 3), z).tolist() == [0]
+    assert curving_parameters(target_of(lambda z: 40.0 * z, 3), z).tolist() == []
 
 
 def test_independent_proposals_leave_the_posterior_as_it_is():

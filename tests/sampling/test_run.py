@@ -188,7 +188,7 @@ def test_independent_proposals_are_resumed_too(tmp_path):
     whole = sample(target, density, np.zeros((1, 3)), max_steps=75, **asked)
     file = tmp_path / "chains.ckpt"
     sample(target, density, np.zeros((1, 3)), max_steps=50, checkpoint=file, **asked)
-    assert "bent" in read_checkpoint(file, (run.STAGE,))[2].state
+    assert "curving" in read_checkpoint(file, (run.STAGE,))[2].state
     again = sample(target, density, np.zeros((1, 3)), max_steps=75, checkpoint=file, resume=True, **asked)
     np.testing.assert_array_equal(again.draws, whole.draws)
 

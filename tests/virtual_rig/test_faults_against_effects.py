@@ -106,11 +106,11 @@ def compared(kind, fault, sound, faulty, rig):
 
 def mains_by_test(fault, faulty):
     """The mains' phase differs from record to record: it is taken from the records, the amplitude from the fault."""
-    if fault.name != "mains_hum":
+    if fault.name != "mains_interference":
         return {}
     line = [50.0, 60.0].index(fault.parameters["frequency_hz"])
     turned = fault.parameters["amplitude_N"] * np.exp(1j * np.angle(faulty.mains_N[:, line]))
     files = [x.file for x in faulty.loops]
-    return {f"mains_hum.cosine[{f}]": x.real for f, x in zip(files, turned)} | {
-        f"mains_hum.sine[{f}]": x.imag for f, x in zip(files, turned)
+    return {f"mains_interference.cosine[{f}]": x.real for f, x in zip(files, turned)} | {
+        f"mains_interference.sine[{f}]": x.imag for f, x in zip(files, turned)
     }

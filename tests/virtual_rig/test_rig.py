@@ -88,7 +88,7 @@ def test_mass_drift_mains_and_clipping():
     drift = faulty("force_drift", rate_N_s=0.3)[1] - sound
     assert np.polyfit(SAMPLES, drift, 1)[0] == pytest.approx(0.3, rel=1e-3)
     for law, third in (("sine", 0.0), ("harmonics", 0.35)):
-        hum = faulty("mains_hum", law, amplitude_N=0.2, frequency_hz=60.0)[1] - sound
+        hum = faulty("mains_interference", law, amplitude_N=0.2, frequency_hz=60.0)[1] - sound
         spectrum, lines = np.abs(np.fft.rfft(hum * np.hanning(hum.size))), np.fft.rfftfreq(2560, 1 / 1280)
         assert lines[spectrum.argmax()] == pytest.approx(60.0, abs=0.5)
         at_third = spectrum[np.abs(lines - 180.0) < 3].max() / spectrum.max()
@@ -178,7 +178,7 @@ def test_delay_has_the_size_that_its_phase_gives(specimen, sound):
 
 
 def test_visible_share_of_what_a_specimen_can_and_cannot_imitate(specimen, sound):
-    names = ("rig_compliance", "mains_hum", "moving_mass")
+    names = ("rig_compliance", "mains_interference", "moving_mass")
     faults = [complete(n, "", drawn(n, "", sound[0], np.random.default_rng(5)), sound[0], 0.1) for n in names]
     wide = tuple(PlannedTest(f, a, cycles=12) for f in (10.0, 20.0) for a in (0.3, 0.8))
     soft, hum, mass = (sizing.shares_left(specimen, wide, (one,))[0].visible for one in faults)
@@ -223,13 +223,13 @@ def test_designs_stay_within_their_ranges():
     rng = np.random.default_rng(1)
     single = held = 0
     for _ in range(300):
-        tests, unseen = cases.draw_design(rng)
+        tests, sealed = cases.draw_design(rng)
         frequencies, amplitudes = {t.frequency_hz for t in tests}, {t.amplitude_mm for t in tests}
         assert len(tests) == len(frequencies) * len(amplitudes) and 1 <= len(frequencies) <= 4
         assert 2 <= len(amplitudes) <= 4 and all(5 <= f <= 30 for f in frequencies)
         assert all(0.2 <= a <= 1.2 for a in amplitudes) and 20 <= tests[0].cycles <= 60
         given = {(t.frequency_hz, t.amplitude_mm) for t in tests}
-        assert unseen and not given & {(t.frequency_hz, t.amplitude_mm) for t in unseen}
+        assert sealed and not given & {(t.frequency_hz, t.amplitude_mm) for t in sealed}
         single += len(frequencies) == 1
         held += any(t.role == "held-out" for t in tests)
     assert 20 < single < 90 and 25 < held < 130
@@ -238,7 +238,7 @@ def test_designs_stay_within_their_ranges():
 def test_shares_of_a_gap_sum_to_one_and_follow_the_sizes(specimen, sound):
     faults = tuple(
         sizing.size_fault(n, size, specimen, PLAN, np.random.default_rng(1), sound=sound)
-        for n, size in (("mains_hum", 0.09), ("rocking", 0.03))
+        for n, size in (("mains_interference", 0.09), ("rocking", 0.03))
     )
     hum, rocking = sizing.shares_left(specimen, PLAN, faults)
     assert hum.share + rocking.share == pytest.approx(1.0) == hum.share_of_square + rocking.share_of_square
@@ -254,7 +254,7 @@ def test_kinds_of_cases_have_their_faults_by_laws_that_were_not_left_out(monkeyp
     monkeypatch.setattr(cases, "draw_design", lambda rng: (PLAN, PLAN[:1]))
     left = [f"{name}:{law.name}" for name in CATALOGUE for law in KINDS[name].laws[2:]]
     case = cases.draw_case(
-        np.random.default_rng(4), kind, laws="other", leave_out_laws=left, leave_out_outside=OUTSIDE[:-2]
+        np.random.default_rng(4), kind, laws="other", excluded_laws=left, excluded_outside=OUTSIDE[:-2]
     )
     listed = [f for f in case.faults if KINDS[f.name].listed]
     assert len(listed) == known and len(case.faults) == known + unknown

@@ -17,8 +17,8 @@ def write(out: Path, verdict: dict, probabilities: dict, **more) -> None:
 def none(campaign: Path, out: Path, seed: int, quick: bool) -> None:
     """Reads its campaign and always finds nothing."""
     tests = len(read_campaign(campaign).tests)
-    verdict = {"kind": "none", "causes": [], "unknown_rest": False}
-    write(out, verdict, {"none": 0.9, "unknown_rest": 0.05}, seed=seed, quick=quick, tests=tests)
+    verdict = {"kind": "none", "causes": [], "unknown_cause": False}
+    write(out, verdict, {"none": 0.9, "unknown_cause": 0.05}, seed=seed, quick=quick, tests=tests)
 
 
 def fails_once(campaign: Path, out: Path, seed: int, quick: bool) -> None:
@@ -76,8 +76,8 @@ def spies(campaign: Path, out: Path, seed: int, quick: bool) -> None:
             got.append(attempt.__name__)
         except (OSError, subprocess.CalledProcessError):
             pass
-    verdict = {"kind": "none", "causes": [], "unknown_rest": False}
-    write(out, verdict, {"none": 1.0, "unknown_rest": 0.0}, got=got, tests=len(read_campaign(campaign).tests))
+    verdict = {"kind": "none", "causes": [], "unknown_cause": False}
+    write(out, verdict, {"none": 1.0, "unknown_cause": 0.0}, got=got, tests=len(read_campaign(campaign).tests))
 
 
 def end_stop(campaign: Path, out: Path, seed: int, quick: bool) -> None:
@@ -86,6 +86,6 @@ def end_stop(campaign: Path, out: Path, seed: int, quick: bool) -> None:
         none(campaign, out, seed, quick)
         return
     cause = {"name": "end_stop", "probability": 1.0, "share": 0.8, "share_interval": [0.6, 0.9], "share_held_out": 0.7}
-    verdict = {"kind": "explained", "causes": [cause], "unknown_rest": False}
-    write(out, verdict, {"none": 0.0, "unknown_rest": 0.0, "end_stop": 1.0})
+    verdict = {"kind": "explained", "causes": [cause], "unknown_cause": False}
+    write(out, verdict, {"none": 0.0, "unknown_cause": 0.0, "end_stop": 1.0})
     (out / "fits.json").write_text(json.dumps({"effects_file": "mine.py"}))

@@ -35,7 +35,7 @@ def truth(kind, *names, size=0.1, visible=0.5, noise=0.005, frequencies=(10, 20)
 def cause(name, probability=0.9, share=0.5, interval=(0.4, 0.6), held_out=0.45, alike=()):
     return {
         "name": name, "probability": probability, "share": share, "share_interval": list(interval),
-        "share_held_out": held_out, "cannot_tell_apart": list(alike),
+        "share_held_out": held_out, "tied_with": list(alike),
     }  # fmt: skip
 
 
@@ -44,9 +44,9 @@ def answer(*causes, rest=False, none=0.0, unknown=0.1, **more):
     p = {c["name"]: c["probability"] for c in causes}
     return {
         "schema": 2,
-        "verdict": {"kind": kind, "causes": list(causes), "unknown_rest": rest},
+        "verdict": {"kind": kind, "causes": list(causes), "unknown_cause": rest},
         "rest": {"share": 0.2, "interval": [0.1, 0.3], "where": ""},
-        "probabilities": {"none": none, "unknown_rest": 0.9 if rest else unknown, **p, **more},
+        "probabilities": {"none": none, "unknown_cause": 0.9 if rest else unknown, **p, **more},
     }
 
 
@@ -89,7 +89,7 @@ def known():
         "right": truth("single", "moving_mass"),
         "alike": truth("single", "free_play", frequencies=(10,)),
         "hidden": truth("single", "rig_compliance", visible=0.02),
-        "pair": truth("pair", "moving_mass", "mains_hum", shares=(0.3, 0.7)),
+        "pair": truth("pair", "moving_mass", "mains_interference", shares=(0.3, 0.7)),
         "triple": truth("triple", "end_stop", "force_drift", "free_play", shares=(0.2, 0.3, 0.5)),
         "beside": truth("known_beside_outside", "end_stop", "rocking", shares=(0.6, 0.4)),
         "missed": truth("known_beside_outside", "end_stop", "wear_groove"),
@@ -101,13 +101,13 @@ def known():
         "right": answer(cause("moving_mass", 0.95, share=0.95, interval=(0.9, 1.05))),
         "alike": answer(cause("channel_delay", 0.7, alike=["free_play"])),
         "hidden": answer(none=0.9),
-        "pair": answer(cause("mains_hum", share=0.65, interval=(0.6, 0.72)), cause("moving_mass", share=0.1)),
+        "pair": answer(cause("mains_interference", share=0.65, interval=(0.6, 0.72)), cause("moving_mass", share=0.1)),
         "triple": answer(cause("end_stop", share=0.25, held_out=0.9), rest=True),
         "beside": answer(cause("end_stop", share=0.55), rest=True),
         "missed": answer(rest=True),
         "unlisted": answer(cause("friction_fade", 0.55)),
     }
-    return scoring.score_answers(truths, answers, left_out=["rocking"])
+    return scoring.score_answers(truths, answers, excluded=["rocking"])
 
 
 def count(score, key):
@@ -123,34 +123,34 @@ def test_names_and_rests_are_counted(known):
     assert count(known, "pairs and triples: effects named") == (3, 5)
     assert count(known, "pairs and triples: all of a case's effects named") == (1, 2)
     assert count(known, "known beside unknown: known one named") == (1, 2)
-    assert count(known, "known beside unknown: rest flagged") == (2, 2)
+    assert count(known, "known beside unknown: unknown cause flagged") == (2, 2)
     assert count(known, "known beside unknown: both") == (1, 2)
     assert count(known, "outside alone: called unknown") == (0, 1)
-    assert count(known, "no fault: a cause named or a rest flagged (false alarm)") == (1, 2)
+    assert count(known, "no fault: a cause named or a unknown cause flagged (false alarm)") == (1, 2)
     assert count(known, "all cases: a false name") == (3, 10)
     assert count(known, "all cases: a false name, none of the set true") == (2, 10)
-    assert count(known, "listed causes alone: a rest flagged") == (1, 5)
+    assert count(known, "listed causes alone: a unknown cause flagged") == (1, 5)
 
 
 def test_shares_are_compared_with_the_true_ones(known):
     # right 0.95 of 1, mains 0.65 of 0.7, mass 0.1 of 0.3, stop 0.25 of 0.2, stop 0.55 of 0.6
     assert count(known, "share of the gap: within 10 points") == (4, 5)
     assert count(known, "share of the gap: in its 90 % interval") == (3, 5)
-    held_out = known.summary["share on tests left out: in its 90 % interval"]
+    held_out = known.summary["share on held-out tests: in its 90 % interval"]
     assert (held_out.count, held_out.n) == (5, 8)
 
 
 def test_shares_are_what_the_gap_loses_with_the_named_faults_out_of_the_rig():
-    told = truth("pair", "moving_mass", "mains_hum", shares=(0.3, 0.7))
-    told["true_gap_N"] = {"": 0.1, "moving_mass": 0.5, "mains_hum": 0.9, "mains_hum+moving_mass": 1.0}
-    one = score_case("x", read_truth("x", told), answer(cause("mains_hum", share=0.45)))
+    told = truth("pair", "moving_mass", "mains_interference", shares=(0.3, 0.7))
+    told["true_gap_N"] = {"": 0.1, "moving_mass": 0.5, "mains_interference": 0.9, "mains_interference+moving_mass": 1.0}
+    one = score_case("x", read_truth("x", told), answer(cause("mains_interference", share=0.45)))
     assert one.shares[0][1] == pytest.approx(0.5), "beside the mass, that stays"
-    both = score_case("x", read_truth("x", told), answer(cause("mains_hum"), cause("moving_mass")))
-    assert {n.name: t for n, t in both.shares} == pytest.approx({"mains_hum": 0.65, "moving_mass": 0.25})
+    both = score_case("x", read_truth("x", told), answer(cause("mains_interference"), cause("moving_mass")))
+    assert {n.name: t for n, t in both.shares} == pytest.approx({"mains_interference": 0.65, "moving_mass": 0.25})
     alone = truth("single", "moving_mass") | {"true_gap_N": {"": 0.2, "moving_mass": 1.0}}
     assert score_case("x", read_truth("x", alone), answer(cause("moving_mass"))).shares[0][1] == pytest.approx(0.8)
     del told["true_gap_N"]["moving_mass"]
-    assert score_case("x", read_truth("x", told), answer(cause("mains_hum"))).shares[0][1] == 0.7, "not known"
+    assert score_case("x", read_truth("x", told), answer(cause("mains_interference"))).shares[0][1] == 0.7, "not known"
 
 
 def test_probability_scores_are_sums_over_labels(known):
@@ -166,7 +166,7 @@ def test_probability_scores_are_sums_over_labels(known):
 def test_cases_of_kinds_left_out_have_a_table_of_their_own(known):
     assert known.held_back["known beside unknown: both"].n == 1
     assert known.held_back["outside alone: called unknown"].n == 1
-    assert "left out of calibration" in known.table()
+    assert "excluded from calibration" in known.table()
 
 
 def test_results_by_law_and_by_outside_kind(known):
@@ -205,16 +205,16 @@ def test_calibrated_answers_lie_on_the_diagonal():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"probabilities": {"none": 0.1, "unknown_rest": 0.1, "end_stop": 9.0}}, "end_stop is 9, not in 0 to 1"),
-        ({"probabilities": {"none": float("nan"), "unknown_rest": 0.1}}, "not in 0 to 1"),
-        ({"probabilities": {"none": 0.6, "unknown_rest": 0.1, "end_stop": 0.7}}, "sum to more than 1"),
+        ({"probabilities": {"none": 0.1, "unknown_cause": 0.1, "end_stop": 9.0}}, "end_stop is 9, not in 0 to 1"),
+        ({"probabilities": {"none": float("nan"), "unknown_cause": 0.1}}, "not in 0 to 1"),
+        ({"probabilities": {"none": 0.6, "unknown_cause": 0.1, "end_stop": 0.7}}, "sum to more than 1"),
         ({"probabilities": {"end_stop": 0.7}}, "no probability of none"),
-        ({"verdict": {"kind": "explained", "causes": [], "unknown_rest": False}}, "explained and it names 0"),
+        ({"verdict": {"kind": "explained", "causes": [], "unknown_cause": False}}, "explained and it names 0"),
         (
-            {"verdict": {"kind": "explained", "causes": [cause("end_stop")], "unknown_rest": True}},
-            "unknown_rest is true",
+            {"verdict": {"kind": "explained", "causes": [cause("end_stop")], "unknown_cause": True}},
+            "unknown_cause is true",
         ),
-        ({"verdict": {"kind": "perhaps", "causes": [], "unknown_rest": False}}, "no verdict 'perhaps'"),
+        ({"verdict": {"kind": "perhaps", "causes": [], "unknown_cause": False}}, "no verdict 'perhaps'"),
         ({"verdict": {"cause": "end_stop"}, "probabilities": {"end_stop": 0.9, "none": 0.9}}, "sum to 1.8"),
         ({"verdict": {}}, "no known form"),
     ],
@@ -227,14 +227,14 @@ def test_answers_that_contradict_themselves_are_refused(change, message):
 
 def test_answers_of_the_first_version_are_read():
     old = {
-        "verdict": {"cause": "end_stop", "second_cause": "free_play", "cannot_tell_apart": ["cubic_stiffness"]},
+        "verdict": {"cause": "end_stop", "second_cause": "free_play", "tied_with": ["cubic_stiffness"]},
         "probabilities": {"end_stop": 0.7, "unknown": 0.2, "none": 0.1},
     }
     read = read_answer("a", old)
     assert read.kind == "explained" and read.names == {"end_stop", "free_play"}
     assert read.in_sets == {"end_stop", "free_play", "cubic_stiffness"}
-    assert read.probabilities["unknown_rest"] == 0.2 and not read.unknown_rest
-    assert read_answer("a", old | {"verdict": {"cause": "unknown"}}).unknown_rest
+    assert read.probabilities["unknown_cause"] == 0.2 and not read.unknown_cause
+    assert read_answer("a", old | {"verdict": {"cause": "unknown"}}).unknown_cause
 
 
 def test_missing_answer_is_scored_and_named_and_strange_answer_refused():
@@ -251,7 +251,13 @@ def test_truths_of_the_first_set_are_read_and_its_impossible_laws_told_apart():
     first = {
         "sound": {"kind": "none", "effect": {}, "noise": 0.01, "raw_share": 0.0, "tests": [[8.0, 0.3], [16.0, 0.3]]},
         "one": {"kind": "end_stop", "effect": {"stop_k": 2.0}, "noise": 0.01, "raw_share": 0.1, "tests": [[8.0, 0.3]]},
-        "two": {"kind": "force_drift", "second": "mains_hum", "effect": {}, "noise": 0.01, "tests": [[8.0, 0.3]]},
+        "two": {
+            "kind": "force_drift",
+            "second": "mains_interference",
+            "effect": {},
+            "noise": 0.01,
+            "tests": [[8.0, 0.3]],
+        },
         "else": {"kind": "whirl", "effect": {}, "noise": 0.01, "raw_share": 0.05, "tests": [[8.0, 0.3]]},
         "impossible": {"kind": "force_highpass", "second": "direction_dependent_friction", "effect": {}, "tests": []},
     }

@@ -52,7 +52,7 @@ def test_layout_and_seals(made):
     assert all(len(v) == 64 for v in public["cases"].values())
     for n in names:
         assert len(read_campaign(folder / n).tests) == 2
-        assert len(read_campaign(truth.parent / "unseen" / n).tests) == 1
+        assert len(read_campaign(truth.parent / "sealed" / n).tests) == 1
         single = truths[n]["effects"]
         assert all({"name", "law", "size", "visible_share", "share", "parameters"} <= set(e) for e in single)
         assert len(truths[n]["salt"]) == 64
@@ -105,7 +105,7 @@ def test_development_cases_follow_from_their_seed_and_are_marked(tmp_path):
             for name, run in (("a", executor), ("b", None))
         ]
     a, b = (sealed.read_truths(path)["case_01"] for path in paths)
-    assert a["data"] == b["data"] and a["effects"] == b["effects"] and a["unseen_data"] == b["unseen_data"]
+    assert a["data"] == b["data"] and a["effects"] == b["effects"] and a["sealed_data"] == b["sealed_data"]
     assert a["salt"] != b["salt"]
     public = json.loads((tmp_path / "a" / "commitments.json").read_text())
     assert public["sealed"] is False and "entropy" not in public
@@ -170,14 +170,14 @@ def test_truth_files_of_other_forms(tmp_path):
         sealed.read_truths(tmp_path / "t.json")
 
 
-def test_changed_unseen_tests_are_found(copy):
+def test_changed_sealed_tests_are_found(copy):
     _, path = copy
-    case, truth = path.parent / "unseen" / "case_02", sealed.read_truths(path)["case_02"]
-    sealed.check_unseen("case_02", case, truth)
+    case, truth = path.parent / "sealed" / "case_02", sealed.read_truths(path)["case_02"]
+    sealed.check_sealed_tests("case_02", case, truth)
     record = sorted(case.glob("*.csv.gz"))[0]
     record.write_bytes(record.read_bytes() + b"0")
-    with pytest.raises(WithheldError, match=r"unseen tests were changed after they were sealed: case_02$"):
-        sealed.check_unseen("case_02", case, truth)
+    with pytest.raises(WithheldError, match=r"sealed tests were changed after they were sealed: case_02$"):
+        sealed.check_sealed_tests("case_02", case, truth)
 
 
 # ---- answer
@@ -245,7 +245,7 @@ def test_truth_within_the_folder_is_refused(copy):
 
 def test_what_a_killed_answering_left_is_no_answer(made, tmp_path):
     (tmp_path / "case_01").mkdir()
-    answerers.write(tmp_path / "case_01", {"kind": "none", "causes": [], "unknown_rest": False}, {"none": 1.0})
+    answerers.write(tmp_path / "case_01", {"kind": "none", "causes": [], "unknown_cause": False}, {"none": 1.0})
     path = answer(made[0], answerers.silent, out=tmp_path, only=["case_01"])
     found = json.loads(path.read_text())
     assert found["answers"] == {} and "diagnosis.json: no such file" in found["failed"]["case_01"]
@@ -260,13 +260,13 @@ def test_unknown_case_is_refused(made, tmp_path):
 # ---- from answers to a score
 
 
-def test_shares_on_unseen_tests_are_found_and_foreign_code_is_not_run_unasked(made, tmp_path):
+def test_shares_on_sealed_tests_are_found_and_foreign_code_is_not_run_unasked(made, tmp_path):
     folder, truth = made
     answers = answer(folder, answerers.end_stop, out=tmp_path)
     asked = []
 
-    def find_shrink(diagnosis, unseen, cause):
-        asked.append((diagnosis.name, cause, len(read_campaign(unseen).tests)))
+    def find_shrink(diagnosis, sealed, cause):
+        asked.append((diagnosis.name, cause, len(read_campaign(sealed).tests)))
         return 0.7
 
     refused = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink)
@@ -285,12 +285,12 @@ def test_shares_on_unseen_tests_are_found_and_foreign_code_is_not_run_unasked(ma
     with pytest.raises(ValueError, match=r"mine\.py: no such file"):
         scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
     with pytest.raises(ValueError, match="not run unasked"):
-        find_shares(fits.parent, truth.parent / "unseen" / "case_02")
+        find_shares(fits.parent, truth.parent / "sealed" / "case_02")
     score = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink, allow_effects_file=True)
     assert asked == [("case_02", "end_stop", 1)]
-    inside = score.summary["share found on unseen tests: in its 90 % interval"]
+    inside = score.summary["share found on sealed tests: in its 90 % interval"]
     assert (inside.count, inside.n) == (1, 1)
-    assert score.summary["no fault: a cause named or a rest flagged (false alarm)"].count == 0
+    assert score.summary["no fault: a cause named or a unknown cause flagged (false alarm)"].count == 0
 
 
 def test_score_checks_the_seals_first(copy):

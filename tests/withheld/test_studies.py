@@ -60,9 +60,7 @@ def test_a_natural_budget_is_unchanged_in_newtons(study):
     half_real = study("half_real")
 
     def answer(gap_N, causes, one_of=()):
-        some = [
-            {"name": n, "share": v, "share_interval": [v - 0.05, v + 0.05], "cannot_tell_apart": []} for n, v in causes
-        ]
+        some = [{"name": n, "share": v, "share_interval": [v - 0.05, v + 0.05], "tied_with": []} for n, v in causes]
         tied = [{"names": n, "share": v} for n, v in one_of]
         return {"gap": {"before_rms_N": gap_N}, "verdict": {"causes": some, "one_of": tied}}
 
@@ -111,14 +109,14 @@ def test_plan_puts_into_a_source_only_what_means_something_there(study):
 
 
 def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_moves_another_force(study):
-    judged = study("half_real").judged
+    assessed = study("half_real").assessed
 
     def answer(effect, *together, gap=1.0, along=0.2, suspects=(), **strengths):
         return {
             "effect": effect,
             "gap": {"before_rms_N": gap, "along_record_rms_N": along},
             "verdict": {
-                "causes": [{"name": n, "share": 0.2, "cannot_tell_apart": []} for n in strengths],
+                "causes": [{"name": n, "share": 0.2, "tied_with": []} for n in strengths],
                 "one_of": [{"names": list(together), "share": 0.2}] if together else [],
                 "suspects": [{"name": n, "share": 0.6} for n in suspects],
             },
@@ -130,18 +128,18 @@ def test_a_half_real_answer_is_right_where_what_was_added_is_named_or_moves_anot
         }
 
     natural = answer("", channel_delay=1.0)
-    assert judged(answer("moving_mass", channel_delay=1.0, moving_mass=2.0), natural)["named"]
-    little = judged(answer("channel_delay", channel_delay=1.1), natural)
+    assert assessed(answer("moving_mass", channel_delay=1.0, moving_mass=2.0), natural)["named"]
+    little = assessed(answer("channel_delay", channel_delay=1.1), natural)
     assert not little["named"] and little["named, or named as before"]
-    assert judged(answer("channel_delay", channel_delay=2.0), natural)["named"]
-    assert not judged(answer("moving_mass", moving_mass=2.0), natural)["natural causes still named"]
-    among = judged(answer("moving_mass", "moving_mass", "channel_delay"), natural)
+    assert assessed(answer("channel_delay", channel_delay=2.0), natural)["named"]
+    assert not assessed(answer("moving_mass", moving_mass=2.0), natural)["natural causes still named"]
+    among = assessed(answer("moving_mass", "moving_mass", "channel_delay"), natural)
     assert not among["named"] and among["named or in the set"] and among["natural causes still named"]
     assert "named, visible ones" not in among  # as much is missed without it
     for seen in ({"gap": 1.2}, {"along": 0.3}):
-        assert judged(answer("moving_mass", moving_mass=2.0, **seen), natural)["named, visible ones"]
-        assert not judged(answer("moving_mass", **seen), natural)["named or in the set, visible ones"]
-    suspected = judged(answer("moving_mass", suspects=("moving_mass",)), natural)
+        assert assessed(answer("moving_mass", moving_mass=2.0, **seen), natural)["named, visible ones"]
+        assert not assessed(answer("moving_mass", **seen), natural)["named or in the set, visible ones"]
+    suspected = assessed(answer("moving_mass", suspects=("moving_mass",)), natural)
     assert suspected["named, in the set or suspected"] and not suspected["named or in the set"]
 
 
@@ -149,7 +147,8 @@ def figures(name, share=0.5):
     """Figures of an effect as a study keeps them."""
     return asdict(
         Figures(
-            name=name, gain=20.0, lead=9.0, rivals={name: 0.0}, fitted=share, alone=share, unseen=share, fixed=share,
+            name=name, gain=20.0, lead=9.0, alternatives={name: 0.0}, fitted=share, alone=share, held_out=share,
+            fixed=share,
             differs=1.0, left=1.0 - share, moved=0.05, gap=0.05, before=0.05, tests=6,
         )
     )  # fmt: skip
@@ -159,7 +158,7 @@ def test_places_of_real_recordings_are_right_wrong_or_left_out_where_nobody_know
     half_real = study("half_real")
 
     def place(name, **rivals):
-        return figures(name) | {"rivals": {name: 0.0} | rivals}
+        return figures(name) | {"alternatives": {name: 0.0} | rivals}
 
     def answer(effect, gap, *figures):
         sizes = {"before_rms_N": gap, "along_record_rms_N": 0.1}
@@ -179,7 +178,7 @@ def made_case(rng, kind, name, strong):
     """A study's case whose figures follow the truth."""
     true = strong and kind == "single"
     figure = figures(name, 0.9 if true else 0.1) | {"gain": float(rng.normal(60.0 if true else 5.0, 2.0))}
-    figure |= {"rivals": {name: 0.0, "other": -20.0 if true else -0.5}, "unseen": 0.7 if true else -0.2}
+    figure |= {"alternatives": {name: 0.0, "other": -20.0 if true else -0.5}, "held_out": 0.7 if true else -0.2}
     effects = [{"name": name, "law": "law", "size": 0.05, "visible_share": 0.9}] if true else []
     if kind == "outside":
         effects = [{"name": "rocking", "law": "", "size": 0.05, "visible_share": 0.9}]
@@ -215,7 +214,7 @@ def test_calibration_tells_true_places_from_idle_ones_with_families_left_out(stu
     cases = [cases_of.case_of(made_case(rng, kinds[i % 3], "moving_mass", True)) for i in range(60)]
     c = calibrate.fitted(cases)
     assert min(c.effect) >= 0.0 and min(c.rest) >= 0.0
-    for constants in ([c] * len(cases), calibrate.left_out_in_turn(cases)):
+    for constants in ([c] * len(cases), calibrate.held_out_in_turn(cases)):
         given = calibrate.answers(cases, constants)
         found = cases_of.summed([cases_of.counts(case, a) for case, a in zip(cases, given)])
         assert found["singles named"] == (20.0, 20.0)

@@ -94,7 +94,7 @@ class Campaign:
         return self.tests[0].clock
 
     def loops(self, n_phase: int | None = None, n_harmonics: int = 50, n_blocks: int = 6) -> tuple[Loop, ...]:
-        """Each test's phase-averaged loop, harmonics that cannot be trusted left out, in the order of `tests`.
+        """Each test's phase-averaged loop, harmonics that cannot be trusted omitted, in the order of `tests`.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class Campaign:
         Raises
         ------
         CampaignError
-            a record without enough whole cycles at its frequency; the message names file and mend.
+            a record without enough whole cycles at its frequency; the message names file and fix.
         """
 
         def averaged(points: int) -> tuple[Loop, ...]:
@@ -142,7 +142,7 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     Raises
     ------
     CampaignError
-        one line with the file, the line where there is one, and the mend.
+        one line with the file, the line where there is one, and the fix.
 
     Examples
     --------
@@ -391,7 +391,7 @@ def _column(
         near = difflib.get_close_matches(name, names, 1)
         raise CampaignError(
             f"{file}: no column {shown(name)}; {header_has(names)}"
-            + (f". Did you mean {near[0]!r} in [channels]?" if near else ". Mend [channels] or the header")
+            + (f". Did you mean {near[0]!r} in [channels]?" if near else ". Fix [channels] or the header")
         )
     sizes = {unit: size for units in quantities.values() for unit, size in units.items()}
     for unit in sorted(sizes, key=len, reverse=True):

@@ -31,7 +31,7 @@ from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.timing.displacement_drift import without_drift
-from bayes_iwan.campaign.timing.drive import judge, split_levels, staircase_said
+from bayes_iwan.campaign.timing.drive import assess_drive, split_levels, staircase_said
 
 ACCELERATION_COLUMNS = {"mm": "acceleration_m_s2", "mrad": "acceleration_rad_s2"}
 NO_FREQUENCY_HZ = 1e-9
@@ -312,7 +312,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         if split and drift:  # levels are found by crossings, which a drift moves; else it is for who reads the campaign
             motion_values, warnings = level, (*warnings, *drift)
     record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units)
-    drive = None if split else judge(time_s, level)
+    drive = None if split else assess_drive(time_s, level)
     if drive is not None and drive.kind == "levels":
         text = f"It is {staircase_said(drive)}, which would look like one specimen that changes: make a test of each."
         raise ImportAsks(where, [Question("--split", "", "", text)])

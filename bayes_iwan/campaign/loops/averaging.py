@@ -23,7 +23,7 @@ from bayes_iwan.campaign.timing.harmonics import evaluate, grams, inverse, on_gr
 
 SAMPLES_PER_HARMONIC = 0.45  # harmonics resolved per sample of a cycle; 0.5 is Nyquist
 LONG_RECORD = 500_000  # samples
-#: from here on a loop's steady change along the record can be told from noise, and any slow one
+#: from here on a loop's steady change along the record can be distinguished from noise, and any slow one
 SOME_CYCLES, MANY_CYCLES = 6, 12
 LOG_VARIANCE = np.pi**2 / 6  # of the logarithm of an exponential variable
 STEEPEST = 2.0  # typical slope of a noise power spectrum
@@ -97,10 +97,10 @@ def harmonic_noise(residual: Array, n_cycles: int, n_harmonics: int, trends: int
     """(n_harmonics + 1,) standard error of the real (= imaginary) part of each harmonic.
 
     Noise between the harmonics stands for noise at them: `residual`, (n_kept,) in sample order over `n_cycles`
-    whole cycles, is Fourier transformed, the bin of every harmonic left out, and a power law fitted to the
+    whole cycles, is Fourier transformed, the bin of every harmonic omitted, and a power law fitted to the
     powers around each harmonic: half a harmonic to either side, or as far as 12 bins reach. Logarithms are
     fitted, so a stray line does little harm. No colour of noise is assumed, only that its spectrum is smooth.
-    Slow changes of the loop live in the bins nearest a harmonic: these are left out too when there are enough
+    Slow changes of the loop live in the bins nearest a harmonic: these are omitted too when there are enough
     others. The mean's error comes from the five slowest bins, whatever is in them. What :func:`_without_trends` took of
     the noise in taking off `trends` of the loop's slow changes is given back.
     """
@@ -133,7 +133,7 @@ def _left(bins: Array, trends: int) -> Array:
 
 
 def _transformed(n: int) -> int:
-    """How many of n samples are Fourier transformed: of a long record's a few are left out at the end, since a length
+    """How many of n samples are Fourier transformed: of a long record's a few are omitted at the end, since a length
     with a large prime factor takes five times the memory."""
     while n > LONG_RECORD and next_fast_len(n, real=True) != n:
         n -= 1

@@ -17,9 +17,9 @@ from bayes_iwan.campaign.loops.drift import level_means
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 
 UNIT_MARGIN = 5.0  # two forces further apart than amplitude, frequency and load explain: a unit or gain error
-FEWEST = 4  # tests from which one can be told from the others
+FEWEST = 4  # tests from which one can be distinguished from the others
 ODD_ANGLE = 12.0  # degrees of loss angle, off what the other tests lead one to expect
-ASYMMETRY = 0.02  # of the force's size: the even part of a loop that is worth comparing
+ASYMMETRY = 0.02  # of the force's size: the even part of a loop to compare
 ALIKE = 0.7  # correlation of two tests' even parts
 
 
@@ -36,8 +36,8 @@ def compared(
     notes = [a + b for a, b in zip(_odd_angles(loops), _turned_round(loops))]
     for limit in limits_of_loops(records if recorded is None else recorded, loops):
         notes[[x.file for x in records].index(limit.file)].append(said_of(limit))
-    told = [replace(r, warnings=r.warnings + tuple(n)) if n else r for r, n in zip(records, notes)]
-    return level_means(told, loops)
+    noted = [replace(r, warnings=r.warnings + tuple(n)) if n else r for r, n in zip(records, notes)]
+    return level_means(noted, loops)
 
 
 def _odd_angles(loops: Sequence[Loop]) -> list[list[str]]:
@@ -102,9 +102,9 @@ def _turned_round(loops: Sequence[Loop]) -> list[list[str]]:
     shapes = np.stack([part for part in parts if part is not None])
     alike = shapes @ shapes.T / shapes.shape[1]
     for i, k in enumerate(usable):
-        rest = np.arange(len(usable)) != i
-        others = alike[np.ix_(rest, rest)]
-        if np.median(alike[i, rest]) < -ALIKE and np.median(others) > ALIKE:
+        apart = np.arange(len(usable)) != i
+        others = alike[np.ix_(apart, apart)]
+        if np.median(alike[i, apart]) < -ALIKE and np.median(others) > ALIKE:
             out[k].append(
                 "its asymmetry is the opposite of the other tests': both channels reversed in this test? Multiply "
                 "both columns "

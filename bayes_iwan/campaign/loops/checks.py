@@ -17,7 +17,7 @@ from bayes_iwan.campaign.loops.averaging import Loop, average
 from bayes_iwan.campaign.loops.drift import level_record, without_line
 from bayes_iwan.campaign.loops.steadiness import disturbances, when
 from bayes_iwan.campaign.recording.records import CampaignError, Record
-from bayes_iwan.campaign.timing.drive import judge, refuse_unsteady
+from bayes_iwan.campaign.timing.drive import assess_drive, refuse_unsteady
 
 NOMINAL_TOLERANCE = 0.10
 FEWEST_PER_CYCLE = 8.0
@@ -38,11 +38,11 @@ def on_grid_of_rate(time: Array, rate: float) -> Array:
     return exact if rounded else time
 
 
-def check_epoch(file: str, start_s: float, mend: str) -> None:
+def check_epoch(file: str, start_s: float, fix: str) -> None:
     """Refuse a clock that counts milliseconds and is said to count seconds."""
     if start_s > EPOCH_S:
         raise CampaignError(
-            f"{file}: time starts at {start_s:.6g} s, {start_s / 3.15576e7:,.0f} years: milliseconds since 1970? {mend}"
+            f"{file}: time starts at {start_s:.6g} s, {start_s / 3.15576e7:,.0f} years: milliseconds since 1970? {fix}"
         )
 
 
@@ -54,17 +54,17 @@ def check_time(file: str, time: Array, rate: float | None, frequency_hz: float) 
     check_epoch(file, float(time[0]), "Name the column time_ms")
     if not (steps > 0).all():
         k = int(np.argmin(steps > 0))
-        mend = "sort the rows or delete the repeated one"
+        fix = "sort the rows or delete the repeated one"
         if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * time.size:
-            mend = "it is rounded too far: state sample_rate_hz in [channels]"
+            fix = "it is rounded too far: state sample_rate_hz in [channels]"
         raise CampaignError(
-            f"{file} line {k + 3}: time does not increase ({time[k]:.12g} s, then {time[k + 1]:.12g} s); {mend}"
+            f"{file} line {k + 3}: time does not increase ({time[k]:.12g} s, then {time[k + 1]:.12g} s); {fix}"
         )
     step = float(np.median(steps))
     if rate is not None and abs(step * rate - 1) > 0.02:
         raise CampaignError(
             f"{file}: the time column steps by {step:.6g} s, but sample_rate_hz = {rate:g} in [channels] means "
-            f"{1 / rate:.6g} s; mend whichever is wrong"
+            f"{1 / rate:.6g} s; fix whichever is wrong"
         )
     if 1 / (step * frequency_hz) < FEWEST_PER_CYCLE:
         raise CampaignError(
@@ -84,10 +84,10 @@ def step_warnings(time: Array) -> tuple[str, ...]:
             f"{gaps.size} gap(s) of up to {gaps.max():.3g} s (steps are {step:.3g} s), dropped samples? They are "
             "bridged by the time column and cost only their cycles; where they are many, look at the recorder"
         )
-    rest = steps[steps <= 1.5 * step]
-    if rest.max() - rest.min() > 0.02 * step:
+    usual = steps[steps <= 1.5 * step]
+    if usual.max() - usual.min() > 0.02 * step:
         notes.append(
-            f"irregular steps, {rest.min():.3g} to {rest.max():.3g} s: each sample keeps its own time, which does no "
+            f"irregular steps, {usual.min():.3g} to {usual.max():.3g} s: each sample keeps its own time, which does no "
             "harm if the time column is true"
         )
     return tuple(notes)
@@ -99,7 +99,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     Returns the record with its warnings completed, and its loop for what tests say of each other.
     """
     record, line_mm = without_line(record)
-    refuse_unsteady(record.file, judge(record.time_s, record.displacement_mm))
+    refuse_unsteady(record.file, assess_drive(record.time_s, record.displacement_mm))
     loop = average(record, n_blocks=1)
     record, drifts = level_record(record, loop, line_mm)
     loop = average(record, n_blocks=1) if record is not loop.record else loop
@@ -141,17 +141,17 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         )
     if loop.cut.gap_cycles:
         notes.append(
-            f"{loop.cut.gap_cycles} cycle(s) left out: long gaps or pauses. The others are averaged; fewer widen "
+            f"{loop.cut.gap_cycles} cycle(s) omitted: long gaps or pauses. The others are averaged; fewer widen "
             "intervals"
         )
     if loop.cut.run_in:
         notes.append(
-            f"{loop.cut.run_in} run-in cycle(s) left out at the start, which would pass for other slip forces; nothing "
+            f"{loop.cut.run_in} run-in cycle(s) omitted at the start, which would pass for other slip forces; nothing "
             "is to be done"
         )
     if loop.cut.run_out:
         notes.append(
-            f"{loop.cut.run_out} unsteady cycle(s) left out at the end, where the drive stops; nothing is to be done"
+            f"{loop.cut.run_out} unsteady cycle(s) omitted at the end, where the drive stops; nothing is to be done"
         )
     for name, values, mean in (
         ("displacement", record.displacement_mm[index] - loop.offset_mm, loop.displacement_mm),
@@ -173,7 +173,7 @@ def _corners(loop: Loop) -> list[str]:
         return []
     return [
         "the drive has corners (a triangle, holds): it is kept whole, but a motion that turns at once is more than "
-        f"filtered channels pass. A misfit of up to {100 * loop.corners_gap:.2g} % of the friction force may be "
+        f"filtered channels pass. A gap of up to {100 * loop.corners_gap:.2g} % of the friction force may be "
         "theirs, and `diagnose` lays that on nothing; run sines"
     ]
 
@@ -197,7 +197,7 @@ def _near(record: Record, key: str, found: float, stated: float, unit: str, hint
     if not hint and power and abs(found / stated / 10.0**power - 1) <= NOMINAL_TOLERANCE:
         hint = f" (a factor of 1e{power:+d}: a wrong unit?)"
     raise CampaignError(
-        f"{record.file}: the record shows {found:.4g} {unit}, campaign.toml states {key} = {stated:.4g}{hint}; mend "
+        f"{record.file}: the record shows {found:.4g} {unit}, campaign.toml states {key} = {stated:.4g}{hint}; fix "
         "campaign.toml, the column's unit, or take the right file"
     )
 
@@ -227,7 +227,7 @@ def _angle(loop: Loop) -> list[str]:
         if loss < -LATE:
             raise CampaignError(f"{loop.file}: {what}. Shift the force column back by its delay, and record both alike")
         return [
-            f"{what}. Stiffness and slip forces take the delay up: `diagnose` looks for it, a calibration settles it"
+            f"{what}. Stiffness and slip forces take the delay up: `diagnose` searches for it, a calibration settles it"
         ]
     top, bottom = int(np.argmax(loop.displacement_mm)), int(np.argmin(loop.displacement_mm))
     fallen = (loop.force_N.max() - loop.force_N[top] + loop.force_N[bottom] - loop.force_N.min()) / 2

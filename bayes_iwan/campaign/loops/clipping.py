@@ -1,7 +1,7 @@
 """Whether a channel was limited by its amplifier, as far as the tests of a campaign together can tell.
 
 An amplifier limits at one level: whatever the amplitude, the frequency and the sign, and nothing is recorded beyond
-it. A specimen that yields or slides has flat tops too, at levels of its own. So what looks limited in one record is
+it. A specimen that yields or slides has flat tops too, at levels of its own. So what seems limited in one record is
 held against the others before it is called clipped.
 """
 
@@ -16,12 +16,12 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.recording.records import Record
 
-RAIL_SHARE = 0.004  # of the kept samples at one extreme value, in runs, before a channel looks limited
+RAIL_SHARE = 0.004  # of the kept samples at one extreme value, in runs, before a channel seems limited
 COARSE = 0.01  # of the span: a smallest step so large that a flat top is a single value of the recorder
 FLAT = 0.01  # of the force's height: what counts as its top
 FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a sliding specimen's top takes at most
 THROUGH = 0.04  # of the stroke after the motion has turned: friction and springs have let go of the top by then
-CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force bends long before
+CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force curves long before
 ONE_LEVEL = 0.02  # of the level: so much an amplifier's limits differ between tests
 ONE_SIZE = 0.1  # of the level: so much its two limits differ, where the record's zero is not the amplifier's
 BEYOND = 0.02  # of the channel's height: what is recorded so far beyond a level was not limited there
@@ -29,9 +29,9 @@ BEYOND = 0.02  # of the channel's height: what is recorded so far beyond a level
 
 @dataclass(frozen=True)
 class Limit:
-    """A level at which one channel of one test looks limited.
+    """A level at which one channel of one test seems limited.
 
-    exact : does it rest on one recorded value there, or only its averaged loop is flat? share : of the time, or of
+    exact : does it stay on one recorded value there, or only its averaged loop is flat? share : of the time, or of
     the stroke
     """
 
@@ -62,7 +62,7 @@ def limits_of_loops(records: Sequence[Record], loops: Sequence[Loop]) -> tuple[L
 def said_of(limit: Limit) -> str:
     """One line on a limit: what, what it does, what to do."""
     wrong, unit = ("slip forces come", "N") if limit.channel == "force" else ("the stroke comes", "mm")
-    how = f"rests on it for {limit.share:.1%} of the time" if limit.exact else "has a flat top there, under noise"
+    how = f"stays on it for {limit.share:.1%} of the time" if limit.exact else "has a flat top there, under noise"
     return (
         f"the {limit.channel} may be clipped at {limit.level:.6g} {unit}: it {how}. If so, {wrong} out too small. "
         f"Raise the {limit.channel} range (lower the gain) and record again"
@@ -89,7 +89,7 @@ def _suspected(record: Record, loop: Loop) -> list[Limit]:
 
 
 def _resting(values: Array, n_cycles: int) -> float:
-    """Share of the time that a channel rests on its highest value in runs, cycle after cycle; 0 where it does not. A
+    """Share of the time that a channel stays on its highest value in runs, cycle after cycle; 0 where it does not. A
     rounded peak also repeats its top level, but then the levels next to it fill as well."""
     at = values == values.max()
     runs = np.count_nonzero(at[1:] & at[:-1])
@@ -120,7 +120,7 @@ def _top(loop: Loop, side: int) -> Top | None:
 
 
 def _rail(record: Record, loop: Loop, limit: Limit) -> Top:
-    """The same of the samples that rest on one value."""
+    """The same of the samples that stay on one value."""
     index, phase = loop.cut.index, loop.averager.phase
     u = limit.side * np.interp(phase % 1.0, loop.phase, loop.displacement_mm, period=1.0)
     falls = limit.side * np.interp(phase % 1.0, loop.phase, loop.velocity_m_s, period=1.0) < 0.0

@@ -24,8 +24,8 @@ from bayes_iwan.campaign.recording.records import Record
 COARSE, STRAIGHT = 0.5, 0.9
 #: a drift is said from so many standard errors on, and only where it is this share of the amplitude or the friction
 SIGMAS, CHANGES = 6.0, 0.01
-#: cycles from which a path may bend (a cubic), and those that a line needs
-BENT_CYCLES, LINE_CYCLES = 12, 4
+#: cycles from which a path may be a cubic, and those that a line needs
+CUBIC_CYCLES, LINE_CYCLES = 12, 4
 #: slope of mean force over mean displacement, over the loop's own stiffness, that a spring can have
 SPRING = 1.3
 #: scatter of the tests' mean forces beyond a plane in log amplitude and log frequency, as a share of the friction
@@ -74,7 +74,7 @@ def drift_of(loop: Loop, line_mm: float = 0.0) -> Drift | None:
     if loop.n_cycles < LINE_CYCLES:
         return None
     each, time = cycles_of(loop), loop.record.time_s
-    degree = 3 if loop.n_cycles >= BENT_CYCLES else 1
+    degree = 3 if loop.n_cycles >= CUBIC_CYCLES else 1
     centre, half = 0.5 * (each.time_s[0] + each.time_s[-1]), 0.5 * (each.time_s[-1] - each.time_s[0])
     basis = np.polynomial.legendre.legvander((each.time_s - centre) / half, degree)
     line = line_mm * (each.time_s - centre) / (time[-1] - time[0])
@@ -158,7 +158,7 @@ def level_record(record: Record, loop: Loop, line_mm: float) -> tuple[Record, li
 def _force_drifts(pushed: float, friction: float) -> str:
     return (
         f"the mean force drifts by {pushed:+.3g} N ({abs(pushed) / friction:.1%} of the friction force): the "
-        "force channel's zero, or a load that relaxes; this record does not tell. It is left in, and `diagnose` looks "
+        "force channel's zero, or a load that relaxes; this record does not tell. It stays in; `diagnose` searches "
         "for it"
     )
 

@@ -1,7 +1,7 @@
 """Whether the cycles of a record are alike: what a recorder, a cable or a drive did to some of them.
 
 A loop is an average. Lost rows, a drop-out, a frozen channel, a step or a clock that drifts enter it as a different
-loop, and a model is then bent to it. Every quantity is taken cycle by cycle and held against its own scatter: only
+loop, and a model is then fitted to it. Every quantity is taken cycle by cycle and held against its own scatter: only
 what stands out of that, and is large enough to matter, is said or refused. Changes over cycles that a specimen may
 show by itself (fade, creep) are said, never refused.
 """
@@ -150,9 +150,11 @@ def _spread(values: Array) -> float:
 
 def _change(each: Cycles, values: Array) -> str:
     """How a cycle-by-cycle quantity goes: straight up or down, or back and forth."""
-    tilt = float(np.corrcoef(each.number, values)[0, 1])
+    trend = float(np.corrcoef(each.number, values)[0, 1])
     change = _spread(values)
-    return f"drifts by {100 * np.sign(tilt) * change:+.2g} %" if abs(tilt) > 0.8 else f"varies by {100 * change:.2g} %"
+    return (
+        f"drifts by {100 * np.sign(trend) * change:+.2g} %" if abs(trend) > 0.8 else f"varies by {100 * change:.2g} %"
+    )
 
 
 def _drive_amplitude(loop: Loop, each: Cycles) -> list[str]:
@@ -231,7 +233,7 @@ def _alternating(each: Cycles) -> list[str]:
             share = float(np.linalg.norm(half)) / size
             return [
                 f"odd and even cycles of the {name} differ by {200 * share:.2g} %: the motion repeats only after two "
-                "cycles (a subharmonic, rocking, play, or a mains line); the loop is the mean of both kinds. Look at "
+                "cycles (a subharmonic, rocking, play, or mains interference); the loop is the mean of both. Look at "
                 "the drive and the mounting"
             ]
     return []
@@ -268,7 +270,7 @@ def _stretches(loop: Loop, name: str, values: Array, height: float) -> list[str]
                 f"{when(loop, time[index[a]])} to "
                 f"{when(loop, time[index[b - 1]])} ({len(runs)} such stretch(es)): dead, frozen or dropped out. "
                 "Delete these "
-                "lines (a short gap is bridged), or mend the channel"
+                "lines (a short gap is bridged), or fix the channel"
             )
     share = float(bad.mean())
     return [

@@ -34,7 +34,7 @@ class RigLimits:
 
 def limits_of(stated: Mapping[str, object], units: Units) -> RigLimits:
     """Limits from the table [rig]: force_N and amplitude_mm (or other units: torque_N_m's are force_N_m), frequency_hz
-    a pair. Raises CampaignError with the key and the mend."""
+    a pair. Raises CampaignError with the key and the fix."""
     size: dict[str, float] = {}
     for what, sizes in (("force", FORCES[units.force]), ("amplitude", DISPLACEMENTS[units.displacement])):
         keys = [k for k in stated if k.startswith(f"{what}_")]

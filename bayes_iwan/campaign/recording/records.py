@@ -14,7 +14,7 @@ ROLES = ("fit", "held-out")
 
 
 class CampaignError(ValueError):
-    """The campaign cannot be used as it stands; the message names the file and the mend."""
+    """The campaign cannot be used as it stands; the message names the file and the fix."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Record:
     time_s, displacement_mm, force_N
         (n,) float64, time strictly increasing, everything finite.
     warnings
-        what was bridged, left out or looks wrong but usable.
+        what was bridged, omitted or seems wrong but usable.
     units
         what stands for mm and N.
     clock

@@ -1,4 +1,4 @@
-"""What a user's TOML file states: read whole, keys known, numbers finite; each fault is one line with the mend."""
+"""What a user's TOML file states: read whole, keys known, numbers finite; each fault is one line with the fix."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
-# a campaign is data from anywhere: nothing in it may cost more than it is worth
+# a campaign is data from anywhere: nothing in it may cost more than it brings
 LARGEST_TOML = 1_000_000  # bytes
 LARGEST_NUMBER = 1e30  # in mm, N or s: far beyond any instrument, far below where squares overflow
 

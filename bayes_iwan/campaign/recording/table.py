@@ -57,7 +57,7 @@ def read_table(path: Path, file: str) -> tuple[list[str], Array, tuple[str, ...]
                 "the record again"
             )
         raw = raw[:end]
-        warnings = ("the last line has no end and may be cut off: it was left out",)
+        warnings = ("the last line has no end and may be cut off: it was omitted",)
     if not raw[start:].strip():
         raise CampaignError(f"{file}: no samples below the header")
     body = io.BytesIO(raw)
@@ -83,7 +83,7 @@ def read_bytes(path: Path, file: str) -> bytes:
         with gzip.open(io.BytesIO(raw)) as packed:
             text = packed.read(most + 1)
     except FileNotFoundError:
-        raise CampaignError(f"{file}: not found in {path.parent}; mend its name in campaign.toml") from None
+        raise CampaignError(f"{file}: not found in {path.parent}; fix its name in campaign.toml") from None
     except (OSError, EOFError, zlib.error) as error:
         raise CampaignError(f"{file}: cannot be read ({error}); copy or export it again") from None
     if len(text) > most:
@@ -139,7 +139,7 @@ def _bad_cell(file: str, names: list[str], raw: bytes) -> CampaignError:
                 return CampaignError(f"{where}: {shown(cell)} in {name} is not a number")
             if not math.isfinite(float(cell)):
                 return CampaignError(
-                    f"{where}: {name} is {cell}; delete the line (a short gap is bridged) or mend the export"
+                    f"{where}: {name} is {cell}; delete the line (a short gap is bridged) or fix the export"
                 )
     return CampaignError(f"{file}: cannot be read as numbers")
 

@@ -92,8 +92,8 @@ class Units:
         if self.plain:
             return name
         own = {"N": _NAMED[self.force], "mJ": _NAMED.get(self.energy, "energy"), "mm": self.displacement}
-        stem, bracket, rest = name.partition("[")
-        return re.sub(r"(?<=_)(N|mJ|mm)(?=_|\d|$)", lambda found: own[found[1]], stem) + bracket + rest
+        stem, bracket, after = name.partition("[")
+        return re.sub(r"(?<=_)(N|mJ|mm)(?=_|\d|$)", lambda found: own[found[1]], stem) + bracket + after
 
     def said(self, text: str) -> str:
         """Any text, table cell or label written for N and mm, names of parameters in it included, in these units."""

@@ -43,7 +43,7 @@ class CorneredMotion:
     sizes: Array
 
     def value(self, phase: Array, derivative: int = 0) -> Array:
-        """(n,) the motion at `phase`, or its first or second derivative by phase (kinks' impulses left out)."""
+        """(n,) the motion at `phase`, or its first or second derivative by phase (kinks' impulses omitted)."""
         rate = (2j * np.pi * np.arange(self.harmonics.size)) ** derivative
         out = evaluate(self.harmonics * rate, phase)
         x = (phase[:, None] - self.places) % 1.0
@@ -83,7 +83,7 @@ def cornered_motion(phase: Array, displacement: Array, n_cycles: int) -> Cornere
     turn = 2 * np.pi * np.arange(1, SMOOTH_HARMONICS + 1) * x[:, None]
     smooth = np.concatenate([np.ones((x.size, 1)), np.cos(turn), np.sin(turn)], axis=1) * weight[:, None]
     basis = np.linalg.qr(smooth)[0]
-    rest = y - basis @ (basis.T @ y)
+    remaining = y - basis @ (basis.T @ y)
 
     def columns(places: Array) -> Array:
         out = _kink((x[:, None] - places) % 1.0) * weight[:, None]
@@ -91,7 +91,7 @@ def cornered_motion(phase: Array, displacement: Array, n_cycles: int) -> Cornere
 
     def left(places: Array) -> Array:
         c = columns(places)
-        return np.asarray(rest - c @ np.linalg.lstsq(c, rest, rcond=1e-10)[0])
+        return np.asarray(remaining - c @ np.linalg.lstsq(c, remaining, rcond=1e-10)[0])
 
     candidates = columns(np.arange(CANDIDATES) / CANDIDATES)
     limit = float(np.hypot(1.15 * noise, SHARP * np.std(displacement)))

@@ -19,7 +19,7 @@ from bayes_iwan.campaign.timing.period import period_marks, whole_period
 
 HYSTERESIS = 0.25  # of the amplitude: far above any usable noise, well inside any motion
 AT_END = 1.5  # steps that a crossing may lie beyond the first or last sample: a record cut at its crossings
-FEW_CROSSINGS = 12  # with more, a cycle at either end is not missed, and may hold the drive's start or stop
+FEW_CROSSINGS = 12  # with more, a cycle at either end is not overlooked, and may hold the drive's start or stop
 LONG_GAP = 0.1  # of a cycle: a longer hole in the record costs the cycle it falls in
 RUN_IN_SHARE = 0.01  # of the loop's RMS: differences below this are never taken for run-in
 RUN_IN_SIGMAS = 6.0
@@ -36,7 +36,7 @@ class Cut:
     cycles : (n_cycles,) numbers of the whole cycles kept (a long gap leaves a hole in them).
     frequency_hz : mean frequency over the cycles kept.
     constant : True where one frequency describes all cycles, False where the phase follows each crossing.
-    run_in, run_out : whole cycles left out at the start and at the end.
+    run_in, run_out : whole cycles omitted at the start and at the end.
     gap_cycles : cycles lost to long gaps.
     """
 
@@ -112,7 +112,7 @@ def cycle_shapes(phase: Array, cycles: np.ndarray, signals: Sequence[Array], n_h
 
 
 def _drift(rows: Array) -> Array:
-    """Slope a cycle of (n_cycles, ...) rows, from all pairs half a record apart: odd cycles do not tilt it."""
+    """Slope a cycle of (n_cycles, ...) rows, from all pairs half a record apart: odd cycles do not move it."""
     n = len(rows)
     if n < 6:
         return np.zeros(rows.shape[1:])
@@ -129,8 +129,8 @@ def _off_trend(rows: Array) -> Array:
 def _steady(displacement: Array, force: Array | None = None) -> tuple[int, int]:
     """First and one past the last steady cycle, from per-cycle shapes (n_cycles, m).
 
-    A cycle at either end is left out while its displacement is off the others' (slow, straight drift
-    allowed). For the force only leading cycles go: of the first tenth, those off the trend of the rest; then
+    A cycle at either end is omitted while its displacement is off the others' (slow, straight drift
+    allowed). For the force only leading cycles go: of the first tenth, those off the trend of the others; then
     those that still jump to the next cycle by far more than later cycles do among themselves. Fade and creep
     change the force over the whole record, so they widen the limits, and are kept.
     """
@@ -307,7 +307,7 @@ def _both_strokes(
     middle: float,
     half_range: float,
 ) -> Array:
-    """`phase` bent so that the downward crossings too lie at one place in every cycle."""
+    """`phase` changed so that the downward crossings too lie at one place in every cycle."""
     down = crossings(time, signal, middle, half_range, up=False)
     at = np.interp(down, time, phase)
     inside = np.isin(np.floor(at), kept)

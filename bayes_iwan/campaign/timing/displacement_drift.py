@@ -15,7 +15,7 @@ def without_drift(time_s: Array, displacement: Array) -> tuple[Array, tuple[str,
     """The displacement (n,) with a straight line taken off where it drifts, and a word on it; as it was where not.
 
     The slope is the median of what the motion gains over whole cycles, half a record apart, which no part of a cycle
-    at either end tilts, as it does a fitted line.
+    at either end turns it, as it does a fitted line.
     """
     level = displacement - np.polynomial.Polynomial.fit(time_s, displacement, 1)(time_s)
     low, high = np.percentile(level, [2, 98])

@@ -1,4 +1,4 @@
-"""The drive, judged first: is this one record one test?
+"""The drive, assessed first: is this one record one test?
 
 A loop is the average of cycles that are alike. A record may hold something else: a staircase of amplitudes, steps of
 frequency, a sweep, an amplitude that runs away. Averaged all the same, each of these seems to be a specimen that
@@ -6,7 +6,7 @@ warms, settles or has an unknown fault. So frequency and amplitude are taken cyc
 described by whichever is closer: levels that are held, or a smooth change. Levels can be split into tests
 (`split`); a smooth change of more than SMOOTH cannot be one test, and is refused.
 
-Wave form is not judged: triangles, trapezoids and distorted sines are periodic motion, kept with all the harmonics
+Wave form is not assessed: triangles, trapezoids and distorted sines are periodic motion, kept with all the harmonics
 that they have.
 """
 
@@ -26,9 +26,9 @@ HELD = 3  # cycles that a level lasts at least; fewer are a transition
 SHORT = 2, 0.8, 0.01  # the same where this share of all cycles stands in levels, each as steady as this
 SMALLEST, SMALLEST_SPLIT = 0.1, 0.03  # of the largest stroke: smaller ones are not seen as cycles
 SECOND = 5, 0.1  # cycles, and share of the record, from which a second level is a test of its own
-MAIN = 0.55  # share of the cycles at one level from which the rest is run-in, run-out or a disturbance
+MAIN = 0.55  # share of the cycles at one level from which the others are run-in, run-out or a disturbance
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
-FEWEST = 4  # cycles below which nothing is judged
+FEWEST = 4  # cycles below which nothing is assessed
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Drive:
     kind: str
 
 
-def judge(time_s: Array, displacement: Array, smallest: float = SMALLEST) -> Drive | None:
+def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST) -> Drive | None:
     """The drive of a record, from its time (n,) in s and displacement (n,) in mm; None where too few cycles are seen.
 
     smallest : of the largest stroke; smaller ones are not seen as cycles.
@@ -208,7 +208,7 @@ def split(record: Record) -> tuple[Record, ...]:
 
 def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
     """The same, and a line for each part of the record that is in no piece."""
-    drive = judge(record.time_s, record.displacement_mm, SMALLEST_SPLIT)
+    drive = assess_drive(record.time_s, record.displacement_mm, SMALLEST_SPLIT)
     if drive is None or drive.kind == "steady":
         return (record,), ()
     if drive.kind != "levels":
@@ -232,10 +232,10 @@ def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
                 force_N=record.force_N[keep],
             )
         )
-    return tuple(out), tuple(_left_out(record, drive))
+    return tuple(out), tuple(_omitted(record, drive))
 
 
-def _left_out(record: Record, drive: Drive) -> list[str]:
+def _omitted(record: Record, drive: Drive) -> list[str]:
     """What stands between the levels of a staircase, and before and after them."""
     ends = [0, *(x for level in drive.levels for x in (level.first, level.last)), drive.start_s.size - 1]
     said = []

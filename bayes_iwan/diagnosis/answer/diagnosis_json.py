@@ -1,4 +1,4 @@
-"""A diagnosis as `diagnosis.json` holds it (schema 2), and as sentences: text begins here, types end."""
+"""A diagnosis as `diagnosis.json` holds it (schema 3), and as sentences: text begins here, types end."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 from bayes_iwan.diagnosis.answer.gap_findings import where_json
 from bayes_iwan.diagnosis.answer.saved_fits import write_fits
 from bayes_iwan.diagnosis.answer.sentences import colour, not_excluded, remedy, sentences
-from bayes_iwan.diagnosis.answer.wording import physics_of_rest
+from bayes_iwan.diagnosis.answer.wording import physics_of_pattern
 from bayes_iwan.diagnosis.assessment.budget import Cause, Share
 from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_folder
 from bayes_iwan.diagnosis.fits.gap_size import ceiling_N, shrink
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.files import finite, write_json
 
-SCHEMA = 2
+SCHEMA = 3
 #: what no loop test can see, whatever the cause
-UNSEEN_BY_ALL = (
+INVISIBLE = (
     "A gain error of the displacement channel is absorbed whole by the stiffnesses, one of the force "
     "channel by stiffnesses and slip forces together: no loop test can see either. Check both against a "
     "known spring. A compliance in series hides in other slip forces; only a twentieth of it shows."
@@ -42,26 +42,26 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "causes": [_cause(c) for c in v.causes],
             "one_of": [asdict(x) for x in v.one_of],
             "suspects": [asdict(x) for x in v.suspects],
-            "unknown_rest": v.unknown_rest,
+            "unknown_cause": v.unknown_cause,
             "cornered_drives": list(v.cornered),
             "cause": v.cause,
             "second_cause": v.names[1] if len(v.names) > 1 else None,
             "probability": v.probabilities[v.cause],
-            "cannot_tell_apart": list(v.causes[0].cannot_tell_apart) if v.causes else [],
+            "tied_with": list(v.causes[0].tied_with) if v.causes else [],
             "not_testable": list(d.not_testable),
             "needs_clock": list(d.needs_clock),
             "colour": colour(d),
         },
-        "probabilities": {"unknown_rest" if n == "unknown" else n: p for n, p in v.probabilities.items()},
-        "rest": {
-            "probability": b.rest.probability,
-            "share": b.rest.share.value,
-            "interval": [b.rest.share.low, b.rest.share.high],
-            "share_of_friction": b.rest.of_friction,
-            "where": list(b.rest.where),
-            "looks_like": b.rest.looks_like,
-            "physics": physics_of_rest(b.rest.looks_like),
-            "line_at_half_frequency": b.rest.subharmonic,
+        "probabilities": {"unknown_cause" if n == "unknown" else n: p for n, p in v.probabilities.items()},
+        "unexplained": {
+            "probability": b.unexplained.probability,
+            "share": b.unexplained.share.value,
+            "interval": [b.unexplained.share.low, b.unexplained.share.high],
+            "share_of_friction": b.unexplained.of_friction,
+            "where": list(b.unexplained.where),
+            "resembles": b.unexplained.resembles,
+            "physics": physics_of_pattern(b.unexplained.resembles),
+            "line_at_half_frequency": b.unexplained.subharmonic,
         },
         "gap": {
             "before_rms_N": b.before.rms_N,
@@ -72,7 +72,9 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "after_interval_N": [b.after.low_N, b.after.high_N],
             "after_share": b.after.share,
             "shrink": 0.0 if less is None else less.value,
-            "shrink_interval": [0.0, 0.0] if less is None else [1.0 - b.rest.share.high, 1.0 - b.rest.share.low],
+            "shrink_interval": [0.0, 0.0]
+            if less is None
+            else [1.0 - b.unexplained.share.high, 1.0 - b.unexplained.share.low],
             "ceiling_shrink": 1.0 - ceiling_N(d.residual) / b.before.rms_N if b.before.rms_N > 0.0 else 0.0,
             "noise_rms_N": b.before.noise_N,
             "residual_rms_N": b.before.residual_N,
@@ -92,7 +94,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
         "clock": d.campaign.clock,
         "next_test": None if d.next_test is None else asdict(d.next_test),
         "expected_nats": d.expected_nats,
-        "cannot_be_seen": UNSEEN_BY_ALL,
+        "cannot_be_seen": INVISIBLE,
         "sentences": sentences(d),
     }
     return {**d.campaign.units.everywhere(out), "campaign": d.campaign.name}
@@ -113,7 +115,7 @@ def _cause(c: Cause) -> dict[str, Any]:
         "share_held_out_interval": _interval(c.held_out),
         "held_out_by": c.held_out_by or None,
         "share_along_record": c.along,
-        "cannot_tell_apart": list(c.cannot_tell_apart),
+        "tied_with": list(c.tied_with),
     }
 
 
@@ -124,7 +126,7 @@ def _effect(d: Diagnosis, c: Cause) -> dict[str, Any]:
         "parameters": {n: asdict(x) for n, x in d.parameters[c.name].items()},
         "log_evidence": f.gain,
         "lead": f.lead,
-        "rivals": f.rivals,
+        "alternatives": f.alternatives,
         "strength_differs_by": f.differs,
         "moved_share": f.moved,
         "remedy": remedy(d, c.name),
@@ -144,7 +146,7 @@ def _considered(d: Diagnosis) -> list[dict[str, Any]]:
                 "probability": d.verdict.probabilities[name],
                 "log_evidence_alone": None if single is None else single.log_evidence - d.search.base.log_evidence,
                 "shrink": None if f is None else f.fitted,
-                "shrink_held_out": None if f is None else f.unseen,
+                "shrink_held_out": None if f is None else f.held_out,
                 "strength_differs_by": None if f is None else f.differs,
             }
         )

@@ -16,10 +16,10 @@ from bayes_iwan.diagnosis.answer.wording import force, percent
 from bayes_iwan.diagnosis.fits.gap_size import GapSize
 from bayes_iwan.diagnosis.fits.residuals import Residual
 
-#: a part of the loop is worth a sentence when its share of the gap is this many times its share of the time
+#: a part of the loop gets a sentence when its share of the gap is this many times its share of the time
 CONCENTRATED = 1.25
 #: and a law when it explains this share of what the first explains
-WORTH = 0.01
+LEAST_GAIN = 0.01
 #: a power whose interval is wider than this is not reported; nor then is the sign of what is missing
 OPEN = 2.0
 _ORDINALS = {1: "test frequency", 2: "second harmonic", 3: "third harmonic"}
@@ -34,12 +34,12 @@ def where_sentences(where: Where) -> list[str]:
         *_harmonics(where),
         *_regions(where),
         *_record(where),
-        *_rest(where),
+        *_others(where),
     ]
     if not out:
         return [
             f"Nothing stands out: none of {where.count} statistics is larger than noise, the parameters' uncertainty "
-            "and the usual small misfit of a sound specimen."
+            "and the usual small discrepancy of a sound specimen."
         ]
     return [
         *out,
@@ -127,11 +127,11 @@ class GapPictures:
 
     names : of the tests; frequency_hz, amplitude_mm : (T,); clock : are the frequencies real?
     displacement_mm, force_N, residual_N, expected_N, sticking : (T, n) along the cycle: measured, measured − predicted,
-        what noise and a right model's usual misfit would leave, the share of sliders that stick
+        what noise and a right model's usual discrepancy would leave, the share of sliders that stick
     in_phase_N, quadrature_N, expected_harmonic_N : (T, H) harmonics of the residual
     gap_N, gap_low_N, gap_high_N, friction_N : (T,) RMS with its 90 % interval, RMS friction force
     significant : (T,) whether it is more than a right model would leave
-    cycle, along_N, along_low_N, along_high_N : by test, (B,) mean cycle of a block and RMS of what is missed there
+    cycle, along_N, along_low_N, along_high_N : by test, (B,) mean cycle of a block and RMS residual there
     regions : parts of the loop
     """
 
@@ -255,7 +255,7 @@ def _grows(w: Where) -> list[str]:
 def _laws(w: Where) -> list[str]:
     out = []
     for i, law in enumerate(w.laws):
-        if law.gain < WORTH * w.laws[0].gain:
+        if law.gain < LEAST_GAIN * w.laws[0].gain:
             continue
         step = "in phase with displacement" if law.part == "in phase" else "in phase with velocity"
         meaning = ""
@@ -364,7 +364,7 @@ def _record(w: Where) -> list[str]:
     ]
 
 
-def _rest(w: Where) -> list[str]:
+def _others(w: Where) -> list[str]:
     out = []
     mean = w.of("mean")[0]
     if mean.significant:

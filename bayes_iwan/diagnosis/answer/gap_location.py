@@ -28,8 +28,8 @@ def located(campaign: Campaign, search: Search, seed: int) -> Located:
     return Located(campaign, residual, gap_size(residual, seed), where(residual, seed))
 
 
-class Watcher:
-    """Is told of a diagnosis' stages, so that others can begin on what is known: what is drawn of the gap needs no
+class ProgressListener:
+    """Called at a diagnosis' stages, so that others can begin on what is known: what is drawn of the gap needs no
     verdict. This one does nothing."""
 
     def searched(self) -> None:

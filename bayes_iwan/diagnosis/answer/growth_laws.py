@@ -1,7 +1,7 @@
 """How a harmonic of the gap grows with frequency and amplitude: power laws, with the specimen's own numbers free.
 
-The residual of a fit shows an effect bent by what the specimen's parameters have absorbed of it, with signs that change
-from test to test. So the law is not read off the residual: a force c · f^a · A^b in one harmonic, in phase or in
+The residual of a fit shows an effect changed by what the specimen's parameters have absorbed of it, with signs that
+change from test to test. So the law is not read off the residual: a force c · f^a · A^b in one harmonic, in phase or in
 quadrature, is fitted to it together with all the specimen's parameters, for every a and b of a grid.
 """
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.diagnosis.fits.discrepancy_size import RestSize
+from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
 from bayes_iwan.diagnosis.fits.residuals import LOOP, Residual
 
 ORDERS = (1, 2, 3, 4, 5)
@@ -35,7 +35,7 @@ class GrowthLaw:
     """c · (f/f₀)^a · (A/A₀)^b in one harmonic; f₀ and A₀ are the largest of the tests.
 
     force_N, sd_N : c and its standard error. frequency_power, amplitude_power : a, b as (best, low, high) with 90 %
-    intervals, None where the tests cannot tell. gain : fall of the misfit's χ² by this one term.
+    intervals, None where the tests cannot tell. gain : fall of the residual's χ² by this one term.
     """
 
     order: int
@@ -55,7 +55,7 @@ class LawSearch:
     displacement's phase. null_scores : (draws, candidates) standardised cube roots of the gains under the null.
     """
 
-    def __init__(self, residual: Residual, null: np.ndarray, turn: np.ndarray, typical_misfit: float) -> None:
+    def __init__(self, residual: Residual, null: np.ndarray, turn: np.ndarray, typical_discrepancy: float) -> None:
         loops = residual.data.loops
         f, a = np.array([x.frequency_hz for x in loops]), np.array([x.amplitude_mm for x in loops])
         self.f_powers = FREQUENCY_POWERS if f.max() > LEAST_RATIO * f.min() else np.zeros(1)
@@ -64,7 +64,7 @@ class LawSearch:
         shape = (f / f.max())[None, None] ** self.f_powers[:, None, None]
         shape = (shape * (a / a.max())[None, None] ** self.a_powers[None, :, None]).reshape(-1, len(f))
         linear, z = residual.fit.linear, residual.fit.z
-        sd = np.sqrt(linear.variance(RestSize(typical_misfit, LENGTH, 0.0)))
+        sd = np.sqrt(linear.variance(DiscrepancySize(typical_discrepancy, LENGTH, 0.0)))
         # the prior's rows stand below the data's: a law may cost the specimen's parameters something too
         q, _ = np.linalg.qr(np.concatenate([linear.jacobian / sd[:, None], np.eye(len(z))]))
 
@@ -74,7 +74,7 @@ class LawSearch:
 
         self.left = free(residual.rows_of(residual.value[None]), -z[None])[0]
         simulated = free(residual.rows_of(null), np.zeros((len(null), len(z))))
-        self.order = np.r_[linear.rest.order, np.full(len(z), -1)]
+        self.order = np.r_[linear.discrepancy.order, np.full(len(z), -1)]
         self.names: list[tuple[int, str]] = []
         self.signatures: list[Array] = []
         roots = []
@@ -97,10 +97,10 @@ class LawSearch:
     def laws(self, p_value: Callable[[float], float], level: float, most: int = 4) -> tuple[GrowthLaw, ...]:
         """The significant laws in order. p_value : of a score, the number of statistics allowed for."""
         out: list[GrowthLaw] = []
-        left, signatures, rest = self.left, list(self.signatures), list(range(len(self.names)))
-        while rest and len(out) < most:
+        left, signatures, remaining = self.left, list(self.signatures), list(range(len(self.names)))
+        while remaining and len(out) < most:
             found = []
-            for i in rest:
+            for i in remaining:
                 s = signatures[i]
                 power = np.einsum("ij,ij->i", s, s)
                 whole = np.einsum("ij,ij->i", self.signatures[i], self.signatures[i])
@@ -115,7 +115,7 @@ class LawSearch:
             out.append(law)
             left = left - unit * (unit @ left)
             signatures = [s - np.outer(s @ unit, unit) for s in signatures]
-            rest.remove(i)
+            remaining.remove(i)
         return tuple(out)
 
     def _law(self, i: int, s: Array, left: Array, gain: Array, p: float) -> tuple[GrowthLaw, Array]:
@@ -151,9 +151,9 @@ def _profile(powers: Array, gain: Array, spare: float) -> tuple[float, float, fl
     top, at = float(gain[best]), float(powers[best])
     if 0 < best < len(powers) - 1:  # the vertex of the parabola through the best three
         behind, ahead = gain[best - 1], gain[best + 1]
-        bend = 2.0 * top - behind - ahead
-        at += 0.5 * (powers[1] - powers[0]) * (ahead - behind) / max(bend, 1e-300)
-        top += 0.125 * (ahead - behind) ** 2 / max(bend, 1e-300)
+        curvature = 2.0 * top - behind - ahead
+        at += 0.5 * (powers[1] - powers[0]) * (ahead - behind) / max(curvature, 1e-300)
+        top += 0.125 * (ahead - behind) ** 2 / max(curvature, 1e-300)
     fine = np.linspace(powers[0], powers[-1], 501)
     kept = fine[np.interp(fine, powers, gain) >= top * (1.0 - LOOSE) - FALL * spare]
     low, high = (float(kept.min()), float(kept.max())) if len(kept) else (at, at)

@@ -28,8 +28,8 @@ from bayes_iwan.inference.setup.settings import ParameterChange
 #: a dependence is said where the best that explains it makes the gap smaller by this share of the gap, and by this
 #: share of the friction force
 USED_OF_GAP, USED_SHARE = 0.1, 0.003
-#: two explanations are told apart where their evidence differs by so many nats and the worse leaves so many times the
-#: gap: every specimen differs from any model
+#: two explanations are distinguished where their evidence differs by so many nats and the worse leaves so many times
+#: the gap: every specimen differs from any model
 TELLS_NATS, TELLS_RATIO = 10.0, 1.5
 #: starts and iterations of a refit
 STARTS, ITERATIONS = 4, 25
@@ -55,13 +55,13 @@ FREEDOMS: tuple[Freedom, ...] = (
     Freedom(
         "speed_dependent_normal_force",
         "speed dependence",
-        {"grip_rate": 0.0},
+        {"normal_force_rate": 0.0},
         ("viscous_damping", "rate_strengthening", "maxwell_branch"),
     ),
     Freedom(
         "varying_normal_force",
         "asymmetry of the loops",
-        {"grip_slope": 0.0},
+        {"normal_force_slope": 0.0},
         ("quadratic_stiffness", "direction_dependent_friction", "end_stop"),
     ),
     Freedom(
@@ -176,7 +176,7 @@ def _imitation(search: Search, free: Fit, freedom: Freedom, friction_N: float, l
     first = found[0]
     if without - first.share < max(USED_SHARE, USED_OF_GAP * without):
         return None
-    tied = tuple(x.name for x in found if _explains(x, first, without) and not _told(first, x))
+    tied = tuple(x.name for x in found if _explains(x, first, without) and not _distinguished(first, x))
     following = None
     if len(tied) > 1:
         bench = [search.effects[n][0].bench for n in tied[:2] if n in search.effects]
@@ -184,7 +184,7 @@ def _imitation(search: Search, free: Fit, freedom: Freedom, friction_N: float, l
     return Imitation(freedom.name, freedom.what, without, tuple(found), tied, following)
 
 
-def _told(first: Explanation, other: Explanation) -> bool:
+def _distinguished(first: Explanation, other: Explanation) -> bool:
     """Do these tests tell another explanation from the one that leaves the least gap?"""
     return first.nats - other.nats > TELLS_NATS and other.share > TELLS_RATIO * first.share
 

@@ -1,9 +1,9 @@
 """Where the model misses: in which tests, where along the loop, in which harmonics, and how it grows.
 
 Every statistic of the residual is a mean square over some part of it. What that would be were the model right is
-simulated: noise with its floors, a small smooth misfit such as specimens without any effect show, and the refit that
-absorbs a part of both. A statistic is significant when it exceeds that by more than the largest of all would in 19 of
-20 such campaigns, so their number is allowed for, whatever their dependence.
+simulated: noise with its floors, a small smooth discrepancy such as specimens without any effect show, and the refit
+that absorbs a part of both. A statistic is significant when it exceeds that by more than the largest of all would in 19
+of 20 such campaigns, so their number is allowed for, whatever their dependence.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ GROSS = 0.2
 class Statistic:
     """One statistic of the residual.
 
-    gap_N, low_N, high_N : RMS of what is missed there, noise taken off, with its 90 % interval
+    gap_N, low_N, high_N : RMS residual there, noise taken off, with its 90 % interval
     share : of the mean square of the averaged loops' gap (of the change along the record for kind "trend"); time :
         share of the time that it covers
     p_value : how often the largest of all statistics is as unusual as this one where the model is right
@@ -62,7 +62,7 @@ class Where:
 
     statistics : kinds "test", "region", "frequency", "amplitude", "in phase", "quadrature", "parity", "mean", "trend",
         "record", "mains"; laws : how single harmonics grow with frequency and amplitude
-    phase_N : (T, samples) residual of the averaged loops along the cycle, mean left out; expected_N : the same size,
+    phase_N : (T, samples) residual of the averaged loops along the cycle, mean omitted; expected_N : the same size,
         its standard deviation where the model is right
     in_phase_N, quadrature_N : (T, ORDERS + 1) with respect to the displacement; expected_harmonic_N : (T, ORDERS + 1)
     sticking : (T, samples) share of the elements that stick, from the model; None where it has no elements
@@ -91,14 +91,14 @@ class Where:
 
 def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> Where:
     """Look everywhere; the residual is that of the base model on the fitted tests."""
-    typical_misfit, _ = calibration().usual
+    typical_discrepancy, _ = calibration().usual
     rng = np.random.default_rng([seed, 72])
-    null = simulated(residual, simulations, rng, typical_misfit)
+    null = simulated(residual, simulations, rng, typical_discrepancy)
     noise = residual.after_refit(residual.draw_noise(200, rng))
     statistics = _Statistics(residual)
     value = statistics.power(residual.value[None])[0]
     under = statistics.power(null)
-    search = LawSearch(residual, null, statistics.turn, typical_misfit)
+    search = LawSearch(residual, null, statistics.turn, typical_discrepancy)
     law_null = search.null_scores
 
     # cube roots of mean squares are nearly normal (Wilson & Hilferty): statistics of many and of few numbers compare
@@ -153,7 +153,7 @@ def where(residual: Residual, seed: int = 0, simulations: int = SIMULATIONS) -> 
 
 
 def along_cycle(residual: Residual, value: np.ndarray) -> Array:
-    """(…, T, samples) residual force in N on the loops' phases from (…, T, M) complex numbers, means left out."""
+    """(…, T, samples) residual force in N on the loops' phases from (…, T, M) complex numbers, means omitted."""
     samples = len(residual.data.loops[0].phase)
     whole = np.zeros((*value.shape[:-1], samples // 2 + 1), dtype=complex)
     use = np.flatnonzero(residual.kind <= MEAN)[: whole.shape[-1] - 1]
@@ -181,11 +181,11 @@ def right_model_of_blocks(residual: Residual, test: int, seed: int = 0, draws: i
     return np.asarray(of_blocks(residual, null, test).std(axis=0))
 
 
-def simulated(residual: Residual, draws: int, rng: np.random.Generator, typical_misfit: float) -> np.ndarray:
-    """(draws, T, M) complex: residuals where the model is right but for a typical small misfit, after a refit."""
-    shares = typical_misfit * np.exp(calibration().usual[1] * rng.standard_normal(draws))
-    misfit = residual.draw_misfit(shares, rng.choice(LENGTHS, draws), rng)
-    return residual.after_refit(residual.draw_noise(draws, rng, allowed=True) + misfit)
+def simulated(residual: Residual, draws: int, rng: np.random.Generator, typical_discrepancy: float) -> np.ndarray:
+    """(draws, T, M) complex: residuals where the model is right but for a typical small discrepancy, after a refit."""
+    shares = typical_discrepancy * np.exp(calibration().usual[1] * rng.standard_normal(draws))
+    discrepancy = residual.draw_discrepancy(shares, rng.choice(LENGTHS, draws), rng)
+    return residual.after_refit(residual.draw_noise(draws, rng, allowed=True) + discrepancy)
 
 
 class _Statistics:
@@ -224,8 +224,8 @@ class _Statistics:
         time = [float(m.mean()) for m in self.masks.values()]
         groups = [np.mean([x.record.frequency_hz == f for x in loops]) for f in self.by["frequency"]]
         groups += [np.mean([x.record.amplitude_mm == a for x in loops]) for a in self.by["amplitude"]]
-        rest = len(names) - tests - len(time) - len(groups)
-        self.time = np.array([1.0 / tests] * tests + time + groups + [1.0] * rest)
+        others = len(names) - tests - len(time) - len(groups)
+        self.time = np.array([1.0 / tests] * tests + time + groups + [1.0] * others)
         trends = np.array([kind == "trend" for kind, _ in names])
         self.time[trends] = 1.0 / tests
         self.scale = 1.0 / np.maximum(self.time, 1e-9)

@@ -12,7 +12,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.fits.data import GapData
-from bayes_iwan.diagnosis.fits.discrepancy_size import RestSize
+from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
 from bayes_iwan.diagnosis.fits.evidence import Fit, extended
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
@@ -26,23 +26,23 @@ from bayes_iwan.models import sine_motion
 
 #: an effect of typical size must promise so many nats, or these tests could not have shown it
 TESTABLE_NATS = 9.0
-#: a further test is worth recommending if it promises so much, else the bench is
-WORTH_NATS = 4.0
+#: a further test is recommended if it promises so much, else the bench is
+LEAST_NATS = 4.0
 #: a rig whose amplitude is stated also runs amplitudes down to this share of the smallest one measured; where nothing
 #: is and all tests are alike, frequencies down to this share of theirs, too
 SMALLER = 0.5
-#: the fitted force of a planned test may exceed the limit by the misfit
+#: the fitted force of a planned test may exceed the limit by the gap
 FORCE_MARGIN = 1.02
 #: tests whose frequencies and amplitudes differ by less than this share are the same
 SAME_TEST = 0.05
-#: harmonics that a planned test is judged by
+#: harmonics that a planned test is assessed by
 PLANNED_HARMONICS = 9
 
 
 def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, ...]]) -> dict[str, float]:
     """Expected ln evidence for each effect, were it present at its typical size: half the squared signature that is
-    left, in units of noise and of a specimen's usual misfit, once the base has refitted itself."""
-    size = RestSize(calibration().usual[0], 0.05, 0.0)
+    left, in units of noise and of a specimen's usual discrepancy, once the base has refitted itself."""
+    size = DiscrepancySize(calibration().usual[0], 0.05, 0.0)
     linear = base.linear
     variance = linear.variance(size)
     j = linear.jacobian / np.sqrt(variance)[:, None]
@@ -95,7 +95,7 @@ class NextTest:
 def plans_of(data: GapData, fit: Fit, limits: RigLimits) -> list[tuple[float, float]]:
     """Frequencies (Hz) and amplitudes (mm) that the rig can run: within what it states, else within what was measured;
     smaller amplitudes than those measured only on a rig that states its own, or where all tests are alike: then smaller
-    and slower ones, which any rig runs. A test whose force, as fitted, exceeds the limit is left out; where all do, the
+    and slower ones, which any rig runs. A test whose force, as fitted, exceeds the limit is omitted; where all do, the
     gentlest test that was run is what remains."""
     f, u = [x.frequency_hz for x in data.loops], [x.amplitude_mm for x in data.loops]
     most = limits.of_tests(f, u, max(float(np.abs(x.force_N).max()) for x in data.loops))
@@ -149,7 +149,7 @@ def next_test(
         odds[i] = 0.5 * d[i] @ np.linalg.solve(cov, d[i])
     best = int(np.argmax(odds))
     cycles = max(int(np.median([x.n_cycles for x in data.loops])), 20)
-    action = "" if odds[best] >= WORTH_NATS else "; or ".join(dict.fromkeys(x for x in bench if x))
+    action = "" if odds[best] >= LEAST_NATS else "; or ".join(dict.fromkeys(x for x in bench if x))
     at = float(f"{plan[best][0]:.3g}") if data.loops[0].record.clock else None
     return NextTest(at, float(f"{plan[best][1]:.3g}"), cycles, names, float(odds[best]), action)
 

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from bayes_iwan import former_names
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.diagnosis.assessment.budget import shares_of
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
-from bayes_iwan.diagnosis.fits.discrepancy_size import Linear, Rest, RestSize
+from bayes_iwan.diagnosis.fits.discrepancy_size import Discrepancy, DiscrepancySize, Linear
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_model, base_problem, extended
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import residual_of
@@ -55,13 +56,13 @@ class SavedEffect:
 
 @dataclass(frozen=True)
 class SavedFit:
-    """One fit: names and z (ndim,) of its parameters, their covariance, and the size of its rest."""
+    """One fit: names and z (ndim,) of its parameters, their covariance, and the size of its discrepancy."""
 
     effects: tuple[SavedEffect, ...]
     names: tuple[str, ...]
     z: Array
     covariance: Array
-    size: RestSize
+    size: DiscrepancySize
 
 
 @dataclass(frozen=True)
@@ -127,10 +128,20 @@ def read_fits(path: Path) -> SavedFits:
         raise SavedFitsError(f"{path}: not fits of this version (schema {SCHEMA}); diagnose the campaign again")
     try:
         effects, simulator = (None if stored[k] is None else str(stored[k]) for k in ("effects_file", "simulator_file"))
-        fits = {frozenset() if k == "base" else frozenset(k.split("+")): _fit(f) for k, f in stored["fits"].items()}
-        return SavedFits(Scales(**stored["scales"]), diagnose_settings_of(stored["config"]), effects, simulator, fits)
+        fits = {_set_of(k): _fit(f) for k, f in stored["fits"].items()}
+        return SavedFits(
+            Scales(**stored["scales"]),
+            diagnose_settings_of(former_names.config_of(stored["config"])),
+            effects,
+            simulator,
+            fits,
+        )
     except Exception as error:  # the same of its form
         raise _damaged(path, error) from None
+
+
+def _set_of(key: str) -> frozenset[str]:
+    return frozenset() if key == "base" else frozenset(former_names.EFFECTS.get(n, n) for n in key.split("+"))
 
 
 def _fit(stored: dict[str, Any]) -> SavedFit:
@@ -138,7 +149,7 @@ def _fit(stored: dict[str, Any]) -> SavedFit:
         SavedEffect(
             str(e["class"]), str(e["name"]), float(e["strength_value"]), e.get("condition"), tuple(e.get("values", ()))
         )
-        for e in stored["effects"]
+        for e in map(former_names.effect_of, stored["effects"])
     )
     z, covariance = np.array(stored["z"], float), np.array(stored["covariance"], float)
     if len(z) != len(stored["names"]) or covariance.shape != (len(z), len(z)):
@@ -146,8 +157,8 @@ def _fit(stored: dict[str, Any]) -> SavedFit:
     share, length, along = (float(stored[k]) for k in ("share", "length", "along"))
     loops, changes = (tuple(map(float, stored[k])) for k in ("spectrum", "along_spectrum"))
     frequency, amplitude, alone = map(float, stored["between"])
-    size = RestSize(share, length, along, loops, changes, (frequency, amplitude, alone))
-    return SavedFit(effects, tuple(map(str, stored["names"])), z, covariance, size)
+    size = DiscrepancySize(share, length, along, loops, changes, (frequency, amplitude, alone))
+    return SavedFit(effects, tuple(former_names.parameters_in(str(n)) for n in stored["names"]), z, covariance, size)
 
 
 def _damaged(path: Path, error: Exception) -> SavedFitsError:
@@ -156,7 +167,7 @@ def _damaged(path: Path, error: Exception) -> SavedFitsError:
 
 
 def find_shares(
-    diagnosis: Path, unseen_campaign: Path, *, allow_own_files: bool = False
+    diagnosis: Path, held_out_campaign: Path, *, allow_own_files: bool = False
 ) -> tuple[float | None, dict[str, float]]:
     """What the named causes of a diagnosis remove of the gap on tests of another campaign folder of the specimen.
 
@@ -169,7 +180,7 @@ def find_shares(
     own = stored.effects_file or stored.simulator_file
     if own and not allow_own_files:
         raise SavedFitsError(f"{path}: names a Python file, which is not run unasked: {own}")
-    data = gap_data(read_campaign(unseen_campaign).loops(**LOOPS))
+    data = gap_data(read_campaign(held_out_campaign).loops(**LOOPS))
     try:
         gap = {k: _gap_N(data, rebuilt(stored, f, data)) for k, f in stored.fits.items()}
         whole, before = max(gap, key=len), gap[frozenset()]
@@ -202,11 +213,13 @@ def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
         effects.append(classes[spec.class_name](scales, files, spec.strength_value, **more))
     problem = extended(base_problem(data, stored.settings, scales, simulator), ordered(effects))
     keep = [n for n in problem.names if n in one.names]
-    if len(keep) != len(problem.names):  # parameters of single tests (a mains line's phases) predict nothing elsewhere
+    if len(keep) != len(
+        problem.names
+    ):  # parameters of single tests (of mains interference: its phases) predict nothing elsewhere
         problem = extended(problem, [e for e in effects if all(p.name in keep for p in e.parameters)])
     at = [one.names.index(n) for n in problem.names]
     z, covariance = one.z[at], one.covariance[np.ix_(at, at)]
-    none = Rest(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))
+    none = Discrepancy(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))
     linear = Linear(np.zeros(0), np.zeros((0, len(z))), none, z)
     return Fit(
         problem, z, np.zeros((1, 1)), one.size, (one.size.share,) * 3, covariance, z[None], linear, converged=True

@@ -15,7 +15,7 @@ from bayes_iwan.diagnosis.answer.wording import (
     listed,
     odds,
     percent,
-    physics_of_rest,
+    physics_of_pattern,
     plain,
     probability,
     strength,
@@ -35,10 +35,10 @@ ALONG_SAID = 0.1
 SUBHARMONIC_SAID = 20.0
 #: share of the friction force that the base misses from which it is said not to describe the specimen at all
 NO_MODEL = 0.8
-#: ratio of the largest to the smallest frequency from which speed is told from amplitude
+#: ratio of the largest to the smallest frequency from which speed is distinguished from amplitude
 FREQUENCIES_DIFFER = 1.3
 #: effects that a record itself shows, whatever its frequency
-NO_TIME_CONSTANT = frozenset({"force_drift", "mains_hum"})
+NO_TIME_CONSTANT = frozenset({"force_drift", "mains_interference"})
 #: dependences that the base can imitate, and base parameters at the edge, that the text holds; the page holds all
 IMITATIONS_SAID, EDGES_SAID = 2, 3
 
@@ -54,8 +54,8 @@ def sentences(d: Diagnosis) -> list[str]:
     """The answer: size of the gap, its causes with number, share and remedy, ties, what is unexplained, what these
     tests cannot tell, and the next test."""
     out = [_size(d), *_clipped(d), *_kind(d), *(_cause(c, d) for c in d.verdict.causes), *_one_of(d)]
-    out += [*_probable(d, " ".join(out)), *_suspects(d), *_imitations(d), _unexplained(d), *_looks_like(d)]
-    out += [*_edges(d), *_no_clock(d), *_not_judged(d), *_not_converged(d), _next(d)]
+    out += [*_probable(d, " ".join(out)), *_suspects(d), *_imitations(d), _unexplained(d), *_resembles(d)]
+    out += [*_edges(d), *_no_clock(d), *_not_tested(d), *_not_converged(d), _next(d)]
     return out
 
 
@@ -65,9 +65,9 @@ def colour(d: Diagnosis) -> str:
     if kind in (Kind.UNKNOWN, Kind.PARTLY, Kind.DRIVE) or d.clipped or (d.sampling and not d.sampling.converged):
         return "warning"
     contradicted = kind is Kind.NONE and d.verdict.probabilities["none"] < MUST_NAME
-    unjudged = kind is not Kind.NONE and not parted(d.data)
-    tied = any(x.said for x in d.imitations) or any(c.cannot_tell_apart for c in d.verdict.causes)
-    return "note" if contradicted or unjudged or tied or d.edges or not d.campaign.clock else "good"
+    untested = kind is not Kind.NONE and not parted(d.data)
+    tied = any(x.said for x in d.imitations) or any(c.tied_with for c in d.verdict.causes)
+    return "note" if contradicted or untested or tied or d.edges or not d.campaign.clock else "good"
 
 
 def _size(d: Diagnosis) -> str:
@@ -109,7 +109,7 @@ def _kind(d: Diagnosis) -> list[str]:
     v = d.verdict
     if v.kind is Kind.DRIVE:
         return [
-            f"The cause cannot be told: {_cornered(d)}. Sound channels, which filter what turns at once, leave a "
+            f"The cause cannot be found: {_cornered(d)}. Sound channels, which filter what turns at once, leave a "
             "gap of "
             f"up to {percent(v.corners_gap)} of the friction force with such a drive."
         ]
@@ -133,7 +133,8 @@ def _kind(d: Diagnosis) -> list[str]:
         return out
     return [
         *out,
-        f"Cause unknown (probability {probability(d.budget.rest.probability)}). The gap is real, but no known effect "
+        f"Cause unknown (probability {probability(d.budget.unexplained.probability)}). The gap is real, but no known "
+        "effect "
         "explains it in all tests.",
     ]
 
@@ -162,13 +163,13 @@ def _cause(c: Cause, d: Diagnosis) -> str:
     text += "."
     if c.share.low <= 0.0:
         text += " Its share may be nothing."
-    if c.cannot_tell_apart:
-        text += f" These tests cannot tell it from {few(c.cannot_tell_apart)}."
+    if c.tied_with:
+        text += f" These tests cannot tell it from {few(c.tied_with)}."
     if d.search.effects[c.name][0].needs_clock and c.name not in NO_TIME_CONSTANT and not _frequencies_differ(d):
-        text += " The tests' frequencies hardly differ, so its dependence on time is not told from one on amplitude."
+        text += " The tests' frequencies hardly differ: a dependence on time looks here like one on amplitude."
     said = remedy(d, c.name)
     if c.name == "force_clipping" and not d.clipped:  # no amplifier: the remedy of one would be wrong
-        said = "No record shows the one level of an amplifier: a specimen that yields or slides there looks alike"
+        said = "No record shows the one level of an amplifier: a specimen that yields or slides there does the same"
     return f"{text} {said.rstrip('.')}." if said else text
 
 
@@ -240,9 +241,9 @@ def _frequencies_differ(d: Diagnosis) -> bool:
 
 def _unexplained(d: Diagnosis) -> str:
     """What no named effect removes: always said."""
-    rest, after = d.budget.rest, d.budget.after
+    unexplained, after = d.budget.unexplained, d.budget.after
     kind = d.verdict.kind
-    share = percent(1.0 if not d.verdict.causes else rest.share.value)
+    share = percent(1.0 if not d.verdict.causes else unexplained.share.value)
     size = f"{share} of the gap, {force(after.rms_N)}, {percent(after.share)} of the friction force"
     if kind is Kind.EXPLAINED:
         return f"Unexplained: {size}. A law that is slightly off leaves as much."
@@ -250,16 +251,16 @@ def _unexplained(d: Diagnosis) -> str:
         return f"Unexplained: {size}. A sound specimen differs from the model by as much."
     if kind is Kind.DRIVE:
         return f"Unexplained: {size}. It may be the channels' or the specimen's."
-    return f"Unexplained: {size} (probability {probability(rest.probability)} that it has a cause of its own)."
+    return f"Unexplained: {size} (probability {probability(unexplained.probability)} that it has a cause of its own)."
 
 
-def _looks_like(d: Diagnosis) -> list[str]:
-    """What the unexplained part looks like."""
-    out, rest = [], d.budget.rest
-    physics = physics_of_rest(rest.looks_like) if d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN) else None
+def _resembles(d: Diagnosis) -> list[str]:
+    """What the unexplained part resembles."""
+    out, unexplained = [], d.budget.unexplained
+    physics = physics_of_pattern(unexplained.resembles) if d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN) else None
     if physics:
-        out.append(f"It looks most like this: {physics.rstrip('.')}.")
-    if rest.subharmonic > SUBHARMONIC_SAID and d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN):
+        out.append(f"It resembles this most: {physics.rstrip('.')}.")
+    if unexplained.subharmonic > SUBHARMONIC_SAID and d.verdict.kind in (Kind.PARTLY, Kind.UNKNOWN):
         out.append("Every second cycle differs: the records hold a line at half the test frequency.")
     return out
 
@@ -290,12 +291,12 @@ def _no_clock(d: Diagnosis) -> list[str]:
     ]
 
 
-def _not_judged(d: Diagnosis) -> list[str]:
-    """Where no test can be left out, what is said rests on the fit alone."""
+def _not_tested(d: Diagnosis) -> list[str]:
+    """Where no test can be held out, what is said is of the fit alone."""
     if d.verdict.kind in (Kind.NONE, Kind.DRIVE) or parted(d.data):
         return []
     alike = "one frequency and one amplitude" if d.campaign.clock else "one amplitude"
-    return [f"All tests have {alike}, so nothing of this was judged on held-out tests. Record others."]
+    return [f"All tests have {alike}, so nothing of this was checked on held-out tests. Record others."]
 
 
 def _not_converged(d: Diagnosis) -> list[str]:

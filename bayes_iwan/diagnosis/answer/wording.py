@@ -14,7 +14,7 @@ MOST_NAMES = 3
 
 TITLES = {
     "channel_delay": "a delay between the channels",
-    "mains_hum": "mains interference",
+    "mains_interference": "mains interference",
     "maxwell_branch": "a Maxwell branch",
     "force_highpass": "a high-pass in the force channel",
     "force_lowpass": "a low-pass in the force channel",
@@ -109,6 +109,6 @@ def odds(log_odds: float) -> str:
     return "over 1000 : 1" if log_odds > 6.9 else f"{np.exp(log_odds):.0f} : 1"
 
 
-def physics_of_rest(looks_like: str | None) -> str | None:
+def physics_of_pattern(resembles: str | None) -> str | None:
     """What a pattern without a cause stands for, in words."""
-    return next((e.physics for e in UNLISTED if e.name == looks_like), None)
+    return next((e.physics for e in UNLISTED if e.name == resembles), None)

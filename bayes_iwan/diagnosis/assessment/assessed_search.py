@@ -10,7 +10,7 @@ import numpy as np
 from bayes_iwan.diagnosis.assessment.indicators import Figures, compared_sets, figures_of
 from bayes_iwan.diagnosis.fits.evidence import Fit, extended, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_size
-from bayes_iwan.diagnosis.fits.held_out_tests import Unseen, left_out
+from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, held_out_gaps
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.search_result import Search, part
 from bayes_iwan.threads import alongside
@@ -21,7 +21,7 @@ Names = frozenset[str]
 class Models:
     """Fits of sets of effects and the gaps that they leave, each found once.
 
-    fits; nearest, the same models where they miss least in newtons; predicting, as they predict tests left out; sizes,
+    fits; nearest, the same models where they miss least in newtons; predicting, as they predict held-out tests; sizes,
     what they miss in newtons
     """
 
@@ -66,14 +66,14 @@ class Weighed:
     search : its chosen effects are those of the best set
     figures : of every effect of that set
     models : fits and gaps of it and of what it is compared with
-    unseen : what the compared sets miss on tests left out
+    held_out : what the compared sets miss on held-out tests
     subharmonic : the largest power of a line at half a test's frequency over its background
     """
 
     search: Search
     figures: tuple[Figures, ...]
     models: Models
-    unseen: tuple[Unseen, ...]
+    held_out: tuple[HeldOut, ...]
     subharmonic: float
 
     @property
@@ -113,6 +113,6 @@ def weighed(search: Search, seed: int) -> Weighed:
     """Figures of the effects of the best set, fits and gaps behind them."""
     models, whole = Models(search, seed), frozenset(search.chosen)
     models.find(three_sets(whole))
-    unseen = left_out([search.fits[k] for k in compared_sets(search)], search.data) if whole else ()
-    figures = figures_of(search, models.sizes, models.nearest[whole], unseen)
-    return Weighed(search, figures, models, unseen, float(np.max(search.data.subharmonic, initial=0.0)))
+    held_out = held_out_gaps([search.fits[k] for k in compared_sets(search)], search.data) if whole else ()
+    figures = figures_of(search, models.sizes, models.nearest[whole], held_out)
+    return Weighed(search, figures, models, held_out, float(np.max(search.data.subharmonic, initial=0.0)))

@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.assessment.indicators import Figures
-from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, LEAST_OWN_FORM, LEAST_SHARE, NAMED
+from bayes_iwan.diagnosis.constants import LEAST_MODEL_FORM, LEAST_OF_FRICTION, LEAST_SHARE, NAMED
 from bayes_iwan.diagnosis.fits.gap_size import Gap, GapSize, shrink
-from bayes_iwan.diagnosis.search.search_result import OWN_FORM
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.effects.catalogue import UNLISTED
 
 __all__ = ["NAMED"]  # where a figure draws the line
 
 #: half width of a 90 % interval in standard deviations
 NINETY = 1.645
-#: names of patterns that stand for no cause: what they remove belongs to the rest
+#: names of patterns that stand for no cause: what they remove belongs to the unexplained part
 NO_CAUSE = frozenset(e.name for e in UNLISTED)
 
 
@@ -80,10 +80,10 @@ class Gaps:
 
 @dataclass(frozen=True)
 class Cause:
-    """A named effect: how probable, which share of the gap it removes, and what it cannot be told from.
+    """A named effect: how probable, which share of the gap it removes, and which effects are tied with it.
 
-    share : on the fitted tests; held_out : on whole frequencies and amplitudes left out of the fit (or on held-out
-    tests, as `held_out_by` says); None where no other test can judge it: its parameters belong to single records
+    share : on the fitted tests; held_out : on whole frequencies and amplitudes held out (or on held-out
+    tests, as `held_out_by` says); None where no other test can show it: its parameters belong to single records
     gaps : what the shares come from, on the tests of `held_out`, or the fitted ones where that is None
     along : share that it removes of what changes along the record, where that is what it acts on
     """
@@ -94,7 +94,7 @@ class Cause:
     share: Share
     held_out: Share | None
     held_out_by: str
-    cannot_tell_apart: tuple[str, ...]
+    tied_with: tuple[str, ...]
     figures: Figures
     gaps: Gaps
     along: float | None = None
@@ -120,11 +120,11 @@ class Suspect:
 
 
 @dataclass(frozen=True)
-class RestOfGap:
+class Unexplained:
     """What is left beside the named causes.
 
     probability : that it has a cause of its own; share : of the gap; of_friction : of the RMS friction force
-    where : sentences on where it sits; looks_like : name of a pattern without a cause that fits it, if one does
+    where : sentences on where it sits; resembles : name of a pattern without a cause that fits it, if one does
     subharmonic : power of a line at half a test's frequency over its background
     """
 
@@ -132,25 +132,26 @@ class RestOfGap:
     share: Share
     of_friction: float
     where: tuple[str, ...]
-    looks_like: str | None
+    resembles: str | None
     subharmonic: float
 
 
 @dataclass(frozen=True)
 class GapBudget:
-    """The gap as a sum: before = causes + rest, in RMS newtons; after : what is left with all causes in."""
+    """The gap as a sum: before = causes + unexplained, in RMS newtons; after : what is left with all causes in."""
 
     before: Gap
     after: Gap
     causes: tuple[Cause, ...]
-    rest: RestOfGap
+    unexplained: Unexplained
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The headline: its kind, the named causes (largest share first), and whether the rest has a cause without a name.
+    """The headline: its kind, the named causes (largest share first), and whether the unexplained part has a cause
+    without a name.
 
-    probabilities : that each effect contributes, of "none" and of "unknown" (a rest that has a cause)
+    probabilities : that each effect contributes, of "none" and of "unknown" (an unexplained part that has a cause)
     one_of : places that are probably filled, where no effect is likely enough to be named
     suspects : where most of the gap has no name, what alone would remove most of it, the largest share first
     cornered : files of the tests whose drive has corners; corners_gap : share of the friction force that channels may
@@ -159,7 +160,7 @@ class Verdict:
 
     kind: Kind
     causes: tuple[Cause, ...]
-    unknown_rest: bool
+    unknown_cause: bool
     probabilities: dict[str, float]
     cornered: tuple[str, ...] = ()
     corners_gap: float = 0.0
@@ -177,7 +178,7 @@ class Verdict:
             return self.causes[0].name
         if self.kind is Kind.DRIVE:
             return "drive"
-        return "unknown" if self.unknown_rest else "none"
+        return "unknown" if self.unknown_cause else "none"
 
 
 def subsets(names: Iterable[str]) -> list[frozenset[str]]:
@@ -197,7 +198,7 @@ def shares_of(names: Iterable[str], gap_N: Mapping[frozenset[str], float]) -> di
     }
 
 
-def rest_share(names: Iterable[str], sizes: Mapping[frozenset[str], GapSize]) -> Share:
+def unexplained_share(names: Iterable[str], sizes: Mapping[frozenset[str], GapSize]) -> Share:
     """Share of the gap that all named effects together leave."""
     removed = shrink(sizes[frozenset()], sizes[frozenset(names)])
     return Share(1.0 - removed.value, max(1.0 - removed.high, 0.0), min(1.0 - removed.low, 1.0))
@@ -227,4 +228,4 @@ def gaps_of(names: Iterable[str], power_N2: Mapping[frozenset[str], Array]) -> d
 
 def least_share(name: str, gap: float) -> float:
     """Share of the gap that an effect must remove to be named; gap : over the friction force."""
-    return max(LEAST_OWN_FORM if name in OWN_FORM else LEAST_SHARE, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))
+    return max(LEAST_MODEL_FORM if name in MODEL_FORM else LEAST_SHARE, LEAST_OF_FRICTION / max(gap, LEAST_OF_FRICTION))

@@ -1,8 +1,9 @@
-"""From a few figures to probabilities: does an effect contribute, which of its rivals is it, has the rest a cause?
+"""From a few figures to probabilities: does an effect contribute, which of its alternatives is it, has the unexplained
+part a cause?
 
-Two logistic laws and a power, fitted to cases of the virtual rig whose families of foreign causes were left out in turn
+Two logistic laws and a power, fitted to cases of the virtual rig whose families of foreign causes were held out in turn
 (`analyses/calibrate_diagnosis.py`). Every weight but the intercepts is of one sign by construction: more evidence and
-more of the gap removed on unseen tests never make an effect less probable.
+more of the gap removed on held_out tests never make an effect less probable.
 """
 
 from __future__ import annotations
@@ -21,17 +22,19 @@ from bayes_iwan.diagnosis.constants import LEAST_TESTS, LINEAR_NATS, SUREST, USU
 from bayes_iwan.files import write_whole
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
-#: figures behind the probability that an effect contributes, and that the rest has a cause, in the order of the weights
-EFFECT_FIGURES = ("gain", "fitted", "unseen")
-REST_FIGURES = ("left", "subharmonic")
+#: figures behind the probability that an effect contributes, and that the unexplained part has a cause, in the order of
+#: the weights
+EFFECT_FIGURES = ("gain", "fitted", "held_out")
+UNEXPLAINED_FIGURES = ("left", "subharmonic")
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Weights of the logistic laws.
 
-    effect : of EFFECT_FIGURES, effect_bias their intercept; rest, rest_bias : the same of REST_FIGURES
-    within : power of the score among rivals for one place; apart : nats within which rivals cannot be told apart
+    effect : of EFFECT_FIGURES, effect_bias their intercept; unexplained, unexplained_bias : the same of
+    UNEXPLAINED_FIGURES
+    within : power of the score among effects for one place; apart : nats within which effects are tied
     usual : median and sd of ln share of a sound specimen's difference from the model
     law, law_of_share : sd of a share of the gap beyond what differs between tests, for nature's law is not quite ours:
         at most, and as a part of the share itself, where that is less
@@ -39,8 +42,8 @@ class Calibration:
 
     effect: tuple[float, ...]
     effect_bias: float
-    rest: tuple[float, ...]
-    rest_bias: float
+    unexplained: tuple[float, ...]
+    unexplained_bias: float
     within: float
     apart: float
     usual: tuple[float, float]
@@ -56,14 +59,15 @@ class Calibration:
         return logistic(float(np.dot(self.effect, effect_figures(f))) + self.effect_bias)
 
     def among(self, f: Figures) -> dict[str, float]:
-        """Probability of each rival for one place, given that something contributes there."""
-        weight = {n: np.exp(self.within * min(v, 0.0)) for n, v in f.rivals.items()}
+        """Probability of each effect for one place, given that something contributes there."""
+        weight = {n: np.exp(self.within * min(v, 0.0)) for n, v in f.alternatives.items()}
         total = sum(weight.values())
         return {n: float(w / total) for n, w in weight.items()}
 
-    def unknown_rest(self, figures: Array) -> float:
-        """Probability that the rest has a cause without a name; figures (2,) in the order of REST_FIGURES."""
-        return logistic(float(np.dot(self.rest, figures)) + self.rest_bias)
+    def unknown_cause(self, figures: Array) -> float:
+        """Probability that the unexplained part has a cause without a name; figures (2,) in the order of
+        UNEXPLAINED_FIGURES."""
+        return logistic(float(np.dot(self.unexplained, figures)) + self.unexplained_bias)
 
     def save(self, path: Path = CALIBRATION) -> None:
         """Write the constants as JSON."""
@@ -75,16 +79,16 @@ def effect_figures(f: Figures) -> Array:
 
     Its evidence counts by test, and the more the larger the gap is beside a sound specimen's: what absorbs finds the
     same to take in every test, but little more than such a specimen's difference from the model. Then the share of the
-    gap that it removes as the last effect, on the fitted tests and on tests left out (the former where none can be).
+    gap that it removes as the last effect, on the fitted tests and on held-out tests (the former where none can be).
     """
     gain = np.log1p(max(f.gain, 0.0) / (LINEAR_NATS * max(f.tests, LEAST_TESTS))) * np.log1p(f.gap / USUAL_GAP)
     fitted = float(np.clip(f.fitted, -1.0, 1.0))
-    return np.array([gain, fitted, f.unseen if f.judged else fitted])
+    return np.array([gain, fitted, f.held_out if f.has_held_out else fitted])
 
 
-def rest_figures(left: float, subharmonic: float) -> Array:
-    """(2,) figures of the rest: the gap left beside all named causes as a share of the friction force, and the power of
-    a line at half the test frequency over its background."""
+def unexplained_figures(left: float, subharmonic: float) -> Array:
+    """(2,) figures of the unexplained part: the gap left beside all named causes as a share of the friction force, and
+    the power of a line at half the test frequency over its background."""
     return np.array([np.log(max(left, 1e-5) / USUAL_GAP), np.log1p(max(subharmonic - 5.0, 0.0))])
 
 

@@ -1,8 +1,8 @@
 """What tells an effect that contributes from one that merely absorbs: a few figures for each effect of the best set.
 
 All of them compare sets that the search has fitted. Of those, the best with an effect and the best without it say what
-its evidence is, rivals included; the same once more for every group of tests left out, where the sets are ranked by
-the other tests alone, says what it is worth where nothing was fitted, the choice of the set not either.
+its evidence is, other effects included; the same once more for every group of held-out tests, where the sets are ranked
+by the other tests alone, says what it does where nothing was fitted, the choice of the set not either.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from bayes_iwan.diagnosis.assessment.plausible_values import implausible, replac
 from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, OTHER_SETS
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, moved_shares
-from bayes_iwan.diagnosis.fits.held_out_tests import Unseen
+from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
 from bayes_iwan.diagnosis.search.search_result import Search, alike_pairs, look_alike, score
 from bayes_iwan.effects.base import Effect
@@ -29,15 +29,17 @@ Names = frozenset[str]
 class Figures:
     """One effect of the best set.
 
-    gain : nats of score over the best set with the others and without it; lead : over the best set without it, rivals
+    gain : nats of score over the best set with the others and without it; lead : over the best set without it, other
+    effects
         in its place included
-    rivals : score of the best set with each other effect in its place, less the score of the best set; itself at 0
+    alternatives : score of the best set with each other effect in its place, less the score of the best set; itself at
+    0
     fitted : share of the gap of the base that it removes last, in newtons; of the part that changes along the record
         where it acts there and removes more of that
     alone : share of the gap that it removes as the only effect
-    unseen : mean over tests left out of the share of the gap that it removes there, 0 where the other tests would not
-        have chosen it or what looks like it; nan where no test can judge it
-    fixed : share of the gap of all tests left out together that it removes with the best set, whatever the other tests
+    held_out : mean over held-out tests of the share of the gap that it removes there, 0 where the other tests would not
+        have chosen it or what resembles it; nan where no test can be held out for it
+    fixed : share of the gap of all held-out tests together that it removes with the best set, whatever the other tests
         would have chosen
     differs : by how many standard deviations its strength is another without a part of the tests, at most
     left : share of the gap that the best set leaves
@@ -49,10 +51,10 @@ class Figures:
     name: str
     gain: float
     lead: float
-    rivals: dict[str, float]
+    alternatives: dict[str, float]
     fitted: float
     alone: float
-    unseen: float
+    held_out: float
     fixed: float
     differs: float
     left: float
@@ -63,14 +65,14 @@ class Figures:
     odd: str = ""
 
     @property
-    def judged(self) -> bool:
-        """Could any test be left out?"""
-        return bool(np.isfinite(self.unseen))
+    def has_held_out(self) -> bool:
+        """Could any test be held out?"""
+        return bool(np.isfinite(self.held_out))
 
 
 def compared_sets(search: Search) -> tuple[Names, ...]:
-    """The sets that are refitted with tests left out: the best, it without each effect, each alone, the base, and for
-    each effect the best few that lack it."""
+    """The sets that are refitted without the held-out tests: the best, it without each effect, each alone, the base,
+    and for each effect the best few that lack it."""
     whole = frozenset(search.chosen)
     ranked = sorted(search.scores, key=lambda k: -search.scores[k])
     without = [k for n in search.chosen for k in [k for k in ranked if n not in k][:OTHER_SETS]]
@@ -79,12 +81,12 @@ def compared_sets(search: Search) -> tuple[Names, ...]:
 
 
 def figures_of(
-    search: Search, sizes: Mapping[Names, GapSize], whole_in_newtons: Fit, unseen: Sequence[Unseen]
+    search: Search, sizes: Mapping[Names, GapSize], whole_in_newtons: Fit, held_out: Sequence[HeldOut]
 ) -> tuple[Figures, ...]:
     """The figures of every effect of the best set.
 
     sizes : gap of the base, the best set, it without each effect and each effect alone; whole_in_newtons : the best set
-    where it misses least; unseen : what :func:`compared_sets` miss on tests left out
+    where it misses least; held_out : what :func:`compared_sets` miss on held-out tests
     """
     whole, none = frozenset(search.chosen), Names()
     if not whole:
@@ -103,18 +105,18 @@ def figures_of(
         if changes and effect.evolving:
             along = {k: sizes[k].along.rms_N for k in (none, less, whole)}
             fitted = max(fitted, (along[less] - along[whole]) / along[none])
-        predicts = bool(unseen) and effect.strength_name in best.problem.names
+        predicts = bool(held_out) and effect.strength_name in best.problem.names
         out.append(
             Figures(
                 name=name,
                 gain=-there.get(less, -np.inf),
                 lead=-max(there.values()),
-                rivals={name: 0.0, **_rivals(search, less)},
+                alternatives={name: 0.0, **_alternatives(search, less)},
                 fitted=float(fitted),
                 alone=1.0 - sizes[frozenset({name})].all.rms_N / before,
-                unseen=_mean([_chosen_share(search, u, effect) for u in unseen]) if predicts else float("nan"),
-                fixed=_pooled_share(unseen, whole, effect) if predicts else float("nan"),
-                differs=max((float(u.moved[whole][name].max()) for u in unseen), default=0.0) if predicts else 0.0,
+                held_out=_mean([_chosen_share(search, u, effect) for u in held_out]) if predicts else float("nan"),
+                fixed=_pooled_share(held_out, whole, effect) if predicts else float("nan"),
+                differs=max((float(u.moved[whole][name].max()) for u in held_out), default=0.0) if predicts else 0.0,
                 left=left / before,
                 moved=moved[name],
                 gap=sizes[less].all.rms_N / level,
@@ -126,7 +128,7 @@ def figures_of(
     return tuple(out)
 
 
-def _rivals(search: Search, less: Names) -> dict[str, float]:
+def _alternatives(search: Search, less: Names) -> dict[str, float]:
     """Score of the best set less one effect with each other effect in its place, less that of the best set."""
     best = search.scores[frozenset(search.chosen)]
     return {
@@ -136,15 +138,15 @@ def _rivals(search: Search, less: Names) -> dict[str, float]:
     }
 
 
-def ranked_by_training(search: Search, unseen: Unseen) -> tuple[tuple[Names, ...], Array]:
+def ranked_by_training(search: Search, held_out: HeldOut) -> tuple[tuple[Names, ...], Array]:
     """The sets, and the score that each has by the tests that others are predicted from, (sets, n)."""
     sound_N = sound_gap_N(search.data)
-    sets = tuple(unseen.trained)
+    sets = tuple(held_out.trained)
     scores = np.array(
         [
             [
                 score(nats, newton_nats(float(np.sqrt(gap_N2)), sound_N, int(tests)), k, alike_pairs(search.effects, k))
-                for nats, gap_N2, tests in unseen.trained[k].T
+                for nats, gap_N2, tests in held_out.trained[k].T
             ]
             for k in sets
         ]
@@ -152,10 +154,10 @@ def ranked_by_training(search: Search, unseen: Unseen) -> tuple[tuple[Names, ...
     return sets, scores
 
 
-def _chosen_share(search: Search, unseen: Unseen, effect: Effect) -> float:
-    """Mean over the tests left out of the share that an effect removes there, of sets that the other tests chose: the
-    best with it, or with what looks like it, over the best without. Fewer tests may take one for the other."""
-    sets, scores = ranked_by_training(search, unseen)
+def _chosen_share(search: Search, held_out: HeldOut, effect: Effect) -> float:
+    """Mean over the held-out tests of the share that an effect removes there, of sets that the other tests chose: the
+    best with it, or with what resembles it, over the best without. Fewer tests may take one for the other."""
+    sets, scores = ranked_by_training(search, held_out)
     has = np.array([any(look_alike(search.effects, effect.name, n) for n in k) for k in sets])
     out = []
     for t in range(scores.shape[1]):
@@ -164,15 +166,15 @@ def _chosen_share(search: Search, unseen: Unseen, effect: Effect) -> float:
             out.append(0.0)
             continue
         other = int(np.argmax(np.where(has, -np.inf, scores[:, t])))
-        out.append(float(unseen.by_test(sets[other], sets[top], along=_along(unseen, effect))[t]))
+        out.append(float(held_out.by_test(sets[other], sets[top], along=_along(held_out, effect))[t]))
     return float(np.mean(out))
 
 
-def _pooled_share(unseen: Sequence[Unseen], whole: Names, effect: Effect) -> float:
-    """Share of the gap of all tests left out, or of what changes along them, that an effect removes: the mean of what
+def _pooled_share(held_out: Sequence[HeldOut], whole: Names, effect: Effect) -> float:
+    """Share of the gap of all held-out tests, or of what changes along them, that an effect removes: the mean of what
     it removes as the only one, where that was fitted, and as the last one."""
-    name, along = effect.name, any(_along(u, effect) for u in unseen)
-    power_N2 = [u.along_N2 if along else u.power_N2 for u in unseen]
+    name, along = effect.name, any(_along(u, effect) for u in held_out)
+    power_N2 = [u.along_N2 if along else u.power_N2 for u in held_out]
     gap_N = {
         k: float(np.sqrt(max(np.mean(np.concatenate([p[k] for p in power_N2])), 0.0)))
         for k in (Names(), frozenset({name}), whole - {name}, whole)
@@ -183,9 +185,9 @@ def _pooled_share(unseen: Sequence[Unseen], whole: Names, effect: Effect) -> flo
     return 0.5 * (first + last) / before if before > 0.0 else 0.0
 
 
-def _along(unseen: Unseen, effect: Effect) -> bool:
+def _along(held_out: HeldOut, effect: Effect) -> bool:
     """Is an effect asked by what changes along the record?"""
-    return effect.evolving and bool(np.any(unseen.along_N2[Names()] > 0.0))
+    return effect.evolving and bool(np.any(held_out.along_N2[Names()] > 0.0))
 
 
 def _mean(values: Sequence[float]) -> float:

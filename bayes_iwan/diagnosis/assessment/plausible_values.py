@@ -34,7 +34,7 @@ def implausible(effect: Effect, fit: Fit, data: GapData) -> str:
         if p.name == effect.strength_name and not effect.signed and value < 0.0:
             return f"{short} of {value:.3g} {p.unit} is negative"
     if of_time(effect) and hz.max() < CLOCK_SPREAD * hz.min():
-        return f"it is told by how the force follows frequency, and all tests are within a factor {CLOCK_SPREAD:g}"
+        return f"it follows from how the force follows frequency, and all tests are within a factor {CLOCK_SPREAD:g}"
     return ""
 
 

@@ -28,7 +28,7 @@ _TRIED = 4096  # sizes of the discrepancy from which those at the optimum are le
 
 @dataclass(frozen=True)
 class Sampling:
-    """What the draws behind a fit's numbers are worth: did they converge, why they ended and what is short of its
+    """Quality of the draws behind a fit's numbers: did they converge, why they ended and what is short of its
     target, the least effective number of draws and the largest R-hat of any number (None where there are no draws)."""
 
     converged: bool
@@ -48,10 +48,10 @@ class Target:
         self.share_prior = stats.lognorm(s=1.2, scale=4.0 * calibration().usual[0])
 
     def _variance(self, held: Array) -> Array:
-        """(n, m) of the rows, with held numbers (n, 2)."""
+        """(n, m) of the rows, with nuisance parameters (n, 2)."""
         share = self.share_prior.kwds["scale"] * np.exp(self.share_prior.kwds["s"] * held[:, 0])
         length = np.clip(np.sqrt(LENGTHS[0] * LENGTHS[-1]) * np.exp(0.5 * held[:, 1]), 0.01, 0.5)
-        return self.residuals.rest.variances(share, length, self.size)
+        return self.residuals.discrepancy.variances(share, length, self.size)
 
     def residual(self, z: Array) -> Array:
         """Residuals (n, m) in units of the noise at z (n, ndim)."""
@@ -62,7 +62,7 @@ class Target:
         return self.residual(z) / np.sqrt(self._variance(z[:, -2:]))
 
     def log_prob_of_held(self, z: Array, held: Array) -> Array:
-        """(n, count) with held numbers (n, count, 2) in the place of z's own, −∞ outside ±Z_LIMIT."""
+        """(n, count) with nuisance parameters (n, count, 2) in the place of z's own, −∞ outside ±Z_LIMIT."""
         with np.errstate(all="ignore"):
             square = self.residuals.residual(np.clip(z[:, :-2], -Z_LIMIT, Z_LIMIT)) ** 2
             value = np.empty(held.shape[:2])
@@ -74,7 +74,7 @@ class Target:
         return np.where(inside & np.isfinite(value), value, -np.inf)
 
     def held_at(self, z: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Mean (2,) and lower triangular root (2, 2) of the covariance of the held numbers at z (1, ndim)."""
+        """Mean (2,) and lower triangular root (2, 2) of the covariance of the nuisance parameters at z (1, ndim)."""
         tried = rng.standard_normal((1, _TRIED, 2))
         log_w = self.log_prob_of_held(z, tried) + 0.5 * np.sum(tried**2, axis=2)
         weight = np.diff(log_mean_exp(log_w)[1][0], prepend=0.0)
@@ -85,7 +85,7 @@ class Target:
 
 def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], None]) -> tuple[Fit, Sampling]:
     """The fit with mean and covariance of z from draws (numbers of effects and of the base alike), its optimum kept
-    where they did not converge; as it was where there are none. And what the draws are worth."""
+    where they did not converge; as it was where there are none. And the quality of the draws."""
     progress(f"sampling {fit.name}")
     target = Target(data, fit)
     z = np.concatenate([fit.z[None], fit.optima])
@@ -112,6 +112,6 @@ def sampled_fit(data: GapData, fit: Fit, seed: int, progress: Callable[[str], No
         z=draws.mean(axis=0) if chains.converged else fit.z,
         converged=fit.converged and chains.converged,
     )
-    worth = chains.convergence
-    least, worst = (None, None) if worth is None else (worth.least_ess, worth.worst_r_hat)
+    quality = chains.convergence
+    least, worst = (None, None) if quality is None else (quality.least_ess, quality.worst_r_hat)
     return drawn, Sampling(chains.converged, chains.message, least, worst)

@@ -1,4 +1,5 @@
-"""From a weighed search to a verdict: which effects are named, how sure, and whether the rest has its own cause."""
+"""From a weighed search to a verdict: which effects are named, how sure, and whether the unexplained part has its own
+cause."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from bayes_iwan.diagnosis.assessment.budget import (
     least_share,
     subsets,
 )
-from bayes_iwan.diagnosis.assessment.calibration import Calibration, rest_figures
+from bayes_iwan.diagnosis.assessment.calibration import Calibration, unexplained_figures
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.constants import (
     LEAST_ALONG,
@@ -31,9 +32,9 @@ from bayes_iwan.diagnosis.constants import (
     SUSPECT,
     SUSPECTS_MOST,
 )
-from bayes_iwan.diagnosis.fits.held_out_tests import HELD_OUT, Unseen, left_out
+from bayes_iwan.diagnosis.fits.held_out_tests import HELD_OUT, HeldOut, held_out_gaps
 from bayes_iwan.diagnosis.search.base_fit import gap_rms_N
-from bayes_iwan.diagnosis.search.search_result import OWN_FORM
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
 from bayes_iwan.threads import alongside
 
 
@@ -44,11 +45,11 @@ def refused(f: Figures) -> str:
     if f.name not in SHOWN_BY_RECORD:
         if f.tests < 2:
             return "one record tells no cause"
-        if f.judged and min(f.unseen, f.fixed) <= 0.0:
-            return "on tests left out it removes nothing"
+        if f.has_held_out and min(f.held_out, f.fixed) <= 0.0:
+            return "on held-out tests it removes nothing"
     if f.fitted < least_share(f.name, f.before):
         return "it removes too little"
-    if f.name in OWN_FORM and f.gap < LEAST_GAP:
+    if f.name in MODEL_FORM and f.gap < LEAST_GAP:
         return "every specimen differs as much from the model"
     return f.odd
 
@@ -67,25 +68,27 @@ def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
 def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
     """An effect and what else could be in its place, the likeliest first."""
     among = c.among(f)
-    return tuple(n for n in sorted(among, key=lambda n: -among[n]) if n not in NO_CAUSE and f.rivals[n] > -c.apart)
+    return tuple(
+        n for n in sorted(among, key=lambda n: -among[n]) if n not in NO_CAUSE and f.alternatives[n] > -c.apart
+    )
 
 
 def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tuple[OneOf, ...]:
-    """Places that some cause probably fills, one of the catalogue's effects or of the base's own form, though none is
+    """Places that some cause probably fills, one of the catalogue's effects or of the base's form, though none is
     likely enough to be named."""
     out = []
     for f in given:
         some = candidates_of(f, c)
-        if {f.name, *some} & {*named, *NO_CAUSE} or OWN_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
+        if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
             continue
         p = c.contributes(f) * sum(v for n, v in c.among(f).items() if n not in NO_CAUSE)
-        if len(some) > 1 and p >= NAMED and not (f.judged and f.unseen <= 0.0):
+        if len(some) > 1 and p >= NAMED and not (f.has_held_out and f.held_out <= 0.0):
             out.append(OneOf(some, p, f.fitted))
     return tuple(out)
 
 
 def contributing(given: Iterable[Figures], c: Calibration) -> tuple[dict[str, float], dict[str, float]]:
-    """Probability that each effect contributes, rivals for one place sharing its probability; and, by effect of the
+    """Probability that each effect contributes, effects for one place sharing its probability; and, by effect of the
     best set, that anything contributes in its place. What is refused is no more probable than what is not named."""
     p: dict[str, float] = {}
     places = {}
@@ -99,9 +102,10 @@ def contributing(given: Iterable[Figures], c: Calibration) -> tuple[dict[str, fl
     return p, places
 
 
-def rest_without_name(by_size: float, given: Iterable[Figures], c: Calibration) -> float:
-    """Probability that the rest has a cause of its own: by its size and lines (:meth:`Calibration.unknown_rest`), or
-    because a pattern is there that no listed cause makes and that removes as much as a named cause must."""
+def unknown_cause_probability(by_size: float, given: Iterable[Figures], c: Calibration) -> float:
+    """Probability that the unexplained part has a cause of its own: by its size and lines
+    (:meth:`Calibration.unknown_cause`), or because a pattern is there that no listed cause makes and that removes as
+    much as a named cause must."""
     none = 1.0 - by_size
     for f in given:
         if f.name in NO_CAUSE and f.fitted >= least_share(f.name, f.before):
@@ -109,20 +113,20 @@ def rest_without_name(by_size: float, given: Iterable[Figures], c: Calibration) 
     return min(1.0 - none, SUREST)
 
 
-def unknown_rest(found: Weighed, named: Sequence[str], c: Calibration) -> float:
-    """Probability that what is left beside the named effects has a cause of its own. What bends the base's own form is
+def unknown_cause(found: Weighed, named: Sequence[str], c: Calibration) -> float:
+    """Probability that what is left beside the named effects has a cause of its own. Model-form effects are
     a specimen's usual difference from the model and not left."""
-    beside = frozenset(named) | (found.asked & OWN_FORM)
+    beside = frozenset(named) | (found.asked & MODEL_FORM)
     found.models.find([beside])
     left = found.sizes[beside].all.resolved_share
-    return rest_without_name(c.unknown_rest(rest_figures(left, found.subharmonic)), found.figures, c)
+    return unknown_cause_probability(c.unknown_cause(unexplained_figures(left, found.subharmonic)), found.figures, c)
 
 
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
-    """Name causes, give each its share of the gap, and say whether the rest needs a cause of its own."""
+    """Name causes, give each its share of the gap, and say whether the unexplained part needs a cause of its own."""
     named = named_by(found.figures, c)
     found.models.find(subsets(named))
-    rest = unknown_rest(found, named, c)
+    unknown = unknown_cause(found, named, c)
     p, places = contributing(found.figures, c)
     probabilities = {n: 0.0 for n in found.search.effects if n not in NO_CAUSE} | {
         n: v for n, v in p.items() if n not in NO_CAUSE
@@ -134,9 +138,9 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         probabilities[worst] = min(probabilities[worst], 1.0 - NAMED)
         named = tuple(n for n in named if n != worst)
         causes = _causes(found, named, probabilities, c, held_out)
-        rest = unknown_rest(found, named, c)
-    probabilities |= {"none": float(unnamed * (1.0 - rest)), "unknown": rest}
-    flagged = rest >= 0.5
+        unknown = unknown_cause(found, named, c)
+    probabilities |= {"none": float(unnamed * (1.0 - unknown)), "unknown": unknown}
+    flagged = unknown >= 0.5
     kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
     loops = found.search.data.loops
     cornered, theirs = tuple(x.file for x in loops if x.corners_gap), max(x.corners_gap for x in loops)
@@ -151,7 +155,7 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
 
 
 def _idle(x: Cause) -> bool:
-    """Does a cause remove nothing on tests left out? Tests with role "held-out" do not change what is named, and what
+    """Does a cause remove nothing on held-out tests? Tests with role "held-out" do not change what is named, and what
     acts along the record is asked there."""
     return not x.along and x.held_out is not None and x.held_out_by != HELD_OUT and x.held_out.value <= 0.0
 
@@ -177,11 +181,11 @@ def _causes(
         return ()
     whole, models = frozenset(named), found.models
     keys = three_sets(whole)
-    unseen = left_out(models.predict(keys), found.search.data, held_out)
-    judges: tuple[Unseen, ...] = tuple(u for u in unseen if u.by == HELD_OUT) or unseen
+    parts = held_out_gaps(models.predict(keys), found.search.data, held_out)
+    counted: tuple[HeldOut, ...] = tuple(u for u in parts if u.by == HELD_OUT) or parts
     fitted = gaps_of(named, {k: np.array([t.rms_N**2 for t in models.sizes[k].tests]) for k in keys})
-    power_N2 = {k: np.concatenate([u.power_N2[k] for u in judges]) for k in keys} if judges else {}
-    predicted = gaps_of(named, power_N2) if judges else {}
+    power_N2 = {k: np.concatenate([u.power_N2[k] for u in counted]) for k in keys} if counted else {}
+    predicted = gaps_of(named, power_N2) if counted else {}
     fit = models.fits[whole]
     before_along = models.sizes[frozenset()].along.rms_N
     out = []
@@ -200,8 +204,8 @@ def _causes(
                 probability=probabilities[f.name],
                 share=fitted[f.name].share(off),
                 held_out=predicted[f.name].share(off) if predicts else None,
-                held_out_by=" and ".join(dict.fromkeys(u.by for u in judges)) if predicts else "",
-                cannot_tell_apart=tuple(n for n in candidates_of(f, c) if n != f.name),
+                held_out_by=" and ".join(dict.fromkeys(u.by for u in counted)) if predicts else "",
+                tied_with=tuple(n for n in candidates_of(f, c) if n != f.name),
                 figures=f,
                 gaps=predicted[f.name] if predicts else fitted[f.name],
                 along=along if along is None or along >= LEAST_ALONG else 0.0,

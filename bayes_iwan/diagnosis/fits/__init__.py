@@ -1,1 +1,1 @@
-"""The data of the gap, fits of the model with effects and a rest beside it, and how large what is left is."""
+"""The data of the gap, fits of the model with effects and a discrepancy beside it, and how large what is left is."""

@@ -1,4 +1,4 @@
-"""What a diagnosis looks at: averaged loops, their change along the record, and the lines of the mains.
+"""What a diagnosis uses: averaged loops, their change along the record, and the lines of the mains.
 
 Three kinds of data come from each test, all linear in the recorded force and with measured standard errors:
 the harmonics of the averaged loop; contrasts between blocks of cycles, which a steady model predicts to be zero;
@@ -35,7 +35,7 @@ MAINS_WANDER = 0.4
 LEAK = 4.0
 #: from record to record the mains' frequency wanders by so much (sd, Hz; large grids are held within 0.05 Hz)
 WANDERS_BY = 0.06
-#: share of a mains line that averaging must leave before it says anything
+#: share of mains interference that averaging must leave before it says anything
 LEAST_LEFT = 0.05
 
 
@@ -213,15 +213,15 @@ def _turning(loop: Loop, centre: float, typical_N: float) -> float:
     noise = loop.noise_N[order] if order < len(loop.noise_N) else np.inf
     if not np.isfinite(noise) or typical_N <= 0.0:
         return centre
-    rest = loop.left_over(loop.record.force_N)
-    white = 0.5 * noise**2 * len(rest)  # variance a sample that makes this error of a harmonic
+    remaining = loop.left_over(loop.record.force_N)
+    white = 0.5 * noise**2 * len(remaining)  # variance a sample that makes this error of a harmonic
     trial = centre + WANDERS_BY * np.linspace(-3.0, 3.0, 61)
     log_p = np.empty(len(trial))
     for i, hz in enumerate(trial):
         turn = 2.0 * np.pi * hz * time
         g = np.stack([loop.left_over(np.cos(turn)), loop.left_over(np.sin(turn))]) * typical_N
         precision = g @ g.T / white + np.eye(2)
-        b = g @ rest / white
+        b = g @ remaining / white
         log_p[i] = 0.5 * (b @ np.linalg.solve(precision, b) - np.linalg.slogdet(precision)[1])
     return float(trial[np.argmax(log_p - 0.5 * ((trial - centre) / WANDERS_BY) ** 2)])
 
@@ -238,8 +238,10 @@ def _mains_frequency(loop: Loop, nominal: float) -> float:
         return np.nan
     time = loop.record.time_s[loop.averager.index]
     trial = nominal + np.linspace(-MAINS_WANDER, MAINS_WANDER, 101)
-    rest = loop.left_over(loop.record.force_N)
-    power = np.abs(np.exp(-2j * np.pi * trial[:, None] * time) @ rest) ** 2 / (len(time) * np.var(rest) + 1e-300)
+    remaining = loop.left_over(loop.record.force_N)
+    power = np.abs(np.exp(-2j * np.pi * trial[:, None] * time) @ remaining) ** 2 / (
+        len(time) * np.var(remaining) + 1e-300
+    )
     best = int(np.argmax(power))
     if power[best] < LINE_STANDS or best in (0, len(trial) - 1):
         return np.nan
@@ -255,15 +257,15 @@ def _line(loop: Loop, hz: float) -> tuple[complex, float]:
     ratio = hz / loop.frequency_hz
     if hz > 0.45 * rate or abs(ratio - round(ratio)) * loop.n_cycles < LEAK:
         return 0.0, np.inf
-    rest = loop.left_over(loop.record.force_N)
+    remaining = loop.left_over(loop.record.force_N)
 
     def fitted(f: float) -> tuple[complex, float]:
         g = np.stack([loop.left_over(np.cos(2.0 * np.pi * f * time)), loop.left_over(np.sin(2.0 * np.pi * f * time))])
         gram = g @ g.T
-        kept = float(np.linalg.eigvalsh(gram)[0]) / (0.5 * len(rest))
+        kept = float(np.linalg.eigvalsh(gram)[0]) / (0.5 * len(remaining))
         if kept < LEAST_LEFT:
             return 0.0, kept
-        c, s = np.linalg.solve(gram, g @ rest)
+        c, s = np.linalg.solve(gram, g @ remaining)
         return complex(c, s), kept
 
     value, kept = fitted(hz)
@@ -290,7 +292,7 @@ def predicted(data: GapData, problem: Problem, z: Array) -> tuple[np.ndarray, np
     if not evolving:
         return harmonics_of(problem.force(parameter_values, data.steady_motion), count), None, None
     draws, blocks = len(z), data.contrast.shape[2]
-    cycling = any(e.stations for e in evolving)
+    cycling = any(e.stages for e in evolving)
     by_block = np.zeros((draws, data.tests, blocks, count), dtype=complex)
     mean = np.zeros((draws, data.tests, count), dtype=complex)
     if cycling:

@@ -1,4 +1,4 @@
-"""How a campaign's data lie in the rows of a fit: which there are, and what noise and rest make of each."""
+"""How a campaign's data lie in the rows of a fit: which there are, and what noise and discrepancy make of each."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_iwan.diagnosis.fits.discrepancy_size import ALONG_SHARES, LENGTHS, Between, Rest, RestSize, Sizes
+from bayes_iwan.diagnosis.fits.discrepancy_size import (
+    ALONG_SHARES,
+    LENGTHS,
+    Between,
+    Discrepancy,
+    DiscrepancySize,
+    Sizes,
+)
 
 if TYPE_CHECKING:
     from bayes_iwan.diagnosis.fits.data import GapData
@@ -15,11 +22,12 @@ if TYPE_CHECKING:
 
 class Layout:
     """The rows of a model that is steady, or of one that changes along the record (`evolving`), which has those of the
-    changes and of the mains' lines besides; beside a rest that hangs together between tests as `between` says.
+    changes and of the mains' lines besides; beside a discrepancy that is correlated between tests as `between` says.
 
-    turn : what makes noise and rest of averaged loops diagonal, harmonic by harmonic; real, imaginary (used, T) : whose
-    parts are rows; trend, turning (T, K, TREND_HARMONICS + 1) : the same of contrasts; line (T, 2) : which lines are;
-    rest : of all rows, in units of the noise.
+    turn : what makes noise and discrepancy of averaged loops diagonal, harmonic by harmonic; real, imaginary (used, T)
+    : whose parts are rows; trend, turning (T, K, TREND_HARMONICS + 1) : the same of contrasts; line (T, 2) : which
+    lines are;
+    discrepancy : of all rows, in units of the noise.
     """
 
     def __init__(self, data: GapData, between: Between, evolving: bool) -> None:
@@ -38,7 +46,9 @@ class Layout:
         level = (data.level_N[:, None, None] / data.trend_noise_N) ** 2
         late = np.r_[changed[self.trend], changed[self.turning]].astype(np.int64)
         #: of the contrasts along the record: each as large as its test's friction level times b
-        self._changing = Rest(np.r_[level[self.trend], level[self.turning]], late, np.ones(len(late), dtype=bool))
+        self._changing = Discrepancy(
+            np.r_[level[self.trend], level[self.turning]], late, np.ones(len(late), dtype=bool)
+        )
         eigen = np.r_[values[self.real], values[self.imaginary]]
         orders = np.r_[order[self.real], order[self.imaginary]].astype(np.int64)
         steady = np.zeros(len(orders), dtype=bool)
@@ -47,7 +57,7 @@ class Layout:
             eigen = np.r_[eigen, self._changing.eigen, np.zeros(lines)]
             orders = np.r_[orders, self._changing.order, np.zeros(lines, dtype=np.int64)]
             steady = np.r_[steady, self._changing.changing, np.zeros(lines, dtype=bool)]
-        self.rest = Rest(eigen, orders, steady, between)
+        self.discrepancy = Discrepancy(eigen, orders, steady, between)
 
     @cached_property
     def constant(self) -> float:
@@ -58,6 +68,7 @@ class Layout:
         _, log_p = self._changing.spectrum(np.tile(self._changes, (len(sizes), 1)), sizes)
         return float(np.logaddexp.reduce(log_p) - np.log(len(sizes))) - 0.5 * self._lines
 
-    def missed(self, size: RestSize) -> float:
-        """Half the squares of all changes along the record and lines, in units of noise and rest: a steady model's."""
+    def steady_cost(self, size: DiscrepancySize) -> float:
+        """Half the squares of all changes along the record and lines, in units of noise and discrepancy: a steady
+        model's."""
         return 0.5 * float(np.sum(self._changes**2 / self._changing.variance(size)) + self._lines)

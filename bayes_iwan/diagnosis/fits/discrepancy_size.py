@@ -1,14 +1,15 @@
-"""The rest that stands beside every model: how large it is, harmonic by harmonic, and what that says of a residual.
+"""The discrepancy that stands beside every model: how large it is, harmonic by harmonic, and what that says of a
+residual.
 
-The rest is Gaussian and smooth: in harmonic h its variance is a² S_h(ℓ) λ_h of the squared friction level, where a is
-its share, S falls with the order as :func:`bayes_iwan.inference.setup.discrepancy.discrepancy_spectrum` says for a
+The discrepancy is Gaussian and smooth: in harmonic h its variance is a² S_h(ℓ) λ_h of the squared friction level, where
+a is its share, S falls with the order as :func:`bayes_iwan.inference.setup.discrepancy.discrepancy_spectrum` says for a
 correlation length ℓ, and λ_h says how nature departs from that: a stop that one side meets fills the even harmonics, a
-chatter the high ones. Each ln λ_h is normal about 0 and integrated out, so that an effect is judged in the harmonics
+chatter the high ones. Each ln λ_h is normal about 0 and integrated out, so that an effect is assessed in the harmonics
 that are quiet, whatever fills the others (a scale mixture; West, Biometrika 74 (1987) 646). How alike it is in tests of
-other frequencies and amplitudes is inferred as well, from among BETWEEN: where the rest is the same at every frequency,
-as a groove's is, what differs between these is seen far below it. What changes along the
-record is a rest of its own share b, with a λ of its own for every harmonic of its contrasts: a mean force that drifts
-is judged beside means that wander, however much the loops swell for which no cause is known.
+other frequencies and amplitudes is inferred as well, from among BETWEEN: where the discrepancy is the same at every
+frequency, as a groove's is, what differs between these is seen far below it. What changes along the
+record is a discrepancy of its own share b, with a λ of its own for every harmonic of its contrasts: a mean force that
+drifts is assessed beside means that wander, however much the loops swell for which no cause is known.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.diagnosis.constants import LARGE_REST, SPECTRUM_SD
+from bayes_iwan.diagnosis.constants import LARGE_DISCREPANCY, SPECTRUM_SD
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
-#: lengths of the rest's correlation in ln f and ln A, and the share each test has to itself
+#: lengths of the discrepancy's correlation in ln f and ln A, and the share each test has to itself
 Between = tuple[float, float, float]
-#: grid of the rest: RMS share of the friction level, and correlation length in cycles
+#: grid of the discrepancy: RMS share of the friction level, and correlation length in cycles
 SHARES = np.geomspace(5e-4, 1.0, 13)
 LENGTHS = np.array([0.03, 0.1])
-#: ways in which the rest of different tests may hang together: of 37 those without which most evidence would be lost on
-#: sound and faulty cases of the rig (`analyses/rest_between_tests.py`)
+#: ways in which the discrepancy of different tests may be correlated: of 37 those without which most evidence would be
+#: lost on sound and faulty cases of the rig (`analyses/discrepancy_between_tests.py`)
 BETWEEN: tuple[Between, ...] = (
     (0.8, 0.5, 0.3),
     (3.0, 0.25, 0.03),
@@ -39,7 +40,7 @@ BETWEEN: tuple[Between, ...] = (
     (3.0, 2.0, 0.03),
     (0.8, 0.5, 1.0),
 )
-#: shares of the friction level by which the rest may change along the record
+#: shares of the friction level by which the discrepancy may change along the record
 ALONG_SHARES = np.array([0.0, 0.004, 0.016, 0.064, 0.256])
 #: the grid over which λ is integrated
 LN_SPECTRUM = np.linspace(-4.2, 4.2, 13)
@@ -48,9 +49,9 @@ ROUNDS = 3
 
 
 @dataclass(frozen=True)
-class RestSize:
-    """Sizes of the rest: shares a and b (along the record), length ℓ in cycles, λ by harmonic (1 beyond the last), of
-    the loops and of their changes along the record; between : how it hangs together between tests."""
+class DiscrepancySize:
+    """Sizes of the discrepancy: shares a and b (along the record), length ℓ in cycles, λ by harmonic (1 beyond the
+    last), of the loops and of their changes along the record; between : how it is correlated between tests."""
 
     share: float
     length: float
@@ -77,12 +78,12 @@ def _padded(factors: tuple[float, ...], count: int) -> Array:
 #: shares a, lengths ℓ and shares b, in threes
 Sizes = tuple[tuple[float, float, float], ...]
 #: the sizes at which models are fitted first
-FIRST = RestSize(0.01, 0.05, 0.004)
+FIRST = DiscrepancySize(0.01, 0.05, 0.004)
 
 
 @dataclass(frozen=True)
 class _Table:
-    """Of several sizes: variances of the rest at λ = 1 (sizes, m); of every value of λ, precisions of the rows
+    """Of several sizes: variances of the discrepancy at λ = 1 (sizes, m); of every value of λ, precisions of the rows
     (sizes, m, values) and what each λ costs before its residuals are seen (sizes, lambdas, values), in ln."""
 
     shape: Array
@@ -91,12 +92,13 @@ class _Table:
 
 
 @dataclass(frozen=True)
-class Rest:
-    """How noise and rest add up in rows that are scaled by the noise: variance = 1 + a² S_order(ℓ) λ_order eigen.
+class Discrepancy:
+    """How noise and discrepancy add up in rows that are scaled by the noise: variance = 1 + a² S_order(ℓ) λ_order
+    eigen.
 
     eigen (m,), order (m,) the harmonic, changing (m,) rows of the change along the record, whose share is b instead
-    of a and which have λ of their own; rows with eigen = 0 (lines of the mains) carry none. between : how the rest of
-    different tests hangs together in these rows.
+    of a and which have λ of their own; rows with eigen = 0 (lines of the mains) carry none. between : how the
+    discrepancy of different tests is correlated in these rows.
     """
 
     eigen: Array
@@ -119,22 +121,22 @@ class Rest:
         """Number of λ."""
         return int(self.which.max(initial=0)) + 1
 
-    def factors(self, size: RestSize) -> Array:
+    def factors(self, size: DiscrepancySize) -> Array:
         """(lambdas,) a size's λ."""
         return np.r_[size.factors(self.orders), size.along_factors(self.lambdas - self.orders)]
 
-    def variance(self, size: RestSize) -> Array:
+    def variance(self, size: DiscrepancySize) -> Array:
         """(m,) variance of each row."""
         return 1.0 + self._shape(size.share, size.length, size.along) * self.factors(size)[self.which]
 
-    def variances(self, share: Array, length: Array, size: RestSize) -> Array:
+    def variances(self, share: Array, length: Array, size: DiscrepancySize) -> Array:
         """(draws, m) the same for several a and ℓ, (draws,) each; b and λ are those of `size`."""
         unit = discrepancy_spectrum(share, length, self.orders)[:, self.order] * self.eigen
         shape = np.where(self.changing, self._shape(0.0, LENGTHS[0], size.along), unit)
         return 1.0 + shape * self.factors(size)[self.which]
 
     def _shape(self, share: float, length: float, along: float) -> Array:
-        """(m,) variance of the rest at λ = 1."""
+        """(m,) variance of the discrepancy at λ = 1."""
         return np.where(self.changing, along**2 * self._unit(LENGTHS[-1]), share**2 * self._unit(length))
 
     def _unit(self, length: float) -> Array:
@@ -148,9 +150,9 @@ class Rest:
     def _units(self) -> dict[float, Array]:
         return {}
 
-    def __reduce__(self) -> tuple[type[Rest], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[type[Discrepancy], tuple[object, ...]]:
         # without its tables, which are soon made again
-        return Rest, (self.eigen, self.order, self.changing, self.between)
+        return Discrepancy, (self.eigen, self.order, self.changing, self.between)
 
     def spectrum(self, residual: Array, sizes: Sizes) -> tuple[Array, Array]:
         """Geometric posterior mean of every λ, (sizes, lambdas), given the residuals at several sizes (sizes, m), and
@@ -164,7 +166,7 @@ class Rest:
         return np.exp(mean), whole.sum(axis=1)
 
     def shape(self, sizes: Sizes) -> Array:
-        """(sizes, m) variance of each row's rest at λ = 1."""
+        """(sizes, m) variance of each row's discrepancy at λ = 1."""
         return self._table(sizes).shape
 
     def _table(self, sizes: Sizes) -> _Table:
@@ -194,33 +196,34 @@ def _by_order(square, precision, order, out):
 
 @dataclass(frozen=True)
 class Stepped:
-    """A linear model's best points at several sizes of the rest: ln evidence (sizes,), z (sizes, ndim) and its
+    """A linear model's best points at several sizes of the discrepancy: ln evidence (sizes,), z (sizes, ndim) and its
     precision (sizes, ndim, ndim), and the sizes with the harmonics' λ as they were inferred."""
 
     log_z: Array
     z: Array
     precision: Array
-    sizes: tuple[RestSize, ...]
+    sizes: tuple[DiscrepancySize, ...]
 
 
 @dataclass(frozen=True)
 class Linear:
-    """Residual and Jacobian at an optimum in coordinates in which noise and rest are both diagonal.
+    """Residual and Jacobian at an optimum in coordinates in which noise and discrepancy are both diagonal.
 
     residual (m,), jacobian (m, ndim) in units of the noise. z (ndim,): the point of linearisation.
     """
 
     residual: Array
     jacobian: Array
-    rest: Rest
+    discrepancy: Discrepancy
     z: Array
 
-    def variance(self, size: RestSize) -> Array:
-        """(m,) see :meth:`Rest.variance`."""
-        return self.rest.variance(size)
+    def variance(self, size: DiscrepancySize) -> Array:
+        """(m,) see :meth:`Discrepancy.variance`."""
+        return self.discrepancy.variance(size)
 
-    def step(self, size: RestSize) -> tuple[Array, Array, Array]:
-        """One Gauss–Newton step from z at a size of the rest: the stepped z, its precision, the residual there."""
+    def step(self, size: DiscrepancySize) -> tuple[Array, Array, Array]:
+        """One Gauss–Newton step from z at a size of the discrepancy: the stepped z, its precision, the residual
+        there."""
         sd = np.sqrt(self.variance(size))
         j, r = self.jacobian / sd[:, None], self.residual / sd
         precision = np.asarray(j.T @ j + np.eye(len(self.z)))
@@ -228,16 +231,16 @@ class Linear:
         return z, precision, self.residual - self.jacobian @ (z - self.z)
 
     def evidence(self, sizes: Sizes) -> Stepped:
-        """ln evidence at sizes of the rest by Gauss–Newton steps from z, the harmonics' λ integrated out."""
-        rest, n = self.rest, len(self.z)
-        shape, turned = rest.shape(sizes), self.jacobian.T
+        """ln evidence at sizes of the discrepancy by Gauss–Newton steps from z, the harmonics' λ integrated out."""
+        discrepancy, n = self.discrepancy, len(self.z)
+        shape, turned = discrepancy.shape(sizes), self.jacobian.T
         target = self.residual + self.jacobian @ self.z  # minimise |r − J(z' − z)|² + |z'|²
-        factors = np.ones((len(sizes), rest.lambdas))
+        factors = np.ones((len(sizes), discrepancy.lambdas))
         left = self.residual
         for turn in range(ROUNDS):
             if turn:
-                factors, _ = rest.spectrum(left, sizes)
-            variance = 1.0 + shape * factors[:, rest.which]
+                factors, _ = discrepancy.spectrum(left, sizes)
+            variance = 1.0 + shape * factors[:, discrepancy.which]
             weighted = turned / variance[:, None, :]
             precision = weighted @ self.jacobian + np.eye(n)
             z = np.asarray(np.linalg.solve(precision, (weighted @ target)[:, :, None])[:, :, 0])
@@ -247,15 +250,15 @@ class Linear:
     def at(self, residual: Array, z: Array, sizes: Sizes, precision: Array) -> Stepped:
         """ln evidence at each size, the size's own prior in it, of what is left (sizes, m) or (1, m) at z (sizes, ndim)
         or (1, ndim), with the precision (sizes, ndim, ndim) of z; -inf where what is left is not finite."""
-        rest = self.rest
+        discrepancy = self.discrepancy
         finite = np.asarray(np.all(np.isfinite(residual), axis=1))
         left = np.broadcast_to(np.where(finite[:, None], residual, 0.0), (len(sizes), residual.shape[1]))
-        factors, log_p = rest.spectrum(left, sizes)
-        log_p -= np.log1p((np.array([share for share, _, _ in sizes]) / LARGE_REST) ** 2)
+        factors, log_p = discrepancy.spectrum(left, sizes)
+        log_p -= np.log1p((np.array([share for share, _, _ in sizes]) / LARGE_DISCREPANCY) ** 2)
         log_z = log_p - 0.5 * np.sum(z * z, axis=1) - 0.5 * np.linalg.slogdet(precision)[1]
-        split = rest.orders
+        split = discrepancy.orders
         found = (
-            RestSize(*size, tuple(f[:split].tolist()), tuple(f[split:].tolist()), rest.between)
+            DiscrepancySize(*size, tuple(f[:split].tolist()), tuple(f[split:].tolist()), discrepancy.between)
             for size, f in zip(sizes, factors)
         )
         return Stepped(

@@ -1,12 +1,12 @@
 """Evidence of one model for a campaign's data: refit from several starts, Laplace's approximation, and a grid over the
-rest that stands beside every model.
+discrepancy that stands beside every model.
 
-measured = simulator(base + effects) + rest + noise. The rest is Gaussian, smooth along the loop and between tests, of
-share a of the friction force (:class:`bayes_iwan.inference.setup.discrepancy.Correlated`), and changes along the
-record by a share b. Its sizes are inferred for every set of effects and need not be small: the prior over a is flat
-in ln a up to a tenth (:data:`bayes_iwan.diagnosis.constants.LARGE_REST`), so a cause may explain a part of the gap and
-leave the rest without a name. So is how it hangs together between tests, in one of a few ways that are as likely as
-each other beforehand (:data:`bayes_iwan.diagnosis.fits.discrepancy_size.BETWEEN`).
+measured = simulator(base + effects) + discrepancy + noise. The discrepancy is Gaussian, smooth along the loop and
+between tests, of share a of the friction force (:class:`bayes_iwan.inference.setup.discrepancy.Correlated`), and
+changes along the record by a share b. Its sizes are inferred for every set of effects and need not be small: the prior
+over a is flat in ln a up to a tenth (:data:`bayes_iwan.diagnosis.constants.LARGE_DISCREPANCY`), so a cause may explain
+a part of the gap and leave the others without a name. So is how it is correlated between tests, in one of a few ways
+that are as likely as each other beforehand (:data:`bayes_iwan.diagnosis.fits.discrepancy_size.BETWEEN`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.diagnosis.constants import LARGEST_REST
+from bayes_iwan.diagnosis.constants import LARGEST_DISCREPANCY
 from bayes_iwan.diagnosis.fits.data import GapData, predicted
 from bayes_iwan.diagnosis.fits.discrepancy_size import (
     ALONG_SHARES,
@@ -26,8 +26,8 @@ from bayes_iwan.diagnosis.fits.discrepancy_size import (
     FIRST,
     LENGTHS,
     SHARES,
+    DiscrepancySize,
     Linear,
-    RestSize,
     Sizes,
     Stepped,
 )
@@ -40,15 +40,15 @@ from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 from bayes_iwan.models import Model, Simulator
 from bayes_iwan.models.parameter import Z_LIMIT
 
-#: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own rest
+#: RMS change of the rows' ln weights beyond which a model is fitted again with those of its own discrepancy
 OTHER_WEIGHTS = 0.25
-#: rounds in which a model is fitted again, each with the weights of the rest that the last one left, while it gains so
-#: many nats
+#: rounds in which a model is fitted again, each with the weights of the discrepancy that the last one left, while it
+#: gains so many nats
 ROUNDS, GAINED = 4, 0.5
 #: optima of the evidence from which it is sought besides the best, and iterations of that
 NEWTON_STARTS, NEWTON_STEPS = 2, 15
-#: sizes of the rest over which the evidence is tabulated, and those among which the loops' is found first where a rest
-#: changes along the record
+#: sizes of the discrepancy over which the evidence is tabulated, and those among which the loops' is found first where
+#: a discrepancy changes along the record
 _FINE = tuple((float(a), float(n)) for a in SHARES for n in LENGTHS)
 _COARSE: Sizes = tuple((float(a), float(LENGTHS[-1]), FIRST.along) for a in SHARES[::2])
 _FIXED_NOISE = {
@@ -67,17 +67,18 @@ class Fit:
     """One model refitted to the data.
 
     z : (ndim,) optimum at the grid's best point; log_z : (shares, lengths) ln evidence over the grid, the change of
-        the rest along the record and how it hangs together between tests averaged over
-    size : of the rest at the best point; covariance : (ndim, ndim) of z there
-    rest_share : the rest's size as a share of the friction force: median and 90 % interval of its posterior
+        the discrepancy along the record and how it is correlated between tests averaged over
+    size : of the discrepancy at the best point; covariance : (ndim, ndim) of z there
+    discrepancy_share : the discrepancy's size as a share of the friction force: median and 90 % interval of its
+    posterior
     optima : (k, ndim) distinct optima found, best first
     """
 
     problem: Problem
     z: Array
     log_z: Array
-    size: RestSize
-    rest_share: tuple[float, float, float]
+    size: DiscrepancySize
+    discrepancy_share: tuple[float, float, float]
     covariance: Array
     optima: Array
     linear: Linear
@@ -108,7 +109,7 @@ class Fit:
 
 
 def base_model(settings: DiagnoseSettings, scales: Scales) -> Model:
-    """The Iwan model that a diagnosis starts from, on a campaign's scales; the gap's effects are what bends it."""
+    """The Iwan model that a diagnosis starts from, on a campaign's scales; effects extend it."""
     return iwan_model(scales, replace(settings.model, embedded=False))
 
 
@@ -129,8 +130,8 @@ def extended(problem: Problem, effects: Sequence[Effect]) -> Problem:
 
 
 def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 40) -> Fit:
-    """Fit a model from all starts, tabulate its evidence over the rest's grid, refit at the best point, until neither
-    the model nor the rest moves any more.
+    """Fit a model from all starts, tabulate its evidence over the discrepancy's grid, refit at the best point, until
+    neither the model nor the discrepancy moves any more.
 
     Raises FitError where no start reaches a finite cost: the model has no force there.
     """
@@ -141,7 +142,7 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     optima = _distinct(found.x[order], cost[order])
     best = grid = _weighed(data, problem, optima[0])
     near, weighed_by = list(optima), FIRST
-    for _ in range(ROUNDS):  # the rest follows the model and the model the rest, until both stand
+    for _ in range(ROUNDS):  # the discrepancy follows the model and the model the discrepancy, until both stand
         rows = Rows(data, problem, grid.size.between)
         alike = grid.size.between == weighed_by.between
         if alike and np.sqrt(np.mean(np.log(rows.sd(grid.size) / rows.sd(weighed_by)) ** 2)) <= OTHER_WEIGHTS:
@@ -157,7 +158,7 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
         best.linear.z,
         best.log_z + Rows(data, problem).layout.constant,
         best.size,
-        best.rest_share,
+        best.discrepancy_share,
         np.asarray(np.linalg.inv(best.precision)),
         optima,
         best.linear,
@@ -165,35 +166,36 @@ def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 
     )
 
 
-def newton_size(rest_share: float) -> RestSize:
-    """The rest beside which the least gap in newtons is sought: alike in every harmonic and along the record."""
-    share = min(rest_share, LARGEST_REST)
-    return RestSize(share, 0.0, share)
+def newton_size(discrepancy_share: float) -> DiscrepancySize:
+    """The discrepancy beside which the least gap in newtons is sought: alike in every harmonic and along the record."""
+    share = min(discrepancy_share, LARGEST_DISCREPANCY)
+    return DiscrepancySize(share, 0.0, share)
 
 
 def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS, smaller: Sequence[Fit] = ()) -> Fit:
     """The model of a fit where it misses least in newtons: least squares of loops and their changes alike; sought from
     where smaller models do, too, since more effects cannot miss more.
 
-    What an effect does is judged by evidence, which follows the harmonics that are quiet and leaves to a large rest
-    what the model need not fit; how large a gap is, and which share of it an effect removes, is asked in newtons.
+    What an effect does is assessed by evidence, which follows the harmonics that are quiet and leaves to a large
+    discrepancy what the model need not fit; how large a gap is, and which share of it an effect removes, is asked in
+    newtons.
     """
     own = dict(zip(fit.problem.names, fit.z))
     theirs = [own | dict(zip(f.problem.names, f.z)) for f in smaller]
     starts = [fit.z, *fit.optima[:NEWTON_STARTS], *(np.array([z[n] for n in own]) for z in theirs)]
-    size = newton_size(fit.rest_share[0])
+    size = newton_size(fit.discrepancy_share[0])
     return fit if fit.size == size else _beside(data, fit, size, starts, iterations, fit.linear)
 
 
 def refitted_in_newtons(data: GapData, fit: Fit, starts: Sequence[Array]) -> Fit:
     """The model of a fit to other data of the same tests, where it misses these least in newtons."""
-    return _beside(data, fit, newton_size(fit.rest_share[0]), starts, NEWTON_STEPS, None)
+    return _beside(data, fit, newton_size(fit.discrepancy_share[0]), starts, NEWTON_STEPS, None)
 
 
 def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
     """The model of a fit for tests that it has not seen: as `nearest`, its least gap in newtons, but held by its priors
-    as far as the rest that was inferred beside it says."""
-    size = RestSize(fit.rest_share[0], 0.0, fit.size.along, (), fit.size.along_spectrum)
+    as far as the discrepancy that was inferred beside it says."""
+    size = DiscrepancySize(fit.discrepancy_share[0], 0.0, fit.size.along, (), fit.size.along_spectrum)
     alike = size.share == nearest.size.share and not any(e.evolving for e in fit.effects)
     if alike or fit.size == size:
         return nearest if alike else fit
@@ -201,9 +203,10 @@ def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
 
 
 def _beside(
-    data: GapData, fit: Fit, size: RestSize, starts: Sequence[Array], iterations: int, known: Linear | None
+    data: GapData, fit: Fit, size: DiscrepancySize, starts: Sequence[Array], iterations: int, known: Linear | None
 ) -> Fit:
-    """A fit's model refitted beside a rest of a size. known : the fit's linear model, where it is of these data."""
+    """A fit's model refitted beside a discrepancy of a size. known : the fit's linear model, where it is of these
+    data."""
     rows = Rows(data, fit.problem, size.between)
     found = rows.fit(np.array(starts), size, iterations, known if fit.size.between == size.between else None)
     linear = rows.linear(found.x[found.best])
@@ -214,15 +217,15 @@ def _beside(
 
 @dataclass(frozen=True)
 class _Grid:
-    """ln evidence (shares, lengths) over the rest's grid; its best point z (ndim,), the precision and the rest's size
-    there; and the rest's share of the friction."""
+    """ln evidence (shares, lengths) over the discrepancy's grid; its best point z (ndim,), the precision and the
+    discrepancy's size there; and the discrepancy's share of the friction."""
 
     linear: Linear
     log_z: Array
     z: Array
     precision: Array
-    size: RestSize
-    rest_share: tuple[float, float, float]
+    size: DiscrepancySize
+    discrepancy_share: tuple[float, float, float]
 
     @property
     def log_evidence(self) -> float:
@@ -231,7 +234,7 @@ class _Grid:
 
 
 def _weighed(data: GapData, problem: Problem, z: Array) -> _Grid:
-    """A model's evidence about z (ndim,), beside a rest that hangs together between tests as is likeliest."""
+    """A model's evidence about z (ndim,), beside a discrepancy that is correlated between tests as is likeliest."""
     rows, linear, ways = _together(data, problem, z)
     grid = _grid(rows, linear)
     return replace(grid, log_z=grid.log_z + ways)
@@ -239,7 +242,9 @@ def _weighed(data: GapData, problem: Problem, z: Array) -> _Grid:
 
 def _grid(rows: Rows, linear: Linear) -> _Grid:
     along, change = float(ALONG_SHARES[0]), 0.0
-    if linear.rest.changing.any():  # the change along the record has its own size, found where the loops' is best
+    if (
+        linear.discrepancy.changing.any()
+    ):  # the change along the record has its own size, found where the loops' is best
         share, length, _ = _COARSE[int(np.argmax(_borne_out(rows, linear, _COARSE).log_z))]
         by_change = _borne_out(rows, linear, tuple((share, length, float(b)) for b in ALONG_SHARES)).log_z
         along = float(ALONG_SHARES[int(np.argmax(by_change))])
@@ -247,13 +252,14 @@ def _grid(rows: Rows, linear: Linear) -> _Grid:
     found = _borne_out(rows, linear, tuple((a, n, along) for a, n in _FINE))
     best = int(np.argmax(found.log_z))
     log_z = found.log_z.reshape(len(SHARES), len(LENGTHS)) + change
-    whole = _whole_share(linear.rest.orders, found)
+    whole = _whole_share(linear.discrepancy.orders, found)
     return _Grid(linear, log_z, found.z[best], found.precision[best], found.sizes[best], whole)
 
 
 def _together(data: GapData, problem: Problem, z: Array) -> tuple[Rows, Linear, float]:
-    """The likeliest way in which the rest may hang together between tests, for a model about z (ndim,): its rows and
-    the linear model in them; and ln of how much evidence all ways have on the mean, over what the likeliest one has."""
+    """The likeliest way in which the discrepancy may be correlated between tests, for a model about z (ndim,): its rows
+    and the linear model in them; and ln of how much evidence all ways have on the mean, over what the likeliest one
+    has."""
     several = [Rows(data, problem, b) for b in (BETWEEN if data.tests > 1 else BETWEEN[:1])]
     around = several[0].around(z)
     linear = [rows.linear_of(around, z) for rows in several]
@@ -265,7 +271,9 @@ def _together(data: GapData, problem: Problem, z: Array) -> tuple[Rows, Linear, 
     log_z = np.empty(len(several))
     for i, (rows, x, k) in enumerate(zip(several, linear, best)):  # see _borne_out
         one = slice(i, i + 1)
-        there = rows.missed((mean[one], None if trend is None else trend[one], None if lines is None else lines[one]))
+        there = rows.residual_from(
+            (mean[one], None if trend is None else trend[one], None if lines is None else lines[one])
+        )
         size, precision = _COARSE[k : k + 1], stepped[i].precision[k : k + 1]
         pairs = ((there, led[one]), (x.residual[None], x.z[None]))
         log_z[i] = max(float(x.at(left, at, size, precision).log_z[0]) for left, at in pairs)
@@ -274,8 +282,8 @@ def _together(data: GapData, problem: Problem, z: Array) -> tuple[Rows, Linear, 
 
 
 def _borne_out(rows: Rows, linear: Linear, sizes: Sizes) -> Stepped:
-    """ln evidence at sizes of the rest by what the model really misses where the linear one leads, or where it was made
-    if that is better: in a bent valley a step may promise hundreds of nats that are not there."""
+    """ln evidence at sizes of the discrepancy by what the model really misses where the linear one leads, or where it
+    was made if that is better: where residuals curve a step may promise hundreds of nats that are not there."""
     stepped = linear.evidence(sizes)
     z = np.clip(stepped.z, -Z_LIMIT, Z_LIMIT)
     with np.errstate(all="ignore"):
@@ -288,7 +296,8 @@ def _borne_out(rows: Rows, linear: Linear, sizes: Sizes) -> Stepped:
 
 
 def _whole_share(orders: int, found: Stepped) -> tuple[float, float, float]:
-    """Median and 90 % interval of the rest's RMS share of the friction force, the λ of its harmonics included."""
+    """Median and 90 % interval of the discrepancy's RMS share of the friction force, the λ of its harmonics
+    included."""
     share, length = np.array([(x.share, x.length) for x in found.sizes]).T
     factors = np.array([x.factors(orders) for x in found.sizes])
     power = np.sum(discrepancy_spectrum(share, length, orders) * factors, axis=1)

@@ -4,7 +4,8 @@ The gap of a test is the RMS, over its record, of what the model misses: of the 
 record, and of lines of the mains. Its square is estimated without bias: noise, as the records' repeatability gives it,
 adds its expected power to the residual's, less what the fit has absorbed, and that is taken off. So a perfect model
 reads zero within its interval, which counts the parameters' uncertainty too. A test's mean force is no part of it: it
-hangs on where the specimen rests, which a dynamic displacement channel does not tell; its gap is given apart.
+hangs on where the specimen comes to a standstill, which a dynamic displacement channel does not tell; its gap is given
+apart.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class GapSize:
     tests : by test; all : everything; loop, along, mains : its parts over all tests, in the averaged loop, its change
     along the record, and lines of the mains; mean : that of the mean forces, which `all` leaves out
     friction_N : (T,) RMS friction force.
-    cycle, along_N : by test, (B,) mean cycle number of each block of cycles and RMS of what is missed there;
+    cycle, along_N : by test, (B,) mean cycle number of each block of cycles and RMS residual there;
     along_low_N, along_high_N : its 90 % interval.
     plausible : (draws, T) squares of the gap that the data leave possible, N² (:func:`shrink` compares two).
     """
@@ -83,7 +84,7 @@ def friction_rms_by_test_N(residual: Residual) -> Array:
 
 
 def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: Array | None = None) -> GapSize:
-    """The gap of a fitted model on any tests; friction_N (T,) stands in for the model's own friction in the shares.
+    """The gap of a fitted model on any tests; friction_N (T,) replaces the model's own friction in the shares.
 
     Intervals: the residual's error is drawn from the noise, run through the refit (for the fitted tests) or joined by
     the parameters' posterior (for others), and the estimate's distribution around itself is reflected.
@@ -215,10 +216,10 @@ def _roots(power: Array, spread: Array) -> tuple[Array, Array, Array]:
 def _along(
     residual: Residual, error: np.ndarray
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
-    """What is missed in each block of cycles: the averaged loop's residual plus the contrasts' share of the block."""
+    """Residual in each block of cycles: the averaged loop's residual plus the contrasts' share of the block."""
     data = residual.data
     few = np.flatnonzero((residual.kind <= MEAN) & (residual.order <= TREND_HARMONICS))
-    rest = (residual.kind == LOOP) & (residual.order > TREND_HARMONICS)
+    higher = (residual.kind == LOOP) & (residual.order > TREND_HARMONICS)
     changing = residual.kind == ALONG
     weight = np.where(np.arange(len(few)) == 0, 1.0, 0.5)
 
@@ -227,7 +228,7 @@ def _along(
         mix = np.einsum("kb,...kh->...bh", data.contrast[t], contrasts[..., : len(few)])
         steady_part = np.where(residual.order[few] == 0, 0.0, value[..., few])
         c = steady_part[..., None, :] + mix
-        steady = np.sum(residual.weight[t, rest] * np.abs(value[..., rest]) ** 2, axis=-1)
+        steady = np.sum(residual.weight[t, higher] * np.abs(value[..., higher]) ** 2, axis=-1)
         return np.sum(weight * np.abs(c) ** 2, axis=-1) + steady[..., None]
 
     out: list[tuple[Array, Array, Array, Array]] = []

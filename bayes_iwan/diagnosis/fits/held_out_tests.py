@@ -1,4 +1,4 @@
-"""Models refitted without some of the tests, and what they then miss on those: whole frequencies or amplitudes left
+"""Models refitted without some of the tests, and what they then miss on those: whole frequencies or amplitudes held
 out, or tests that were held out from the start."""
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _BY = {"frequency": "frequency_hz", "amplitude": "amplitude_mm"}
 
 
 @dataclass(frozen=True)
-class Unseen:
+class HeldOut:
     """Squared gaps on tests that a fit has not seen.
 
-    by : "one frequency left out", "one amplitude left out" or "held-out tests"; files (n,) of these tests
+    by : "one frequency held out", "one amplitude held out" or "held-out tests"; files (n,) of these tests
     power_N2 : by set of effects, (n,) squared gap of each test, noise taken off (may be negative)
     along_N2 : the same of its part that changes along the record
     trained : by set of effects, (3, n) of the tests that each was predicted from: ln evidence of the set, its squared
@@ -56,14 +56,14 @@ class Unseen:
 
 
 def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem:
-    """The same model and priors for other tests (a mains line's parameters go with its tests)."""
+    """The same model and priors for other tests (parameters of mains interference go with its tests)."""
     files = tuple(x.file for x in loops)
     effects = tuple(replace(e, tests=files) for e in problem.effects)
     return replace(problem, loops=tuple(loops), likelihood=data.likelihood).with_effects(effects)
 
 
 def refitted(fit: Fit, data: GapData) -> Fit:
-    """A fit's model refitted to some of its tests from its own optimum, beside a rest of the same size."""
+    """A fit's model refitted to some of its tests from its own optimum, beside a discrepancy of the same size."""
     problem = for_loops(fit.problem, data.loops, data)
     rows = Rows(data, problem, fit.size.between)
     at = [fit.problem.names.index(n) for n in problem.names]
@@ -80,22 +80,22 @@ def refitted(fit: Fit, data: GapData) -> Fit:
     )
 
 
-def left_out(fits: Sequence[Fit], data: GapData, held_out: Sequence[Loop] = ()) -> tuple[Unseen, ...]:
-    """Gaps of several models on tests left out of their fit: one frequency after another, then one amplitude after
+def held_out_gaps(fits: Sequence[Fit], data: GapData, extra: Sequence[Loop] = ()) -> tuple[HeldOut, ...]:
+    """Gaps of several models on held-out tests of their fit: one frequency after another, then one amplitude after
     another, where there are several; and on tests with role "held-out"."""
     out = []
-    if held_out:
-        other = gap_data(held_out)
-        once = {f.names: [_missed(f, other)] for f in fits}
-        out.append(_unseen(HELD_OUT, [x.file for x in held_out], once))
+    if extra:
+        other = gap_data(extra)
+        once = {f.names: [_gaps(f, other)] for f in fits}
+        out.append(_held_out(HELD_OUT, [x.file for x in extra], once))
     for by, parts in parted(data).items():
         both = [(data.part([i for i in range(data.tests) if i not in part]), data.part(part)) for part in parts]
-        pieces = [(fit, rest, left) for rest, left in both for fit in fits]
-        found: dict[frozenset[str], list[_Missed]] = {f.names: [] for f in fits}
-        for (fit, _, _), missed in zip(pieces, alongside(_refit_missed, pieces)):
-            found[fit.names].append(missed)
+        pieces = [(fit, others, left) for others, left in both for fit in fits]
+        found: dict[frozenset[str], list[_Predicted]] = {f.names: [] for f in fits}
+        for (fit, _, _), found_by_set in zip(pieces, alongside(_refit_gaps, pieces)):
+            found[fit.names].append(found_by_set)
         files = [data.loops[i].file for part in parts for i in part]
-        out.append(_unseen(f"one {by} left out", files, found))
+        out.append(_held_out(f"one {by} held out", files, found))
     return tuple(out)
 
 
@@ -106,7 +106,7 @@ def parted(data: GapData) -> dict[str, list[list[int]]]:
 
 
 @dataclass(frozen=True)
-class _Missed:
+class _Predicted:
     """What one fit misses on tests that it was not fitted to: gaps_N2 (2, n) squared gaps and their parts along the
     record; moved : by how many sd each is another than that of all tests; trained (3,) :
     ln evidence, squared gap and number of the tests that it was fitted to."""
@@ -116,39 +116,40 @@ class _Missed:
     trained: Array
 
 
-def _unseen(by: str, files: Sequence[str], missed: dict[frozenset[str], list[_Missed]]) -> Unseen:
+def _held_out(by: str, files: Sequence[str], found_by_set: dict[frozenset[str], list[_Predicted]]) -> HeldOut:
     """What several fits of each set miss, each on tests of its own, one after another."""
-    gaps_N2 = {k: np.concatenate([x.gaps_N2 for x in parts], axis=1) for k, parts in missed.items()}
+    gaps_N2 = {k: np.concatenate([x.gaps_N2 for x in parts], axis=1) for k, parts in found_by_set.items()}
     moved = {
-        k: {name: np.array([x.moved[name] for x in parts]) for name in parts[0].moved} for k, parts in missed.items()
+        k: {name: np.array([x.moved[name] for x in parts]) for name in parts[0].moved}
+        for k, parts in found_by_set.items()
     }
     trained = {
         k: np.concatenate([np.tile(x.trained[:, None], x.gaps_N2.shape[1]) for x in parts], axis=1)
-        for k, parts in missed.items()
+        for k, parts in found_by_set.items()
     }
     whole, along = ({k: v[i] for k, v in gaps_N2.items()} for i in range(2))
-    return Unseen(by, tuple(files), whole, along, trained, moved)
+    return HeldOut(by, tuple(files), whole, along, trained, moved)
 
 
-def _refit_missed(piece: tuple[Fit, GapData, GapData]) -> _Missed:
-    """See :func:`_missed`, of a fit to the rest of the tests on those left out."""
-    fit, rest, left = piece
-    again = refitted(fit, rest)
+def _refit_gaps(piece: tuple[Fit, GapData, GapData]) -> _Predicted:
+    """See :func:`_gaps`, of a fit to the other tests, on those held out."""
+    fit, others, left = piece
+    again = refitted(fit, others)
     size = again.size
     sizes = ((size.share, size.length, size.along),)
-    nats = float(again.linear.evidence(sizes).log_z[0]) + rest.layout(size.between, again.evolving).constant
-    trained_N2 = max(float(gap_power_N2(residual_of(rest, again)).mean()), 0.0)
+    nats = float(again.linear.evidence(sizes).log_z[0]) + others.layout(size.between, again.evolving).constant
+    trained_N2 = max(float(gap_power_N2(residual_of(others, again)).mean()), 0.0)
     moved = {}
     for effect in again.effects:
         if (name := effect.strength_name) in again.problem.names:
             at, before = again.problem.names.index(name), fit.problem.names.index(name)
             sd = float(np.sqrt(again.covariance[at, at] + LOOSE**2))
             moved[effect.name] = abs(float(again.z[at] - fit.z[before])) / sd
-    return replace(_missed(again, left), moved=moved, trained=np.array([nats, trained_N2, rest.tests]))
+    return replace(_gaps(again, left), moved=moved, trained=np.array([nats, trained_N2, others.tests]))
 
 
-def _missed(fit: Fit, data: GapData) -> _Missed:
+def _gaps(fit: Fit, data: GapData) -> _Predicted:
     """What it misses on tests that it was not fitted to."""
     residual = residual_of(data, fit, refitted=False)
     gaps_N2 = np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))])
-    return _Missed(gaps_N2, {}, np.full(3, np.nan))
+    return _Predicted(gaps_N2, {}, np.full(3, np.nan))

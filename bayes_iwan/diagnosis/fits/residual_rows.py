@@ -6,7 +6,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.fits.data import GapData, predicted
-from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN, Between, Linear, RestSize
+from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN, Between, DiscrepancySize, Linear
 from bayes_iwan.fitting.descent import Descent, descend
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models.parameter import Z_LIMIT
@@ -20,20 +20,20 @@ Predicted = tuple[np.ndarray, np.ndarray | None, np.ndarray | None]
 
 
 class Rows:
-    """Residual rows of a model in units of the noise, and what is needed to whiten them by any rest that hangs together
-    between tests as `between` says."""
+    """Residual rows of a model in units of the noise, and what is needed to whiten them by any discrepancy that is
+    correlated between tests as `between` says."""
 
     def __init__(self, data: GapData, problem: Problem, between: Between = BETWEEN[0]) -> None:
         self.data, self.problem, self.between = data, problem, between
         self.evolving = any(e.evolving for e in problem.effects)
         self.layout = data.layout(between, self.evolving)
-        self.rest = self.layout.rest
+        self.discrepancy = self.layout.discrepancy
 
     def residual(self, z: Array) -> Array:
         """Measured − predicted in units of the noise, rotated, (draws, m)."""
-        return self.missed(predicted(self.data, self.problem, z))
+        return self.residual_from(predicted(self.data, self.problem, z))
 
-    def missed(self, by_model: Predicted) -> Array:
+    def residual_from(self, by_model: Predicted) -> Array:
         """The same of what a model predicts."""
         data, (mean, trend, lines) = self.data, by_model
         used = self.layout.used
@@ -64,16 +64,17 @@ class Rows:
 
     def linear_of(self, around: Predicted, z: Array) -> Linear:
         """The linear model at z (ndim,) from what is predicted around it."""
-        r, n = self.missed(around), len(z)
+        r, n = self.residual_from(around), len(z)
         jacobian = (r[n + 1 :] - r[1 : n + 1]).T / (2.0 * STEP)
-        return Linear(r[0], jacobian, self.rest, z.copy())
+        return Linear(r[0], jacobian, self.discrepancy, z.copy())
 
-    def sd(self, size: RestSize) -> Array:
+    def sd(self, size: DiscrepancySize) -> Array:
         """(m,) what the rows are divided by, so that they are white."""
-        return np.sqrt(self.rest.variance(size))
+        return np.sqrt(self.discrepancy.variance(size))
 
-    def fit(self, starts: Array, size: RestSize, iterations: int, first: Linear | None = None) -> Descent:
-        """Least squares from all starts at one size of the rest; first : the linear model at the first of them."""
+    def fit(self, starts: Array, size: DiscrepancySize, iterations: int, first: Linear | None = None) -> Descent:
+        """Least squares from all starts at one size of the discrepancy; first : the linear model at the first of
+        them."""
         sd = self.sd(size)
 
         def rows(z: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The residual of a fit in newtons, and what noise, small misfits and refitting would make of it.
+"""The residual of a fit in newtons, and what noise, small discrepancies and refitting would make of it.
 
 Residual = measured − predicted. A :class:`Residual` holds it test by test as one row of complex numbers: harmonics of
 the averaged loop, contrasts between blocks of cycles, lines of the mains. Each number comes with its standard error
@@ -24,7 +24,8 @@ from bayes_iwan.inference.setup.spectrum import between_tests, discrepancy_spect
 
 #: kinds of numbers: harmonics of the averaged loop, its mean, contrasts between blocks of cycles, lines of the mains
 LOOP, MEAN, ALONG, MAINS = 0, 1, 2, 3
-#: what a gap is made of. The mean is not: it hangs on where the specimen rests, which no dynamic displacement tells
+#: what a gap is made of. The mean is not: it hangs on where the specimen comes to a standstill, which no dynamic
+#: displacement tells
 COUNTED = (LOOP, ALONG, MAINS)
 
 
@@ -34,7 +35,7 @@ class Residual:
 
     value : (T, M) complex, N; 0 where there is no datum
     noise : (T, M) standard error of real (= imaginary) part, as the records' repeatability gives it
-    allowed : (T, M) the same with what needs no cause: the place of rest, slight changes along the record
+    allowed : (T, M) the same with what needs no cause: the discrepancy position, slight changes along the record
     weight : (T, M), so that Σ weight·|value|² is the mean square of the residual force over a test's record, N²
     real : (M,) numbers without an imaginary part (means)
     kind : (M,) LOOP, MEAN, ALONG or MAINS; order : (M,) harmonic (−1: none); contrast : (M,) index of the contrast
@@ -80,8 +81,9 @@ class Residual:
         unit = rng.standard_normal((2, draws, *self.noise.shape))
         return (self.allowed if allowed else self.noise) * (unit[0] + 1j * np.where(self.real, 0.0, unit[1]))
 
-    def draw_misfit(self, shares: Array, lengths: Array, rng: np.random.Generator) -> np.ndarray:
-        """(draws, T, M) complex smooth misfits of averaged loops; shares of the friction level, lengths (draws,)."""
+    def draw_discrepancy(self, shares: Array, lengths: Array, rng: np.random.Generator) -> np.ndarray:
+        """(draws, T, M) complex smooth discrepancies of averaged loops; shares of the friction level, lengths
+        (draws,)."""
         at = np.flatnonzero(self.kind <= MEAN)
         together = between_tests(self.data.loops, self.fit.size.between)
         half = np.linalg.cholesky(together) * self.data.likelihood.level[:, None]
@@ -133,8 +135,8 @@ class Residual:
 def residual_of(data: GapData, fit: Fit, *, refitted: bool = True) -> Residual:
     """The residual of a fitted model for its own data, or (`refitted` False) for other tests of the same specimen.
 
-    Effects whose parameters belong to single tests (a mains line's phase) predict nothing for tests that were not
-    fitted.
+    Effects whose parameters belong to single tests (of mains interference: its phase) predict nothing for tests that
+    were not fitted.
     """
     problem = fit.problem if refitted else _elsewhere(fit.problem)
     tests, count = data.harmonics_N.shape

@@ -72,7 +72,7 @@ def sound_gap_N(data: GapData) -> float:
 
 
 def newton_nats(gap_N: float, sound_N: float, tests: int) -> float:
-    """What a gap in newtons is worth beside the evidence; sound_N : a sound specimen's usual one.
+    """What a gap in newtons counts beside the evidence; sound_N : a sound specimen's usual one.
 
     Evidence follows the harmonics that are quiet, and takes tests together for what is smooth between them: a law that
     fits what is small in newtons may win there while another halves the gap. So a gap counts as evidence would count it
@@ -86,7 +86,7 @@ def changes(data: GapData, along_N: float) -> bool:
     return along_N >= LEAST_OF_FRICTION * float(np.sqrt(np.mean(data.level_N**2)))
 
 
-def missed(data: GapData, base: Fit) -> bool:
+def has_gap(data: GapData, base: Fit) -> bool:
     """Does the base miss more than noise in any test or part of the gap, or could it, beyond what would be named?"""
     size = gap_size(residual_of(data, in_newtons(data, base)), draws=DRAWS)
     parts = (size.all, size.loop, size.along, size.mains, *size.tests)

@@ -11,7 +11,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.constants import LAWS_MOST
 from bayes_iwan.diagnosis.fits.data import GapData, predicted
-from bayes_iwan.diagnosis.fits.discrepancy_size import FIRST, RestSize
+from bayes_iwan.diagnosis.fits.discrepancy_size import FIRST, DiscrepancySize
 from bayes_iwan.diagnosis.fits.evidence import Fit, extended, newton_size
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
@@ -23,7 +23,7 @@ from bayes_iwan.inference.setup.problem import Problem
 STRENGTHS = {False: (-2.0, -1.0, -0.2, 0.6, 1.4, 2.2), True: (-1.2, -0.4, 0.4, 1.2)}
 EXTRAS = (-1.6, -0.8, 0.0, 0.8, 1.6)
 EFFECT_STARTS = 2
-#: smallest share of the friction level at which a step is judged
+#: smallest share of the friction level at which a step is assessed
 LEAST_SHARE = 1e-3
 #: step of the differences behind a trial's own Jacobian, and the longest step that is believed of it, in prior sd
 STEP, LONGEST = 1e-3, 1.5
@@ -38,7 +38,7 @@ class Candidate:
     problem: Problem
     starts: Array
     gain: float
-    worth: float
+    score: float
 
     @property
     def name(self) -> str:
@@ -62,8 +62,8 @@ def on_top(smaller: Fit, effect: Effect) -> Problem:
 
 
 def weighed_alike(data: GapData, fit: Fit) -> Fit:
-    """A fit, at its optimum, in rows that weigh all that is missed alike, as newtons do."""
-    size = newton_size(max(fit.rest_share[0], LEAST_SHARE))
+    """A fit, at its optimum, in rows that weigh all residuals alike, as newtons do."""
+    size = newton_size(max(fit.discrepancy_share[0], LEAST_SHARE))
     return replace(fit, size=size, linear=Rows(data, fit.problem, size.between).linear(fit.z))
 
 
@@ -77,7 +77,7 @@ def candidate(data: GapData, smaller: Fit, alike: Fit, gap_N: float, effect: Eff
     points = start_points(effect, problem, optima, smaller.problem.names)
     with np.errstate(all="ignore"):
         by_model = predicted(data, problem, points)
-        residual = rows.missed(by_model)
+        residual = rows.residual_from(by_model)
     starts, gain = promising(rows, points, residual, smaller, at, EFFECT_STARTS)
     if effect.strength_name not in problem.names:  # a number for each test: nothing of it is in any start
         gain = stepped(rows, points[0], smaller, at)
@@ -85,12 +85,12 @@ def candidate(data: GapData, smaller: Fit, alike: Fit, gap_N: float, effect: Eff
         return Candidate(effect, problem, starts, gain, gain)
     plain = Rows(data, problem, alike.size.between)
     with np.errstate(all="ignore"):
-        nearest, less = promising(plain, points, plain.missed(by_model), alike, alike.size, 1)
+        nearest, less = promising(plain, points, plain.residual_from(by_model), alike, alike.size, 1)
     removes = less / max(_cost(plain, alike, alike.size), 1e-300)
     left_N = gap_N * float(np.sqrt(np.clip(1.0 - removes, 0.0, 1.0)))
     sound_N = sound_gap_N(data)
-    worth = gain + newton_nats(left_N, sound_N, data.tests) - newton_nats(gap_N, sound_N, data.tests)
-    return Candidate(effect, problem, np.concatenate([starts, nearest]), gain, worth)
+    score = gain + newton_nats(left_N, sound_N, data.tests) - newton_nats(gap_N, sound_N, data.tests)
+    return Candidate(effect, problem, np.concatenate([starts, nearest]), gain, score)
 
 
 def failing(data: GapData, smaller: Fit, effect: Effect) -> str:
@@ -121,8 +121,8 @@ def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Se
     if single:
         tried = [problem.names.index(n) for n in (effect.strength_name, *effect.scanned) if n in problem.names]
         grid = []
-        for s, rest in product(STRENGTHS[effect.signed], extra_points(len(tried) - 1)):
-            at_trial = dict(zip(tried, (s, *rest)))
+        for s, others in product(STRENGTHS[effect.signed], extra_points(len(tried) - 1)):
+            at_trial = dict(zip(tried, (s, *others)))
             grid.append(tuple(at_trial.get(i, 0.0) for i in own))
     out = []
     for optimum, values in product(optima, grid):
@@ -134,7 +134,7 @@ def start_points(effect: Effect, problem: Problem, optima: Array, base_names: Se
 
 
 def promising(
-    rows: Rows, points: Array, residual: Array, smaller: Fit, size: RestSize, most: int
+    rows: Rows, points: Array, residual: Array, smaller: Fit, size: DiscrepancySize, most: int
 ) -> tuple[Array, float]:
     """Of trial points (n, ndim) with their residuals (n, m): where the `most` whose cost is least after one step of the
     smaller model's parameters lead in one step of all parameters, where that helps, and the promised gain in nats of
@@ -147,12 +147,12 @@ def promising(
     r = residual / rows.sd(size)
     good = np.all(np.isfinite(r), axis=1)
     r = np.where(good[:, None], r, 0.0)
-    shared, rest = r[:, :n_shared], r[:, n_shared:]
+    shared, others = r[:, :n_shared], r[:, n_shared:]
     precision = j.T @ j + np.eye(len(at))
     z0 = points[:, at]
     b = shared @ j - z0  # minimise |r − J d|² + |z0 + d|²
     gain = np.einsum("ni,ni->n", b, np.linalg.solve(precision, b.T).T)
-    cost = np.sum(shared**2, axis=1) + np.sum(rest**2, axis=1) + np.sum(points**2, axis=1) - gain
+    cost = np.sum(shared**2, axis=1) + np.sum(others**2, axis=1) + np.sum(points**2, axis=1) - gain
     cost = np.where(good, cost, np.inf)
     order = np.argsort(cost)[:most]
     starts, least = points[order].copy(), cost[order]
@@ -189,7 +189,7 @@ def stepped_on(
     return moved, cost if np.isfinite(cost) else np.inf
 
 
-def stepped(rows: Rows, point: Array, smaller: Fit, size: RestSize) -> float:
+def stepped(rows: Rows, point: Array, smaller: Fit, size: DiscrepancySize) -> float:
     """The gain in nats over the smaller model that one Gauss–Newton step of all parameters promises from a point, less
     what so many parameters cost (the evidence's Occam factor)."""
     linear = rows.linear(point)
@@ -203,13 +203,13 @@ def stepped(rows: Rows, point: Array, smaller: Fit, size: RestSize) -> float:
     return _cost(rows, smaller, size) - 0.5 * float(after + occam)
 
 
-def _cost(rows: Rows, smaller: Fit, size: RestSize) -> float:
+def _cost(rows: Rows, smaller: Fit, size: DiscrepancySize) -> float:
     """Half the squared residuals of a smaller model, in the rows of a larger one, less what a step of its own would
-    gain: at another size of the rest than its own it is not at its optimum."""
+    gain: at another size of the discrepancy than its own it is not at its optimum."""
     sd = np.sqrt(smaller.linear.variance(size))
     mine, j = smaller.linear.residual / sd, smaller.linear.jacobian / sd[:, None]
     b = j.T @ mine - smaller.z
     own = b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b)
     theirs = Rows(rows.data, smaller.problem, rows.between)
-    missed = 0.0 if theirs.evolving or not rows.evolving else theirs.layout.missed(size)
-    return 0.5 * float(mine @ mine + smaller.z @ smaller.z - own) + missed
+    steady = 0.0 if theirs.evolving or not rows.evolving else theirs.layout.steady_cost(size)
+    return 0.5 * float(mine @ mine + smaller.z @ smaller.z - own) + steady

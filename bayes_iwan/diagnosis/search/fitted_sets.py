@@ -42,7 +42,7 @@ def silent(what: str) -> None:
     """No progress shown."""
 
 
-class Explored:
+class FittedSets:
     """The fits found so far, and what is asked of them, each once.
 
     fits : the best of every set of effects; effects : every law on offer by effect; failed : effects that cannot be
@@ -158,7 +158,7 @@ class Explored:
             z = dict(zip(one.problem.names, one.starts[0]))
             z |= {n: v for n, v in zip(instead_of.problem.names, instead_of.z) if n in smaller.problem.names}
             starts = np.concatenate([starts, np.array([[z[n] for n in one.problem.names]])])
-        if one.effect.sudden and not smaller.effects:  # the base may have bent too far to lead there
+        if one.effect.sudden and not smaller.effects:  # the base may have adapted too far to lead there
             draws = one.problem.prior.draw(self.rng, BASE_POINTS)
         return Refit(one.problem, starts, draws)
 
@@ -167,18 +167,18 @@ class Explored:
         first; of two look-alikes that solve for the specimen's motion one, since one within the other costs most."""
         at = (smaller.names, smaller.log_evidence, last)
         if at not in self._offers:
-            solved = [e for e in smaller.effects if "around" in e.stations]
+            solved = [e for e in smaller.effects if "around" in e.stages]
             tried = [
                 e
                 for n, some in self.effects.items()
                 if n not in smaller.names
                 and (n in LAST) == last
-                and not ("around" in some[0].stations and any(look_alike(self.effects, n, e.name) for e in solved))
+                and not ("around" in some[0].stages and any(look_alike(self.effects, n, e.name) for e in solved))
                 for e in some
                 if e.possible(self.data)
             ]
             found = self.refits.candidates(smaller, tried, self.gap_parts_N(smaller)[0])
-            self._offers[at] = leading(sorted(found, key=lambda c: -c.worth))
+            self._offers[at] = leading(sorted(found, key=lambda c: -c.score))
         return self._offers[at]
 
     def without(self, fit: Fit, name: str) -> Fit:

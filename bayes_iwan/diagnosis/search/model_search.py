@@ -4,7 +4,7 @@ One score says it (:func:`.found.score`), for taking in, exchanging, dropping an
 effect, several of each size side by side, so that two effects that only help together are found from either of them;
 then each effect of the best set is dropped and exchanged as long as that scores more.
 
-A missed optimum of the base is the commonest false gap, so the base starts from many points and again from the
+A base that is not at its optimum is the commonest false gap, so it starts from many points and again from the
 optima of the best extended models.
 """
 
@@ -18,9 +18,9 @@ import numpy as np
 from bayes_iwan.diagnosis.constants import BEAM, BRANCH, CHANGING, MOST_EFFECTS, PROMISE, ROUNDS, SINGLE_MOST
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
-from bayes_iwan.diagnosis.search.base_fit import missed, sound_gap_N
+from bayes_iwan.diagnosis.search.base_fit import has_gap, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import Candidate
-from bayes_iwan.diagnosis.search.fitted_sets import Explored, Report, silent
+from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, Report, silent
 from bayes_iwan.diagnosis.search.search_result import LAST, Search, look_alike, part
 from bayes_iwan.effects.catalogue import Maker
 from bayes_iwan.inference.setup.loop_scales import Scales
@@ -28,7 +28,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.models import Simulator
 
 
-def fit_singles(found: Explored) -> None:
+def fit_singles(found: FittedSets) -> None:
     """Refit every single effect that promises anything; where the base misses more than it does of a sound specimen,
     the first ones anyway, and those of which a first step tells little."""
     ranked: dict[str, int] = {}
@@ -43,8 +43,8 @@ def fit_singles(found: Explored) -> None:
     found.add(chosen, found.base)
 
 
-def fit_base_again(found: Explored) -> bool:
-    """The base from its part of the best extended optima: had it missed its optimum?"""
+def fit_base_again(found: FittedSets) -> bool:
+    """The base from its part of the best extended optima: was it short of its optimum?"""
     base = found.base
     leaders = sorted((f for f in found.fits.values() if f.effects), key=lambda f: -f.log_evidence)[:4]
     before = base.log_evidence
@@ -52,17 +52,17 @@ def fit_base_again(found: Explored) -> bool:
     return better is not None and better.log_evidence > before + 1.0
 
 
-def as_sound(found: Explored) -> bool:
+def as_sound(found: FittedSets) -> bool:
     """Does the base miss no more than it does of a sound specimen?"""
     return found.gap_parts_N(found.base)[0] <= sound_gap_N(found.data)
 
 
 def promising(offered: Sequence[Candidate], most: int) -> list[Candidate]:
     """The candidates that promise anything, at most so many."""
-    return [x for x in offered[:most] if x.worth > PROMISE]
+    return [x for x in offered[:most] if x.score > PROMISE]
 
 
-def grow(found: Explored, most: int) -> Fit:
+def grow(found: FittedSets, most: int) -> Fit:
     """Fit larger and larger sets: the best few of each size, each with the effects that promise most there. The best
     of all."""
     best = found.best([frozenset(), *found.sets(1)])[0]
@@ -78,8 +78,8 @@ def grow(found: Explored, most: int) -> Fit:
     return best
 
 
-def bend(found: Explored, current: Fit) -> Fit:
-    """The set with what bends the base's own form, as much of it as scores more."""
+def add_model_form(found: FittedSets, current: Fit) -> Fit:
+    """The set with model-form effects, as many of them as score more."""
     while True:
         found.add(promising(found.offered(current, last=True), BRANCH), current)
         more = [k for k in found.fits if current.names < k and len(k) == len(current.names) + 1]
@@ -89,8 +89,8 @@ def bend(found: Explored, current: Fit) -> Fit:
         current = larger
 
 
-def settle(found: Explored, current: Fit) -> Fit:
-    """Each effect in turn dropped, and exchanged for what looks alike and what promises most in its place, as long as
+def settle(found: FittedSets, current: Fit) -> Fit:
+    """Each effect in turn dropped, and exchanged for what resembles it and what promises most in its place, as long as
     that scores more."""
     for _ in range(ROUNDS):
         before = current.names
@@ -124,17 +124,17 @@ def search(
 
     executor : from :func:`bayes_iwan.executors.opened`, to refit the candidates of a step side by side.
     """
-    found = Explored(data, scales, settings, kinds, rng, report, simulator, executor)
-    if not missed(data, found.base):
+    found = FittedSets(data, scales, settings, kinds, rng, report, simulator, executor)
+    if not has_gap(data, found.base):
         return Search(data, scales, settings, found.fits, (), {frozenset(): 0.0}, found.effects, found.failed)
     fit_singles(found)
-    if fit_base_again(found):  # the base had missed its optimum: once more from there
+    if fit_base_again(found):  # the base was short of its optimum: once more from there
         fit_singles(found)
     grown = grow(found, most)
     if grown.effects or not as_sound(found):
-        settle(found, bend(found, grown))
+        settle(found, add_model_form(found, grown))
     current = found.best(found.fits)[0]
-    for name in current.names:  # what is judged beside it
+    for name in current.names:  # what is assessed beside it
         found.without(current, name)
     scores = dict(zip(found.fits, found.scores(list(found.fits.values()))))
     gain = {n: scores[current.names] - scores[current.names - {n}] for n in current.names}

@@ -111,8 +111,8 @@ class Refits:
         places, parts = [self._place[id(e)] for e in tried], _parts(smaller)
         some = [tuple(places[i : i + TOGETHER]) for i in range(0, len(places), TOGETHER)]
         pieces = [_Fitted(self._places(smaller.problem), parts, None, x, gap_N) for x in some]
-        told = [x for several in self._rounds.results(pieces, _promised) for x in several]
-        return [Candidate(e, on_top(smaller, e), *x) for e, x in zip(tried, told)]
+        found = [x for several in self._rounds.results(pieces, _promised) for x in several]
+        return [Candidate(e, on_top(smaller, e), *x) for e, x in zip(tried, found)]
 
     def _places(self, problem: Problem) -> tuple[int, ...]:
         return tuple(self._place[id(e)] for e in problem.effects)
@@ -142,8 +142,8 @@ def _asked(common: _Common, piece: _Fitted) -> Any:
 
 
 def _promised(common: _Common, piece: _Fitted) -> list[tuple[Array, float, float]]:
-    """Starts, gain and worth of each effect tried."""
+    """Starts, gain and score of each effect tried."""
     smaller = piece.fit(common)
     alike = weighed_alike(common.data, smaller)
     found = [candidate(common.data, smaller, alike, piece.gap_N, common.effects[i]) for i in piece.tried]
-    return [(x.starts, x.gain, x.worth) for x in found]
+    return [(x.starts, x.gain, x.score) for x in found]

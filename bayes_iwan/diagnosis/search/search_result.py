@@ -16,9 +16,9 @@ from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 
-#: causes in the base's own form: every specimen differs a little from the family
-OWN_FORM = frozenset(e.name for e in FORM)
-#: these, and others so flexible that they are sought only beside what the rest explains
+#: causes in the base's form: every specimen differs a little from the family
+MODEL_FORM = frozenset(e.name for e in FORM)
+#: these, and others so flexible that they are sought only beside what the others explain
 LAST = frozenset(e.name for e in (*FORM, *(e for e in BUILT_IN if e.flexible)))
 
 
@@ -49,7 +49,7 @@ class Search:
         """The best fit of a set of effects. Raises KeyError where it was not refitted."""
         return self.fits[frozenset(names)]
 
-    def rivals(self, name: str) -> dict[str, Fit]:
+    def alternatives(self, name: str) -> dict[str, Fit]:
         """Fits with one effect of the chosen set exchanged, by what stands in its place (itself included)."""
         others = frozenset(self.chosen) - {name}
         return {

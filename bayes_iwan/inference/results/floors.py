@@ -41,10 +41,10 @@ def floors_at(problem: Problem, z: Array) -> Floors:
     alpha = model.alpha(values, motion, inner_effects(problem.effects))[0]
     share = np.mean(alpha <= ALPHA_FLOOR, axis=1)
     lost = {x.file: float(s) for x, s in zip(problem.loops, share) if s > 0.0}
-    if "beta" not in model.grip_law.names:
+    if "beta" not in model.normal_force_law.names:
         return Floors(lost)
     a = motion.amplitude_mm[:, None]
-    slope, beta = float(values["grip_slope"][0]), float(values["beta"][0])
+    slope, beta = float(values["normal_force_slope"][0]), float(values["beta"][0])
     change = slope * (motion.amplitude_mm / model.reference.length_mm) ** beta / beta
     most = int(np.argmax(np.abs(change)))
     printed = 1.0 - change[most]

@@ -1,9 +1,10 @@
-"""Do the bands hold tests of a frequency that was not fitted? Each frequency left out in turn, and predicted.
+"""Do the bands hold tests of a frequency that was not fitted? Each frequency held out in turn, and predicted.
 
 The model of the other frequencies, fitted anew from the whole's optima with its noise, predicts the tests of the one
-left out: by its normal approximation along the posterior's manifold (:mod:`.approximation`), with noise, and with the
-misfit as the likelihood carries it over from the others. A second or two for a campaign; what a sampler says of the
-same is in analyses/predict_untested.py. It is the one check of the bands that does not use the tests which it checks.
+held out: by its normal approximation along the posterior's manifold (:mod:`.approximation`), with noise, and with the
+discrepancy as the likelihood carries it over from the others. A second or two for a campaign; what a sampler says of
+the same is in analyses/predict_untested.py. It is the one check of the bands that does not use the tests which it
+checks.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ from bayes_iwan.inference.solving.approximation import approximate_draws
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.models.motion import motion_of
 
-#: share of a left-out frequency's points that 90 % bands must hold, or it is said that they do not hold there
+#: share of a held-out frequency's points that 90 % bands must hold, or it is said that they do not hold there
 HELD = 0.75
 _DRAWS = 400
 _STARTS = 3  # of the whole's optima that the others' fit starts from
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class HeldOutFrequency:
     """One frequency predicted from the others: what the central 50 and 90 % bands hold of its points, and what 90 %
     bands hold of its tests' energies and stiffnesses, as shares."""
 
@@ -46,7 +47,7 @@ class LeftOut:
         return self.points_90 >= HELD
 
 
-def left_out_frequencies(problem: Problem, optima: Array, seed: int = 0) -> tuple[LeftOut, ...]:
+def held_out_frequencies(problem: Problem, optima: Array, seed: int = 0) -> tuple[HeldOutFrequency, ...]:
     """Each frequency of a problem's tests, lowest first, predicted from all others; none where there is one only.
 
     optima : maxima of the whole's posterior (k, ndim), best first.
@@ -54,10 +55,10 @@ def left_out_frequencies(problem: Problem, optima: Array, seed: int = 0) -> tupl
     groups = by_frequency(problem.loops)
     if len(groups) < 2:
         return ()
-    return tuple(_left_out(problem, optima, loops, seed) for loops in groups.values())
+    return tuple(_held_out(problem, optima, loops, seed) for loops in groups.values())
 
 
-def _left_out(problem: Problem, optima: Array, left: Sequence[Loop], seed: int) -> LeftOut:
+def _held_out(problem: Problem, optima: Array, left: Sequence[Loop], seed: int) -> HeldOutFrequency:
     files = {x.file for x in left}
     others = [t for t, x in enumerate(problem.loops) if x.file not in files]
     part = replace(
@@ -67,7 +68,7 @@ def _left_out(problem: Problem, optima: Array, left: Sequence[Loop], seed: int) 
     u = np.stack([x.displacement_mm for x in left])
     found, again = loop_quantities(u, measured), loop_quantities(u, force)
     inside = [_held(getattr(found, n), getattr(again, n), 0.9) for n in ("energy_mJ", "stiffness_N_mm")]
-    return LeftOut(
+    return HeldOutFrequency(
         float(np.mean([x.frequency_hz for x in left])),
         tuple(x.file for x in left),
         _held(measured, force, 0.5),
@@ -87,19 +88,19 @@ def predicted(problem: Problem, z: Array, loops: Sequence[Loop], seed: int) -> t
     rng, fitted = np.random.default_rng([seed, 33]), len(problem.loops)
     drawn = approximate_draws(problem, z, _DRAWS, (seed, 33))
     force = problem.predict(drawn, motion_of((*problem.loops, *loops)))
-    missed, force = problem.measured_N - force[:, :fitted], force[:, fitted:]
-    noise = problem.likelihood.carried_over(missed, problem.parameter_values(drawn), loops, rng)
+    residual_N, force = problem.measured_N - force[:, :fitted], force[:, fitted:]
+    noise = problem.likelihood.carried_over(residual_N, problem.parameter_values(drawn), loops, rng)
     force = force - force.mean(axis=-1, keepdims=True) + resolved(noise, loops)
     measured = np.stack([x.force_N for x in loops])
     return force, measured - measured.mean(axis=-1, keepdims=True)
 
 
-def left_out_said(found: Sequence[LeftOut], unit: str = "Hz") -> str:
-    """What the bands of frequencies that were left out hold, as a sentence; empty without any."""
+def held_out_said(found: Sequence[HeldOutFrequency], unit: str = "Hz") -> str:
+    """What the bands of held-out frequencies hold, as a sentence; empty without any."""
     if not found:
         return ""
     shares = [x.points_90 for x in found]
-    said = f"90 % bands of a frequency that is left out of the fit hold {100 * np.mean(shares):.0f} % of its points"
+    said = f"90 % bands of a frequency that is held out hold {100 * np.mean(shares):.0f} % of its points"
     if bad := [x for x in found if not x.holds]:
         where = ", ".join(f"at {x.frequency_hz:.3g} {unit} only {100 * x.points_90:.0f} %" for x in bad)
         return f"{said} in the mean, {where}: do not trust predictions there, nor for conditions that were not tested."

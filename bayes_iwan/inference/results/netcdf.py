@@ -7,12 +7,13 @@ import io
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayes_iwan import former_names
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
 from bayes_iwan.fitting.genetic import GlobalOptimum
@@ -246,18 +247,19 @@ def read_netcdf(path: Path) -> Stored:
         raise ResultsError(f"{path}: damaged (draws of several shapes); identify again")
     if not all(np.isfinite(x).all() for x in draws.values()):
         raise ResultsError(f"{path}: damaged (draws that are no numbers); identify again")
-    loops, fingerprint = json.loads(stored["loops"]), dict(json.loads(stored["fingerprint"]))
+    loops = json.loads(stored["loops"])
+    fingerprint = {k: former_names.parameters_in(v) for k, v in json.loads(stored["fingerprint"]).items()}
     if not isinstance(loops, list) or not all(isinstance(name, str) for name in loops):
         raise ResultsError(f"{path}: damaged (no list of loops); identify again")
     return Stored(
-        draws=draws,
+        draws={former_names.parameters_in(name): x for name, x in draws.items()},
         log_prob=log_prob,
         campaign_path=str(stored["campaign_path"]),
         campaign_relative=str(stored.get("campaign_relative", "")),
         loops=tuple(loops),
         scales=Scales(**json.loads(stored["scales"])),
         fingerprint=fingerprint,
-        settings=settings_of(json.loads(stored["config"])),
+        settings=settings_of(former_names.config_of(json.loads(stored["config"]))),
         walkers=int(stored["walkers"]),
         independent=bool(stored.get("independent", 0)),
         thin=int(stored["thin"]),
@@ -268,9 +270,14 @@ def read_netcdf(path: Path) -> Stored:
         stop=Stop[str(stored["stop"])],
         versions=dict(json.loads(stored["versions"])),
         timings=dict(json.loads(stored["timings"])),
-        convergence=tuple(ConvergenceRow(**row) for row in json.loads(stored["convergence"])),
+        convergence=tuple(_row(row) for row in json.loads(stored["convergence"])),
         simulator_file=str(stored.get("simulator_file", "")),
     )
+
+
+def _row(stored: Mapping[str, Any]) -> ConvergenceRow:
+    row = ConvergenceRow(**stored)
+    return replace(row, name=former_names.parameters_in(row.name))
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Array], Array]:

@@ -151,9 +151,9 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
     small = 0.01 * max(wide, 1e-9)
     steep = float((coordinate.value(at.mean() + small) - coordinate.value(at.mean() - small)) / (2.0 * small))
     between = _quantiles(tau, posterior.sum(axis=0)) * steep / (float(middle[1]) if relative else 1.0)
-    unseen = coordinate.value(np.quantile(at + width * rng.standard_normal(flat.size), [0.05, 0.95]))
+    another = coordinate.value(np.quantile(at + width * rng.standard_normal(flat.size), [0.05, 0.95]))
     whole = np.concatenate([every, before])  # a bounded quantity stays within its bounds
-    unseen = np.clip(unseen, whole.min(), whole.max())
+    another = np.clip(another, whole.min(), whole.max())
     from_others = np.stack([_normalised(log_like.sum(axis=0) - log_like[i] + measure) for i in range(n)])
     sd = np.sqrt(tau**2 + error[:, None, None] ** 2)
     pit = np.sum(from_others * stats.norm.cdf((centre[:, None, None] - mean[:, None]) / sd), axis=(1, 2))
@@ -162,7 +162,7 @@ def population(specimens: Sequence[SpecimenDraws], seed: int = 0) -> Population 
         relative,
         _three(middle),
         _three(between),
-        (float(unseen[0]), float(unseen[1])),
+        (float(another[0]), float(another[1])),
         tuple(float(x) for x in pit),
         typical,
         coordinate,
@@ -181,7 +181,7 @@ def _three(x: Array) -> tuple[float, float, float]:
 
 def prior_weights(draws: Array, prior: Array) -> Array:
     """1 / prior density of each draw, normalised; the prior as the normal distribution of its draws, and never so thin
-    that one draw at its edge outweighs the rest."""
+    that one draw at its edge outweighs all others."""
     z = (draws - np.mean(prior)) / max(float(np.std(prior)), 1e-12)
     log_w = np.minimum(0.5 * z**2, np.median(0.5 * z**2) + 5.0)
     w = np.exp(log_w - log_w.max())

@@ -12,8 +12,8 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
-from bayes_iwan.inference.results.held_out_frequencies import LeftOut, left_out_frequencies
-from bayes_iwan.inference.results.predictions import Misfit, Prediction, misfit_of, predicted_at, replicated
+from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency, held_out_frequencies
+from bayes_iwan.inference.results.predictions import Prediction, ResidualSize, predicted_at, replicated, residual_size
 from bayes_iwan.inference.results.reach import extrapolated
 from bayes_iwan.inference.results.remarks import remarks
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow, SummaryRow
@@ -70,7 +70,7 @@ class Posterior:
     True
     >>> posterior.predict(frequency_hz=12.0, amplitude_mm=[0.5, 0.7]).force_N.shape
     (400, 2, 128)
-    >>> bool(posterior.misfit().share < 0.1)
+    >>> bool(posterior.residual_size().share < 0.1)
     True
     """
 
@@ -112,15 +112,15 @@ class Posterior:
         return f"{head}: {draws} draws of {self.ndim} parameters; {self.message}"
 
     def _shown(self) -> list[str]:
-        """Medians and 90 % intervals of the sampled parameters, and the misfit, one line each."""
+        """Medians and 90 % intervals of the sampled parameters, and the residual, one line each."""
         values = self.problem.prior.values(self.flat_z(4000))
         rows, units = [], self.problem.units
         for p in self.problem.prior.free:
             low, middle, high = np.quantile(values[p.name], [0.05, 0.5, 0.95])
             rows.append(f"{units.name(p.name):22s} {middle:10.4g}  ({low:.4g} to {high:.4g}) {p.unit}")
-        misfit = self.misfit()
-        share = f"{100 * misfit.share:.2g} % of the friction force"
-        return [*rows, f"{'misfit':22s} {misfit.rms_N:10.3g} {units.force} RMS, {share}"]
+        residual = self.residual_size()
+        share = f"{100 * residual.share:.2g} % of the friction force"
+        return [*rows, f"{'residual':22s} {residual.rms_N:10.3g} {units.force} RMS, {share}"]
 
     @property
     def quick(self) -> bool:
@@ -178,9 +178,9 @@ class Posterior:
         return extrapolated(self.problem, self.point.z)
 
     @cached_property
-    def left_out(self) -> tuple[LeftOut, ...]:
+    def held_out(self) -> tuple[HeldOutFrequency, ...]:
         """Each frequency of the fitted tests predicted from all others, and what the bands hold; none for one only."""
-        return left_out_frequencies(self.problem, self.point.optima)
+        return held_out_frequencies(self.problem, self.point.optima)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """The central interval of a quantity: quantiles of its draws.
@@ -255,7 +255,7 @@ class Posterior:
             )
         return tuple(rows)
 
-    def misfit(self, n: int = 400) -> Misfit:
+    def residual_size(self, n: int = 400) -> ResidualSize:
         """How far the median prediction misses the fitted tests, their mean forces (which drift) left aside.
 
         Parameters
@@ -265,10 +265,10 @@ class Posterior:
 
         Returns
         -------
-        Misfit
+        ResidualSize
             RMS of measured − predicted in N, and its share of the RMS friction force.
         """
-        return misfit_of(self.problem, self.flat_z(n))
+        return residual_size(self.problem, self.flat_z(n))
 
     def warnings(self) -> tuple[str, ...]:
         """What a reader of the intervals must know, one sentence each."""

@@ -1,4 +1,4 @@
-"""What a posterior predicts: loops at other conditions, its misfit, and the fitted tests measured once more."""
+"""What a posterior predicts: loops at other conditions, its residual, and the fitted tests measured once more."""
 
 from __future__ import annotations
 
@@ -107,14 +107,14 @@ def _beyond(problem: Problem, frequency_hz: float, amplitude_mm: float) -> str:
                 f"{REFUSED:g} times what was tested ({name} {span}){hint}"
             )
         if name == "peak speed":
-            low = 0.0  # slower than any test: the law of speed ends in rest, which every loop passes
+            low = 0.0  # slower than any test: the law of speed ends at rest, which every loop passes
         if not low / margin <= value <= high * margin:
             said.append(f"{name} {value:.3g} {unit}, tested {span}")
     return "; ".join(said)
 
 
 @dataclass(frozen=True)
-class Misfit:
+class ResidualSize:
     """rms_N : RMS residual of the median prediction over the fitted tests; share : the same over the RMS friction force
     of all tests (:func:`bayes_iwan.inference.setup.loop_error.friction_rms_N`), as a diagnosis has it."""
 
@@ -122,14 +122,14 @@ class Misfit:
     share: float
 
 
-def misfit_of(problem: Problem, z: Array) -> Misfit:
-    """Misfit of the median prediction of draws z, (n, ndim); the tests' mean forces, which drift, left aside."""
+def residual_size(problem: Problem, z: Array) -> ResidualSize:
+    """Residual of the median prediction of draws z, (n, ndim); the tests' mean forces, which drift, left aside."""
     values = problem.parameter_values(z)
     predicted = np.median(problem.predict(z), axis=0)
     friction = friction_rms_N(np.median(problem.friction_force(values), axis=0), problem.loops)
     squares = [np.var(loop.force_N - predicted[t]) for t, loop in enumerate(problem.loops)]
     rms = float(np.sqrt(np.mean(squares)))
-    return Misfit(rms, rms / float(np.sqrt(np.mean(friction**2))))
+    return ResidualSize(rms, rms / float(np.sqrt(np.mean(friction**2))))
 
 
 def replicated(
@@ -138,8 +138,8 @@ def replicated(
     """Predicted forces of the fitted tests, (draws, tests, samples), with errors as a new measurement would have.
 
     The errors are the likelihood's, but for the mean force. There the correlated likelihood allows for a place of
-    rest known to 0.3 % of the stroke only, so that no offset can pull the fit; as a prediction that is ten times
-    too wide for a careful rig. How far the means have wandered from the median prediction the tests themselves
+    rest position known to 0.3 % of the stroke only, so that no offset can pull the fit; as a prediction that is ten
+    times too wide for a careful rig. How far the means have wandered from the median prediction the tests themselves
     say: a new one is drawn from the Student t that follows (three tests or more).
     """
     likelihood, tests = problem.likelihood, len(problem.loops)

@@ -2,9 +2,9 @@
 extrapolates.
 
 After a reversal the displacement must move by the finest step that the trusted harmonics resolve before anything is
-seen, so elements of the least slip forces are not told from ones that slip at once. Elements of the largest slip forces
-never slip at the largest amplitude: they act as a spring beside the parallel one, and only the family of slip forces
-says which part of the spring they are. So kp and the mean slip force are as good as that family is.
+seen, so elements of the least slip forces cannot be distinguished from ones that slip at once. Elements of the largest
+slip forces never slip at the largest amplitude: they act as a spring beside the parallel one, and only the family of
+slip forces says which part of the spring they are. So kp and the mean slip force are as good as that family is.
 """
 
 from __future__ import annotations

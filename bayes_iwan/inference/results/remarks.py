@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayes_iwan.inference.results.floors import floors_said
-from bayes_iwan.inference.results.held_out_frequencies import left_out_said
+from bayes_iwan.inference.results.held_out_frequencies import held_out_said
 from bayes_iwan.inference.results.reach import extrapolated
 
 if TYPE_CHECKING:
     from bayes_iwan.inference.results.posterior import Posterior
 
-#: share of the friction force above which a misfit is called large
-LARGE_MISFIT = 0.03
+#: share of the friction force above which a residual is called large
+LARGE_RESIDUAL = 0.03
 #: searches whose best log posteriors differ by more have not found the same maximum
-MISSED_NATS = 2.0
+SHORT_NATS = 2.0
 #: prior standard scores beyond which a median is said to lie at the end of its prior
 AT_THE_END = 3.0
 #: ... or that its 90 % interval ends so near a bound of the prior, over the interval's width
@@ -24,8 +24,8 @@ NEAR_THE_BOUND = 0.02
 
 
 def remarks(posterior: Posterior) -> tuple[str, ...]:
-    """One sentence each: not sampled or not converged, searches that disagree, a large misfit, bands
-    that do not hold a frequency that is left out, parameters at the end of their prior, numbers that are extrapolated,
+    """One sentence each: not sampled or not converged, searches that disagree, a large residual, bands
+    that do not hold a held-out frequency, parameters at the end of their prior, numbers that are extrapolated,
     floors that act."""
     out = []
     if posterior.quick:
@@ -38,14 +38,14 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
     said, agree = searches_said(posterior)
     if len(posterior.point.each_log_prob) > 1 and not agree:
         out.append(said)
-    misfit = posterior.misfit()
-    if misfit.share > LARGE_MISFIT:
+    residual = posterior.residual_size()
+    if residual.share > LARGE_RESIDUAL:
         out.append(
-            f"The model misses the friction force by {100 * misfit.share:.2g} %: the intervals hold for a model "
+            f"The model misses the friction force by {100 * residual.share:.2g} %: the intervals hold for a model "
             "that fits, so diagnose the campaign, and check priors and fixed values."
         )
-    if not all(x.holds for x in posterior.left_out):
-        out.append(left_out_said(posterior.left_out))
+    if not all(x.holds for x in posterior.held_out):
+        out.append(held_out_said(posterior.held_out))
     z, prior = posterior.flat_z(4000), posterior.problem.prior
     values, noise = prior.values(z), {p.name for p in posterior.problem.likelihood.parameters}
     for p, score in zip(prior.free, np.median(z, axis=0)):
@@ -74,18 +74,18 @@ def searches_said(posterior: Posterior) -> tuple[str, bool]:
     point = posterior.point
     count = len(point.each_log_prob)
     if count < 2:
-        return "One search only: a maximum that it missed would not be seen.", False
-    if point.missed_nats < MISSED_NATS:
+        return "One search only: a higher maximum elsewhere would not be seen.", False
+    if point.short_nats < SHORT_NATS:
         return (
             f"{count} searches with populations of their own ended in the same maximum (their best log posteriors "
-            f"differ by {point.missed_nats:.1g})."
+            f"differ by {point.short_nats:.1g})."
         ), True
     best, poorest = (point.each_z[int(f(point.each_log_prob))] for f in (np.argmax, np.argmin))
     values = posterior.problem.prior.values(np.stack([best, poorest]))
     furthest = [posterior.names[i] for i in np.argsort(-np.abs(best - poorest))[:3]]
-    told = ", ".join(f"{n} {values[n][0]:.4g} against {values[n][1]:.4g}" for n in furthest)
+    apart = ", ".join(f"{n} {values[n][0]:.4g} against {values[n][1]:.4g}" for n in furthest)
     return (
-        f"The searches disagree: of {count}, each with a population of its own, one stayed {point.missed_nats:.3g} "
-        f"below the best log posterior, furthest apart in {told}. There are several maxima; another search may find "
+        f"The searches disagree: of {count}, each with a population of its own, one stayed {point.short_nats:.3g} "
+        f"below the best log posterior, furthest apart in {apart}. There are several maxima; another search may find "
         "one more; the chains started from all that were found."
     ), False

@@ -24,7 +24,7 @@ from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.models import Simulator
 from bayes_iwan.models.user_file import load_simulator
 
-#: all that an identification leaves in its folder beside the checkpoint; pages and tables are made from the rest
+#: all that an identification leaves in its folder beside the checkpoint; pages and tables are made from the others
 WRITTEN = ("report.html", "report.pdf", "tables", "posterior.nc", "point.json", "summary.csv")
 
 

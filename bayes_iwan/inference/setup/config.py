@@ -1,8 +1,8 @@
 """The configuration file: what a user may change about a run, and what is wrong with it, in one line.
 
 [loops]            n_phase, n_harmonics, n_blocks: the phase averaging
-[model]            slip, grip, stiffness: the parts of bayes_iwan.models.Model; embedded: may its form bend a little?
-[likelihood]       kind: correlated, unweighted, matern, gaussian or laplace
+[model]            slip, normal_force, stiffness: the parts of bayes_iwan.models.Model; embedded: may its laws deviate a
+little? [likelihood]       kind: correlated, unweighted, matern, gaussian or laplace
 [parameters.NAME]  prior = {dist = "...", ...}, lower, upper, fixed, tied
 [search]           the point estimate
 [sampling]         how the posterior is sampled, and when it has converged
@@ -21,6 +21,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
+from bayes_iwan import former_names
 from bayes_iwan.inference.setup.settings import (
     DiagnoseSettings,
     IdentifySettings,
@@ -50,7 +51,7 @@ Config = IdentifySettings | Mapping[str, Any] | str | os.PathLike[str] | None
 
 
 class ConfigError(ValueError):
-    """A configuration that cannot be used; the message names the table, the key and the mend."""
+    """A configuration that cannot be used; the message names the table, the key and the fix."""
 
 
 def settings_of(config: Config = None, unused: Mapping[str, str] | None = None) -> IdentifySettings:
@@ -71,7 +72,7 @@ def settings_of(config: Config = None, unused: Mapping[str, str] | None = None) 
     Raises
     ------
     ConfigError
-        one line with file, table, key and the mend.
+        one line with file, table, key and the fix.
 
     Examples
     --------
@@ -89,7 +90,7 @@ def settings_of(config: Config = None, unused: Mapping[str, str] | None = None) 
     _known(given, {*_TABLES, "parameters"}, where, "table")
     for table, reason in (unused or {}).items():
         if table in given:
-            raise ConfigError(f"{where}: [{table}] is not used here, {reason}; leave it out")
+            raise ConfigError(f"{where}: [{table}] is not used here, {reason}; remove it")
     loops = _filled(LoopSettings, "loops", given, where)
     if loops.n_phase < 2 * loops.n_harmonics + 2:
         raise ConfigError(
@@ -115,21 +116,21 @@ def diagnose_settings_of(config: DiagnoseSettings | Config = None, own_simulator
     _known(given, {*_TABLES, "parameters"}, where, "table")
     for table in given:
         if table not in ("model", "parameters"):
-            raise ConfigError(f"{where}: [{table}] is not used by a diagnosis, which has its own; leave it out")
+            raise ConfigError(f"{where}: [{table}] is not used by a diagnosis, which has its own; remove it")
     if own_simulator and "model" in given:
         raise ConfigError(f"{where}: [model] chooses parts of the Iwan model, but a simulator is given; leave one out")
     changes = _changes(given, where)
     for name in NOISE:
         if name in changes:
             raise ConfigError(
-                f"{where} [parameters.{name}]: a diagnosis takes the noise from the records and the misfit from its "
-                "own grid; leave it out"
+                f"{where} [parameters.{name}]: a diagnosis takes noise from the records and the discrepancy from its "
+                "own grid; remove it"
             )
     model = _filled(ModelSettings, "model", given, where)
     if model.embedded and "embedded" in given.get("model", {}):
         raise ConfigError(
-            f"{where} [model]: embedded = true is not used by a diagnosis, whose effects are what bends the model; "
-            "leave it out"
+            f"{where} [model]: embedded = true is not used by a diagnosis, whose effects extend the model instead; "
+            "remove it"
         )
     return DiagnoseSettings(model, changes)
 
@@ -236,6 +237,8 @@ def _shown(value: object) -> str:
 def _known(table: Mapping[str, object], known: Collection[str], where: str, what: str) -> None:
     for key in table:
         if key not in known:
+            if said := former_names.renamed(key, former_names.MODEL_PARTS):
+                raise ConfigError(f"{where}: {_shown(key)} {said}")
             near = difflib.get_close_matches(str(key), known, 1)
-            mend = f"did you mean {near[0]!r}?" if near else f"use {', '.join(sorted(known))}"
-            raise ConfigError(f"{where}: unknown {what} {_shown(key)}; {mend}")
+            fix = f"did you mean {near[0]!r}?" if near else f"use {', '.join(sorted(known))}"
+            raise ConfigError(f"{where}: unknown {what} {_shown(key)}; {fix}")

@@ -1,4 +1,5 @@
-"""The likelihood with a smooth misfit of the model's own beside the noise, correlated along the loop and between tests.
+"""The likelihood with a smooth discrepancy of the model's own beside the noise, correlated along the loop and between
+tests.
 
 A model that is a little wrong is wrong in much the same way at neighbouring phases and in neighbouring tests. Errors
 taken for independent would be counted as so much more information than there is.
@@ -26,19 +27,19 @@ from bayes_iwan.threads import over_draws
 
 #: error of the model's own arithmetic (samples a cycle, tables) as a share of the friction force, per harmonic
 MODEL_FLOOR = 1e-4
-#: the displacement at which the specimen rests is known to this share of the amplitude, so the mean force is known to
-#: that share times the loop's secant stiffness times its amplitude
+#: the displacement at which the specimen is at rest is known to this share of the amplitude, so the mean force is known
+#: to that share times the loop's secant stiffness times its amplitude
 ZERO_FLOOR = 0.003
 #: lengths of the discrepancy's correlation between tests in ln f and ln A, and the share each test has to itself
 BETWEEN = (0.8, 0.5, 0.3)
 #: the same as measured on the rig (`analyses/coverage_rig.py --forms plain --seed 12 --laplace --cases 14` prints
 #: how what a fit leaves correlates): tests of one amplitude miss alike, tests of one frequency do not
 MEASURED_BETWEEN = (1.5, 0.25, 0.3)
-#: of the misfit on tests that were not fitted: the share that each has to itself in the first harmonic over that in the
-#: others, and the variance of the higher harmonics over that on fitted tests. Chosen, so that 90 % bands of left-out
-#: frequencies hold 90 % of points, energies and stiffnesses, on 44 sound specimens of the rig (seeds 19 and 21 of
-#: `analyses/predict_untested.py`)
-FIRST_ALONE, UNSEEN = 0.1, 1.7
+#: of the discrepancy on tests that were not fitted: the share that each has to itself in the first harmonic over that
+#: in the others, and the variance of the higher harmonics over that on fitted tests. Chosen, so that 90 % bands of
+#: held-out frequencies hold 90 % of points, energies and stiffnesses, on 44 sound specimens of the rig (seeds 19 and 21
+#: of `analyses/predict_untested.py`)
+FIRST_ALONE, ELSEWHERE = 0.1, 1.7
 
 
 NOISE_SCALE = Parameter(
@@ -48,7 +49,8 @@ NOISE_SCALE = Parameter(
 
 @dataclass(frozen=True)
 class Correlated:
-    """Errors correlated along the loop and between tests: a smooth misfit of unknown shape, marginalised, plus noise.
+    """Errors correlated along the loop and between tests: a smooth discrepancy of unknown shape, marginalised, plus
+    noise.
 
     The data are generated so: force = model + noise + discrepancy. The noise of every harmonic is independent with the
     standard errors that the records' own repeatability gives, times `noise_scale`. The discrepancy is Gaussian. Along
@@ -61,7 +63,7 @@ class Correlated:
 
     What is compared is therefore the weighted loop error √(w/w̄)·(residual − its mean) by harmonics, and the mean by
     itself. Weighting leaves the noise's harmonics correlated by at most 0.25; their variances are exact, this
-    correlation is left out.
+    correlation is omitted.
 
     `weighted` is None for the unweighted form: the discrepancy is stationary along the loop and a share of each test's
     own friction level.
@@ -177,7 +179,7 @@ class Correlated:
 
     @property
     def mean_error_N(self) -> Array:
-        """(tests,) N: what the mean force may be off by, with the place of rest (:data:`ZERO_FLOOR`) unknown."""
+        """(tests,) N: what the mean force may be off by, with the rest position (:data:`ZERO_FLOOR`) unknown."""
         return np.exp(self.rotation[3][0])
 
     def _parts(self, residual_N: Array) -> Array:
@@ -224,7 +226,7 @@ class Correlated:
         out = np.empty(noise.shape)
 
         def some_draws(part: slice) -> None:
-            _misfit(self._parts(residual_N[part]), turn, values, there, spectrum[part], noise[part], out[part])
+            _discrepancy(self._parts(residual_N[part]), turn, values, there, spectrum[part], noise[part], out[part])
 
         over_draws(some_draws, len(residual_N), residual_N[0].size)
         return constant - 0.5 * out
@@ -243,20 +245,21 @@ class Correlated:
         return self._measured(force_N, self._smooth(unit, self._spectrum(parameter_values)), parameter_values, rng)
 
     def _smooth(self, unit: Array, power: Array) -> Array:
-        """Misfits (2, draws, tests, used) of these powers (draws, used) from standard normal numbers of that shape."""
+        """Discrepancies (2, draws, tests, used) of these powers (draws, used) from standard normal numbers of that
+        shape."""
         half = np.linalg.cholesky(between_tests(self.loops, self.between)) * self.level[:, None]
         return np.einsum("ij,pdjh,dh->pdih", half, unit, np.sqrt(power))
 
     def carried_over(
         self, residual_N: Array, parameter_values: ParameterValues, loops: Sequence[Loop], rng: np.random.Generator
     ) -> Array:
-        """What is missed and measured on other tests of the specimen, (draws, loops, samples), drawn given what is
-        missed on these. Parameters and misfit make up for each other, so that both drawn apart would be far too wide
-        in the first harmonic, which energy and stiffness follow from: there the misfit is carried over (simple
-        kriging). In the others it is larger than where the model was fitted (:data:`UNSEEN`)."""
+        """Residual on on other tests of the specimen, (draws, loops, samples), drawn given what is
+        left on these. Parameters and discrepancy make up for each other, so that both drawn apart would be far too wide
+        in the first harmonic, which energy and stiffness follow from: there the discrepancy is carried over (simple
+        kriging). In the others it is larger than where the model was fitted (:data:`ELSEWHERE`)."""
         there = replace(self, loops=tuple(loops), friction_N=None)
         unit = rng.standard_normal((2, len(residual_N), len(loops), there.used))
-        smooth = there._smooth(unit, UNSEEN * there._spectrum(parameter_values))
+        smooth = there._smooth(unit, ELSEWHERE * there._spectrum(parameter_values))
         between = (*self.between[:2], FIRST_ALONE * self.between[2])
         have = np.flatnonzero(np.isfinite(self.noise_N[:, 1]))
         first, scale = self._spectrum(parameter_values)[:, 1, None, None], parameter_values["noise_scale"]
@@ -269,15 +272,15 @@ class Correlated:
         left = first * there.level[:, None] * there.level * between_tests(loops, between)
         root = np.linalg.cholesky(left - weight @ across.transpose(0, 2, 1))
         for p, column in enumerate((1, self.used + 1)):
-            missed = self._parts(residual_N)[have, :, column].T
-            smooth[p, :, :, 1] = (weight @ missed[:, :, None] + root @ unit[p, :, :, 1, None])[:, :, 0]
+            known = self._parts(residual_N)[have, :, column].T
+            smooth[p, :, :, 1] = (weight @ known[:, :, None] + root @ unit[p, :, :, 1, None])[:, :, 0]
         none = np.zeros((len(residual_N), len(loops), residual_N.shape[-1]))
         return there._measured(none, smooth, parameter_values, rng)
 
     def _measured(
         self, force_N: Array, smooth: Array, parameter_values: ParameterValues, rng: np.random.Generator
     ) -> Array:
-        """Predicted loops with noise and a misfit, parts of its weighted harmonics (2, draws, tests, used)."""
+        """Predicted loops with noise and a discrepancy, parts of its weighted harmonics (2, draws, tests, used)."""
         draws, tests, samples = force_N.shape
         noise = rng.standard_normal((2, draws, tests, self.used)) * np.where(
             np.isfinite(self.noise_N), self.noise_N, 0.0
@@ -320,7 +323,7 @@ def on_phases(parts: Array, samples: int) -> Array:
 
 
 @nb.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _misfit(parts, turn, values, there, spectrum, noise, out):
+def _discrepancy(parts, turn, values, there, spectrum, noise, out):
     """Σ |rotated residual|² / variance + ln determinant, over harmonics and tests, into out (draws, count); a residual
     is rotated once for all its noises."""
     tests, draws, _ = parts.shape

@@ -120,10 +120,10 @@ class Independent:
         scale = parameter_values["noise_N"]
         points = self.weights.size  # the logarithms of the weights sum to zero
         if self.kind == "laplace":
-            misfit = np.einsum("dts,ts->d", np.abs(residual_N), self.weights)[:, None]
-            return -self._count * (points * np.log(2.0 * scale) + misfit / scale)
-        misfit = np.einsum("dts,ts->d", residual_N * residual_N, self.weights)[:, None]
-        return -0.5 * self._count * (points * np.log(2.0 * np.pi * scale**2) + misfit / scale**2)
+            error = np.einsum("dts,ts->d", np.abs(residual_N), self.weights)[:, None]
+            return -self._count * (points * np.log(2.0 * scale) + error / scale)
+        error = np.einsum("dts,ts->d", residual_N * residual_N, self.weights)[:, None]
+        return -0.5 * self._count * (points * np.log(2.0 * np.pi * scale**2) + error / scale**2)
 
     def rows(self, residual_N: Array, parameter_values: ParameterValues) -> Array:
         w = np.sqrt(self._count * self.weights)

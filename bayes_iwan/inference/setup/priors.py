@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy import stats
 
+from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.inference.setup.settings import ParameterChange, PriorChoice
 from bayes_iwan.models.parameter import Z_LIMIT, Distribution, Parameter, ParameterError, Together
@@ -88,6 +89,8 @@ def configured(parameters: Sequence[Parameter], changes: Mapping[str, ParameterC
     by_name = {p.name: p for p in parameters}
     for name, change in changes.items():
         if name not in by_name:
+            if said := former_names.renamed(name, former_names.PARAMETERS):
+                raise ParameterError(f"[parameters.{name}]: {name} {said}")
             near = difflib.get_close_matches(name, by_name, 1)
             hint = f"did you mean {near[0]!r}? " if near else ""
             raise ParameterError(f"[parameters.{name}]: no such parameter; {hint}there are {', '.join(by_name)}")

@@ -32,7 +32,7 @@ from bayes_iwan.models.simulator import (
     recorded_force,
 )
 
-#: samples of a loop that a proposal needs; with 64 it is worth as much as with 128
+#: samples of a loop that a proposal needs; with 64 it is as good as with 128
 COARSE_SAMPLES = 64
 
 
@@ -74,7 +74,7 @@ class Problem:
     >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
     >>> folder = tempfile.mkdtemp()
     >>> bi.simulate_campaign(plan, seed=1).write(folder)
-    >>> problem = bi.make_problem(bi.check(folder).loops, {"model": {"slip": "gamma1", "grip": "constant"}})
+    >>> problem = bi.make_problem(bi.check(folder).loops, {"model": {"slip": "gamma1", "normal_force": "constant"}})
     >>> z = problem.prior.draw(np.random.default_rng(0), 5)
     >>> z.shape == (5, problem.ndim), problem.predict(z).shape, problem.log_prob(z).shape
     (True, (5, 2, 128), (5,))
@@ -223,14 +223,14 @@ class Problem:
     def with_effects(self, effects: Sequence[Effect]) -> Problem:
         """The same problem with these effects and no others, in the order in which they act.
 
-        Raises ModelError for an effect at a station that the simulator does not offer.
+        Raises ModelError for an effect at a stage that the simulator does not offer.
         """
         for effect in effects:
-            if not offered(effect.stations, self.model):
-                missing = sorted(effect.stations - self.model.stations - {*OUTER})
+            if not offered(effect.stages, self.model):
+                missing = sorted(effect.stages - self.model.stages - {*OUTER})
                 raise ModelError(
                     f"the effect {effect.name} acts on {missing[0]}, which the simulator {self.model.name} does not "
-                    f"offer; add {missing[0]!r} to its stations and honour it in force, or leave the effect out"
+                    f"offer; add {missing[0]!r} to its stages and honour it in force, or leave the effect out"
                 )
         own = tuple(p for p in self.prior.parameters if not p.owner)
         theirs = tuple(p if p.owner == e.name else replace(p, owner=e.name) for e in effects for p in e.parameters)
@@ -317,4 +317,4 @@ def make_problem(
 
 def iwan_model(scales: Scales, parts: ModelSettings) -> Model:
     """The Iwan model of the chosen parts on a campaign's scales."""
-    return Model(scales.reference, parts.slip, parts.grip, parts.stiffness, embedded=parts.embedded)
+    return Model(scales.reference, parts.slip, parts.normal_force, parts.stiffness, embedded=parts.embedded)

@@ -32,7 +32,7 @@ class ModelSettings:
 
     Parameters
     ----------
-    slip, grip, stiffness
+    slip, normal_force, stiffness
         names as :class:`bayes_iwan.Model` takes them.
     embedded
         whether the model error is embedded: parameters inside the model let its laws deviate a little (see
@@ -40,14 +40,14 @@ class ModelSettings:
     """
 
     slip: str = "gamma3"
-    grip: str = "hunt_crossley"
+    normal_force: str = "hunt_crossley"
     stiffness: str = "saturating"
     embedded: bool = True
 
     @property
     def without_speed(self) -> ModelSettings:
         """The same with a normal force that does not follow speed: what records without a clock can tell."""
-        return replace(self, grip="hunt_crossley_no_speed") if self.grip == "hunt_crossley" else self
+        return replace(self, normal_force="hunt_crossley_no_speed") if self.normal_force == "hunt_crossley" else self
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class SearchSettings:
     members, evaluations
         of the genetic algorithm: size of its population, and evaluations at most.
     second_search
-        whether a second search with a population of its own says what the first one missed.
+        whether a second search with a population of its own says what the first one did not find.
     reach
         the search box is ± so many prior standard deviations.
     starts
@@ -170,7 +170,7 @@ class IdentifySettings:
     Raises
     ------
     ConfigError
-        from :func:`bayes_iwan.settings_of`: a table, key or value that cannot be used, in one line with the mend.
+        from :func:`bayes_iwan.settings_of`: a table, key or value that cannot be used, in one line with the fix.
 
     Examples
     --------

@@ -1,5 +1,5 @@
-"""How the variance of a model's misfit is spread over the harmonics of a loop, and how that of different tests hangs
-together."""
+"""How the variance of a model's discrepancy is spread over the harmonics of a loop, and how that of different tests is
+correlated."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ class Matern(Spectrum):
             "discrepancy_share",
             "a",
             "-",
-            "smooth misfit of the model, RMS over the friction level",
+            "smooth discrepancy of the model, RMS over the friction level",
             stats.lognorm(s=1.2, scale=0.01),
         ),
         Parameter(
             "discrepancy_length",
             "ℓ",
             "cycles",
-            "correlation length of that misfit along the loop",
+            "correlation length of that discrepancy along the loop",
             stats.lognorm(s=0.5, scale=0.06),
             0.01,
             0.5,
@@ -66,21 +66,21 @@ class OddEven(Spectrum):
             "discrepancy_odd",
             "a1",
             "-",
-            "misfit of the model in odd harmonics, RMS over the friction level",
+            "discrepancy of the model in odd harmonics, RMS over the friction level",
             stats.lognorm(s=1.2, scale=0.01),
         ),
         Parameter(
             "discrepancy_even",
             "a2",
             "-",
-            "misfit of the model in even harmonics, RMS over the friction level",
+            "discrepancy of the model in even harmonics, RMS over the friction level",
             stats.lognorm(s=1.2, scale=0.005),
         ),
         Parameter(
             "discrepancy_slope",
             "p",
             "-",
-            "fall of the misfit's power with the harmonic, its exponent",
+            "fall of the discrepancy's power with the harmonic, its exponent",
             stats.norm(loc=2.0, scale=1.0),
             0.0,
             6.0,
@@ -100,7 +100,8 @@ MATERN, ODD_EVEN = Matern(), OddEven()
 
 
 def between_tests(loops: Sequence[Loop], lengths: tuple[float, float, float]) -> Array:
-    """Correlation of a model's misfit between tests, (tests, tests): by distance in ln f, ln A, and a share alone."""
+    """Correlation of a model's discrepancy between tests, (tests, tests): by distance in ln f, ln A, and a share
+    alone."""
     return shared_between(loops, loops, lengths) + lengths[2] * np.eye(len(loops))
 
 

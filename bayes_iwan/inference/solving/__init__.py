@@ -1,1 +1,1 @@
-"""How it is answered: the point estimate, its bent form, chains, intervals."""
+"""How it is answered: the point estimate, the normal approximation along the manifold, chains."""

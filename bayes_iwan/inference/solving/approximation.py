@@ -1,6 +1,6 @@
 """The normal approximation of a posterior about an optimum, drawn along the posterior's manifold.
 
-Normal draws of the parameters would leave the thin bent sheet that the posterior is, and with it the loops. So each
+Normal draws of the parameters would leave the thin curved sheet that the posterior is, and with it the loops. So each
 draw is a fit to loops and priors that were shifted by their noise ("randomise, then optimise": Bardsley, Solonen,
 Haario & Laine, SIAM J. Sci. Comput. 36, 2014, A1895): along the optimum's tangents it is standard normal, and it lies
 on the sheet. Draws for which no such fit is found, where the sheet turns over, are normal ones after all.

@@ -3,7 +3,7 @@
 The genetic algorithm's first population is drawn from the prior; it minimises Eq. (8) over the parameters of the
 paper's model, with the embedded model error at none, and least squares polishes its result. The most probable point is
 then sought by least squares from the best of its first and of its last population, first with the noise held, then with
-all parameters free. A second search with a population of its own says whether the first one missed a maximum.
+all parameters free. A second search with a population of its own says whether the first one did not find a maximum.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Point:
     """What was found. z arrays are coordinates of the problem; where Eq. (8) ignores a parameter, its z is 0.
 
     goal_z, goal : the minimum of Eq. (8) and its value; goal_share : that over Eq. (8) of the friction level itself:
-    how far the loops are missed, as a share of the friction force. z, log_prob : the most probable point; goal_at_z :
+    how far the residual is, as a share of the friction force. z, log_prob : the most probable point; goal_at_z :
     Eq. (8) there. optima, optima_log_prob : the different maxima that least squares ended in, best first (k, ndim).
     searches : histories of the genetic algorithm, one or two. each_z, each_log_prob : (searches, ndim), (searches,) the
     most probable point that each search found by itself. The sampler's walkers start from the maxima of all of them.
@@ -53,7 +53,7 @@ class Point:
     __repr__ = brief
 
     @property
-    def missed_nats(self) -> float:
+    def short_nats(self) -> float:
         """By how much the best maximum of the poorest search lies below the best of all; 0 for a single search."""
         return float(np.max(self.each_log_prob) - np.min(self.each_log_prob))
 
@@ -141,14 +141,14 @@ def _goal_rows(problem: Problem, columns: NDArray[np.int64]) -> Sequence[BatchRe
     """Rows whose squares lead to the minimum of Eq. (8): its squared form, then itself, rounded off near zero."""
     motion = problem.motion
     w = paper_weights(motion.displacement_mm[0], motion.amplitude_mm) / motion.amplitude_mm[:, None] / motion.samples
-    bend = 1e-3 * friction_level_N(problem.loops)[:, None]
+    corner = 1e-3 * friction_level_N(problem.loops)[:, None]
 
     def squared(x: Array) -> Array:
         return (np.sqrt(w) * problem.residual(_embedded(problem, columns, x))).reshape(len(x), -1)
 
     def absolute(x: Array) -> Array:
         r = problem.residual(_embedded(problem, columns, x))
-        r = np.sign(r) * np.sqrt(bend * (np.hypot(bend, r) - bend))
+        r = np.sign(r) * np.sqrt(corner * (np.hypot(corner, r) - corner))
         return (np.sqrt(w) * r).reshape(len(x), -1)
 
     return squared, absolute
@@ -173,10 +173,10 @@ def joint_rows(problem: Problem, z: Array) -> Array:
     parameter_values = problem.parameter_values(z)
     residual = problem.measured_N - problem.force(parameter_values)
     whitened = problem.likelihood.rows(residual, parameter_values)
-    rest = -problem.likelihood.log_likelihood(residual, parameter_values) - 0.5 * np.einsum(
+    constant = -problem.likelihood.log_likelihood(residual, parameter_values) - 0.5 * np.einsum(
         "dm,dm->d", whitened, whitened
     )
-    last = np.sqrt(2.0 * np.maximum(50.0 * whitened.shape[1] + rest, 0.0))
+    last = np.sqrt(2.0 * np.maximum(50.0 * whitened.shape[1] + constant, 0.0))
     return np.concatenate([whitened, z, last[:, None]], axis=1)
 
 

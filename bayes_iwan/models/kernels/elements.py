@@ -1,4 +1,5 @@
-"""The element model: a finite number of Jenkins elements, updated one by one. It is the judge, not the fast path.
+"""The element model: a finite number of Jenkins elements, updated one by one. It is what others are compared with, not
+the fast path.
 
 It has none of the limits of the closed form, Eq. (3), and none of the bookkeeping of the sliders stage. Its only
 error is that of a finite number of elements.

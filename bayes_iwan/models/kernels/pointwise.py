@@ -1,4 +1,4 @@
-"""Compiled laws that take each sample, or each draw, on its own: Eq. (11) for α, Eq. (12) for k and its bend.
+"""Compiled laws that take each sample, or each draw, on its own: Eq. (11) for α, Eq. (12) for k and its ratio.
 
 The laws need one exponential a sample. The C library's costs some 4 ns and cannot be vectorised; the polynomial below
 can: with the C library's, α takes 3.8 to 5.2 times as long, k 5.5 times, a whole call 1.8 to 2.1 times (an AMD EPYC,
@@ -45,15 +45,15 @@ def _parts(x):
 @_jit
 def _expm1(x):
     """e^x − 1, as exact as :func:`_parts`."""
-    power, rest = _parts(x)
-    return (power - 1.0) + rest
+    power, remainder = _parts(x)
+    return (power - 1.0) + remainder
 
 
 @_jit
 def _exp(x):
     """e^x, as exact as :func:`_parts`."""
-    power, rest = _parts(x)
-    return power + rest
+    power, remainder = _parts(x)
+    return power + remainder
 
 
 @_jit
@@ -68,21 +68,21 @@ def hunt_crossley(log_y, log_a, zero, speed, slope, rate, beta, floor, out):
         b = beta[d] if not abs(beta[d]) < 1e-12 else 1e-12  # at β = 0 the law is its limit, a logarithm
         for j in range(out.shape[1]):
             at_rest = math.exp(b * (log_a[j] - zero))
-            bend, drag = slope[d] * at_rest / b, rate[d] * at_rest
+            rise_slope, drag = slope[d] * at_rest / b, rate[d] * at_rest
             for i in range(out.shape[2]):
                 rise = _expm1(b * (log_y[m, j, i] - log_a[j]))  # (y/A)^β − 1, free of cancellation as β → 0
-                alpha = 1.0 + bend * rise + drag * (1.0 + rise) * speed[m, j, i]
+                alpha = 1.0 + rise_slope * rise + drag * (1.0 + rise) * speed[m, j, i]
                 out[d, j, i] = floor if alpha < floor else alpha  # NaN stays NaN
 
 
 @_jit
-def saturating(alpha, final, bend, out):
-    """k = final·(1 − exp(−bend·α)) into out, shaped as alpha (draws, loops, samples); final, bend : (draws,)."""
+def saturating(alpha, final, ratio, out):
+    """k = final·(1 − exp(−ratio·α)) into out, shaped as alpha (draws, loops, samples); final, ratio : (draws,)."""
     apart_and_wide()
     for d in range(out.shape[0]):
         for j in range(out.shape[1]):
             for i in range(out.shape[2]):
-                out[d, j, i] = -final[d] * _expm1(-bend[d] * alpha[d, j, i])
+                out[d, j, i] = -final[d] * _expm1(-ratio[d] * alpha[d, j, i])
 
 
 @_jit
@@ -154,7 +154,7 @@ def solve_elasticity(value, out):
 
 #: what stands for zero in a logarithm
 _LEAST = 1e-300
-#: below this a parameter that bends a law is taken as zero: the limit itself, free of cancellation
+#: below this a parameter that changes a law's form is taken as zero: the limit itself, free of cancellation
 _NONE = 1e-7
 
 
@@ -245,5 +245,5 @@ def speeds_of_change(new, old, velocity, acceleration, half_hz, out_velocity, ou
             once, twice = 1e-3 * half_hz[j], 4e-3 * half_hz[j] ** 2
             for i in range(samples):
                 out_velocity[d, j, i] = velocity[m, j, i] + once * (change[i + 2] - change[i])
-                bend = change[i + 2] - 2.0 * change[i + 1] + change[i]
-                out_acceleration[d, j, i] = acceleration[m, j, i] + twice * bend
+                curvature = change[i + 2] - 2.0 * change[i + 1] + change[i]
+                out_acceleration[d, j, i] = acceleration[m, j, i] + twice * curvature

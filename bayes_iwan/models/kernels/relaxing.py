@@ -19,7 +19,7 @@ def _period(signal, at, stay_up, lead_up, stay_down, lead_down, out):
     is straight between samples, for which each step is exact."""
     n = signal.size
     before = signal[n - 1]
-    told = 0.0
+    decay = 0.0
     for i in range(n):
         now = signal[i]
         if now > at:
@@ -27,10 +27,10 @@ def _period(signal, at, stay_up, lead_up, stay_down, lead_down, out):
         else:
             stay, lead = stay_down, lead_down
         at = now - (now - before) * lead + (at - before) * stay
-        told -= math.log(max(stay, 1e-300))
+        decay -= math.log(max(stay, 1e-300))
         out[i] = at
         before = now
-    return at, told
+    return at, decay
 
 
 @_jit
@@ -53,8 +53,8 @@ def relaxed(signal, step_up, step_down, out):
             lead_up, lead_down = _lead(up), _lead(down)
             at = signal[m, j].mean()
             for _ in range(_PASSES):
-                end, told = _period(signal[m, j], at, stay_up, lead_up, stay_down, lead_down, out[d, j])
-                off = (end - at) / -math.expm1(-told)
+                end, decay = _period(signal[m, j], at, stay_up, lead_up, stay_down, lead_down, out[d, j])
+                off = (end - at) / -math.expm1(-decay)
                 at += off
                 if not abs(off) > 1e-12:
                     break

@@ -16,10 +16,10 @@ staircase, and the force follows from integration by parts (e(0) = 0):
 where S is the survival function of the slip-force distribution, Eq. (10). L is one smooth function per draw,
 tabulated once (:mod:`bayes_iwan.models.slip_force`), so nothing is summed over elements. Holes and elements that
 stick again while others slip (α rising or falling fast) are cut like everything else: nothing assumes that slip
-spreads from φ = 0. :mod:`bayes_iwan.models.kernels.elements` is the judge of it in the tests.
+spreads from φ = 0. :mod:`bayes_iwan.models.kernels.elements` is what tests compare it with.
 
 State in memory: the front piece [0, front] with x = u − q φ is held in scalars; the pieces beyond it lie in a stack
-(rows of `st`, top = next to the front) with columns p, m, end, x(end), L(end), rest, where rest = −Σ m ΔL of all
+(rows of `st`, top = next to the front) with columns p, m, end, x(end), L(end), left, where left = −Σ m ΔL of all
 pieces beyond `end`. The bottom row is the tail, end = ∞, of elements that never slipped.
 
 The functions here call each other, so they stay in one file (numba's cache does not see changes elsewhere).
@@ -42,7 +42,7 @@ OCTAVES = 20
 ON_CHORD = 1e-9
 #: entries that the front glides over at most before the next look at what lies beyond it
 LONGEST = 64
-P, M, END, X_END, L_END, REST = range(6)
+P, M, END, X_END, L_END, LEFT = range(6)
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 #: for what allocates nothing: without it numba counts references to every array at every call, 100 ns each time
@@ -81,7 +81,7 @@ def _limited_mean(phi, row, scale, shift):
 
 @_part
 def _drop_least(top, st):
-    """Drop the vertex whose loss changes x(φ) least (smallest triangle), and mend the sums above it.
+    """Drop the vertex whose loss changes x(φ) least (smallest triangle), and correct the sums above it.
 
     The triangle is taken over L, not φ: where few elements are left a vertex matters little.
     The chord that replaces two pieces stays inside the cone, which is convex.
@@ -99,7 +99,7 @@ def _drop_least(top, st):
     for j in range(least, top - 1):
         for column in range(6):
             st[j, column] = st[j + 1, column]
-        st[j, REST] = st[j - 1, REST] - st[j - 1, M] * (st[j - 1, L_END] - st[j, L_END])
+        st[j, LEFT] = st[j - 1, LEFT] - st[j - 1, M] * (st[j - 1, L_END] - st[j, L_END])
     return top - 1
 
 
@@ -109,7 +109,7 @@ def _push(top, p, m, end, x_end, ell, st):
     if top == MAX_PIECES:
         top = _drop_least(top, st)
     st[top, P], st[top, M], st[top, END], st[top, X_END], st[top, L_END] = p, m, end, x_end, ell
-    st[top, REST] = st[top - 1, REST] - st[top - 1, M] * (st[top - 1, L_END] - ell)
+    st[top, LEFT] = st[top - 1, LEFT] - st[top - 1, M] * (st[top - 1, L_END] - ell)
     return top + 1
 
 
@@ -155,9 +155,9 @@ def _cut(top, u, up, down, front, front_x, st, work, row, scale, shift):
 def _way(u, closed, begin, at, where, off, stop, turns, last):
     """The displacements to pass, from entry `begin` on: all samples, extremes with their turning points.
 
-    A reversal between two samples would be missed by up to an eighth of a second difference, which every force after
-    it would feel. So the vertex of the parabola through the three samples is put in, before or after the middle one.
-    Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the sample itself),
+    A reversal between two samples would be overlooked by up to an eighth of a second difference, which every force
+    after it would feel. So the vertex of the parabola through the three samples is put in, before or after the middle
+    one. Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the sample itself),
     stop (the entry at which the motion no longer goes on in the direction that led here), turns (the number of turning
     points, their entries, and the end of all entries, which is returned), and last (the number of entries that are the
     last in their direction, and these, from the end on).
@@ -193,7 +193,7 @@ def _way(u, closed, begin, at, where, off, stop, turns, last):
 
 
 @_part
-def _series(alpha, k, d, j, where, off, turns, begin, grip, stiff):
+def _series(alpha, k, d, j, where, off, turns, begin, normal, stiff):
     """α and k of every entry of loop j; α is NaN where one of them is not positive: a cone turned inside out means
     nothing, no force then.
 
@@ -206,7 +206,7 @@ def _series(alpha, k, d, j, where, off, turns, begin, grip, stiff):
         shift = np.uint64(begin) - where[j, begin]
         for c in range(np.uint64(begin), np.uint64(e)):
             a, b = alpha[d, j, c - shift], k[d, j, c - shift]
-            grip[c], stiff[c] = a if (a > 0.0) & (b > 0.0) else np.nan, b
+            normal[c], stiff[c] = a if (a > 0.0) & (b > 0.0) else np.nan, b
         begin = e + 1
     for t in range(1, turns[j, 0] + 1):
         e = turns[j, t]
@@ -214,11 +214,11 @@ def _series(alpha, k, d, j, where, off, turns, begin, grip, stiff):
         along = i - 1 if tau > 0.0 else (i + 1 if i < n - 1 else 0)
         a, b = alpha[d, j, i], k[d, j, i]
         r = a / b if (a > 0.0) & (b > 0.0) else np.nan
-        grip[e], stiff[e] = b * (r + abs(tau) * max(r - alpha[d, j, along] / k[d, j, along], -r)), b
+        normal[e], stiff[e] = b * (r + abs(tau) * max(r - alpha[d, j, along] / k[d, j, along], -r)), b
 
 
 @_part
-def _run_in(at, stop, last, j, first, grip, stiff):
+def _run_in(at, stop, last, j, first, normal, stiff):
     """Puts before the entries from `first` on of a closed loop those that a run-in from rest must pass; returns where
     it begins.
 
@@ -236,31 +236,31 @@ def _run_in(at, stop, last, j, first, grip, stiff):
         s = last[j, b + 1] if b < last[j, 0] else first
         if e == first:
             break
-        top, start, end = low, grip[s] / stiff[s], grip[e] / stiff[e]
+        top, start, end = low, normal[s] / stiff[s], normal[e] / stiff[e]
         slope = (end - start) / (at[j, e] - at[j, s]) if at[j, e] != at[j, s] else 0.0
         const = (start - slope * at[j, s]) * (1.0 - ON_CHORD)
         slope *= 1.0 - ON_CHORD
         nearest, furthest = np.uint64(e), np.uint64(s)
         for i in range(np.uint64(s + 1), np.uint64(e)):
-            near = grip[i] < stiff[i] * (const + slope * at[j, i])
+            near = normal[i] < stiff[i] * (const + slope * at[j, i])
             nearest = min(nearest, i if near else np.uint64(e))  # type: ignore[arg-type]
             furthest = max(furthest, i if near else np.uint64(s))  # type: ignore[arg-type]
         low -= 1
-        at[j, low], grip[low], stiff[low] = at[j, e], grip[e], stiff[e]
+        at[j, low], normal[low], stiff[low] = at[j, e], normal[e], stiff[e]
         if nearest <= furthest:
             low -= np.int64(furthest - nearest) + 1
             shift = nearest - np.uint64(low)
             for i in range(np.uint64(low), np.uint64(low) + furthest + np.uint64(1) - nearest):
-                at[j, i], grip[i], stiff[i] = at[j, i + shift], grip[i + shift], stiff[i + shift]
+                at[j, i], normal[i], stiff[i] = at[j, i + shift], normal[i + shift], stiff[i + shift]
         for i in range(np.uint64(low), np.uint64(top)):
             stop[j, i] = top
     low -= 1
-    at[j, low], grip[low], stiff[low], stop[j, low] = at[j, first], grip[first], stiff[first], low + 1
+    at[j, low], normal[low], stiff[low], stop[j, low] = at[j, first], normal[first], stiff[first], low + 1
     return low
 
 
 @_inner
-def _glide(at, j, grip, stiff, begin, stop, s, asymmetry, top, st, edge, rest, ends, slope, held):
+def _glide(at, j, normal, stiff, begin, stop, s, asymmetry, top, st, edge, left, ends, slope, held):
     """The first entry from `begin` on that the front need not reach by gliding along its piece; `stop` if all do.
     What their forces need goes into ends, slope and held (what is written there beyond the first such entry, or beyond
     `stop`, is written again).
@@ -287,14 +287,14 @@ def _glide(at, j, grip, stiff, begin, stop, s, asymmetry, top, st, edge, rest, e
     a, b = np.uint64(begin), np.uint64(begin + (stop - begin + 15) // 16 * 16)  # whole vectors
     reached, over_before, under_before = b, edge, 1.0
     for e in range(a, b):
-        over, under = s * (at[j, e] - p) * stiff[e], ahead * grip[e] + m * stiff[e]
+        over, under = s * (at[j, e] - p) * stiff[e], ahead * normal[e] + m * stiff[e]
         du = at[j, e] - first
         forward = (under > 0.0) & (over * under_before > over_before * under) & (over <= end * under)
-        inside = (high_0 + high_slope * du) * stiff[e] <= ahead * grip[e]
-        inside &= (low_0 + low_slope * du) * stiff[e] <= behind * grip[e]
+        inside = (high_0 + high_slope * du) * stiff[e] <= ahead * normal[e]
+        inside &= (low_0 + low_slope * du) * stiff[e] <= behind * normal[e]
         reached = min(reached, b if forward & inside else e)  # type: ignore[arg-type]
         over_before, under_before = over, under
-        ends[e], slope[e], held[e] = over / under, s * under, rest
+        ends[e], slope[e], held[e] = over / under, s * under, left
     return min(np.int64(reached), stop)
 
 
@@ -310,7 +310,7 @@ def _forces(at, j, first, count, stiff, ends, slope, held, parallel, row, scale,
 
 @_inner
 def _follow(
-    at, stop, j, start, first, count, grip, stiff, asymmetry, parallel, row, scale, shift, limit,
+    at, stop, j, start, first, count, normal, stiff, asymmetry, parallel, row, scale, shift, limit,
     st, work, ends, slope, held, force,
 ):  # fmt: skip
     """Follow the way of loop j from rest, entries [start, count); force at those from `first` on, k times ∫ e φ̃ dφ,
@@ -318,11 +318,11 @@ def _follow(
 
     limit : L beyond all slip forces.
     """
-    st[0, P] = st[0, M] = st[0, X_END] = st[0, REST] = 0.0  # virgin: x = 0 for every φ, no front, only the tail
+    st[0, P] = st[0, M] = st[0, X_END] = st[0, LEFT] = 0.0  # virgin: x = 0 for every φ, no front, only the tail
     st[0, END], st[0, L_END] = np.inf, limit
     top, last, q, edge, step = 1, 0.0, 0.0, 0.0, start
     while step < count:
-        now, r = at[j, step], grip[step] / stiff[step]
+        now, r = at[j, step], normal[step] / stiff[step]
         du, up, down = now - last, r * (1.0 + asymmetry), r * (1.0 - asymmetry)
         s, glides = 1.0 if du > 0.0 else -1.0, du != 0.0
         if du != 0.0:
@@ -341,7 +341,9 @@ def _follow(
             else:  # the piece lies along the cone: it slips as a whole
                 edge, glides = st[top - 1, END], False
             q = s * r
-        beyond = du == 0.0 and (q > up or -q > down)  # at rest, and the grip falls below what the front carries?
+        beyond = du == 0.0 and (
+            q > up or -q > down
+        )  # at rest, and the normal force falls below what the front carries?
         for piece in range(1, top):  # or does a vertex beyond the front lie outside the cone?
             e, most = now - st[piece, X_END], st[piece, END] * (1.0 + 1e-12)
             beyond |= e > up * most or -e > down * most
@@ -349,14 +351,14 @@ def _follow(
             top, edge, x = _cut(top, now, up, down, edge, now - q * edge, st, work, row, scale, shift)
             q, glides = (now - x) / edge if edge > 0.0 else 0.0, False
         m, end = st[top - 1, M], step + 1
-        rest = st[top - 1, REST] - m * st[top - 1, L_END]
+        left = st[top - 1, LEFT] - m * st[top - 1, L_END]
         if step >= first:
-            ends[step], slope[step], held[step] = edge, (q + m) * stiff[step], rest
+            ends[step], slope[step], held[step] = edge, (q + m) * stiff[step], left
         if glides and end < stop[j, step]:
             stretch = min(stop[j, step], end + LONGEST)
-            end = _glide(at, j, grip, stiff, end, stretch, s, asymmetry, top, st, edge, rest, ends, slope, held)
+            end = _glide(at, j, normal, stiff, end, stretch, s, asymmetry, top, st, edge, left, ends, slope, held)
             if end > step + 1:
-                now, q = at[j, end - 1], s * (1.0 + s * asymmetry) * grip[end - 1] / stiff[end - 1]
+                now, q = at[j, end - 1], s * (1.0 + s * asymmetry) * normal[end - 1] / stiff[end - 1]
                 edge = (now - p) / (q + m)
         last, step = now, end
     _forces(at, j, first, count, stiff, ends, slope, held, parallel, row, scale, shift, force)
@@ -386,7 +388,7 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
     at, off, turns = np.zeros((loops, longest)), np.empty((loops, longest)), np.empty((loops, longest), np.int64)
     where, stop = np.empty((loops, longest), np.uint64), np.empty((loops, longest), np.int64)
     last, count = np.empty((loops, longest), np.int64), np.empty(loops, np.int64)
-    grip, stiff, force = np.zeros(longest), np.zeros(longest), np.zeros(longest)
+    normal, stiff, force = np.zeros(longest), np.zeros(longest), np.zeros(longest)
     ends, slope, held = np.zeros(longest), np.zeros(longest), np.zeros(longest)
     row, st, work = np.empty(4 * cells + 4), np.empty((MAX_PIECES, 6)), np.empty((2 * MAX_PIECES + 1, 2))
     for d in range(draws):
@@ -396,10 +398,10 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
         for j in range(loops):
             if d < u.shape[0]:  # one motion for all draws, or one each
                 count[j] = _way(u[d, j], closed, first, at[j], where[j], off[j], stop[j], turns[j], last[j])
-            _series(alpha, k, d, j, where, off, turns, first, grip, stiff)
-            start = _run_in(at, stop, last, j, first, grip, stiff) if closed else first
+            _series(alpha, k, d, j, where, off, turns, first, normal, stiff)
+            start = _run_in(at, stop, last, j, first, normal, stiff) if closed else first
             _follow(
-                at, stop, j, start, first, count[j], grip, stiff, asymmetry[d],
+                at, stop, j, start, first, count[j], normal, stiff, asymmetry[d],
                 parallel[d], row, scale, shift, limit, st, work, ends, slope, held, force,
             )  # fmt: skip
             begin, i = first, 0

@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from bayes_iwan.inference.results.remarks import LARGE_MISFIT
+from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.models import Model
 from bayes_iwan.models.iwan_parameters import default_parameters
@@ -90,11 +90,11 @@ def _summary(section: Section, result: Batch) -> None:
         found.append((f"Not converged, so that their intervals are too narrow: {', '.join(late)}.", False, ""))
     if any(x.quantities and x.converged is None for x in result.finished):
         found.append(("Quick: intervals are a normal approximation, not sampled.", False, ""))
-    large = [x for x in result.finished if (x.misfit_share or 0.0) > LARGE_MISFIT]
+    large = [x for x in result.finished if (x.residual_share or 0.0) > LARGE_RESIDUAL]
     if large:
-        named = ", ".join(f"{x.name} ({100 * (x.misfit_share or 0.0):.2g} %)" for x in large[:8])
+        named = ", ".join(f"{x.name} ({100 * (x.residual_share or 0.0):.2g} %)" for x in large[:8])
         found.append(
-            (f"The model misses more than {100 * LARGE_MISFIT:.0f} % of the friction force of {named}.", False, "")
+            (f"The model misses more than {100 * LARGE_RESIDUAL:.0f} % of the friction force of {named}.", False, "")
         )
     causes = Counter(_cause(x) for x in result.finished if x.cause is not None)
     if causes:
@@ -163,13 +163,19 @@ def _values(page: Page, result: Batch) -> None:
     if not names:
         return
     ranked = {x.name: x for x in result.unusual}
-    head = ["specimen", *([result.group] if result.group else []), "distance", "misfit (%)", *map(result.label, names)]
+    head = [
+        "specimen",
+        *([result.group] if result.group else []),
+        "distance",
+        "residual (%)",
+        *map(result.label, names),
+    ]
     rows = []
     for x in result.finished:
         odd = ranked.get(x.name)
         row = [x.name, *([result.lots.get(x.name, "–")] if result.group else [])]
         row.append("–" if odd is None else f"{odd.distance:.1f}")
-        row.append("–" if x.misfit_share is None else f"{100 * x.misfit_share:.2g}")
+        row.append("–" if x.residual_share is None else f"{100 * x.residual_share:.2g}")
         for q in names:
             have, lot = x.quantities.get(q), result.shrunk.get(q, {}).get(x.name)
             text = "–" if have is None else f"{number(have.median, have.high - have.low)}"

@@ -76,8 +76,8 @@ def batch(
     """Identify or diagnose (or both) every campaign in a folder, and summarise across them.
 
     A batch that was stopped goes on: a specimen that is finished, of the same data and settings, is not run again. One
-    that fails is listed with its reason, the rest is finished. Every specimen has the seed and configuration that are
-    given, so its answer is that of `identify` or `diagnose` alone.
+    that fails is listed with its reason, the others are finished. Every specimen has the seed and configuration that
+    are given, so its answer is that of `identify` or `diagnose` alone.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:
         }
     converged = None if posterior.quick else posterior.converged
     return {
-        "misfit_share": posterior.misfit().share,
+        "residual_share": posterior.residual_size().share,
         "converged": converged,
         "message": posterior.message,
         "quantities": record,
@@ -248,7 +248,7 @@ def stored_specimen(out: Path, made_with: Mapping[str, Any]) -> Finished | None:
             _of(str, record.get("message", "")),
             found,
             *(_of(str | None, record.get(key)) for key in ("cause", "second_cause")),
-            *(_of(float | None, record.get(key)) for key in ("probability", "gap_share", "shrink", "misfit_share")),
+            *(_of(float | None, record.get(key)) for key in ("probability", "gap_share", "shrink", "residual_share")),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         return None

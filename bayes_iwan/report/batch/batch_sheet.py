@@ -16,7 +16,7 @@ from bayes_iwan.report.batch.batch_run.specimens import Batch
 from bayes_iwan.report.identification.marginals import number
 from bayes_iwan.report.style import BLUE, MODEL, ORANGE, house_style, save, styled
 
-#: inches of A4; quantities and specimens that one page has room for
+#: inches of A4; quantities and specimens that one page has space for
 A4 = (8.27, 11.69)
 QUANTITIES, SPECIMENS, NAMED = 12, 25, 6
 
@@ -50,9 +50,11 @@ def _said(batch: Batch) -> list[str]:
         gap = np.median([x.gap_share for x in batch.finished if x.gap_share is not None] or [np.nan])
         found = ", ".join(f"{c} ({n})" for c, n in causes.most_common(5))
         out.append(f"What the model misses: {100 * gap:.2g} % of the friction force (median); causes found: {found}.")
-    misfits = [x.misfit_share for x in batch.finished if x.misfit_share is not None]
-    if misfits:
-        worst = f"{100 * np.median(misfits):.2g} % of the friction force (median), at most {100 * max(misfits):.2g} %"
+    residuals = [x.residual_share for x in batch.finished if x.residual_share is not None]
+    if residuals:
+        worst = (
+            f"{100 * np.median(residuals):.2g} % of the friction force (median), at most {100 * max(residuals):.2g} %"
+        )
         out.append(f"The identified models leave {worst}.")
     if late := [x.name for x in batch.finished if x.converged is False]:
         out.append(f"Not converged, intervals too narrow: {', '.join(late[:NAMED])}.")

@@ -53,7 +53,7 @@ class Finished:
     probability: float | None
     gap_share: float | None
     shrink: float | None
-    misfit_share: float | None = None
+    residual_share: float | None = None
 
     __repr__ = brief
 
@@ -79,8 +79,8 @@ class Batch:
 
     finished, failures : those that were finished, and the reason of each failure. populations : of each quantity that
     at least three specimens determine. unusual : every specimen, the most unusual first. group : name of what lots are
-    told by; lots : of each specimen; lot_populations : by lot and quantity. shrunk : by quantity and specimen, what all
-    others of its lot (of the batch, without lots) say of it.
+    distinguished by; lots : of each specimen; lot_populations : by lot and quantity. shrunk : by quantity and specimen,
+    what all others of its lot (of the batch, without lots) say of it.
     """
 
     finished: tuple[Finished, ...]
@@ -135,7 +135,7 @@ class Batch:
         """One row a specimen, failed ones included."""
         names = sorted({(q, x.quantities[q].unit) for x in self.finished for q in x.quantities})
         columns = ["specimen", "state", "message", "seconds", "cause", "second_cause", "probability"]
-        columns += ["gap_share", "shrink", "misfit_share", "distance", "unusual_in", self.group or "lot"]
+        columns += ["gap_share", "shrink", "residual_share", "distance", "unusual_in", self.group or "lot"]
         columns += [f"{q}_{s}" for q, _ in names for s in ("q05", "q50", "q95", "q05_lot", "q50_lot", "q95_lot")]
         ranked = {x.name: x for x in self.unusual}
         rows: list[tuple[Cell, ...]] = []
@@ -144,7 +144,7 @@ class Batch:
             some = (x.cause or "", x.second_cause or "", _number(x.probability))
             row: list[Cell] = [x.name, state, x.message, x.seconds, *some, _number(x.gap_share), _number(x.shrink)]
             odd = ranked.get(x.name)
-            row += [_number(x.misfit_share), np.nan if odd is None else odd.distance]
+            row += [_number(x.residual_share), np.nan if odd is None else odd.distance]
             row += ["" if odd is None else " ".join(odd.notable), self.lots.get(x.name, "")]
             for quantity, _ in names:
                 q, lot = x.quantities.get(quantity), self.shrunk.get(quantity, {}).get(x.name)

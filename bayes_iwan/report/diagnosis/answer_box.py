@@ -13,13 +13,13 @@ from bayes_iwan.report.diagnosis.cells import percent, percent_range
 from bayes_iwan.report.page import Section
 
 _WORDS = (
-    ("gap", "the misfit: RMS of measured − predicted force beyond the records' noise (a stop has a clearance)", "N"),
+    ("gap", "RMS of measured − predicted force beyond the records' noise (a stop has a clearance)", "N"),
     ("share", "part of the gap that an effect removes; all effects and the unexplained part make the whole", ""),
     ("interval of a share", "what the effect may remove on other tests; nature's law is not quite the fitted one", ""),
     ("friction force", "RMS friction force of the fitted model, at least energy per cycle / (4 × amplitude)", "N"),
     ("unexplained", "what no named effect removes", ""),
     ("noise", "RMS of what the records do not repeat", "N"),
-    ("expected residual", "what noise and the usual small misfit of a sound specimen leave", "N"),
+    ("expected residual", "what noise and the usual small discrepancy of a sound specimen leave", "N"),
     ("held-out tests", "tests that the fit has not seen: whole frequencies and amplitudes in turn", ""),
     ("probability", "that a cause contributes; several may, so these need not sum to one", ""),
     ("shrink", "1 − gap after ÷ gap before", ""),
@@ -47,22 +47,22 @@ CAPTIONS = {
     ),
     "gap_loops": (
         "Measured loops of every test. Red and thick: the measured force is above the model's there; blue: "
-        "below; thin and grey: nothing is missed. After each name the gap as a share of the friction force.",
+        "below; thin and grey: no gap. After each name the gap as a share of the friction force.",
         "Hysteresis loops coloured by measured minus predicted force",
     ),
     "gap_map": (
         "The same along the cycle (across) for every test (down), divided by the expected residual "
-        "(standard deviation from noise and small misfits, after a refit).",
-        "Colour map of the missed force over phase and test",
+        "(standard deviation from noise and small discrepancies, after a refit).",
+        "Colour map of the residual force over phase and test",
     ),
     "gap_regions": (
         "Parts of the loop, which overlap: their shares of the gap, at the right, add up to more than the whole. A "
-        "point right of the dashed line: more is missed there than in the loop as a whole. Grey and open: no more "
+        "point right of the dashed line: the residual is larger there than in the whole loop. Grey and open: no more "
         "than a right model would leave.",
         "Points with intervals: gap in each part of the loop",
     ),
     "gap_harmonics": (
-        "Harmonics of what is missed, test by test. Left: in phase with displacement, where a missing "
+        "Harmonics of the residual, test by test. Left: in phase with displacement, where a missing "
         "stiffness or mass shows; right: in phase with velocity, where missing damping shows.",
         "Stems of residual harmonics for all tests, in phase and in quadrature",
     ),
@@ -81,12 +81,12 @@ CAPTIONS = {
         "Bar chart of the probability that each effect contributes",
     ),
     "before_after": (
-        "What is missed along the cycle by the model alone and with the named effects, everything fitted anew.",
+        "Residual along the cycle by the model alone and with the named effects, everything fitted anew.",
         "Residual force along the cycle of every test with and without the effects",
     ),
     "shares": (
         "Share of the gap that each named cause removes. The diamond counts: tests that the fit has not seen.",
-        "Share of the gap by cause with intervals, on fitted and on unseen tests",
+        "Share of the gap by cause with intervals, on fitted and on held-out tests",
     ),
     "moved": (
         "Change of the specimen's own parameters once the named effects are in the model. Long stems: these had "
@@ -105,17 +105,18 @@ def put_figures(section: Section, figures: Mapping[str, Figure], *names: str) ->
 
 
 def diagnosis_answer(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
-    """The verdict in words, the waterfall, the gap as a sum, where the rest sits, and the words that follow."""
+    """The verdict in words, the waterfall, the gap as a sum, where the unexplained part sits, and the words that
+    follow."""
     section.note(Markup("<br>").join(d["sentences"]), d["verdict"]["colour"])
     put_figures(section, figures, *(("headline",) if "headline" in figures else ("gap_loops",)))
     if d["verdict"]["causes"]:
         section.table(
             ("part of the gap", "probability", "share", "90 % interval", "on held-out tests", "90 % interval",
-             "cannot be told from"),
-            [*map(_cause, d["verdict"]["causes"]), _rest(d)],
+             "tied with"),
+            [*map(_cause, d["verdict"]["causes"]), _unexplained(d)],
             "The gap as a sum",
         )  # fmt: skip
-    where = d["rest"]["where"] if d["verdict"]["unknown_rest"] else []
+    where = d["unexplained"]["where"] if d["verdict"]["unknown_cause"] else []
     if where:
         section.heading_below("Where the unexplained part sits")
         section.html(Markup("<ul>{}</ul>").format(Markup("").join(Markup("<li>{}</li>").format(x) for x in where)))
@@ -131,11 +132,11 @@ def _cause(c: Mapping[str, Any]) -> tuple[str, ...]:
         percent_range(c["share_interval"]),
         percent(c["share_held_out"]),
         percent_range(c["share_held_out_interval"]),
-        few(c["cannot_tell_apart"]) if c["cannot_tell_apart"] else "–",
+        few(c["tied_with"]) if c["tied_with"] else "–",
     )
 
 
-def _rest(d: Mapping[str, Any]) -> tuple[str, ...]:
-    rest = d["rest"]
-    name = "unexplained" + (", cause unknown" if d["verdict"]["unknown_rest"] else "")
-    return name, f"{rest['probability']:.2f}", percent(rest["share"]), percent_range(rest["interval"]), "", "", ""
+def _unexplained(d: Mapping[str, Any]) -> tuple[str, ...]:
+    left = d["unexplained"]
+    name = "unexplained" + (", cause unknown" if d["verdict"]["unknown_cause"] else "")
+    return name, f"{left['probability']:.2f}", percent(left["share"]), percent_range(left["interval"]), "", "", ""

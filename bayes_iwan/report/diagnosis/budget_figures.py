@@ -1,4 +1,4 @@
-"""Figures of a diagnosis' answer: the budget of the gap, the causes' probabilities, what is missed with and without."""
+"""Figures of a diagnosis' answer: the budget of the gap, the causes' probabilities, the residual with and without."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY,
 
 
 def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> None:
-    """Bars from the gap down to the rest, in percent of the gap; hatched, what of the rest one of several effects
+    """Bars from the gap down to the unexplained part, in percent of the gap; hatched, what of it one of several effects
     removes; the noise beside them for scale."""
     before = budget.before.rms_N
     rows: list[tuple[str, float, float, str, tuple[float, float] | None]] = [("gap", 0.0, 1.0, BLACK, None)]
@@ -27,10 +27,12 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
     for c in budget.causes:
         rows.append((fill(title(c.name), 22), top - c.share.value, c.share.value, BLUE, (c.share.low, c.share.high)))
         top -= c.share.value
-    rest = budget.rest.share
-    flagged = budget.rest.probability >= 0.5
+    unexplained = budget.unexplained.share
+    flagged = budget.unexplained.probability >= 0.5
     label = "unexplained"
-    rows.append((label, 0.0, top, ORANGE if flagged else GREEN, (rest.low, rest.high) if budget.causes else None))
+    rows.append(
+        (label, 0.0, top, ORANGE if flagged else GREEN, (unexplained.low, unexplained.high) if budget.causes else None)
+    )
     hatched = []
     for x in one_of:
         some = f"{title(x.names[0])} or {title(x.names[1]) if len(x.names) == 2 else f'{len(x.names) - 1} others'}"
@@ -45,7 +47,7 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
             bar.set(hatch="///", edgecolor="white", linewidth=0.0)
         text = f"{100 * width:.0f} %" + (f"  ({100 * interval[0]:.0f} to {100 * interval[1]:.0f})" if interval else "")
         end = min(max(left + width, left), 1.15)
-        if width >= 0.4 and i not in hatched:  # room inside the bar
+        if width >= 0.4 and i not in hatched:  # space inside the bar
             at, side, shift, colour = left, "left", 3, "black" if colour == ORANGE else "white"
         elif end > 0.62:
             at, side, shift, colour = left, "right", -3, "black"
@@ -64,7 +66,7 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
 
 @styled
 def budget_figure(budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Figure:
-    """The gap as a waterfall: what each named cause removes, and the rest."""
+    """The gap as a waterfall: what each named cause removes, and what is unexplained."""
     figure, axes = subplots(1, 1, 6.6, 0.36 * (len(budget.causes) + len(one_of) + 3) + 0.7)
     _waterfall(axes[0, 0], budget, one_of)
     axes[0, 0].set_xlabel(f"share of the gap of {budget.before.rms_N:.3g} N RMS, 90 % intervals in brackets")
@@ -72,8 +74,8 @@ def budget_figure(budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Figure:
 
 
 @dataclass(frozen=True)
-class Missed:
-    """What is missed along a cycle, (n,) each, N: by the model alone, by one with the causes (None: none is named), and
+class CycleResidual:
+    """Residual along a cycle, (n,) each, N: by the model alone, by one with the causes (None: none is named), and
     what a right model would leave (sd). name : of the test, and of the cycles where it is not their average."""
 
     name: str
@@ -83,8 +85,10 @@ class Missed:
 
 
 @styled
-def headline_figure(budget: GapBudget, shown: Sequence[Missed], causes: str, one_of: Sequence[OneOf] = ()) -> Figure:
-    """The answer in one picture: the budget, and where the gap shows most what is missed with and without the named
+def headline_figure(
+    budget: GapBudget, shown: Sequence[CycleResidual], causes: str, one_of: Sequence[OneOf] = ()
+) -> Figure:
+    """The answer in one picture: the budget, and where the gap shows most the residual with and without the named
     causes: one average cycle, or two that are apart in the record, one below the other."""
     figure = Shown(figsize=(7.8, 2.8 if len(shown) == 1 else 3.6), layout="constrained")
     grid = figure.add_gridspec(len(shown), 2, width_ratios=[1.05, 1.2])
@@ -94,7 +98,7 @@ def headline_figure(budget: GapBudget, shown: Sequence[Missed], causes: str, one
     right: list[Axes] = []
     for i, one in enumerate(shown):
         first = right[0] if right else None
-        right.append(_missed(figure.add_subplot(grid[i, 1], sharex=first, sharey=first), one, causes))
+        right.append(_cycle_residual(figure.add_subplot(grid[i, 1], sharex=first, sharey=first), one, causes))
     right[0].set_title(f"where it shows most: {shown[0].name}", loc="left")
     for below, one in zip(right[1:], shown[1:]):
         below.set_title(one.name, loc="left")
@@ -112,7 +116,7 @@ def headline_figure(budget: GapBudget, shown: Sequence[Missed], causes: str, one
     return figure
 
 
-def _missed(ax: Axes, one: Missed, causes: str) -> Axes:
+def _cycle_residual(ax: Axes, one: CycleResidual, causes: str) -> Axes:
     """One cycle's residual with and without the causes over what a right model leaves."""
     phase, band = np.arange(len(one.before_N)) / len(one.before_N), 2 * one.expected_N
     ax.fill_between(phase, -band, band, color="#D9D9D9", linewidth=0, label="a right model leaves (2 sd)")
@@ -125,7 +129,7 @@ def _missed(ax: Axes, one: Missed, causes: str) -> Axes:
 
 @styled
 def shares_figure(budget: GapBudget) -> Figure:
-    """Share of the gap that each named cause removes, on the fitted tests and on tests left out."""
+    """Share of the gap that each named cause removes, on the fitted tests and on held-out tests."""
     causes = budget.causes
     figure, axes = subplots(1, 1, 6.2, 0.42 * len(causes) + 1.1)
     ax = axes[0, 0]
@@ -139,7 +143,7 @@ def shares_figure(budget: GapBudget) -> Figure:
             ax.plot(c.held_out.value, k - 0.14, "D", color=RED, markerfacecolor="white", markersize=5)
             least = min(least, c.held_out.low)
     if any(c.held_out is not None for c in causes):
-        ax.plot([], [], "D", color=RED, markerfacecolor="white", label="on tests left out of the fit")
+        ax.plot([], [], "D", color=RED, markerfacecolor="white", label="on held-out tests of the fit")
     ax.axvline(0.0, color=BLACK, linewidth=0.6)
     ax.set_yticks(y, [c.name.replace("_", " ") for c in causes])
     ax.set_ylim(-0.7, len(causes) - 0.4)
@@ -155,7 +159,8 @@ def probabilities_figure(
     named: Sequence[str] = (),
     most: int = 10,
 ) -> Figure:
-    """Probability that each effect contributes, that none does, and that the rest has a cause without a name."""
+    """Probability that each effect contributes, that none does, and that the unexplained part has a cause without a
+    name."""
     ranked = sorted(probabilities.items(), key=lambda x: -x[1])
     always = ("none", "unknown", "drive")
     keep = [x for x in ranked if x[0] in always or x[1] >= 0.005][:most]
@@ -237,7 +242,7 @@ def moved_figure(moved: Mapping[str, Moved]) -> Figure:
 def _words(name: str) -> str:
     own = {
         "none": "none: the model suffices",
-        "unknown": "unknown: the rest has a cause",
-        "drive": "the drive: cannot be told",
+        "unknown": "unknown: something else is there",
+        "drive": "the drive: no cause found",
     }
     return own.get(name, title(name))

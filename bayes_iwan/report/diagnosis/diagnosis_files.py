@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict, write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import GapPictures, pictures
-from bayes_iwan.diagnosis.answer.gap_location import Located, Watcher
+from bayes_iwan.diagnosis.answer.gap_location import Located, ProgressListener
 from bayes_iwan.diagnosis.answer.localisation import along_cycle, of_blocks, right_model_of_blocks
 from bayes_iwan.diagnosis.answer.wording import listed
 from bayes_iwan.diagnosis.diagnosis import BASES, Diagnosis, diagnose_folder
@@ -23,7 +23,7 @@ from bayes_iwan.files import clear, finite, owned
 from bayes_iwan.inference.setup.config import Config, diagnose_settings_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
-from bayes_iwan.report.diagnosis.budget_figures import Missed
+from bayes_iwan.report.diagnosis.budget_figures import CycleResidual
 from bayes_iwan.report.diagnosis.diagnosis_page import order_ahead, write_diagnosis_page
 from bayes_iwan.report.effect_loops import effect_viewer_data
 from bayes_iwan.report.provenance import provenance
@@ -34,7 +34,7 @@ from bayes_iwan.report.style import house_style, relabel
 WEIGHING = 11
 
 
-class Ahead(Watcher):
+class Ahead(ProgressListener):
     """Draws the gap's own figures in a second process while causes are weighed here."""
 
     def __init__(self) -> None:
@@ -76,10 +76,10 @@ def diagnosis_figures(found: Diagnosis, ahead: Mapping[str, Figure] | None = Non
     return out
 
 
-def _average(drawn: GapPictures, after_N: Array | None) -> Missed:
-    """What is missed along the average cycle of the test where most is."""
+def _average(drawn: GapPictures, after_N: Array | None) -> CycleResidual:
+    """Residual along the average cycle of the test where most is."""
     worst = int(np.argmax(drawn.gap_N))
-    return Missed(
+    return CycleResidual(
         drawn.names[worst],
         drawn.residual_N[worst],
         None if after_N is None else after_N[worst],
@@ -87,8 +87,8 @@ def _average(drawn: GapPictures, after_N: Array | None) -> Missed:
     )
 
 
-def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[Missed, ...]:
-    """What is missed in the first and the last block of cycles of the test that changes most, where most of the gap is
+def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[CycleResidual, ...]:
+    """Residual in the first and the last block of cycles of the test that changes most, where most of the gap is
     change along the record, which the average cycle does not show; else nothing."""
     if found.before.along.rms_N <= found.before.loop.rms_N:
         return ()
@@ -102,7 +102,7 @@ def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[Missed, ...]:
     for b in (0, len(cycle) - 1):
         span = f"cycles {cycle[b] - half + 1:.0f} to {cycle[b] + half:.0f}"
         left = None if after is None else after[b]
-        shown.append(Missed(span if b else f"{names[test]}, {span}", before[b], left, expected[b]))
+        shown.append(CycleResidual(span if b else f"{names[test]}, {span}", before[b], left, expected[b]))
     return tuple(shown)
 
 
@@ -124,7 +124,7 @@ def diagnose_campaign(
     base : a name of :data:`bayes_iwan.diagnosis.diagnosis.BASES`; config : TOML file as for `identify`; effects_file :
     a user's own effects, simulator_file : their own model; both are Python and are run; executor : from
     :func:`bayes_iwan.executors.opened`, to refit effects side by side. Raises ValueError (and its kinds)
-    with one line that names what is wrong and the mend.
+    with one line that names what is wrong and the fix.
     """
     if base not in BASES:
         raise ValueError(f"--base {base}: not known; choose one of {', '.join(BASES)}")
@@ -172,7 +172,7 @@ def write_diagnosis(
             simulator_file=simulator_file,
             progress=progress,
             executor=executor,
-            watcher=ahead,
+            listener=ahead,
         )
         _write(found, folder, effects_file, simulator_file, ahead)
     return found

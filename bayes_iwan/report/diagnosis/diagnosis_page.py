@@ -1,4 +1,4 @@
-"""The page of a diagnosis: the answer first, then where, which, how far it shrinks, what moved, what cannot be told."""
+"""The page of a diagnosis: the answer first, then where, which, how far it shrinks, what moved, what is tied."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def write_diagnosis_page(
 ) -> Path:
     """Write the page; whole or not at all.
 
-    diagnosis : what `diagnosis.json` holds; figures : by name (see `CAPTIONS`), those missing are left out; about :
+    diagnosis : what `diagnosis.json` holds; figures : by name (see `CAPTIONS`), those missing are omitted; about :
     by effect, what it is: physics, signature, reference, bench. units : of the campaign; made : from
     what and when; meanings : of the specimen's parameters, by name. viewer : of
     :func:`bayes_iwan.report.effect_loops.effect_viewer_data`.
@@ -121,7 +121,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
             )
             for h in w["harmonics"]
         ],
-        "Harmonics of what is missed (RMS over tests)",
+        "Harmonics of the residual (RMS over tests)",
         fold=True,
     )
 
@@ -136,12 +136,12 @@ def _which(
         name = effect["name"]
         cause = next(c for c in d["verdict"]["causes"] if c["name"] == name)
         section.heading_below(title(name))
-        told = about.get(name, {})
-        section.text(*(told[k] for k in ("physics",) if told.get(k)))
+        described = about.get(name, {})
+        section.text(*(described[k] for k in ("physics",) if described.get(k)))
         if cause["law"]:
             section.text(f"Law that fits best: {cause['law']}.")
-        if told.get("signature"):
-            section.text(f"In the loops: {told['signature']}.")
+        if described.get("signature"):
+            section.text(f"In the loops: {described['signature']}.")
         rows = [
             (
                 p,
@@ -164,8 +164,8 @@ def _which(
         )
         if effect.get("remedy"):
             section.text(f"Remedy: {effect['remedy']}")
-        if told.get("reference"):
-            section.text(f"Source: {told['reference']}.")
+        if described.get("reference"):
+            section.text(f"Source: {described['reference']}.")
     if not d["effects"]:
         section.text("No effect is named.")
     for one in d["verdict"].get("one_of") or []:
@@ -185,7 +185,7 @@ def _which(
     ]
     if rows:
         section.table(
-            ("effect", "probability", "shrink", "on tests left out", "strength differs by (sd)"),
+            ("effect", "probability", "shrink", "on held-out tests", "strength differs by (sd)"),
             rows,
             "Considered, not named",
         )
@@ -194,19 +194,19 @@ def _which(
 
 
 def _sampled(section: Section, d: Mapping[str, Any]) -> None:
-    """What the numbers of the effects rest on."""
+    """What the numbers of the effects come from."""
     sampling = d.get("sampling")
     if sampling is None:
         section.text("Their numbers are the optimum's with Laplace's approximation: a quick run draws no samples.")
         return
-    worth = "" if sampling["least_ess"] is None else f" At least {sampling['least_ess']:.0f} effective draws"
-    worth += "" if sampling["worst_r_hat"] is None else f", R-hat at most {sampling['worst_r_hat']:.3f}."
+    quality = "" if sampling["least_ess"] is None else f" At least {sampling['least_ess']:.0f} effective draws"
+    quality += "" if sampling["worst_r_hat"] is None else f", R-hat at most {sampling['worst_r_hat']:.3f}."
     if sampling["converged"]:
-        section.text(f"Their numbers are from draws of the posterior, converged.{worth}")
+        section.text(f"Their numbers are from draws of the posterior, converged.{quality}")
     else:
         section.note(
             f"The draws behind their numbers have not converged, so take their intervals with care: "
-            f"{sampling['message'].removeprefix('not converged: ')}.{worth}",
+            f"{sampling['message'].removeprefix('not converged: ')}.{quality}",
             "warning",
         )
 
@@ -216,7 +216,7 @@ def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figur
     section.text(
         f"The gap is {newton(gap['before_rms_N'])} RMS without and {newton(gap['after_rms_N'])} with all named "
         "effects. "
-        "On the tests that it was fitted to an effect looks better than it is. The held-out tests count. "
+        "On the tests that it was fitted to an effect seems better than it is. The held-out tests count. "
         f"A smooth discrepancy of any shape would remove {100 * gap['ceiling_shrink']:.0f} % of the gap. No effect "
         "can be "
         "expected to remove more."
@@ -252,13 +252,13 @@ def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
 
 def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[str, Any]]) -> None:
     verdict, following = d["verdict"], d["next_test"]
-    section.heading_below("Cannot be told apart")
-    tied = [c for c in verdict["causes"] if c["cannot_tell_apart"]]
+    section.heading_below("Cannot be described apart")
+    tied = [c for c in verdict["causes"] if c["tied_with"]]
     some = verdict.get("one_of") or []
     section.text(
-        *(f"These tests do not separate {title(c['name'])} from {listed(c['cannot_tell_apart'])}." for c in tied),
+        *(f"These tests do not separate {title(c['name'])} from {listed(c['tied_with'])}." for c in tied),
         *(f"One of {listed(x['names'], 'or')} contributes; these tests cannot tell which." for x in some),
-        *(() if tied or some else ("No named effect has a rival that explains these tests nearly as well.",)),
+        *(() if tied or some else ("No other effect explains these tests nearly as well as a named one.",)),
     )
     rows = [
         (
@@ -320,7 +320,7 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
         "stiffnesses: no loop test can see it. Check the sensor against a known displacement.",
         "warning",
     )
-    asked = {n for c in verdict["causes"] for n in (c["name"], *c["cannot_tell_apart"])}
+    asked = {n for c in verdict["causes"] for n in (c["name"], *c["tied_with"])}
     asked |= {n for x in some for n in x["names"]}
     benches = [(title(n), a["bench"]) for n, a in about.items() if a.get("bench") and n in asked]
     if benches:
@@ -332,7 +332,7 @@ def _settings(section: Section, d: Mapping[str, Any]) -> None:
     section.text(
         "Residual: measured − predicted force. Gap: its RMS with the records' own repeatability taken off, so "
         "that a perfect model reads zero within its interval; as a share it is divided by the RMS friction "
-        "force. The mean force of a test is left out: it depends on the rest position, which a dynamic "
+        "force. The mean force of a test is omitted: it depends on the rest position, which a dynamic "
         "displacement channel does not tell.",
         "A part “stands out” when its gap is significant at 5 %, corrected for "
         f"{d['where'].get('statistics', 'all')} statistics.",

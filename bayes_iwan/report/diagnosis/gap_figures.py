@@ -88,7 +88,7 @@ def _mappable(norm: TwoSlopeNorm) -> ScalarMappable:
 def gap_map_figure(
     names: Sequence[str], residual_N: Array, expected_N: Array, displacement_mm: Array, sticking: Array | None = None
 ) -> Figure:
-    """What is missed along the cycle (across) in each test (down), in units of what a right model would leave.
+    """Residual along the cycle (across) in each test (down), in units of what a right model would leave.
 
     Above: the displacement. sticking (T, n) marks where half of the elements have begun to slip.
     """
@@ -120,13 +120,13 @@ def gap_map_figure(
     ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0\nmiddle, up", "¼\nupper end", "½\nmiddle, down", "¾\nlower end", "1"])
     ax.set_xlabel("phase of the cycle" + ("" if sticking is None else "   ( | : from here on most elements slip)"))
     bar = figure.colorbar(mesh, ax=list(axes[:, 0]), pad=0.02)
-    bar.set_label("missed force over\nwhat a right model leaves")
+    bar.set_label("residual over\nwhat a right model leaves")
     return figure
 
 
 @styled
 def gap_harmonics_figure(names: Sequence[str], in_phase_N: Array, quadrature_N: Array, expected_N: Array) -> Figure:
-    """Residual harmonics of every test in step with displacement and velocity, (T, orders + 1), order 0 left out.
+    """Residual harmonics of every test in step with displacement and velocity, (T, orders + 1), order 0 omitted.
 
     Grey: what a right model would leave, twice its standard deviation.
     """

@@ -69,7 +69,7 @@ def region_checks(posterior: Posterior, predictive: Predictive | None = None) ->
 
 @styled
 def regions_figure(posterior: Posterior, checks: RegionChecks | None = None) -> Figure:
-    """Predictive p-values by test and loop region, the number in each cell; low ones (misfit) orange and bold."""
+    """Predictive p-values by test and loop region, the number in each cell; low ones (a gap) orange and bold."""
     checks = region_checks(posterior) if checks is None else checks
     n = len(checks.loops)
     figure, axes = subplots(1, 1, 7.2, 0.3 * n + 1.2)
@@ -123,7 +123,7 @@ class LooPit:
 def loo_pit(posterior: Posterior, n: int = 600) -> LooPit:
     """LOO-PIT by Pareto-smoothed importance sampling, on the likelihood's own independent data.
 
-    These are the rotated, whitened harmonics for the correlated likelihood (real and imaginary part of one left out
+    These are the rotated, whitened harmonics for the correlated likelihood (real and imaginary part of one omitted
     together) and the loop's samples for the independent ones. The mean forces are not among them: the correlated
     likelihood gives them next to no weight on purpose, which would show as intervals that are too wide.
     """

@@ -1,4 +1,4 @@
-"""report.html: what was identified, how well the model fits, and what the fit is worth. Issue by issue of one run."""
+"""report.html: what was identified, how well the model fits, and how reliable the fit is. Issue by issue of one run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from bayes_iwan.comparison.frequencies import Frequencies, compare_frequencies
 from bayes_iwan.files import clear, owned
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.remarks import LARGE_MISFIT, searches_said
+from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL, searches_said
 from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.models import Model
@@ -50,9 +50,9 @@ def identification_report(
     convergence, tests = tables.convergence_rows(posterior), compared_loops(posterior, p)
     parameters, quantities = tables.parameters_table(posterior), tables.quantities_table(posterior)
     of_tests, of_chains = tables.loops_table(tests), tables.convergence_table(convergence)
-    of_left_out = tables.left_out_table(posterior.left_out)
+    of_held_out = tables.held_out_table(posterior.held_out)
     tables.write_tables(
-        [parameters, tables.paper_table(posterior), quantities, of_tests, of_chains, of_left_out],
+        [parameters, tables.paper_table(posterior), quantities, of_tests, of_chains, of_held_out],
         posterior,
         out / "tables",
     )
@@ -112,7 +112,7 @@ def _subtitle(posterior: Posterior) -> str:
     model = posterior.problem.model
     said = model.name
     if isinstance(model, Model):
-        said = f"{model.slip} slip forces, {model.grip} normal force, {model.stiffness} stiffness"
+        said = f"{model.slip} slip forces, {model.normal_force} normal force, {model.stiffness} stiffness"
     parts = [
         "" if posterior.campaign is None else posterior.campaign.description,
         f"model: {said}",
@@ -139,7 +139,7 @@ def _loops(page: Page, posterior: Posterior, p: Predictive) -> None:
     section.figure(
         loops.residuals_figure(posterior, predictive=p),
         "Residual, measured − median prediction, along the cycle. Bands: where an averaged loop was "
-        "expected, with the noise and the smooth misfit that the likelihood allows. The drifting zero of "
+        "expected, with the noise and the smooth discrepancy that the likelihood allows. The drifting zero of "
         "the force is taken off test by test.",
         "Residual against phase, one panel a test, with expected bands around zero.",
         name="residuals",
@@ -175,9 +175,9 @@ def _laws(section: Section, posterior: Posterior, model: Model) -> None:
             "Rising curve of stiffness against relative normal force with bands.",
             name="stiffness",
         )
-    if model.grip != "constant":
+    if model.normal_force != "constant":
         section.figure(
-            law_figures.grip_figure(posterior),
+            law_figures.normal_force_figure(posterior),
             "Relative normal force along the largest stroke, out and back (the paper's Fig. 10), 90 % bands.",
             "Relative normal force against displacement for each frequency, one panel a direction.",
             name="normal_force",
@@ -269,10 +269,10 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, tests: Sequen
 
 def _checks(section: Section, posterior: Posterior, result: checks.RegionChecks, tests: Sequence[LoopRow]) -> None:
     share = max(x.residual_share for x in tests)
-    if share > LARGE_MISFIT:
+    if share > LARGE_RESIDUAL:
         section.note(
             f"The model misses the friction force of its worst test by {100 * share:.2g} %. The checks below "
-            "ask only whether that misfit is as smooth and as large as the likelihood has learnt it to be, "
+            "ask only whether that gap is as smooth and as large as the likelihood has learnt it to be, "
             "not whether it is small.",
             "warning",
         )
@@ -281,7 +281,7 @@ def _checks(section: Section, posterior: Posterior, result: checks.RegionChecks,
     section.figure(
         checks.regions_figure(posterior, result),
         "Posterior predictive p-values by test and part of the loop. Orange and bold: the model misses "
-        "there by more than noise and the admitted smooth misfit explain. Blue: by less than "
+        "there by more than noise and the admitted smooth discrepancy explain. Blue: by less than "
         "expected.",
         "A table of p-values, tests by six loop regions.",
         name="regions",
@@ -294,12 +294,12 @@ def _checks(section: Section, posterior: Posterior, result: checks.RegionChecks,
         "Histogram of LOO-PIT values and their distribution function less the uniform one.",
         name="loo_pit",
     )
-    if posterior.left_out:
+    if posterior.held_out:
         section.table(
-            ("left out", "points in 50 % bands", "points in 90 % bands", "energies and stiffnesses in 90 % bands"),
+            ("held out", "points in 50 % bands", "points in 90 % bands", "energies and stiffnesses in 90 % bands"),
             [
                 (f"{x.frequency_hz:.3g} Hz", *(f"{100 * y:.0f} %" for y in (x.points_50, x.points_90, x.quantities_90)))
-                for x in posterior.left_out
+                for x in posterior.held_out
             ],
             "Each frequency predicted from the tests of all others, which know nothing of it: what the bands hold of "
             "its loops (normal approximation about the others' most probable point)",

@@ -107,13 +107,13 @@ def stiffness_figure(posterior: Posterior, prior: bool = True) -> Figure:
 
 
 @styled
-def grip_figure(posterior: Posterior) -> Figure:
+def normal_force_figure(posterior: Posterior) -> Figure:
     """Fig. 10: relative normal force along the largest stroke, on the way out and back, at each frequency tested."""
     problem = posterior.problem
     parameter_values = _posterior_values(posterior)
     amplitude = problem.scales.length_mm
     frequencies = sorted({round(float(f), 3) for f in problem.motion.frequency_hz})
-    if len(frequencies) > 4:  # lines beyond that cannot be told apart
+    if len(frequencies) > 4:  # lines beyond that cannot be distinguished
         frequencies = [frequencies[i] for i in np.linspace(0, len(frequencies) - 1, 4).astype(int)]
     samples = 128
     motion = sine_motion(

@@ -175,7 +175,7 @@ def symbol_of(posterior: Posterior, name: str) -> str:
 
 
 def identifiable(posterior: Posterior) -> tuple[dict[str, Array], dict[str, str]]:
-    """Draws and labels of the scalars that loops determine: noise parameters and open shapes are left out, quantiles
+    """Draws and labels of the scalars that loops determine: noise parameters and open shapes are omitted, quantiles
     of the slip force stand for the shapes, which trade off against each other."""
     found = posterior.quantities()
     draws, labels = {}, {}

@@ -27,7 +27,8 @@ def methods(posterior: Posterior) -> str:
     parts = []
     if isinstance(model, Model):
         parts.append(
-            f"The generalized Iwan model ({model.slip} slip forces, {model.grip} normal force, {model.stiffness} "
+            f"The generalized Iwan model ({model.slip} slip forces, {model.normal_force} normal force, "
+            f"{model.stiffness} "
             "stiffness) was identified from"
         )
     else:

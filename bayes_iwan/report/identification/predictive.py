@@ -24,8 +24,9 @@ class Predictive:
         zero: the force channel's zero drifts from test to test, the likelihood gives it no weight, nor do figures.
     median_N : (tests, samples) the posterior's median, which residuals are taken from.
     force_N : what the model says, (draws, tests, samples); every draw's mean over a loop moved to their median's.
-    loop_N : the same with the likelihood's noise and misfit, as an averaged loop would be measured again; on tests that
-        were not fitted the misfit is carried over from those that were.
+    loop_N : the same with the likelihood's noise and discrepancy, as an averaged loop would be measured again; on tests
+    that
+        were not fitted the discrepancy is carried over from those that were.
     cycle_N : with the cycle-to-cycle scatter on top, as one more cycle would be measured.
     spring_N : (tests, samples) median parallel spring and force zero. Force less this is the friction force; taking
         the same line off measured and predicted leaves the residual what it is.
@@ -55,12 +56,12 @@ def predict(posterior: Posterior, loops: Sequence[Loop] | None = None, n: int = 
     rng, motion = np.random.default_rng([seed, 31]), motion_of((*chosen, *problem.loops))
     force = problem.force(parameter_values, motion)
     median = np.median(force[:, : len(chosen)], axis=0)
-    missed, force = problem.measured_N - force[:, len(chosen) :], force[:, : len(chosen)]
+    residual_N, force = problem.measured_N - force[:, len(chosen) :], force[:, : len(chosen)]
     force += median.mean(axis=-1, keepdims=True) - force.mean(axis=-1, keepdims=True)
     again = make_likelihood(problem.likelihood.name, chosen, problem.scales).replicate(force, parameter_values, rng)
     if other := [i for i, x in enumerate(chosen) if x.file not in {y.file for y in problem.loops}]:
-        unseen = [chosen[i] for i in other]
-        again[:, other] = force[:, other] + problem.likelihood.carried_over(missed, parameter_values, unseen, rng)
+        held_out = [chosen[i] for i in other]
+        again[:, other] = force[:, other] + problem.likelihood.carried_over(residual_N, parameter_values, held_out, rng)
     loop = force + resolved(again - force, chosen)
     scatter = np.stack([x.force_scatter_N for x in chosen])
     u = np.stack([x.displacement_mm for x in chosen])

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.remarks import LARGE_MISFIT
+from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
 from bayes_iwan.models import Model
 from bayes_iwan.report.identification import marginals
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
@@ -23,7 +23,7 @@ _FIRST = {
     "k1_N_mm": "sticking contacts: stiffness that they add before they slide",
     "mean_slip_force_N": "friction: mean slip force of the contacts",
 }
-_UNSEEN = (
+_NOT_VISIBLE = (
     "A gain error of the displacement or force channel: stiffnesses and slip forces would absorb all of it. Check both "
     "sensors against a known spring.",
     "A compliance of the fixture in series with the specimen: the stiffnesses would absorb it too.",
@@ -41,18 +41,18 @@ def identification_answer(
     p: Predictive,
     found: Sequence[Finding],
 ) -> None:
-    """What the checks found, a picture, stiffness, friction, damping and misfit with their intervals; what is not
+    """What the checks found, a picture, stiffness, friction, damping and residual with their intervals; what is not
     known."""
     section.status([(x.text, x.good, x.section) for x in found])
     section.figure(
         headline_figure(posterior, loops, p),
         "Left: the test that the model misses most, measured (dotted) over the bands in which 50 and 90 % of further "
         "cycles are expected. Right: what the median prediction misses of each test's friction force; orange: more "
-        f"than {100 * LARGE_MISFIT:.0f} %.",
+        f"than {100 * LARGE_RESIDUAL:.0f} %.",
         "A measured and predicted friction loop, and bars of the residual of every test.",
         name="headline",
     )
-    misfit = posterior.misfit()
+    residual = posterior.residual_size()
     fitted = [x for x in loops if not x.held_out]
     rows = [_number_row(posterior, name) for name in _asked(posterior)]
     rows += [
@@ -63,9 +63,9 @@ def identification_answer(
     worst = max(fitted, key=lambda x: x.residual_share)
     rows.append(
         (
-            "misfit: what the model leaves unexplained, RMS",
-            f"{number(misfit.rms_N, misfit.rms_N)} N",
-            f"{100 * misfit.share:.2g} % of the friction force (worst test, {worst.test}: "
+            "residual: what the model leaves unexplained, RMS",
+            f"{number(residual.rms_N, residual.rms_N)} N",
+            f"{100 * residual.share:.2g} % of the friction force (worst test, {worst.test}: "
             f"{100 * worst.residual_share:.2g} %)",
         )
     )
@@ -76,7 +76,7 @@ def identification_answer(
         + (f" ({held} more held out)" if held else "")
         + ". Values are medians of the posterior's draws, intervals hold 90 % of them; the same are in summary.csv."
     )
-    section.text("bayes-iwan diagnose says whether the misfit has a cause.")
+    section.text("bayes-iwan diagnose says whether the gap has a cause.")
     section.heading_below("What is not known")
     items = Markup("").join(Markup("<li>{}</li>").format(section.units.said(x)) for x in _open(posterior))
     section.html(Markup("<ul>{}</ul>").format(items))
@@ -129,7 +129,7 @@ def _open(posterior: Posterior) -> list[Markup]:
     if loose:
         out.append("Not determined one by one (posterior about as wide as the prior): " + "; ".join(loose) + ".")
     out += [f"{symbol_of(posterior, name)}: {why}" for name, why in posterior.extrapolated.items()]
-    return [escape(x) for x in (*out, *_UNSEEN)]
+    return [escape(x) for x in (*out, *_NOT_VISIBLE)]
 
 
 def determined(section: Section, posterior: Posterior) -> None:
@@ -171,7 +171,7 @@ def determined(section: Section, posterior: Posterior) -> None:
     embedded = _embedded(posterior)
     section.figure(
         marginals.corner_figure({n: x for n, x in draws.items() if n not in embedded}, labels),
-        "Joint posterior of the determined quantities, the embedded model error left out; contours hold 50 and 90 %.",
+        "Joint posterior of the determined quantities, the embedded model error omitted; contours hold 50 and 90 %.",
         "Corner plot: marginal histograms on the diagonal, pairwise contours below it.",
         png=True,
         name="corner",

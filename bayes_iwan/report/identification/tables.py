@@ -12,7 +12,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import write_whole
-from bayes_iwan.inference.results.held_out_frequencies import LeftOut
+from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
@@ -120,10 +120,10 @@ def convergence_table(convergence: Sequence[ConvergenceRow]) -> Table:
     return Table("convergence", "Convergence", ("name", "r_hat", "ess_bulk", "ess_tail", "tau_steps"), rows)
 
 
-def left_out_table(left_out: Sequence[LeftOut]) -> Table:
-    rows = tuple((x.frequency_hz, "; ".join(x.tests), x.points_50, x.points_90, x.quantities_90) for x in left_out)
+def held_out_table(held_out: Sequence[HeldOutFrequency]) -> Table:
+    rows = tuple((x.frequency_hz, "; ".join(x.tests), x.points_50, x.points_90, x.quantities_90) for x in held_out)
     columns = ("frequency_hz", "tests", "points_in_50", "points_in_90", "energies_and_stiffnesses_in_90")
-    return Table("left_out", "What bands hold of each frequency that is left out of the fit", columns, rows)
+    return Table("held_out", "What bands hold of each frequency that is held out", columns, rows)
 
 
 _TEX_SYMBOL: Mapping[str, str] = {

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.frequencies import Frequencies
-from bayes_iwan.inference.results.held_out_frequencies import left_out_said
+from bayes_iwan.inference.results.held_out_frequencies import held_out_said
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.inference.results.remarks import LARGE_MISFIT
+from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
 from bayes_iwan.report.identification.checks import RegionChecks
 from bayes_iwan.report.identification.compared_loops import LoopRow
 from bayes_iwan.report.identification.loops import draw_loop, test_name
@@ -19,7 +19,7 @@ from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.style import BLUE, ORANGE, styled, subplots
 
 #: share of loop regions with p < 0.05 above which the model is said to miss more than it admits
-REGIONS_MISSED = 0.1
+REGIONS_LARGE = 0.1
 #: p-value below which frequencies are said to disagree
 DISAGREE = 0.05
 
@@ -34,14 +34,14 @@ class Finding:
 
 
 def regions_finding(result: RegionChecks) -> Finding:
-    """How many parts of the fitted loops are missed by more than the model's own replicates would be."""
+    """How many parts of the fitted loops have a larger residual than the model's own replicates would be."""
     fitted = [t for t, loop in enumerate(result.loops) if loop.role != "held-out"]
     p = result.p_value[fitted]
     low = int(np.sum(p < 0.05))
     return Finding(
         text=f"{low} of {p.size} loop regions miss by more than 95 % of the model's own replicates would (by chance "
         f"about {0.05 * p.size:.0f}).",
-        good=low <= REGIONS_MISSED * p.size,
+        good=low <= REGIONS_LARGE * p.size,
         section="Is the model enough?",
     )
 
@@ -51,12 +51,12 @@ def findings(posterior: Posterior, regions: RegionChecks, by_frequency: Frequenc
     found = [Finding(text=text, good=False) for text in posterior.warnings()]
     if posterior.converged and not posterior.quick:
         found.append(Finding(text="The chains have converged.", good=True, section="Sampling"))
-    share = posterior.misfit().share
-    if share <= LARGE_MISFIT:
+    share = posterior.residual_size().share
+    if share <= LARGE_RESIDUAL:
         text = f"The model leaves {100 * share:.2g} % of the friction force unexplained."
         found.append(Finding(text=text, good=True))
-    if posterior.left_out and all(x.holds for x in posterior.left_out):
-        found.append(Finding(text=left_out_said(posterior.left_out), good=True, section="Is the model enough?"))
+    if posterior.held_out and all(x.holds for x in posterior.held_out):
+        found.append(Finding(text=held_out_said(posterior.held_out), good=True, section="Is the model enough?"))
     found.append(regions_finding(regions))
     if len(by_frequency.groups) > 1:
         text, good = by_frequency.statement(), by_frequency.overall >= DISAGREE
@@ -70,18 +70,18 @@ def findings(posterior: Posterior, regions: RegionChecks, by_frequency: Frequenc
 
 @styled
 def headline_figure(posterior: Posterior, tests: Sequence[LoopRow], predictive: Predictive | None = None) -> Figure:
-    """The answer in one picture: the loop that is missed most, measured and predicted, and what each test misses."""
+    """The answer in one picture: the loop with the largest gap, measured and predicted, and what each test misses."""
     p = predict(posterior) if predictive is None else predictive
     worst = int(np.argmax([x.residual_share for x in tests]))
     figure, axes = subplots(1, 2, 7.8, max(2.9, 0.2 * len(tests) + 1.0), width_ratios=(1.3, 1))
     left, right = axes[0]
     draw_loop(left, p, worst, friction=True)
-    left.set_title(f"{test_name(p.loops[worst])}: missed most", loc="left")
+    left.set_title(f"{test_name(p.loops[worst])}: largest gap", loc="left")
     left.set_xlabel("displacement u (mm)")
     left.set_ylabel("friction force (N)")
     share = [100.0 * x.residual_share for x in tests]
     at = np.arange(len(tests))
-    colours = [ORANGE if s > 100.0 * LARGE_MISFIT else BLUE for s in share]
+    colours = [ORANGE if s > 100.0 * LARGE_RESIDUAL else BLUE for s in share]
     right.barh(at, share, color=colours, height=0.6)
     right.set_yticks(at, [x.test for x in tests])
     right.invert_yaxis()

@@ -174,7 +174,7 @@ def drift(tests: Sequence[Inspection], units: Units) -> Figure:
 
 @styled
 def drive(tests: Sequence[Inspection], units: Units) -> Figure:
-    """Harmonics of the displacement over its fundamental, one line a test; what noise hides is left out."""
+    """Harmonics of the displacement over its fundamental, one line a test; what noise hides is omitted."""
     figure, axes = subplots(1, 1, 6.4, 3.2)
     ax = axes[0, 0]
     orders = np.arange(2, 11)

@@ -97,7 +97,7 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
         "friction",
         figures.loops(tests, units, linear=False),
         "A line through each loop is taken off (as in the paper's Fig. 3): what is left is friction, and whatever "
-        "bends.",
+        "curves.",
         "Loops less their straight part.",
         "One panel a test: loops of the force left after a straight line is taken off.",
     )
@@ -106,7 +106,7 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
         "overlays",
         figures.overlays(tests, units),
         "Tests of one amplitude over one another, less one common line (as in the paper's Fig. 4). Rate-independent "
-        "friction gives one loop at all frequencies; loops that widen are viscous, loops that tilt have inertia.",
+        "friction gives one loop at all frequencies; loops that widen are viscous, loops that turn have inertia.",
         "Loops of one amplitude at all its frequencies.",
         "One panel an amplitude: loops of several frequencies drawn over one another.",
     )

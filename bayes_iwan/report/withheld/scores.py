@@ -14,8 +14,8 @@ from bayes_iwan.report.withheld.score_figures import figures
 from bayes_iwan.withheld.scoring import score
 
 
-def _share(folder: Path, unseen: Path, cause: str, *, allow_own_files: bool) -> float | None:
-    return find_shares(folder, unseen, allow_own_files=allow_own_files)[1].get(cause)
+def _share(folder: Path, sealed: Path, cause: str, *, allow_own_files: bool) -> float | None:
+    return find_shares(folder, sealed, allow_own_files=allow_own_files)[1].get(cause)
 
 
 def write_score(
@@ -25,7 +25,7 @@ def write_score(
     answers: str | Path | None = None,
     out: str | Path | None = None,
     allow_effects_file: bool = False,
-    left_out: Sequence[str] = (),
+    excluded: Sequence[str] = (),
 ) -> str:
     """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table and,
     case by case, what was true and what was said."""
@@ -35,7 +35,7 @@ def write_score(
         answers=answers,
         find_shrink=partial(_share, allow_own_files=allow_effects_file),
         allow_effects_file=allow_effects_file,
-        left_out=left_out,
+        excluded=excluded,
     )
     table = result.table() + "\n\n" + result.case_table()
     if out is not None:

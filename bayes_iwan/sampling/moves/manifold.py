@@ -1,7 +1,7 @@
 """Steps along the manifold of a least-squares posterior: their length is set by its curvature, not by its thickness.
 
 Whitened residuals and prior rows F(z) = (r(z) W, z) make a manifold in data space, and −ln p = ½|F|² + const but for
-the nuisance parameters, which are held. Where the data say much, the posterior is a thin bent sheet in z, but no thin
+the nuisance parameters, which are held. Where the data say much, the posterior is a thin curved sheet in z, but no thin
 thing in data space: seen along the tangents at any place z₀, x = QᵀF with Q from F′(z₀) = QR, it is nearly standard
 normal (Zappa, Holmes-Cerf & Goodman, Comm. Pure Appl. Math. 71, 2018, 2609; Au, Graham & Thiery, J. R. Stat. Soc. B 85,
 2023, 757). A step from z₀ turns x towards a standard normal ξ,
@@ -15,8 +15,8 @@ density is that of ξ times |det QᵀF′(z′)|, and of both determinants det Q
     p(z′) N(ξ′) |det R| / (p(z₀) N(ξ) |det R′|),
 
 and only if the way back leads to z₀. A candidate is tested first as if the manifold were flat, which takes neither its
-Jacobian nor the way back; what passes is tested again, with the rest of the ratio (delayed acceptance: Christen & Fox,
-J. Comp. Graph. Stat. 14, 2005, 795). Nothing is approximated but the Jacobian, by forward differences.
+Jacobian nor the way back; what passes is tested again, with what remains of the ratio (delayed acceptance: Christen &
+Fox, J. Comp. Graph. Stat. 14, 2005, 795). Nothing is approximated but the Jacobian, by forward differences.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _LONGEST = 1.0  # step of any coordinate
 _LOST = 1e6  # a step that is off by so much does not come back
 #: angles of steps, times the move's own scale
 _ANGLES = (0.6, 1.4)
-#: this share of steps is that much shorter: they lead away from where the manifold bends most
+#: this share of steps is that much shorter: they lead away from where the manifold curves most
 _SHORT, _SHORTER = 0.2, 0.2
 #: acceptance that the scale is fitted to, how fast, and within which limits
 _ACCEPTANCE, _RATE, LEAST, _MOST = 0.38, 1.5, 0.15, 1.1
@@ -135,7 +135,7 @@ class Manifold:
 class ManifoldMove(MetropolisMove):
     """A step along the manifold of a least-squares posterior.
 
-    For any user of emcee whose posterior is thin, bent and made of residuals: give the residuals as
+    For any user of emcee whose posterior is thin, curved and made of residuals: give the residuals as
     :class:`LeastSquares`; each step takes some tens of their evaluations, as batches over all walkers.
 
     scale : of the angles; :meth:`adapted` fits it to the share of steps that was accepted.

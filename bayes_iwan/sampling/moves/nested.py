@@ -1,8 +1,9 @@
-"""Independent proposals for a posterior that only a few of its parameters bend: these are drawn, the others solved for.
+"""Independent proposals for a posterior that curves along a few of its parameters only: these are drawn, the others
+solved for.
 
 Where the data leave some parameters about as free as their prior and the model is far from linear in them, the
 posterior's manifold turns so far that no one place's tangents serve all of it . Given these
-parameters v, though, the manifold of the others hardly bends. So v is drawn from a mixture; from the nearest known
+parameters v, though, the manifold of the others is nearly flat. So v is drawn from a mixture; from the nearest known
 place the others are led to the middle of their manifold there, whose tangents Q are taken; and from there, with x
 standard t, QᵀF = x is solved for ("randomise, then optimise" of the others alone). The density of what is proposed,
 
@@ -27,11 +28,11 @@ from bayes_iwan.sampling.moves.manifold import TOLERANCE, Manifold, Places
 from bayes_iwan.sampling.moves.metropolis import KnownDensityMove, LeastSquares
 from bayes_iwan.sampling.nuisance import t_draws, t_log_density
 
-#: a parameter bends the manifold if its own second derivative, over a posterior standard deviation, is this share of
-#: the first; and how many may
-_BENT, _MOST = 0.15, 8
+#: the manifold curves along a parameter if its own second derivative, over a posterior standard deviation, is this
+#: share of the first; and how many may
+_CURVING, _MOST = 0.15, 8
 _STEP = 0.02  # of the second differences, in standard deviations
-#: share of v's mixture that the prior has; the rest are components about known places, as wide as the posterior seems
+#: share of v's mixture that the prior has; the others are components about known places, as wide as the posterior seems
 #: from there (times the first number) and a share of the whole (the second)
 _PRIOR_SHARE, _LOCAL, _WHOLE = 0.1, 0.7, 0.1
 KNOWN = 256  # places from which the others are solved for
@@ -42,24 +43,25 @@ _NEAR, _TOLERANCE, _SAME = 1e-1, 10.0 * TOLERANCE, 1e-2
 
 
 class NestedMove(KnownDensityMove):
-    """Independent proposals of a least-squares posterior, by way of the parameters that bend it.
+    """Independent proposals of a least-squares posterior, by way of the parameters along which it curves.
 
-    For any user of emcee whose posterior is thin and made of residuals, and that local steps explore slowly.
+    For any user of emcee whose posterior is thin and made of residuals, and that local steps sample slowly.
 
-    bent : coordinates v (see :func:`bending_parameters`); known : draws (k, ndim) of the posterior, as from a warm-up.
+    curving : coordinates v (see :func:`curving_parameters`); known : draws (k, ndim) of the posterior, as from a
+    warm-up.
     """
 
-    def __init__(self, target: LeastSquares, bent: NDArray[np.int64], known: Array) -> None:
+    def __init__(self, target: LeastSquares, curving: NDArray[np.int64], known: Array) -> None:
         super().__init__(target)
-        self.bent, self.known = np.asarray(bent, np.int64), known
-        self._manifold = Manifold(target, self.bent)
+        self.curving, self.known = np.asarray(curving, np.int64), known
+        self._manifold = Manifold(target, self.curving)
         self._places = self._manifold.places(known)
-        width = len(self.bent)
-        whole = np.cov(known[:, self.bent].T).reshape(width, width) + 1e-6 * np.eye(width)
-        back = Manifold(target).places(known).back[:, np.searchsorted(target.free, self.bent)]
+        width = len(self.curving)
+        whole = np.cov(known[:, self.curving].T).reshape(width, width) + 1e-6 * np.eye(width)
+        back = Manifold(target).places(known).back[:, np.searchsorted(target.free, self.curving)]
         local = _LOCAL**2 * (_WHOLE * whole + (1.0 - _WHOLE) * back @ back.transpose(0, 2, 1))
         self._root = np.linalg.cholesky(whole)
-        self._means = np.concatenate([np.zeros((1, width)), known[:, self.bent]])
+        self._means = np.concatenate([np.zeros((1, width)), known[:, self.curving]])
         self._scales = np.concatenate([np.eye(width)[None], np.linalg.cholesky(local)])
         self._inverse = np.linalg.inv(self._scales)
         share = np.full(len(self._means), (1.0 - _PRIOR_SHARE) / len(known))
@@ -69,7 +71,9 @@ class NestedMove(KnownDensityMove):
 
     def draw(self, n: int, random: np.random.RandomState) -> tuple[Array, Array]:
         which = random.choice(len(self._share), size=n, p=self._share)
-        v = self._means[which] + np.einsum("nij,nj->ni", self._scales[which], t_draws(random, (n, len(self.bent)), _NU))
+        v = self._means[which] + np.einsum(
+            "nij,nj->ni", self._scales[which], t_draws(random, (n, len(self.curving)), _NU)
+        )
         unit = t_draws(random, (n, len(self._manifold.free)), _NU_OTHERS)
         z, log_q = np.zeros((n, self.target.ndim)), np.full(n, -np.inf)
         found, middle = self._middle(v)
@@ -85,18 +89,18 @@ class NestedMove(KnownDensityMove):
 
     def log_density(self, z: Array) -> Array:
         out = np.full(len(z), -np.inf)
-        found, middle = self._middle(z[:, self.bent])
+        found, middle = self._middle(z[:, self.curving])
         if len(found) == 0:
             return out
         place = self._manifold.places(z[found])
         back, met = self._manifold.reached(middle, middle.seen(place.values), _TOLERANCE)
-        density = self._log_v(z[found][:, self.bent]) + self._log_others(middle, place)
+        density = self._log_v(z[found][:, self.curving]) + self._log_others(middle, place)
         led = met & (np.max(np.abs(back - place.z), axis=1, initial=0.0) < _SAME) & np.isfinite(density)
         out[found[led]] = density[led]
         return out
 
     def _log_v(self, v: Array) -> Array:
-        """ln of the mixture's density (n,) at v (n, bent)."""
+        """ln of the mixture's density (n,) at v (n, curving)."""
         unit = np.einsum("kij,nkj->nki", self._inverse, v[:, None] - self._means)
         return np.asarray(logsumexp(t_log_density(unit, _NU) + self._log_norm, axis=1))
 
@@ -109,20 +113,21 @@ class NestedMove(KnownDensityMove):
         return np.asarray(t_log_density(unit, _NU_OTHERS) - unit.shape[1] * np.log(_WIDER) + turn)
 
     def _middle(self, v: Array) -> tuple[NDArray[np.int64], Places]:
-        """The middles of the others' manifolds given v (n, bent): of which these are found, and the places."""
-        own, known = (np.linalg.solve(self._root, x.T).T for x in (v, self.known[:, self.bent]))
+        """The middles of the others' manifolds given v (n, curving): of which these are found, and the places."""
+        own, known = (np.linalg.solve(self._root, x.T).T for x in (v, self.known[:, self.curving]))
         rows = np.flatnonzero(np.max(np.abs(v), axis=1) <= self.target.limit)
         apart = np.sum(known**2, axis=1) - 2.0 * own[rows] @ known.T
         start = self._places.some(np.argmin(apart, axis=1))
-        start.z[:, self.bent] = v[rows]
+        start.z[:, self.curving] = v[rows]
         start = replace(start, values=self.target.values(start.z, self._manifold.free))
         z, met = self._manifold.reached(start, np.zeros((len(rows), len(self._manifold.free))), _NEAR)
         return rows[met], self._manifold.places(z[met])
 
 
-def bending_parameters(target: LeastSquares, z: Array) -> NDArray[np.int64]:
-    """Which free coordinates bend the manifold most, as seen from places z (n, ndim): those whose second derivative is
-    a good share of the first, a standard deviation long; none where it is nearly flat, or where all of it bends."""
+def curving_parameters(target: LeastSquares, z: Array) -> NDArray[np.int64]:
+    """Along which free coordinates the manifold curves most, as seen from places z (n, ndim): those whose second
+    derivative is a good share of the first, a standard deviation long; none where it is nearly flat, or where it curves
+    along all."""
     manifold = Manifold(target)
     known, k = manifold.places(z), len(manifold.free)
     sd = np.linalg.norm(known.back, axis=2)
@@ -132,9 +137,9 @@ def bending_parameters(target: LeastSquares, z: Array) -> NDArray[np.int64]:
     values = target.values(moved.reshape(-1, z.shape[1]), manifold.free).reshape(len(z), 2 * k, -1)
     ahead, behind = values[:, :k], values[:, k:]
     slope = np.linalg.norm(ahead - behind, axis=2) / (2.0 * _STEP)
-    bend = np.linalg.norm(ahead + behind - 2.0 * known.values[:, None], axis=2) / _STEP**2
+    curvature = np.linalg.norm(ahead + behind - 2.0 * known.values[:, None], axis=2) / _STEP**2
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.nan_to_num(np.median(bend / slope, axis=0), nan=0.0, posinf=0.0)
+        share = np.nan_to_num(np.median(curvature / slope, axis=0), nan=0.0, posinf=0.0)
     most = np.argsort(-share, kind="stable")[:_MOST]
-    chosen = np.sort(manifold.free[most[share[most] > _BENT]])
+    chosen = np.sort(manifold.free[most[share[most] > _CURVING]])
     return chosen if len(chosen) < k else chosen[:0]

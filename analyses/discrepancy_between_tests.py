@@ -1,12 +1,12 @@
-"""In which ways does the rest hang together between tests? Evidence of the base model on the rig, way by way.
+"""In which ways does the discrepancy hang together between tests? Evidence of the base model on the rig, way by way.
 
-    python analyses/rest_between_tests.py --seed 777 --out runs/rest_between [--workers 2]
+    python analyses/discrepancy_between_tests.py --seed 777 --out runs/discrepancy_between [--workers 2]
 
 Cases are drawn on the virtual rig: sound ones, single effects, foreign causes, both. The base model is fitted to each
-beside a rest that hangs together in one way only, for 37 ways: lengths of its correlation in ln f and ln A, and the
-share that each test has to itself. Printed: the ways that gain most when they are offered one after the other, beside
-the first (that and the five that follow are `bayes_iwan.diagnosis.fits.discrepancy_size.BETWEEN`), and by how much a
-case is short of its best way. An interrupted run goes on.
+beside a discrepancy that hangs together in one way only, for 37 ways: lengths of its correlation in ln f and ln A, and
+the share that each test has to itself. Printed: the ways that gain most when they are offered one after the other,
+beside the first (that and the five that follow are `bayes_iwan.diagnosis.fits.discrepancy_size.BETWEEN`), and by how
+much a case is short of its best way. An interrupted run goes on.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ OFFERED = 8
 
 
 def one_case(seed: int, kind: str, index: int) -> dict[str, object]:
-    """ln evidence of the base model beside a rest of each way."""
+    """ln evidence of the base model beside a discrepancy of each way."""
     case = rig_cases.draw_case(np.random.default_rng([seed, index]), kind, laws="other")
     loops = [average(r, **LOOPS) for r in rig_cases.simulate(case)[0] if r.role != "held-out"]
     data, scales, found = gap_data(loops), scales_of(loops), []
@@ -50,7 +50,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=777)
     parser.add_argument("--cases", type=float, default=1.0, help="of the usual numbers of cases, so many times")
-    parser.add_argument("--out", type=Path, default=Path("runs/rest_between"))
+    parser.add_argument("--out", type=Path, default=Path("runs/discrepancy_between"))
     parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
     jobs = [

@@ -1,4 +1,4 @@
-"""Bends of slip forces, stiffness and normal force against scipy's integrals and closed forms."""
+"""Deviations of slip forces, stiffness and normal force against scipy's integrals and closed forms."""
 
 import numba as nb
 import numpy as np
@@ -31,7 +31,7 @@ def gamma_values(t, eta):
 
 def test_basis_is_orthonormal():
     x, w = np.polynomial.legendre.leggauss(40)
-    basis = series.tilt_basis(6, 0.5 + 0.5 * x)
+    basis = series.deviation_basis(6, 0.5 + 0.5 * x)
     np.testing.assert_allclose(basis * (0.5 * w) @ basis.T, np.eye(6), atol=1e-12)
     assert np.abs(basis @ (0.5 * w)).max() < 1e-12
 
@@ -47,28 +47,28 @@ def test_tilted_gamma_against_scipys_integral(eta, coefficients):
     )
     below = integrate.cumulative_trapezoid(np.exp(log_g), p, initial=0.0)
     tables, top = Gammas(1).table(gamma_values(0.7, eta))
-    bent = series.tilted(tables, top, c)
+    deviating = series.deviating(tables, top, c)
     phi = top[0] * np.linspace(0.0, 1.0, 60001) ** 4
     survival = 1.0 - np.interp(law.cdf(phi), p, below / below[-1])
     truth = integrate.cumulative_trapezoid(survival, phi, initial=0.0)
-    assert np.max(np.abs(read(phi, bent[0], top[0]) - truth)) < 2e-5 * law.mean()
+    assert np.max(np.abs(read(phi, deviating[0], top[0]) - truth)) < 2e-5 * law.mean()
     q = np.array([0.1, 0.5, 0.9])
-    np.testing.assert_allclose(series.tilt(c, q)[0], np.interp(q, p, np.exp(log_g) / below[-1]), rtol=1e-6)
+    np.testing.assert_allclose(series.density_ratio(c, q)[0], np.interp(q, p, np.exp(log_g) / below[-1]), rtol=1e-6)
 
 
 def test_no_tilt_is_the_same_table_bit_for_bit_beside_a_tilted_draw():
     parameter_values = {n: np.repeat(v, 2) for n, v in gamma_values(0.7, 2.0).items()}
     tables, top = Gammas(1).table(parameter_values)
-    bent = series.tilted(tables, top, np.array([[0.0, 0.0], [0.3, 0.0]]))
-    np.testing.assert_array_equal(bent[0], tables[0])
-    assert np.abs(bent[1] - tables[1]).max() > 1e-3
+    deviating = series.deviating(tables, top, np.array([[0.0, 0.0], [0.3, 0.0]]))
+    np.testing.assert_array_equal(deviating[0], tables[0])
+    assert np.abs(deviating[1] - tables[1]).max() > 1e-3
 
 
 def test_a_nonsense_draw_stays_nan_and_spoils_no_other():
     parameter_values = {"t1_N": np.array([np.nan, 0.7]), "eta1": np.array([2.0, 2.0]), "g1": np.ones(2)}
     tables, top = Gammas(1).table(parameter_values)
-    bent = series.tilted(tables, top, np.full((2, 3), 0.2))
-    assert np.isnan(bent[0]).any() and np.isfinite(bent[1]).all()
+    deviating = series.deviating(tables, top, np.full((2, 3), 0.2))
+    assert np.isnan(deviating[0]).any() and np.isfinite(deviating[1]).all()
 
 
 @pytest.mark.parametrize("family", ["uniform", "power_law"])
@@ -81,31 +81,31 @@ def test_tilt_of_other_families_keeps_their_support_and_moves_the_mean(family):
     law = FAMILIES[family]
     tables, top = law.table(parameter_values)
     c = np.array([[0.5, -0.2]])
-    bent = series.tilted(tables, top, c)
+    deviating = series.deviating(tables, top, c)
     phi = np.linspace(0.0, top[0], 400001)
     p = np.linspace(0.0, 1.0, 100001)
     above = np.interp(law.survival(phi, parameter_values)[0], 1.0 - p[::-1], (1.0 - _cumulative(c, p))[::-1])
-    assert read(top.copy(), bent[0], top[0])[0] == pytest.approx(integrate.trapezoid(above, phi), rel=2e-5)
-    assert read(top.copy(), bent[0], top[0])[0] > 1.05 * law.mean(parameter_values)[0]
+    assert read(top.copy(), deviating[0], top[0])[0] == pytest.approx(integrate.trapezoid(above, phi), rel=2e-5)
+    assert read(top.copy(), deviating[0], top[0])[0] > 1.05 * law.mean(parameter_values)[0]
 
 
 def _cumulative(c, p):
-    return integrate.cumulative_trapezoid(series.tilt(c, p)[0], p, initial=0.0)
+    return integrate.cumulative_trapezoid(series.density_ratio(c, p)[0], p, initial=0.0)
 
 
-def test_bent_stiffness_has_the_elasticity_it_says():
+def test_deviating_stiffness_has_the_elasticity_it_says():
     alpha = np.linspace(0.4, 1.9, 301)[None, None]
     k = 5.0 * alpha**0.3
-    bent = series.bent_stiffness(k, alpha, np.full((1, 1, 1), 0.2), np.full((1, 1, 1), -0.5))
-    slope = np.gradient(np.log(bent[0, 0]), np.log(alpha[0, 0]))
+    deviating = series.deviating_stiffness(k, alpha, np.full((1, 1, 1), 0.2), np.full((1, 1, 1), -0.5))
+    slope = np.gradient(np.log(deviating[0, 0]), np.log(alpha[0, 0]))
     np.testing.assert_allclose(slope[1:-1], 0.5 - 0.5 * np.log(alpha[0, 0, 1:-1]), atol=1e-4)
-    assert np.interp(1.0, alpha[0, 0], bent[0, 0]) == pytest.approx(5.0, rel=1e-5)
-    np.testing.assert_array_equal(series.bent_stiffness(k, alpha, np.zeros((1, 1, 1)), np.zeros((1, 1, 1))), k)
+    assert np.interp(1.0, alpha[0, 0], deviating[0, 0]) == pytest.approx(5.0, rel=1e-5)
+    np.testing.assert_array_equal(series.deviating_stiffness(k, alpha, np.zeros((1, 1, 1)), np.zeros((1, 1, 1))), k)
 
 
-def test_bent_normal_force_multiplies_by_the_exponential_of_the_series():
+def test_deviating_normal_force_multiplies_by_the_exponential_of_the_series():
     rng = np.random.default_rng(1)
     alpha, basis, c = rng.uniform(0.5, 2.0, (3, 2, 7)), rng.normal(size=(4, 1, 2, 7)), rng.normal(size=(3, 4))
-    bent = series.bent_normal_force(alpha, basis, c)
-    np.testing.assert_allclose(bent[1, 1], alpha[1, 1] * np.exp(c[1] @ basis[:, 0, 1]), rtol=1e-12)
-    np.testing.assert_array_equal(series.bent_normal_force(alpha, basis, 0.0 * c), alpha)
+    deviating = series.deviating_normal_force(alpha, basis, c)
+    np.testing.assert_allclose(deviating[1, 1], alpha[1, 1] * np.exp(c[1] @ basis[:, 0, 1]), rtol=1e-12)
+    np.testing.assert_array_equal(series.deviating_normal_force(alpha, basis, 0.0 * c), alpha)
