@@ -302,6 +302,9 @@ def diagnose(
     >>> found.verdict.names, found.verdict.causes[0].share.value > 0.5
     (('viscous_damping',), True)
     """
+    from bayes_iwan.diagnosis.diagnosis import Diagnosis
+
+    register_export(Diagnosis)
     own = simulator is not None
     settings = diagnose_settings_of(config, own)
     if out is not None:
@@ -319,9 +322,7 @@ def diagnose(
             simulator_file=None if simulator is None else Path(simulator),
             executor=executor,
         )
-    from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_folder, diagnose_loops
-
-    register_export(Diagnosis)
+    from bayes_iwan.diagnosis.diagnosis import diagnose_folder, diagnose_loops
 
     if not isinstance(campaign, Campaign) and not isinstance(simulator, Simulator):
         found = diagnose_folder(
