@@ -6,17 +6,18 @@ import os
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from functools import partial
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bayes_iwan.campaign import Campaign, Loop, read_campaign
-from bayes_iwan.campaign.folders.folder import folder_of, read_checked
+from bayes_iwan.campaign import Campaign, Loop
+from bayes_iwan.campaign.folders.check import Check as Check
+from bayes_iwan.campaign.folders.check import check as check
+from bayes_iwan.campaign.folders.folder import folder_of
 from bayes_iwan.export.accessors import register as register_export  # gives posteriors their export
 from bayes_iwan.files import clear, results_folder
-from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
+from bayes_iwan.inference.each_frequency import identify_frequencies
+from bayes_iwan.inference.identify import NotConverged, identify_campaign
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import load as load_run
 from bayes_iwan.inference.results.run_files import write as write_run
@@ -25,9 +26,9 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.models import Simulator
 from bayes_iwan.report import accessors as accessors  # gives posteriors their plots
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.virtual_rig.demo import demo as demo
 
 if TYPE_CHECKING:  # each function imports the folders that it needs itself: together they take a second
-    from bayes_iwan.campaign.folders.inspect import Inspection
     from bayes_iwan.comparison.families import Comparison
     from bayes_iwan.diagnosis.diagnosis import Diagnosis
     from bayes_iwan.effects.base import Effect
@@ -36,97 +37,6 @@ if TYPE_CHECKING:  # each function imports the folders that it needs itself: tog
 __all__ = ["Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"]
 
 PathLike = str | os.PathLike[str]
-
-
-@dataclass(frozen=True, repr=False)
-class Check:
-    """A campaign that was read, and what each of its tests shows before any model; made by :func:`check`.
-
-    Attributes
-    ----------
-    campaign
-        its records and what was stated of them.
-    tests
-        of each record its averaged loop with energy (mJ), stiffness (N/mm), loss factor, noise and remarks.
-
-    Examples
-    --------
-    >>> import tempfile, bayes_iwan as bi
-    >>> folder = tempfile.mkdtemp()
-    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
-    >>> found = bi.check(folder)
-    >>> len(found.loops), found.tests[1].energy_mJ.value > found.tests[0].energy_mJ.value > 0.0
-    (2, True)
-    """
-
-    campaign: Campaign
-    tests: tuple[Inspection, ...]
-
-    @property
-    def loops(self) -> tuple[Loop, ...]:
-        """The averaged tests."""
-        return tuple(x.loop for x in self.tests)
-
-    def __repr__(self) -> str:
-        c = self.campaign
-        head = (
-            f"{'f, Hz' if c.clock else '':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} "
-            f"{'mean, N':>9s} {'mean, mm':>9s} {'noise, N':>9s}  role"
-        )
-        lines = [c.name + (f": {c.description}" if c.description else ""), f"{'test':24s} {c.units.text(head)}"]
-        for test in self.tests:
-            x = test.loop
-            lines.append(
-                f"{x.file:24s} {f'{x.frequency_hz:.4g}' if c.clock else '':>8s} {x.amplitude_mm:8.4g} {x.n_cycles:6d} "
-                f"{x.record.time_s.size:8d} {x.force_N.std():12.4g} "
-                f"{_shown(x.harmonics_N[0].real, x.force_N.std())} {_shown(x.offset_mm, x.amplitude_mm)} "
-                f"{test.noise_N:9.2g}  {x.role}"
-            )
-            lines += [f"    {note}" for note in test.notes]
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
-
-
-def _shown(mean: float, size: float) -> str:
-    """A mean to three digits, none where it is no more than rounding."""
-    return f"{mean if abs(mean) > 1e-6 * size else 0.0:9.3g}"
-
-
-def check(campaign: Campaign | PathLike) -> Check:
-    """Read a campaign and average its tests.
-
-    Parameters
-    ----------
-    campaign
-        a campaign, or the folder that holds its campaign.toml.
-
-    Returns
-    -------
-    Check
-        its loops and warnings; its last line in a notebook cell shows them.
-
-    Raises
-    ------
-    CampaignError
-        one line that names the file, what is wrong with it and the fix.
-
-    Examples
-    --------
-    >>> import tempfile, bayes_iwan as bi
-    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
-    >>> folder = tempfile.mkdtemp()
-    >>> bi.simulate_campaign(plan, seed=1).write(folder)
-    >>> [loop.role for loop in bi.check(folder).loops]
-    ['fit', 'fit']
-    """
-    from bayes_iwan.campaign.folders.inspect import inspect_campaign, inspect_loop
-
-    if isinstance(campaign, Campaign):
-        return Check(campaign, inspect_campaign(campaign))
-    found, loops = read_checked(campaign)
-    return Check(found, tuple(inspect_loop(loop) for loop in loops))
 
 
 def identify(
@@ -510,47 +420,3 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike, *, overw
         with results_folder(folder, "compare", origin, overwrite=overwrite) as out:
             return comparison_report(result, out)
     raise TypeError(f"{type(result).__name__} is no result of identify, diagnose or compare")
-
-
-#: frequency (Hz) and amplitude (mm) of the demonstration's tests, and what is wrong with its rig
-_DEMO_PLAN = tuple((f, a) for f in (8.0, 20.0) for a in (0.3, 0.6, 1.0))
-_DEMO_FAULT = ("viscous_damping", 0.15)
-
-
-def demo(folder: PathLike | None = None, seed: int = 1) -> Campaign:
-    """A campaign to try things on: six tests of a virtual rope spring with a dashpot that the model does not know.
-
-    Parameters
-    ----------
-    folder
-        where to write it, for commands that ask for a folder; None writes it into a new temporary one.
-    seed
-        of the noise.
-
-    Returns
-    -------
-    Campaign
-        its records; `.path` is the folder.
-
-    Raises
-    ------
-    OutputError
-        a folder that cannot be written to.
-
-    Examples
-    --------
-    >>> import bayes_iwan as bi
-    >>> campaign = bi.demo()
-    >>> len(campaign.tests), campaign.path.is_dir()
-    (6, True)
-    """
-    import tempfile
-
-    from bayes_iwan.virtual_rig.planning import simulate_campaign
-    from bayes_iwan.virtual_rig.simulate import PlannedTest
-
-    where = Path(tempfile.mkdtemp(prefix="bayes_iwan_demo_") if folder is None else folder)
-    plan = [PlannedTest(f, a, cycles=8) for f, a in _DEMO_PLAN]
-    fault, size = _DEMO_FAULT
-    simulate_campaign(plan, fault=fault, size=size, seed=seed).write(where)
-    return read_campaign(where)

@@ -10,6 +10,7 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan import cli
+from bayes_iwan.campaign import read_campaign
 from bayes_iwan.cli.command import CAMPAIGN, OUT, OVERWRITE, SEED
 from bayes_iwan.files import FINISHED, OutputError
 
@@ -169,14 +170,14 @@ def test_what_no_file_can_hold_is_refused_before_the_work(tmp_path, made_up_camp
 def test_the_report_holds_the_frequencies_alone(tmp_path, made_up_campaign, short_config, monkeypatch):
     """After --per-test the page and its table hold the runs of single frequencies, unless these are of another model;
     cut short, the page of the joint run stands."""
-    import bayes_iwan.inference.identify as room
+    import bayes_iwan.inference.each_frequency as inside
     from bayes_iwan.campaign import write_campaign
     from bayes_iwan.comparison.frequencies import compare_frequencies
     from bayes_iwan.inference.results.run_files import load
     from bayes_iwan.inference.setup.problem import make_problem
     from bayes_iwan.inference.setup.settings import ParameterChange
 
-    slow = [x.record for x in room.read_campaign(made_up_campaign).loops()]
+    slow = [x.record for x in read_campaign(made_up_campaign).loops()]
     # the same loops at twice the speed; a rate-independent specimen, and noise of their own: no copies
     noise = np.random.default_rng(9)
     fast = [
@@ -190,7 +191,7 @@ def test_the_report_holds_the_frequencies_alone(tmp_path, made_up_campaign, shor
         for x in slow
     ]
     write_campaign(tmp_path / "campaign", name="made up", description="", tests=[*slow, *fast], compress=False)
-    names, one, run = {"f10Hz", "f20Hz"}, "f10Hz", room.identify_problem
+    names, one, run = {"f10Hz", "f20Hz"}, "f10Hz", inside.identify_problem
     out = tmp_path / "out"
     arguments = [
         "identify",
@@ -213,7 +214,7 @@ def test_the_report_holds_the_frequencies_alone(tmp_path, made_up_campaign, shor
             raise KeyboardInterrupt
         return run(problem, *args, **options)
 
-    monkeypatch.setattr(room, "identify_problem", cut_short)
+    monkeypatch.setattr(inside, "identify_problem", cut_short)
     assert cli.main([*arguments, "--per-test"]) == 130 and alone() == set()
     monkeypatch.undo()
     assert cli.main([*arguments, "--per-test", "--resume"]) == 0 and alone() == names

@@ -238,8 +238,7 @@ def test_a_defect_of_ours_is_not_called_the_user_s_mistake(monkeypatch, capsys, 
     def broken(*args, **options):
         return np.zeros(2) @ np.zeros(3)  # a ValueError of NumPy's
 
-    monkeypatch.setattr("bayes_iwan.campaign.folders.folder.read_checked", broken)
-    monkeypatch.setattr("bayes_iwan.api.read_checked", broken)
+    monkeypatch.setattr("bayes_iwan.campaign.folders.check.read_checked", broken)
     assert main(["check", str(made_up_campaign)]) == 70
     said = capsys.readouterr().err
     assert "Traceback" in said and said.splitlines()[-1].startswith("bayes-iwan: ValueError: this is a defect of")

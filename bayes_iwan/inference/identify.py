@@ -12,27 +12,24 @@ import platform
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayes_iwan import executors
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
-from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results import run_files
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
-from bayes_iwan.inference.setup.same_frequency import by_frequency
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
 from bayes_iwan.inference.solving.approximation import approximate_draws
 from bayes_iwan.inference.solving.chains import Run, sampled
 from bayes_iwan.inference.solving.point import Point, find_point
-from bayes_iwan.models import Scales, Simulator
+from bayes_iwan.models import Simulator
 from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.sampling.chains import Chains, Stop
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
@@ -50,7 +47,6 @@ def identify_campaign(
     *,
     config: Config = None,
     seed: int = 0,
-    per_test: bool = False,
     resume: bool = False,
     progress: bool = True,
     simulator: Simulator | str | os.PathLike[str] | None = None,
@@ -61,7 +57,7 @@ def identify_campaign(
 
     campaign : a campaign, or its folder. config : a TOML file, or its tables as a mapping (:mod:`.config`).
     out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.ckpt; None writes nothing.
-    per_test : identify each frequency alone as well (:func:`identify_frequencies`). resume : go on from a checkpoint.
+    resume : go on from a checkpoint.
     simulator : a model of your own in the place of the Iwan model, or the Python file that defines it.
     quick : the most probable point and a normal approximation about it, in seconds, instead of sampling.
     executor : from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
@@ -70,8 +66,6 @@ def identify_campaign(
     """
     settings = _settings_for(config, simulator)
     campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
-    if per_test and out is None:
-        raise ConfigError("per_test writes files: name a folder for them (out)")
     posterior = identify_loops(
         campaign.loops(**asdict(settings.loops)),
         config=settings,
@@ -86,8 +80,6 @@ def identify_campaign(
     )
     if out is not None:
         run_files.write(posterior, Path(out))
-    if per_test and not posterior.interrupted:
-        identify_frequencies(posterior, Path(str(out)), resume=resume, progress=progress)
     return posterior
 
 
@@ -162,80 +154,6 @@ def identify_loops(
         quick=quick,
         executor=executor,
     )
-
-
-class FrequencyError(InputError):
-    """A frequency alone that could not be identified; the message names it and says why."""
-
-
-@dataclass(frozen=True)
-class _Alone:
-    """What the runs of all frequencies share; a simulator from a file is loaded where they run."""
-
-    settings: IdentifySettings
-    scales: Scales
-    simulator: Simulator | None
-    simulator_file: str
-    campaign: Campaign | None
-    seed: int
-    out: Path
-    resume: bool
-    progress: bool
-
-
-def identify_frequencies(
-    joint: Posterior,
-    out: Path,
-    *,
-    resume: bool = False,
-    progress: bool = True,
-    executor: Executor | None = None,
-) -> None:
-    """Identify each frequency of a joint posterior's fitted tests alone, on its scales, into out/per_test.
-
-    executor : from :func:`bayes_iwan.executors.opened`, to identify them side by side.
-    Raises FrequencyError, and KeyboardInterrupt where Ctrl-C ended a run: what it had drawn is kept, `resume` goes on
-    from it.
-    """
-    simulator = None if joint.simulator_file else joint.problem.model
-    here = executor is None
-    shared = _Alone(
-        joint.settings, joint.problem.scales, simulator, joint.simulator_file, joint.campaign, joint.seed, out, resume,
-        progress and here,
-    )  # fmt: skip
-    pieces = {name: (name, group) for name, group in by_frequency(joint.loops).items()}
-    done = executors.run(
-        pieces,
-        _one_frequency,
-        shared,
-        executor=executor,
-        what="per test",
-        unit="frequency",
-        progress=progress and not here,
-    )
-    for name, found in done.items():
-        if isinstance(found, executors.Failure):
-            raise FrequencyError(f"{name} alone: {found}")
-
-
-def _one_frequency(shared: _Alone, piece: tuple[str, tuple[Loop, ...]]) -> None:
-    name, group = piece
-    folder = shared.out / "per_test" / name
-    simulator = load_simulator(shared.simulator_file) if shared.simulator_file else shared.simulator
-    part = identify_problem(
-        make_problem(group, shared.settings, simulator, shared.scales),
-        shared.seed,
-        config=shared.settings,
-        campaign=shared.campaign,
-        loops=group,
-        out=folder,
-        resume=shared.resume,
-        progress=shared.progress,
-        simulator_file=shared.simulator_file,
-    )
-    run_files.write(part, folder)
-    if part.interrupted:  # or the next frequency would start in the face of Ctrl-C
-        raise KeyboardInterrupt
 
 
 def identify_problem(
