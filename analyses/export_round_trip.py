@@ -67,7 +67,7 @@ def rows(constant: bool) -> dict[str, Row]:
 
 def own_straight(folder: Path, problem: Problem, values: ParameterValues) -> rt.Force:
     """Our own forward model on a motion that is straight between the steps; of a constant normal force."""
-    fine = 32
+    fine = 400
 
     def force(d: int, h: float, u: Array, v: Array, a: Array, amplitude_m: float) -> Array:
         t, n = h * np.arange(len(u) + 1), len(u)
@@ -157,7 +157,8 @@ def round_trip(posterior: bi.Posterior, draws: int, work: Path, worst: Worst) ->
         for course in rt.courses(*fastest(problem)):
             for steps in STEPS:
                 motion = rt.straight(course, steps) if row.straight else course
-                found, key = rt.compare(force, problem, values, motion, steps), (name, course.name, steps)
+                fine = rt.FINE_STRAIGHT if row.straight else rt.FINE
+                found, key = rt.compare(force, problem, values, motion, steps, fine), (name, course.name, steps)
                 before = worst.get(key, (0.0, 0.0))
                 worst[key] = max(found.rms, before[0]), max(found.energy, before[1])
     return missing
