@@ -211,18 +211,19 @@ def main() -> None:
         if i == 0:
             changed = many_cycles(work / "c", hz, amplitude, int(args.cycles))
         shutil.rmtree(work)
-    text = f"""{len(said)} posteriors, the point and {args.draws} draws each; largest difference, % of the RMS friction
-force (RMS) / % of the energy, at 20, 50 and 100 steps a cycle of the highest frequency
+        text = f"""{len(said)} posteriors, the point and {args.draws} draws each; largest difference, % of the RMS
+friction force (RMS) / % of the energy, at 20, 50 and 100 steps a cycle of the highest frequency
 
 {table(worst)}
 
 json read back: forces differ by {json_worst:.1e} of the RMS
 {args.cycles:.0e} cycles: the force changed by {changed[0]:.1e} of its largest, {changed[1]:.0f} pieces
-least work of a closed cycle: {work_least:.2e} of force times stroke"""
-    text = "\n".join([text, *sorted(missing), "", *said])
+least work of a closed cycle: {work_least:.2e} of force times stroke
+"""
+        text += "\n".join([*sorted(missing), *said]) + "\n"
+        if args.out:  # after each posterior, since all take an hour
+            Path(args.out).write_text(text, encoding="utf-8")
     print(text)
-    if args.out:
-        Path(args.out).write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
