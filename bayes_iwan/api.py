@@ -6,127 +6,37 @@ import os
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from functools import partial
-from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from bayes_iwan.campaign import Campaign, Loop, read_campaign
-from bayes_iwan.campaign.folders.folder import read_checked
+from bayes_iwan.campaign import Campaign, Loop
+from bayes_iwan.campaign.folders.check import Check as Check
+from bayes_iwan.campaign.folders.check import check as check
+from bayes_iwan.campaign.folders.folder import folder_of
 from bayes_iwan.export.accessors import register as register_export  # gives posteriors their export
-from bayes_iwan.files import clear, owned
-from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
+from bayes_iwan.files import clear, results_folder
+from bayes_iwan.inference.each_frequency import identify_frequencies
+from bayes_iwan.inference.identify import NotConverged, identify_campaign
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import load as load_run
 from bayes_iwan.inference.results.run_files import write as write_run
-from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
+from bayes_iwan.inference.setup.config import Config, ConfigError
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.models import Simulator
-from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.report import accessors as accessors  # gives posteriors their plots
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
+from bayes_iwan.virtual_rig.demo import demo as demo
 
 if TYPE_CHECKING:  # each function imports the folders that it needs itself: together they take a second
-    from bayes_iwan.campaign.folders.inspect import Inspection
     from bayes_iwan.comparison.families import Comparison
     from bayes_iwan.diagnosis.diagnosis import Diagnosis
+    from bayes_iwan.effects.base import Effect
     from bayes_iwan.export.json_file import ExportedModel
 
 __all__ = ["Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"]
 
 PathLike = str | os.PathLike[str]
-
-
-@dataclass(frozen=True, repr=False)
-class Check:
-    """A campaign that was read, and what each of its tests shows before any model; made by :func:`check`.
-
-    Attributes
-    ----------
-    campaign
-        its records and what was stated of them.
-    tests
-        of each record its averaged loop with energy (mJ), stiffness (N/mm), loss factor, noise and remarks.
-
-    Examples
-    --------
-    >>> import tempfile, bayes_iwan as bi
-    >>> folder = tempfile.mkdtemp()
-    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
-    >>> found = bi.check(folder)
-    >>> len(found.loops), found.tests[1].energy_mJ.value > found.tests[0].energy_mJ.value > 0.0
-    (2, True)
-    """
-
-    campaign: Campaign
-    tests: tuple[Inspection, ...]
-
-    @property
-    def loops(self) -> tuple[Loop, ...]:
-        """The averaged tests."""
-        return tuple(x.loop for x in self.tests)
-
-    def __repr__(self) -> str:
-        c = self.campaign
-        head = (
-            f"{'f, Hz' if c.clock else '':>8s} {'A, mm':>8s} {'cycles':>6s} {'samples':>8s} {'force RMS, N':>12s} "
-            f"{'mean, N':>9s} {'mean, mm':>9s} {'noise, N':>9s}  role"
-        )
-        lines = [c.name + (f": {c.description}" if c.description else ""), f"{'test':24s} {c.units.text(head)}"]
-        for test in self.tests:
-            x = test.loop
-            lines.append(
-                f"{x.file:24s} {f'{x.frequency_hz:.4g}' if c.clock else '':>8s} {x.amplitude_mm:8.4g} {x.n_cycles:6d} "
-                f"{x.record.time_s.size:8d} {x.force_N.std():12.4g} "
-                f"{_shown(x.harmonics_N[0].real, x.force_N.std())} {_shown(x.offset_mm, x.amplitude_mm)} "
-                f"{test.noise_N:9.2g}  {x.role}"
-            )
-            lines += [f"    {note}" for note in test.notes]
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
-
-
-def _shown(mean: float, size: float) -> str:
-    """A mean to three digits, none where it is no more than rounding."""
-    return f"{mean if abs(mean) > 1e-6 * size else 0.0:9.3g}"
-
-
-def check(campaign: Campaign | PathLike) -> Check:
-    """Read a campaign and average its tests.
-
-    Parameters
-    ----------
-    campaign
-        a campaign, or the folder that holds its campaign.toml.
-
-    Returns
-    -------
-    Check
-        its loops and warnings; its last line in a notebook cell shows them.
-
-    Raises
-    ------
-    CampaignError
-        one line that names the file, what is wrong with it and the fix.
-
-    Examples
-    --------
-    >>> import tempfile, bayes_iwan as bi
-    >>> plan = [bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)]
-    >>> folder = tempfile.mkdtemp()
-    >>> bi.simulate_campaign(plan, seed=1).write(folder)
-    >>> [loop.role for loop in bi.check(folder).loops]
-    ['fit', 'fit']
-    """
-    from bayes_iwan.campaign.folders.inspect import inspect_campaign, inspect_loop
-
-    if isinstance(campaign, Campaign):
-        return Check(campaign, inspect_campaign(campaign))
-    found, loops = read_checked(campaign)
-    return Check(found, tuple(inspect_loop(loop) for loop in loops))
 
 
 def identify(
@@ -141,6 +51,7 @@ def identify(
     progress: bool = True,
     simulator: Simulator | PathLike | None = None,
     quick: bool = False,
+    overwrite: bool = False,
     executor: Executor | None = None,
 ) -> Posterior:
     """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
@@ -165,6 +76,8 @@ def identify(
         a model of your own in the place of the Iwan model, or its Python file (its code is run).
     quick
         the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
+    overwrite
+        write over finished results of another campaign in `out`.
     executor
         from :func:`bayes_iwan.executors.opened`, for chains in several processes, with the same draws, and to identify
         the frequencies alone side by side.
@@ -176,7 +89,7 @@ def identify(
 
     Raises
     ------
-    CampaignError, ConfigError, ParameterError, ModelError, CheckpointError
+    CampaignError, ConfigError, ParameterError, ModelError, CheckpointError, OutputError
         ValueErrors of one line.
 
     Warns
@@ -213,7 +126,8 @@ def identify(
         return posterior
     from bayes_iwan.report.identification.identification_page import identification_report
 
-    with owned(out) as folder:
+    going_on = resume and (Path(out) / CHECKPOINT).exists()  # which knows its campaign
+    with results_folder(out, "identify", folder_of(campaign), overwrite=overwrite or going_on) as folder:
         if not resume and (folder / CHECKPOINT).exists():
             raise ConfigError(
                 f"{folder}: holds a run already ({CHECKPOINT}); go on from it with --resume, or choose another folder "
@@ -255,8 +169,11 @@ def diagnose(
     config: DiagnoseSettings | Config = None,
     seed: int = 0,
     quick: bool = False,
-    effects_file: PathLike | None = None,
+    base: str = "generalized",
+    effects: Sequence[type[Effect]] | PathLike = (),
     simulator: Simulator | PathLike | None = None,
+    progress: bool = True,
+    overwrite: bool = False,
     executor: Executor | None = None,
 ) -> Diagnosis:
     """Where the model misses, which cause explains it, how far the gap shrinks; files and page in `out` if given.
@@ -266,17 +183,23 @@ def diagnose(
     campaign
         a campaign, or its folder.
     out
-        folder for diagnosis.json, fits.json, the page and the figures; needs a folder as campaign.
+        folder for diagnosis.json, fits.json, the page and the figures; None writes nothing.
     config
         [model] and [parameters] tables, a TOML file with them, or :class:`bayes_iwan.DiagnoseSettings`.
     seed
         of all random numbers.
     quick
         stop at refits and an approximate evidence.
-    effects_file
-        Python file with effects of your own (its code is run).
+    base
+        model to start from: "generalized", "no_speed" or "classical".
+    effects
+        effects of your own, as classes, or the Python file that defines them (its code is run).
     simulator
         a model of your own in the place of the Iwan model, or its Python file (its code is run).
+    progress
+        show a bar.
+    overwrite
+        write over finished results of another campaign in `out`.
     executor
         from :func:`bayes_iwan.executors.opened`, to refit effects side by side.
 
@@ -287,7 +210,7 @@ def diagnose(
 
     Raises
     ------
-    CampaignError, ConfigError, EffectError, ModelError
+    CampaignError, ConfigError, EffectError, ModelError, OutputError
         ValueErrors of one line.
 
     Examples
@@ -302,54 +225,18 @@ def diagnose(
     >>> found.verdict.names, found.verdict.causes[0].share.value > 0.5
     (('viscous_damping',), True)
     """
-    from bayes_iwan.diagnosis.diagnosis import Diagnosis
+    options: dict[str, Any] = {
+        "config": config, "seed": seed, "quick": quick, "base": base, "effects": effects, "simulator": simulator,
+        "progress": progress, "executor": executor,
+    }  # fmt: skip
+    from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
 
     register_export(Diagnosis)
-    own = simulator is not None
-    settings = diagnose_settings_of(config, own)
-    if out is not None:
-        if isinstance(campaign, Campaign) or isinstance(simulator, Simulator):
-            raise ConfigError("to write a diagnosis name the campaign's folder and the simulator's file, not objects")
-        from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
+    if out is None:
+        return diagnose_campaign(campaign, **options)
+    from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
 
-        return write_diagnosis(
-            Path(campaign),
-            Path(out),
-            settings=settings,
-            seed=seed,
-            quick=quick,
-            effects_file=None if effects_file is None else Path(effects_file),
-            simulator_file=None if simulator is None else Path(simulator),
-            executor=executor,
-        )
-    from bayes_iwan.diagnosis.diagnosis import diagnose_folder, diagnose_loops
-
-    if not isinstance(campaign, Campaign) and not isinstance(simulator, Simulator):
-        found = diagnose_folder(
-            Path(campaign),
-            seed=seed,
-            quick=quick,
-            settings=settings,
-            effects_file=None if effects_file is None else Path(effects_file),
-            simulator_file=None if simulator is None else Path(simulator),
-            executor=executor,
-        )
-        return found
-    from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
-    from bayes_iwan.effects.own_effects import load_effects
-
-    read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
-    model = simulator if isinstance(simulator, Simulator) or simulator is None else load_simulator(simulator)
-    return diagnose_loops(
-        read,
-        read.loops(**LOOPS),
-        seed=seed,
-        quick=quick,
-        settings=settings,
-        extra=load_effects(Path(effects_file)) if effects_file is not None else (),
-        simulator=model,
-        executor=executor,
-    )
+    return write_diagnosis(campaign, out, overwrite=overwrite, **options)
 
 
 def compare(
@@ -360,6 +247,8 @@ def compare(
     config: Config = None,
     seed: int = 0,
     by: str = "auto",
+    simulator: Simulator | PathLike | None = None,
+    overwrite: bool = False,
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Comparison:
@@ -377,6 +266,10 @@ def compare(
         as for :func:`identify`.
     by
         "loo" (single data held out), "tests" (whole tests held out) or "auto" (the first where its Pareto k hold).
+    simulator
+        a model of your own that is compared too, or its Python file (its code is run).
+    overwrite
+        write over finished results of another campaign in `out`.
     executor
         from :func:`bayes_iwan.executors.opened`, to fit families side by side.
     progress
@@ -391,7 +284,7 @@ def compare(
     ------
     CompareError
         unknown families or rankings.
-    CampaignError, ConfigError
+    CampaignError, ConfigError, OutputError
         as for :func:`identify`.
 
     References
@@ -417,13 +310,21 @@ def compare(
     from bayes_iwan.comparison.families import compare_families
 
     chosen = partial(
-        compare_families, campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress
+        compare_families,
+        campaign,
+        families,
+        config=config,
+        seed=seed,
+        by=by,
+        simulator=simulator,
+        executor=executor,
+        progress=progress,
     )
     if out is None:
         return chosen()
     from bayes_iwan.report.comparison_page import comparison_report
 
-    with owned(out) as folder:
+    with results_folder(out, "compare", folder_of(campaign), overwrite=overwrite) as folder:
         result = chosen()
         comparison_report(result, folder)
     return result
@@ -470,7 +371,7 @@ def load(
     return load_run(folder, campaign, simulator)
 
 
-def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
+def write(result: Posterior | Diagnosis | Comparison, folder: PathLike, *, overwrite: bool = False) -> Path:
     """Write a result with its page, tables and figures into a folder, as the command line does.
 
     Parameters
@@ -479,6 +380,8 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
         of :func:`identify`, :func:`diagnose` or :func:`compare`.
     folder
         is made where it does not exist.
+    overwrite
+        write over finished results of another campaign in `folder`.
 
     Returns
     -------
@@ -500,7 +403,7 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
     if isinstance(result, Posterior):
         from bayes_iwan.report.identification.identification_page import identification_report
 
-        with owned(folder) as out:
+        with results_folder(folder, "identify", folder_of(result.campaign), overwrite=overwrite) as out:
             write_run(result, out)
             return identification_report(result, out)
     from bayes_iwan.comparison.families import Comparison
@@ -509,54 +412,11 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
     if isinstance(result, Diagnosis):
         from bayes_iwan.report.diagnosis.diagnosis_files import write_found
 
-        return write_found(result, Path(folder))
+        return write_found(result, Path(folder), overwrite)
     if isinstance(result, Comparison):
         from bayes_iwan.report.comparison_page import comparison_report
 
-        with owned(folder) as out:
+        origin = folder_of(result.entries[0].posterior.campaign)
+        with results_folder(folder, "compare", origin, overwrite=overwrite) as out:
             return comparison_report(result, out)
     raise TypeError(f"{type(result).__name__} is no result of identify, diagnose or compare")
-
-
-#: frequency (Hz) and amplitude (mm) of the demonstration's tests, and what is wrong with its rig
-_DEMO_PLAN = tuple((f, a) for f in (8.0, 20.0) for a in (0.3, 0.6, 1.0))
-_DEMO_FAULT = ("viscous_damping", 0.15)
-
-
-def demo(folder: PathLike | None = None, seed: int = 1) -> Campaign:
-    """A campaign to try things on: six tests of a virtual rope spring with a dashpot that the model does not know.
-
-    Parameters
-    ----------
-    folder
-        where to write it, for commands that ask for a folder; None writes it into a new temporary one.
-    seed
-        of the noise.
-
-    Returns
-    -------
-    Campaign
-        its records; `.path` is the folder.
-
-    Raises
-    ------
-    OutputError
-        a folder that cannot be written to.
-
-    Examples
-    --------
-    >>> import bayes_iwan as bi
-    >>> campaign = bi.demo()
-    >>> len(campaign.tests), campaign.path.is_dir()
-    (6, True)
-    """
-    import tempfile
-
-    from bayes_iwan.virtual_rig.planning import simulate_campaign
-    from bayes_iwan.virtual_rig.simulate import PlannedTest
-
-    where = Path(tempfile.mkdtemp(prefix="bayes_iwan_demo_") if folder is None else folder)
-    plan = [PlannedTest(f, a, cycles=8) for f, a in _DEMO_PLAN]
-    fault, size = _DEMO_FAULT
-    simulate_campaign(plan, fault=fault, size=size, seed=seed).write(where)
-    return read_campaign(where)

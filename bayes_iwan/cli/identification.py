@@ -85,6 +85,7 @@ def run_identify(args: argparse.Namespace) -> int:
             args.out,
             config=args.config,
             seed=args.seed,
+            overwrite=args.overwrite,
             per_test=args.per_test,
             resume=args.resume,
             keep_chains=args.keep_chains,
@@ -153,6 +154,9 @@ def run_report(args: argparse.Namespace) -> None:
     argument("--families", metavar="NAME", nargs="+", help="families to compare (default: all)"),
     CONFIG,
     argument(
+        "--simulator", metavar="FILE", help="Python file with a model of your own to compare too; its code is run"
+    ),
+    argument(
         "--by",
         choices=("auto", "loo", "tests"),
         default="auto",
@@ -172,7 +176,9 @@ def run_compare(args: argparse.Namespace) -> None:
             families=args.families,
             config=args.config,
             seed=args.seed,
+            overwrite=args.overwrite,
             by=args.by,
+            simulator=args.simulator,
             executor=executor,
         )
     say(str(result))
@@ -209,6 +215,7 @@ def run_batch(args: argparse.Namespace) -> int:
             diagnose=args.diagnose,
             quick=args.quick,
             seed=args.seed,
+            overwrite=args.overwrite,
             config=args.config,
             keep_chains=args.keep_chains,
             group=args.group,

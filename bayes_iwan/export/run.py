@@ -151,7 +151,7 @@ def _no_device(sets: int) -> Device:
         stages={name: () for name in STAGES},
         states={},
         named={},
-        left_out={},
+        omitted={},
     )
 
 

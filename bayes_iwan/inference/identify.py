@@ -12,26 +12,24 @@ import platform
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayes_iwan import executors
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.inference.results import run_files
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
-from bayes_iwan.inference.setup.same_frequency import by_frequency
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
 from bayes_iwan.inference.solving.approximation import approximate_draws
 from bayes_iwan.inference.solving.chains import Run, sampled
 from bayes_iwan.inference.solving.point import Point, find_point
-from bayes_iwan.models import Scales, Simulator
+from bayes_iwan.models import Simulator
 from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.sampling.chains import Chains, Stop
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
@@ -49,7 +47,6 @@ def identify_campaign(
     *,
     config: Config = None,
     seed: int = 0,
-    per_test: bool = False,
     resume: bool = False,
     progress: bool = True,
     simulator: Simulator | str | os.PathLike[str] | None = None,
@@ -60,28 +57,91 @@ def identify_campaign(
 
     campaign : a campaign, or its folder. config : a TOML file, or its tables as a mapping (:mod:`.config`).
     out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.ckpt; None writes nothing.
-    per_test : identify each frequency alone as well (:func:`identify_frequencies`). resume : go on from a checkpoint.
+    resume : go on from a checkpoint.
     simulator : a model of your own in the place of the Iwan model, or the Python file that defines it.
     quick : the most probable point and a normal approximation about it, in seconds, instead of sampling.
     executor : from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
     """
+    settings = _settings_for(config, simulator)
+    campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    posterior = identify_loops(
+        campaign.loops(**asdict(settings.loops)),
+        config=settings,
+        seed=seed,
+        campaign=campaign,
+        out=out,
+        resume=resume,
+        progress=progress,
+        simulator=simulator,
+        quick=quick,
+        executor=executor,
+    )
+    if out is not None:
+        run_files.write(posterior, Path(out))
+    return posterior
+
+
+def _settings_for(config: Config, simulator: object) -> IdentifySettings:
+    return settings_of(config, {} if simulator is None else {"model": "since a simulator replaces the Iwan model"})
+
+
+def identify_loops(
+    loops: Sequence[Loop],
+    *,
+    config: Config = None,
+    seed: int = 0,
+    campaign: Campaign | None = None,
+    out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: bool = True,
+    simulator: Simulator | str | os.PathLike[str] | None = None,
+    quick: bool = False,
+    executor: Executor | None = None,
+) -> Posterior:
+    """The joint posterior of averaged loops of any origin; nothing but the checkpoint is written.
+
+    Parameters
+    ----------
+    loops
+        of :attr:`bayes_iwan.Check.loops`, say; those with role "held-out" are not fitted.
+    config, seed, resume, progress, simulator, quick, executor
+        as for :func:`bayes_iwan.identify`.
+    campaign
+        where the loops are from, for what is written of them.
+    out
+        folder of the checkpoint; None keeps none.
+
+    Returns
+    -------
+    Posterior
+        with the draws, (chains, draws, ndim), in z.
+
+    Raises
+    ------
+    ConfigError, ParameterError, ModelError, CheckpointError
+        InputErrors of one line.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> simple = {"model": {"slip": "gamma1", "normal_force": "constant"}}
+    >>> posterior = bi.identify_loops(bi.check(folder).loops, config=simple, seed=1, quick=True, progress=False)
+    >>> len(posterior.problem.loops)
+    2
+    """
     if not 0 <= seed < 2**63:
         raise ConfigError(f"seed {seed} cannot be kept in files; give one from 0 to {2**63 - 1}")
-    unused = {} if simulator is None else {"model": "since a simulator takes the place of the Iwan model"}
-    settings = settings_of(config, unused)
-    campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
-    if per_test and out is None:
-        raise ConfigError("per_test writes files: name a folder for them (out)")
-    simulator_file = ""
+    settings, simulator_file = _settings_for(config, simulator), ""
     if isinstance(simulator, str | os.PathLike):
         simulator_file, simulator = str(Path(simulator).resolve()), load_simulator(simulator)
-    loops = campaign.loops(**asdict(settings.loops))
     problem = make_problem(loops, settings, simulator)
     if simulator is not None:
         check_simulator(problem, seed)
-    posterior = identify_problem(
+    return identify_problem(
         problem,
         seed,
         config=settings,
@@ -94,85 +154,6 @@ def identify_campaign(
         quick=quick,
         executor=executor,
     )
-    if out is not None:
-        run_files.write(posterior, Path(out))
-    if per_test and not posterior.interrupted:
-        identify_frequencies(posterior, Path(str(out)), resume=resume, progress=progress)
-    return posterior
-
-
-class FrequencyError(ValueError):
-    """A frequency alone that could not be identified; the message names it and says why."""
-
-
-@dataclass(frozen=True)
-class _Alone:
-    """What the runs of all frequencies share; a simulator from a file is loaded where they run."""
-
-    settings: IdentifySettings
-    scales: Scales
-    simulator: Simulator | None
-    simulator_file: str
-    campaign: Campaign | None
-    seed: int
-    out: Path
-    resume: bool
-    progress: bool
-
-
-def identify_frequencies(
-    joint: Posterior,
-    out: Path,
-    *,
-    resume: bool = False,
-    progress: bool = True,
-    executor: Executor | None = None,
-) -> None:
-    """Identify each frequency of a joint posterior's fitted tests alone, on its scales, into out/per_test.
-
-    executor : from :func:`bayes_iwan.executors.opened`, to identify them side by side.
-    Raises FrequencyError, and KeyboardInterrupt where Ctrl-C ended a run: what it had drawn is kept, `resume` goes on
-    from it.
-    """
-    simulator = None if joint.simulator_file else joint.problem.model
-    here = executor is None
-    shared = _Alone(
-        joint.settings, joint.problem.scales, simulator, joint.simulator_file, joint.campaign, joint.seed, out, resume,
-        progress and here,
-    )  # fmt: skip
-    pieces = {name: (name, group) for name, group in by_frequency(joint.loops).items()}
-    done = executors.run(
-        pieces,
-        _one_frequency,
-        shared,
-        executor=executor,
-        what="per test",
-        unit="frequency",
-        progress=progress and not here,
-    )
-    for name, found in done.items():
-        if isinstance(found, executors.Failure):
-            raise FrequencyError(f"{name} alone: {found}")
-
-
-def _one_frequency(shared: _Alone, piece: tuple[str, tuple[Loop, ...]]) -> None:
-    name, group = piece
-    folder = shared.out / "per_test" / name
-    simulator = load_simulator(shared.simulator_file) if shared.simulator_file else shared.simulator
-    part = identify_problem(
-        make_problem(group, shared.settings, simulator, shared.scales),
-        shared.seed,
-        config=shared.settings,
-        campaign=shared.campaign,
-        loops=group,
-        out=folder,
-        resume=shared.resume,
-        progress=shared.progress,
-        simulator_file=shared.simulator_file,
-    )
-    run_files.write(part, folder)
-    if part.interrupted:  # or the next frequency would start in the face of Ctrl-C
-        raise KeyboardInterrupt
 
 
 def identify_problem(

@@ -111,7 +111,7 @@ def draw_design(rng: np.random.Generator) -> tuple[tuple[PlannedTest, ...], tupl
     """Tests at random, and tests that the diagnosis is not to see.
 
     Mostly 2 to 4 frequencies by 2 or 3 amplitudes, one in seven at a single frequency (3 to 4 amplitudes); in
-    three cases of ten one or two of them are held out. HeldOut: a new frequency within the range and a new
+    three cases of ten one or two of them are held out. Sealed: a new frequency within the range and a new
     amplitude, sometimes beyond the range.
     """
     single = rng.random() < 1 / 7

@@ -172,7 +172,7 @@ def dropped_samples(record: Record, count: int, seed: int = 0) -> Record:
     return without_rows(record, np.random.default_rng([seed, 11]).choice(n, count, replace=False))
 
 
-def missed_trigger(record: Record, block: int = 500, which: int = 3) -> Record:
+def lost_trigger(record: Record, block: int = 500, which: int = 3) -> Record:
     """A recorder that writes blocks of `block` samples and waits too long before one: half that block is lost."""
     first = which * block
     if first + block // 2 >= record.time_s.size:

@@ -173,12 +173,12 @@ def march(
         u = drive[i]
         # ---- what changes slowly, taken at the start of the step
         common = 1.0
-        soft = kept = 1.0
+        soft = faded_k = 1.0
         if q.fade.size > 1 and cycle[i] > 0.0:
             travelled = worked / q.fade_work_Nmm if q.fade_work_Nmm != 0.0 else cycle[i]
             faded = _look_up(q.fade, 0.0, q.fade_step, travelled)[0]
             common *= faded
-            kept = faded**q.fade_stiffness
+            faded_k = faded**q.fade_stiffness
         if q.groove != 0.0:
             common *= 1.0 + q.groove * np.sin(2.0 * np.pi * d_old / q.groove_pitch + q.groove_phase)
         if q.position.size > 1:
@@ -237,7 +237,7 @@ def march(
             if alpha < 0.05:
                 alpha, dalpha = 0.05, 0.0
             decay = np.exp(-s.curve * alpha**s.curve_power)
-            k = soft * kept * s.contact * (1.0 - decay) / k_norm
+            k = soft * faded_k * s.contact * (1.0 - decay) / k_norm
             k_log_slope = decay * s.curve * s.curve_power * alpha ** (s.curve_power - 1.0) / (1.0 - decay)
             limit = alpha * common
             stuck_k = stuck_f = slid_f = slid_k = 0.0

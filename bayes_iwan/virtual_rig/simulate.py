@@ -1,9 +1,9 @@
 """A virtual rig: specimen, shaker, fixture and sensors, simulated independently of the model that is fitted.
 
 It is for two things: to plan a campaign (`planning.simulate_campaign`: would these tests show that effect?),
-and to make cases with a sealed truth (`validation.sealed`). It shares no code with `bayes_iwan.models`:
-individual Jenkins elements are integrated in time (`kernel`), under a shaker that yields and distorts, from
-rest through run-in, and are seen through sensors of their own (`sensors`).
+and to make cases with a sealed truth (`withheld.sealed`). It shares no code with `bayes_iwan.models`:
+individual Jenkins elements are integrated in time (`kernel`), under a shaker that yields and distorts, through run-in
+from rest, and are seen through sensors of their own (`sensors`).
 """
 
 from __future__ import annotations

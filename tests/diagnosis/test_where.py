@@ -213,13 +213,13 @@ def test_a_named_cause_shrinks_the_gap_and_another_set_of_tests_is_refused(visco
     before, after = gap_size(residual_of(data, base)), gap_size(residual_of(data, fit))
     found = shrink(before, after)
     assert found.value > 0.9 and found.low > 0.7 and found.high <= 1.0
-    held_out = gap_data(made_loops(lambda u, v, a, n: 1.5 * v, seed=7, tests=[(50.0, 1.0)]))
+    further = gap_data(made_loops(lambda u, v, a, n: 1.5 * v, seed=7, tests=[(50.0, 1.0)]))
     held_out = shrink(
-        gap_size(residual_of(held_out, base, refitted=False)), gap_size(residual_of(held_out, fit, refitted=False))
+        gap_size(residual_of(further, base, refitted=False)), gap_size(residual_of(further, fit, refitted=False))
     )
     assert held_out.value > 0.9
     with pytest.raises(ValueError, match="different tests"):
-        shrink(before, gap_size(residual_of(held_out, fit, refitted=False)))
+        shrink(before, gap_size(residual_of(further, fit, refitted=False)))
 
 
 def test_one_frequency_tells_no_power_of_frequency():

@@ -79,7 +79,7 @@ def test_what_a_command_would_not_use_is_refused():
     for given, says in (
         ({"search": {"members": 50}}, r"\[search\] is not used by a diagnosis"),
         ({"loops": {"n_phase": 128}}, r"\[loops\] is not used"),
-        ({"parameters": {"noise_scale": {"fixed": 1.0}}}, "takes the noise from the records"),
+        ({"parameters": {"noise_scale": {"fixed": 1.0}}}, "takes noise from the records"),
         ({"sampeling": {}}, "did you mean 'sampling'"),
     ):
         with pytest.raises(ConfigError, match=says):

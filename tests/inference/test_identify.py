@@ -9,12 +9,11 @@ import h5py
 import numpy as np
 import pytest
 
+import bayes_iwan as bi
 from bayes_iwan.campaign import write_campaign
+from bayes_iwan.inference.each_frequency import FrequencyError, by_frequency, identify_frequencies
 from bayes_iwan.inference.identify import (
-    FrequencyError,
-    by_frequency,
     identify_campaign,
-    identify_frequencies,
     identify_problem,
 )
 from bayes_iwan.inference.results import run_files
@@ -254,7 +253,7 @@ def test_each_frequency_alone(run, tmp_path):
 
 def test_frequencies_alone_without_a_folder_are_refused(folder):
     with pytest.raises(ConfigError, match="folder"):
-        identify_campaign(folder, None, config=SMALL, per_test=True)
+        bi.identify(folder, None, config=SMALL, per_test=True)
 
 
 def test_predictions_of_a_posterior(run):

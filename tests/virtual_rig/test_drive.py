@@ -76,7 +76,7 @@ def test_what_the_rig_cannot_run():
     with pytest.raises(RigError, match="two cycles"):
         run(dr.steady(10, 0.7, cycles=1))
     with pytest.raises(RigError, match="no block"):
-        dr.missed_trigger(run(dr.steady(10, 0.7)), which=100)
+        dr.lost_trigger(run(dr.steady(10, 0.7)), which=100)
 
 
 @pytest.mark.parametrize("wave", [dr.triangle, dr.trapezoid, *(dr.distorted(s) for s in (0.01, 0.05, 0.1, 0.2))])
@@ -100,8 +100,8 @@ def test_any_periodic_drive_is_kept_whole(tmp_path, wave):
 def test_rows_lost_without_a_trace_in_the_time_are_seen(tmp_path, seed):
     record = run(dr.steady(10, 0.7), seed)
     with pytest.raises(CampaignError, match=r"phase of both channels jumps by .*rows are missing"):
-        read(tmp_path / "missed", dr.missed_trigger(record, 440))
-    (test,) = read(tmp_path / "nearly", dr.missed_trigger(record)).tests  # 17° short of two whole cycles
+        read(tmp_path / "missed", dr.lost_trigger(record, 440))
+    (test,) = read(tmp_path / "nearly", dr.lost_trigger(record)).tests  # 17° short of two whole cycles
     assert any("jumps by" in w for w in test.warnings)
     (test,) = read(tmp_path / "dropped", dr.dropped_samples(record, 20, seed)).tests
     assert any("lost rows" in w or "rows lost" in w for w in test.warnings)

@@ -166,7 +166,7 @@ def _cause(c: Cause, d: Diagnosis) -> str:
     if c.tied_with:
         text += f" These tests cannot tell it from {few(c.tied_with)}."
     if d.search.effects[c.name][0].needs_clock and c.name not in NO_TIME_CONSTANT and not _frequencies_differ(d):
-        text += " The tests' frequencies hardly differ: a dependence on time looks here like one on amplitude."
+        text += " The tests' frequencies hardly differ: a dependence on time could be one on amplitude."
     said = remedy(d, c.name)
     if c.name == "force_clipping" and not d.clipped:  # no amplifier: the remedy of one would be wrong
         said = "No record shows the one level of an amplifier: a specimen that yields or slides there does the same"

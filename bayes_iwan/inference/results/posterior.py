@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency, held_out_frequencies
 from bayes_iwan.inference.results.predictions import Prediction, ResidualSize, predicted_at, replicated, residual_size
 from bayes_iwan.inference.results.reach import extrapolated
@@ -335,7 +336,7 @@ class Posterior:
         force = self.problem.predict(z, motion)
         if replicate:
             if loops is not None and tuple(x.file for x in loops) != tuple(x.file for x in self.problem.loops):
-                raise ValueError("replicates are drawn for the fitted tests only: the noise model knows no others")
+                raise InputError("replicates are drawn for the fitted tests only: the noise model knows no others")
             rng = np.random.default_rng(self.seed) if rng is None else rng
             force = replicated(self.problem, force, parameter_values, rng)
         if friction:

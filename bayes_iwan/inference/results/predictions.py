@@ -11,6 +11,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.recording.units import Units
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.loop_error import friction_rms_N
 from bayes_iwan.inference.setup.problem import Problem
@@ -25,7 +26,7 @@ class Extrapolation(UserWarning):
     """A prediction at conditions that no test had."""
 
 
-class PredictionError(ValueError):
+class PredictionError(InputError):
     """Conditions at which nothing can be predicted; the message says which were tested."""
 
 

@@ -9,7 +9,9 @@ from bayes_iwan.campaign.timing.groups import groups_of
 
 
 def by_frequency(loops: Sequence[Loop]) -> dict[str, tuple[Loop, ...]]:
-    """Fitted loops grouped by frequency, by names such as f10Hz (of the lowest in it), lowest first."""
-    fitted = sorted((x for x in loops if x.role != "held-out"), key=lambda x: x.frequency_hz)
+    """Fitted loops grouped by frequency, by names such as f10Hz (of the lowest in it), lowest first; within a group in
+    the campaign's order."""
+    fitted = [x for x in loops if x.role != "held-out"]
     parts = groups_of([x.frequency_hz for x in fitted]) if fitted else []
-    return {f"f{fitted[part[0]].frequency_hz:.4g}Hz": tuple(fitted[i] for i in part) for part in parts}
+    lowest = {min(fitted[i].frequency_hz for i in part): part for part in parts}
+    return {f"f{low:.4g}Hz": tuple(fitted[i] for i in sorted(part)) for low, part in sorted(lowest.items())}
