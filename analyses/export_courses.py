@@ -18,6 +18,8 @@ from bayes_iwan.models.simulator import FORCE_ZERO, inner_effects, recorded_forc
 
 #: samples of a cycle at the highest frequency with which the forward model follows a record
 FINE = 800
+#: and one that is straight between a solver's steps
+FINE_STRAIGHT = 8000
 #: forces in N (n,) of parameter set d for a motion: step (s), u (m), v (m/s), a (m/s²), amplitude A (m)
 Force = Callable[[int, float, Array, Array, Array, float], Array]
 
@@ -119,16 +121,20 @@ class Difference:
 
 
 def straight(course: Course, steps: int) -> Course:
-    """The course as a solver's steps describe it: through its positions at `steps` a cycle, straight between them."""
+    """The course as a solver's steps describe it: through its positions at `steps` a cycle, straight between them. Our
+    model rounds corners within its samples, so it needs many of them here (FINE_STRAIGHT)."""
     n = round(course.seconds * course.highest_hz * steps)
     t = np.arange(n + 1) * course.seconds / n
     u = course.displacement_mm(t)
     return replace(course, displacement_mm=lambda x: np.interp(x, t, u))
 
 
-def compare(force: Force, problem: Problem, values: ParameterValues, course: Course, steps: int) -> Difference:
-    """How far `force` differs from our own forward model at `steps` equal steps a cycle of the highest frequency."""
-    every = FINE // steps
+def compare(
+    force: Force, problem: Problem, values: ParameterValues, course: Course, steps: int, fine: int = FINE
+) -> Difference:
+    """How far `force` differs from our own forward model at `steps` equal steps a cycle of the highest frequency, which
+    our model follows with `fine` samples."""
+    every = fine // steps
     t, ours, friction = forward(problem, values, course, every * steps)
     use, h = slice(every, None, every), (t[1] - t[0]) * every
     u, v, a = course.at(t[use])

@@ -67,7 +67,7 @@ def rows(constant: bool) -> dict[str, Row]:
 
 def own_straight(folder: Path, problem: Problem, values: ParameterValues) -> rt.Force:
     """Our own forward model on a motion that is straight between the steps; of a constant normal force."""
-    fine = 32
+    fine = 400
 
     def force(d: int, h: float, u: Array, v: Array, a: Array, amplitude_m: float) -> Array:
         t, n = h * np.arange(len(u) + 1), len(u)
@@ -157,7 +157,8 @@ def round_trip(posterior: bi.Posterior, draws: int, work: Path, worst: Worst) ->
         for course in rt.courses(*fastest(problem)):
             for steps in STEPS:
                 motion = rt.straight(course, steps) if row.straight else course
-                found, key = rt.compare(force, problem, values, motion, steps), (name, course.name, steps)
+                fine = rt.FINE_STRAIGHT if row.straight else rt.FINE
+                found, key = rt.compare(force, problem, values, motion, steps, fine), (name, course.name, steps)
                 before = worst.get(key, (0.0, 0.0))
                 worst[key] = max(found.rms, before[0]), max(found.energy, before[1])
     return missing
@@ -210,18 +211,19 @@ def main() -> None:
         if i == 0:
             changed = many_cycles(work / "c", hz, amplitude, int(args.cycles))
         shutil.rmtree(work)
-    text = f"""{len(said)} posteriors, the point and {args.draws} draws each; largest difference, % of the RMS friction
-force (RMS) / % of the energy, at 20, 50 and 100 steps a cycle of the highest frequency
+        text = f"""{len(said)} posteriors, the point and {args.draws} draws each; largest difference, % of the RMS
+friction force (RMS) / % of the energy, at 20, 50 and 100 steps a cycle of the highest frequency
 
 {table(worst)}
 
 json read back: forces differ by {json_worst:.1e} of the RMS
 {args.cycles:.0e} cycles: the force changed by {changed[0]:.1e} of its largest, {changed[1]:.0f} pieces
-least work of a closed cycle: {work_least:.2e} of force times stroke"""
-    text = "\n".join([text, *sorted(missing), "", *said])
+least work of a closed cycle: {work_least:.2e} of force times stroke
+"""
+        text += "\n".join([*sorted(missing), *said]) + "\n"
+        if args.out:  # after each posterior, since all take an hour
+            Path(args.out).write_text(text, encoding="utf-8")
     print(text)
-    if args.out:
-        Path(args.out).write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

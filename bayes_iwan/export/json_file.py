@@ -22,10 +22,11 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import ExportError
 from bayes_iwan.export.laws import OF_THE_RIG
+from bayes_iwan.export.tested import without_zero
 from bayes_iwan.files import finite
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model, Motion, Scales
-from bayes_iwan.models.simulator import FORCE_ZERO, recorded_force
+from bayes_iwan.models.simulator import recorded_force
 
 NAME, SCHEMA = "isolator.json", "bayes_iwan.export 1"
 
@@ -55,7 +56,7 @@ class ExportedModel:
 
     def force(self, motion: Motion) -> Array:
         """Force of the device in N, (sets, loops, samples), for steady loops or a record from rest."""
-        values = {n: x for n, x in self.values.items() if n != FORCE_ZERO}
+        values = without_zero(self.values)
         return recorded_force(self.model, self.effects, {**values, **self.model.parameter_values(values)}, motion)
 
 

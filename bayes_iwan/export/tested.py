@@ -16,7 +16,12 @@ from bayes_iwan.models.simulator import FORCE_ZERO, recorded_force
 def steady_loops(problem: Problem, values: ParameterValues, motion: Motion) -> Array:
     """Force (draws, loops, samples) of our own forward model, the rig's effects and the channel's zero omitted."""
     effects = [e for e in problem.effects if not isinstance(e, OF_THE_RIG)]
-    return recorded_force(problem.model, effects, {n: x for n, x in values.items() if n != FORCE_ZERO}, motion)
+    return recorded_force(problem.model, effects, without_zero(values), motion)
+
+
+def without_zero(values: ParameterValues) -> ParameterValues:
+    """The values without the force channel's zero, which is no part of the device."""
+    return {n: x for n, x in values.items() if n != FORCE_ZERO}
 
 
 def fixed_amplitude(problem: Problem, values: ParameterValues, amplitude_mm: float) -> Array:

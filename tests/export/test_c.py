@@ -82,7 +82,9 @@ def test_steps_and_times_may_be_mixed(device):
         other.restore(b"short")
 
 
-@pytest.mark.parametrize("bad", [(float("nan"), 0.0, 0.0), (1e-3, float("inf"), 0.0), (-1e-3, 0.0, 0.0)])
+@pytest.mark.parametrize(
+    "bad", [(float("nan"), 0.0, 0.0), (1e-3, float("inf"), 0.0), (-1e-3, 0.0, 0.0), (1e-3, 1e300, 0.0)]
+)
 def test_what_is_no_step_is_refused_and_changes_nothing(device, bad):
     one = device.Isolator()
     one.step(1e-3, 1e-4, 0.1)

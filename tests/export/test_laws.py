@@ -1,5 +1,6 @@
 """Each effect's law in time against its law over closed loops, once the motion is steady; and effects without one."""
 
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from bayes_iwan.export.tested import steady_loops
 from bayes_iwan.models import sine_motion
 
 HZ, AMPLITUDE, STEPS = 12.0, 0.9, 100
+STRICT = "cc -std=c99 -Wall -Wextra -Werror -pedantic -fsyntax-only".split()
 #: laws with slow parts need many cycles until they are steady
 SLOW = {specimen.MaxwellBranch: 300, lag.NormalForceLagFromStart: 300}
 
@@ -33,7 +35,9 @@ def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported
     problem = problem_of(**classical)
     problem = problem.with_effects([made(kind, problem)])
     z, cycles, w = draws(problem, 3, seed=2), SLOW.get(kind, 20), 2 * np.pi * HZ
-    isolator = rt.module(exported(problem, z))
+    folder = exported(problem, z)
+    subprocess.run([*STRICT, "isolator.c"], cwd=folder, check=True)
+    isolator = rt.module(folder)
     motion = sine_motion(frequency_hz=HZ, amplitude_mm=AMPLITUDE, samples=10 * STEPS)
     motion = replace(motion, cycle=np.array([cycles - 0.5]))
     values = problem.parameter_values(z)

@@ -33,8 +33,8 @@ extern const isolator_parameters isolator_sets[ISOLATOR_SETS];
 void isolator_start(const isolator_parameters *p, isolator_state *s, double time_s);
 
 /* One step of h_s seconds (0 is allowed) to stretch u_m, velocity v_m_s and acceleration a_m_s2 at its end.
-   Returns 1 and the force in N; 0 where a number is not finite or h_s is negative: nothing has changed then and
-   *force_N is the last force. The path between is the cubic through both ends, so a reversal inside is not missed. */
+   Returns 1 and the force in N; 0 where h_s is negative or a number not finite, or 1e9 and more: nothing has changed
+   then and *force_N is the last force. The path between is the cubic through both ends, so a reversal inside is not missed. */
 int isolator_step(const isolator_parameters *p, isolator_state *s, double h_s, double u_m, double v_m_s, double a_m_s2,
                   double *force_N);
 
@@ -254,6 +254,8 @@ static double device(const isolator_parameters *p, isolator_state *s, double h, 
     return force;
 }
 
+#define MOST 1e9 /* m, m/s, m/s2: a solver that has gone astray */
+
 /* ---- steps -------------------------------------------------------------------------------------------------------*/
 
 void isolator_start(const isolator_parameters *p, isolator_state *s, double time_s)
@@ -294,7 +296,7 @@ int isolator_step(const isolator_parameters *p, isolator_state *s, double h_s, d
     double from = 0.0, turn = 2.0, u, v;
     int i, n = @SUBSTEPS@;
     *force_N = s->force_N;
-    if (!(isfinite(u_m) && isfinite(v_m_s) && isfinite(a_m_s2) && isfinite(h_s) && h_s >= 0.0)) {
+    if (!(fabs(u_m) < MOST && fabs(v_m_s) < MOST && fabs(a_m_s2) < MOST && h_s >= 0.0 && isfinite(h_s))) {
         return 0;
     }
     if (h_s > 0.0 && ((v0 > 0.0 && v1 < 0.0) || (v0 < 0.0 && v1 > 0.0))) {
