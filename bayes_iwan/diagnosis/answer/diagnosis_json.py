@@ -17,6 +17,8 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.files import finite, write_json
 
 SCHEMA = 3
+#: where no test can be held out, the three gaps of an effect are of these
+FITTED = "fitted tests"
 #: what no loop test can see, whatever the cause
 INVISIBLE = (
     "A gain error of the displacement channel is absorbed whole by the stiffnesses, one of the force "
@@ -27,7 +29,12 @@ INVISIBLE = (
 
 def to_dict(d: Diagnosis) -> dict[str, Any]:
     """The schema of `diagnosis.json`, its texts in the campaign's own units (keys name the working units); numbers that
-    are not finite become null when it is written."""
+    are not finite become null when it is written.
+
+    Of each cause `gaps` has the gap with all named effects, without this one and with this one alone, over the base
+    model's on the same tests (`on`), and `share_vague` what the interval of its share is made of
+    (:class:`bayes_iwan.diagnosis.assessment.budget.Vague`).
+    """
     v, b = d.verdict, d.budget
     less = shrink(d.before, d.found.sizes[frozenset(v.names)]) if v.causes else None
     out: dict[str, Any] = {
@@ -111,9 +118,16 @@ def _cause(c: Cause) -> dict[str, Any]:
         "probability": c.probability,
         "share": c.share.value,
         "share_interval": _interval(c.share),
+        "share_vague": asdict(c.vague),
         "share_held_out": None if c.held_out is None else c.held_out.value,
         "share_held_out_interval": _interval(c.held_out),
         "held_out_by": c.held_out_by or None,
+        "gaps": {
+            "on": c.held_out_by or FITTED,
+            "with_all": c.gaps.with_all,
+            "without": c.gaps.without,
+            "alone": c.gaps.alone,
+        },
         "share_along_record": c.along,
         "tied_with": list(c.tied_with),
     }

@@ -163,6 +163,10 @@ def _cause(c: Cause, d: Diagnosis) -> str:
     text += "."
     if c.share.low <= 0.0:
         text += " Its share may be nothing."
+    if len(d.verdict.causes) > 1:
+        on = "" if c.held_out is None else " on held-out tests"
+        text += f" Gap left{on}: {percent(c.gaps.with_all)} with all named effects, {percent(c.gaps.without)} without "
+        text += f"this one, {percent(c.gaps.alone)} with this one alone."
     if c.tied_with:
         text += f" These tests cannot tell it from {few(c.tied_with)}."
     if d.search.effects[c.name][0].needs_clock and c.name not in NO_TIME_CONSTANT and not _frequencies_differ(d):

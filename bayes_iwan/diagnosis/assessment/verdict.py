@@ -20,6 +20,7 @@ from bayes_iwan.diagnosis.assessment.budget import (
     gaps_of,
     least_share,
     subsets,
+    vagueness,
 )
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, unexplained_figures
 from bayes_iwan.diagnosis.assessment.indicators import Figures
@@ -194,7 +195,8 @@ def _causes(
             continue
         effect = next(e for e in fit.effects if e.name == f.name)
         predicts = effect.strength_name in fit.problem.names and f.name in predicted
-        off = c.law_sd(0.5 * (fitted[f.name].first + fitted[f.name].last))
+        seen, unseen = fitted[f.name], predicted[f.name] if predicts else None
+        vague = vagueness(seen, unseen)
         along_N = [models.sizes[k].along.rms_N for k in (whole - {f.name}, whole)]
         along = (along_N[0] - along_N[1]) / before_along if effect.evolving and before_along > 0.0 else None
         out.append(
@@ -202,12 +204,13 @@ def _causes(
                 name=f.name,
                 law=str(getattr(effect, "law", "")),
                 probability=probabilities[f.name],
-                share=fitted[f.name].share(off),
-                held_out=predicted[f.name].share(off) if predicts else None,
+                share=vague.share(seen.share),
+                vague=vague,
+                held_out=None if unseen is None else unseen.measured,
                 held_out_by=" and ".join(dict.fromkeys(u.by for u in counted)) if predicts else "",
                 tied_with=tuple(n for n in candidates_of(f, c) if n != f.name),
                 figures=f,
-                gaps=predicted[f.name] if predicts else fitted[f.name],
+                gaps=unseen or seen,
                 along=along if along is None or along >= LEAST_ALONG else 0.0,
             )
         )
