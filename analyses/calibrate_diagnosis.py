@@ -169,7 +169,7 @@ def main() -> None:
             there = (
                 ", ".join(f"{n}{'' if n in case.visible else ' (hardly visible)'}" for n in sorted(case.true)) or "-"
             )
-            print(f"{Path(case.path).stem} {case.kind:20s} {there:60s} -> {said}  rest {a.rest:.2f}")
+            print(f"{Path(case.path).stem} {case.kind:20s} {there:60s} -> {said}  unknown {a.unknown:.2f}")
 
 
 if __name__ == "__main__":

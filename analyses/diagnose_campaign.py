@@ -10,8 +10,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import bayes_iwan as bi
 from bayes_iwan.diagnosis.diagnosis import BASES
-from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -23,7 +23,8 @@ if __name__ == "__main__":
     args = parser.parse_args()
     rows = []
     for campaign in args.campaigns:
-        answer = diagnose_campaign(campaign, args.out / campaign.name, seed=args.seed, quick=args.quick, base=args.base)
+        out = args.out / campaign.name
+        answer = bi.diagnose(campaign, out, seed=args.seed, quick=args.quick, base=args.base).to_dict()
         print(f"\n{campaign.name}")
         print("    " + "\n    ".join([*answer["sentences"], *answer["where"]["sentences"]]))
         lead = next((e for e in answer["effects"] if e["name"] == answer["verdict"]["cause"]), {})

@@ -4,8 +4,8 @@
 
 Default: data/rope_spring and three measured campaigns of ../shared/data, where these are. Tests with role "held-out"
 are predicted; where a campaign has none, every third test is held out here. Identified quickly (Laplace's draws), or by
-sampling. The bands are 90 % of the draws' forces, without noise: those of all our draws, of those that are exported, and
-of the exported step, which runs four cycles at each test's own amplitude and is compared in the last.
+sampling. The bands are 90 % of the draws' forces, without noise: of all our draws, of those that are exported, and of
+the exported step, which runs four cycles at each test's own amplitude and is compared in the last.
 """
 
 from __future__ import annotations
@@ -83,11 +83,8 @@ def main() -> None:
         theirs = exported_loops(folder, held, args.draws) + zero
         difference = np.sqrt(np.mean((theirs - same) ** 2, axis=2) / np.mean(same**2, axis=2)).max()
         cells = [f"{inside(x, measured):.1f}" for x in (every, same[1:], theirs[1:])]
-        how = "sampled" if args.sampled else "quick"
-        print(
-            f"| {name.name} | {how} | {len(held)} | " + " | ".join([*cells, f"{100 * difference:.2g}"]) + " |",
-            flush=True,
-        )
+        cells = [name.name, "sampled" if args.sampled else "quick", str(len(held)), *cells, f"{100 * difference:.2g}"]
+        print("| " + " | ".join(cells) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,12 +2,12 @@
 
     python analyses/export_posteriors.py --specimens 20 --seed 4401 --out runs
 
-Each specimen is drawn by the virtual rig and tested three times (10 Hz 0.4 mm, 10 Hz 0.9 mm, 18 Hz 0.6 mm, six cycles
+Each specimen is drawn by the virtual rig and tested three times (10 Hz at 0.4 and 0.9 mm, 18 Hz at 0.6 mm, six cycles
 each). Two posteriors are sampled of each campaign: NN_varying with a varying normal force (the first five with the
-default model, 27 parameters; then with two gammas of slip forces and without embedded model error), and NN_constant with
-a constant normal force and stiffness and one gamma, which OpenSees' springs can hold. Two ensembles stop at R-hat 1.1,
-an effective size of 40 and four autocorrelation times, on loops of 64 points: less than for a report, since the round
-trip asks whether draws survive the export, not how well they are known. Folders that are there are kept.
+default model, 27 parameters; then with two gammas of slip forces and without embedded model error), and NN_constant
+with a constant normal force and stiffness and one gamma, which OpenSees' springs can hold. Two ensembles stop at R-hat
+1.1, an effective size of 40 and four autocorrelation times, on loops of 64 points: less than for a report, since the
+round trip asks whether draws survive the export, not how well they are known. Folders that are there are kept.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
     python analyses/export_round_trip.py RUN [RUN ...] [--draws 2] [--cycles 1e6] [--out table.md]
 
-RUN is a folder of `bayes-iwan identify`; export_posteriors.py makes 20 sampled ones of either model. Four motions (steady
-cycles, a random record, a staircase, a shock), 20, 50 and 100 steps a cycle of their highest frequency; each figure is
-the largest over all runs and draws. Then: json read back, a million cycles, and the work of closed cycles.
+RUN is a folder of `bayes-iwan identify`; export_posteriors.py makes 20 sampled ones of either kind. Four motions
+(steady cycles, a random record, a staircase, a shock), 20, 50 and 100 steps a cycle of their highest frequency; each
+figure is the largest over all runs and draws. Then: json read back, a million cycles, and the work of closed cycles.
 
 An OpenSees material sees the solver's displacements and no velocity, so between two steps its motion is straight. It is
 compared with our model on that same motion, and on the smooth motion beside it; a third row is our own model on the
@@ -210,8 +210,8 @@ def main() -> None:
         if i == 0:
             changed = many_cycles(work / "c", hz, amplitude, int(args.cycles))
         shutil.rmtree(work)
-    text = f"""{len(said)} posteriors, the point and {args.draws} draws each; largest difference, % of the RMS friction force (RMS) / % of the
-energy, at 20, 50 and 100 steps a cycle of the highest frequency
+    text = f"""{len(said)} posteriors, the point and {args.draws} draws each; largest difference, % of the RMS friction
+force (RMS) / % of the energy, at 20, 50 and 100 steps a cycle of the highest frequency
 
 {table(worst)}
 

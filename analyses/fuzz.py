@@ -7,7 +7,7 @@ them. `--inputs` are shared out so that cheap readers get more. The readers run 
 grow by ten times the file and 300 MB; an input has 10 s of processor time, and a minute of any. Beside the mutated
 bytes two readers get files whose checksums were made anew, as somebody would who wants to do harm.
 
-Counted: *refused* (a ValueError of the package's own kinds, one line), *read*, and what must not be: *plain* (a bare
+Counted: *refused* (an InputError, one line), *read*, and what must not be: *plain* (a bare
 ValueError), *lines* (a message of several lines), *traceback* (anything else), *memory*, *hang*, *crash* (the process
 died). Records that are changed as recorders, cables and people do are in fuzz_campaigns.py.
 """
@@ -33,6 +33,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
+from bayes_iwan.errors import InputError
 from bayes_iwan.files import write_json
 from fuzz_recordings import Reader, made_up_record, recording_readers
 
@@ -78,11 +79,11 @@ def outcome(reader: Reader, where: str) -> int:
         found = reader.read()
         return REFUSED if found is None else READ
     except ValueError as error:
-        if type(error) is not ValueError and "\n" not in str(error):
+        if isinstance(error, InputError) and "\n" not in str(error):
             return REFUSED
         print(f"--- {where}: {str(error)[:200]}", file=sys.stderr)
         traceback.print_exc(limit=-4)
-        return PLAIN if type(error) is ValueError else LINES
+        return LINES if isinstance(error, InputError) else PLAIN
     except Hang:
         return HANG
     except MemoryError:

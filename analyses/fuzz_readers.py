@@ -13,7 +13,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-from bayes_iwan.report.batch.batch_run.specimens import Batch, populations
 
 import mutations
 from bayes_iwan.campaign import Record, average, read_campaign, write_campaign
@@ -29,6 +28,7 @@ from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.report.batch.batch_run import stored_specimen
+from bayes_iwan.report.batch.specimens import Batch, populations
 from bayes_iwan.sampling import checkpoint
 from bayes_iwan.sampling import run as sampling_run
 from bayes_iwan.sampling.moves.metropolis import LeastSquares

@@ -138,7 +138,7 @@ def lighten() -> None:
     sampling_run._WARM_UP = 1
     report_folder.identification_report = small_page
     fit = SimpleNamespace(problem=SimpleNamespace(prior=SimpleNamespace(free=())))
-    diagnosis_folder.diagnose_folder = lambda campaign, **options: SimpleNamespace(
+    diagnosis_folder.diagnose_campaign = lambda campaign, **options: SimpleNamespace(
         campaign=read_campaign(campaign), seed=0, fit=fit
     )
     diagnosis_folder.to_dict = lambda found: as_found()

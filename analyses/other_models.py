@@ -16,6 +16,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+import bayes_iwan as bi
 from bayes_iwan.campaign import Campaign, Record, write_campaign
 from bayes_iwan.effects.catalogue import BUILT_IN
 from bayes_iwan.inference.setup.loop_scales import scales_of
@@ -87,8 +88,6 @@ def figure(found: dict[str, dict], folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
-
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("runs/other_models"))
     parser.add_argument("--seed", type=int, default=0)
@@ -100,7 +99,7 @@ if __name__ == "__main__":
         if not (out / "campaign" / "campaign.toml").exists():
             write_campaign(out / "campaign", name=name, description=f"made by {name}.py", tests=campaign.tests)
         file = SIMULATORS / f"{name}.py"
-        diagnose_campaign(out / "campaign", out, seed=args.seed, quick=not args.full, simulator_file=file)
+        bi.diagnose(out / "campaign", out, seed=args.seed, quick=not args.full, simulator=file)
         answers[name] = json.loads((out / "diagnosis.json").read_text())
         print(f"{name}:\n    " + "\n    ".join(answers[name]["sentences"]))
     figure(answers, args.out)

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+import bayes_iwan as bi
 from bayes_iwan.campaign import Record, write_campaign
-from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
 from bayes_iwan.virtual_rig.planning import simulate_campaign
 from bayes_iwan.virtual_rig.simulate import PlannedTest
 
@@ -66,9 +66,8 @@ if __name__ == "__main__":
             source="analyses/own_effect.py",
         )
     for name, file in (("catalogue alone", None), ("with the file", args.effect)):
-        answer = diagnose_campaign(
-            campaign, args.out / name.replace(" ", "_"), seed=args.seed, quick=not args.full, effects_file=file
-        )
+        out = args.out / name.replace(" ", "_")
+        answer = bi.diagnose(campaign, out, seed=args.seed, quick=not args.full, effects=file or ()).to_dict()
         ranked = sorted(answer["probabilities"].items(), key=lambda x: -x[1])[:4]
         print(f"{name}: " + ", ".join(f"{cause} {p:.2f}" for cause, p in ranked))
         print("    " + "\n    ".join(answer["sentences"]))

@@ -9,7 +9,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
+import bayes_iwan as bi
 from bayes_iwan.virtual_rig.planning import simulate_campaign
 from bayes_iwan.virtual_rig.simulate import PlannedTest
 
@@ -20,7 +20,7 @@ def main() -> None:
     tests = [PlannedTest(f, a) for f in (8.0, 13.0, 21.0) for a in (0.35, 0.8)]
     with tempfile.TemporaryDirectory() as folder:
         simulate_campaign(tests, fault="viscous_damping", size=0.1, seed=5).write(Path(folder) / "damped")
-        answer = diagnose_campaign(Path(folder) / "damped", Path(folder) / "out", seed=5, quick=True)
+        answer = bi.diagnose(Path(folder) / "damped", Path(folder) / "out", seed=5, quick=True).to_dict()
         PICTURE.parent.mkdir(exist_ok=True)
         shutil.copy(Path(folder) / "out" / "figures" / "diagnosis_headline.png", PICTURE)
     print("\n".join(answer["sentences"]))

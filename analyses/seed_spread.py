@@ -12,7 +12,7 @@ import argparse
 import time
 from pathlib import Path
 
-from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_folder
+from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
 from bayes_iwan.executors import serial
 
 #: probabilities below this with every seed are not listed
@@ -31,7 +31,7 @@ def spread(campaign: Path, seeds: int) -> None:
     stated: dict[str, list[float]] = {}
     for seed in range(seeds):
         began = time.process_time()
-        found = diagnose_folder(campaign, seed=seed, quick=True, progress=False)
+        found = diagnose_campaign(campaign, seed=seed, quick=True, progress=False)
         took = time.process_time() - began
         print(f"  seed {seed}: {told(found)}; {len(found.search.fits)} sets fitted, {took:.1f} processor s")
         for name, p in found.verdict.probabilities.items():
@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     args = parser.parse_args()
     with serial():
-        diagnose_folder(args.campaigns[0], quick=True, progress=False)
+        diagnose_campaign(args.campaigns[0], quick=True, progress=False)
         for campaign in args.campaigns:
             spread(campaign, args.seeds)
 

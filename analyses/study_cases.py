@@ -87,17 +87,17 @@ def case_of(stored: Mapping[str, Any]) -> Case:
 @dataclass(frozen=True)
 class Answer:
     """What is said of a case: named effects (of the base's form not counted), what they are tied with or one of,
-    the probability of every effect, and that of a rest without a name."""
+    the probability of every effect, and that of an unknown cause."""
 
     named: frozenset[str]
     together: frozenset[str]
     probabilities: Mapping[str, float]
-    rest: float
+    unknown: float
     left: float
 
     @property
     def flagged(self) -> bool:
-        return self.rest >= 0.5
+        return self.unknown >= 0.5
 
 
 def answer(case: Case, c: Calibration) -> Answer:
@@ -106,7 +106,7 @@ def answer(case: Case, c: Calibration) -> Answer:
     p, _ = verdict.contributing(case.figures, c)
     own = frozenset(f.name for f in case.figures) & MODEL_FORM
     left = case.gap_resolved[frozenset(named) | own]
-    rest = verdict.unknown_cause_probability(
+    unknown = verdict.unknown_cause_probability(
         c.unknown_cause(unexplained_figures(left, case.subharmonic)), case.figures, c
     )
     tied = {n for f in case.figures if f.name in named for n in verdict.candidates_of(f, c)}
@@ -115,7 +115,7 @@ def answer(case: Case, c: Calibration) -> Answer:
         frozenset(named) - MODEL_FORM,
         frozenset(tied),
         {n: v for n, v in p.items() if n not in NO_CAUSE | MODEL_FORM},
-        rest,
+        unknown,
         left / max(case.gap_resolved[frozenset()], 1e-12),
     )
 

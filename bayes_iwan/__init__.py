@@ -33,8 +33,10 @@ if TYPE_CHECKING:
     from bayes_iwan.campaign import write_campaign as write_campaign
     from bayes_iwan.comparison.families import Comparison as Comparison
     from bayes_iwan.diagnosis.diagnosis import Diagnosis as Diagnosis
+    from bayes_iwan.diagnosis.diagnosis import diagnose_loops as diagnose_loops
     from bayes_iwan.effects.base import Effect as Effect
     from bayes_iwan.inference.identify import NotConverged as NotConverged
+    from bayes_iwan.inference.identify import identify_loops as identify_loops
     from bayes_iwan.inference.identify import identify_problem as identify_problem
     from bayes_iwan.inference.results.posterior import Posterior as Posterior
     from bayes_iwan.inference.setup.config import ConfigError as ConfigError
@@ -63,9 +65,9 @@ _FROM = {
     "campaign": ("Campaign", "CampaignError", "Loop", "Record", "read_campaign", "write_campaign"),
     "comparison.families": ("Comparison",),
     "effects.base": ("Effect",),
-    "diagnosis.diagnosis": ("Diagnosis",),
+    "diagnosis.diagnosis": ("Diagnosis", "diagnose_loops"),
     "inference.setup.config": ("ConfigError", "settings_of"),
-    "inference.identify": ("NotConverged", "identify_problem"),
+    "inference.identify": ("NotConverged", "identify_loops", "identify_problem"),
     "inference.results.posterior": ("Posterior",),
     "inference.setup.problem": ("Problem", "make_problem"),
     "inference.setup.settings": ("DiagnoseSettings", "IdentifySettings"),

@@ -10,20 +10,19 @@ from dataclasses import dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
-from bayes_iwan.campaign.folders.folder import read_checked
+from bayes_iwan.campaign.folders.folder import folder_of, read_checked
 from bayes_iwan.export.accessors import register as register_export  # gives posteriors their export
-from bayes_iwan.files import clear, owned
+from bayes_iwan.files import clear, results_folder
 from bayes_iwan.inference.identify import NotConverged, identify_campaign, identify_frequencies
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import load as load_run
 from bayes_iwan.inference.results.run_files import write as write_run
-from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
+from bayes_iwan.inference.setup.config import Config, ConfigError
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.models import Simulator
-from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.report import accessors as accessors  # gives posteriors their plots
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 
@@ -31,6 +30,7 @@ if TYPE_CHECKING:  # each function imports the folders that it needs itself: tog
     from bayes_iwan.campaign.folders.inspect import Inspection
     from bayes_iwan.comparison.families import Comparison
     from bayes_iwan.diagnosis.diagnosis import Diagnosis
+    from bayes_iwan.effects.base import Effect
     from bayes_iwan.export.json_file import ExportedModel
 
 __all__ = ["Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"]
@@ -141,6 +141,7 @@ def identify(
     progress: bool = True,
     simulator: Simulator | PathLike | None = None,
     quick: bool = False,
+    overwrite: bool = False,
     executor: Executor | None = None,
 ) -> Posterior:
     """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
@@ -165,6 +166,8 @@ def identify(
         a model of your own in the place of the Iwan model, or its Python file (its code is run).
     quick
         the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
+    overwrite
+        write over finished results of another campaign in `out`.
     executor
         from :func:`bayes_iwan.executors.opened`, for chains in several processes, with the same draws, and to identify
         the frequencies alone side by side.
@@ -176,7 +179,7 @@ def identify(
 
     Raises
     ------
-    CampaignError, ConfigError, ParameterError, ModelError, CheckpointError
+    CampaignError, ConfigError, ParameterError, ModelError, CheckpointError, OutputError
         ValueErrors of one line.
 
     Warns
@@ -213,7 +216,8 @@ def identify(
         return posterior
     from bayes_iwan.report.identification.identification_page import identification_report
 
-    with owned(out) as folder:
+    going_on = resume and (Path(out) / CHECKPOINT).exists()  # which knows its campaign
+    with results_folder(out, "identify", folder_of(campaign), overwrite=overwrite or going_on) as folder:
         if not resume and (folder / CHECKPOINT).exists():
             raise ConfigError(
                 f"{folder}: holds a run already ({CHECKPOINT}); go on from it with --resume, or choose another folder "
@@ -255,8 +259,11 @@ def diagnose(
     config: DiagnoseSettings | Config = None,
     seed: int = 0,
     quick: bool = False,
-    effects_file: PathLike | None = None,
+    base: str = "generalized",
+    effects: Sequence[type[Effect]] | PathLike = (),
     simulator: Simulator | PathLike | None = None,
+    progress: bool = True,
+    overwrite: bool = False,
     executor: Executor | None = None,
 ) -> Diagnosis:
     """Where the model misses, which cause explains it, how far the gap shrinks; files and page in `out` if given.
@@ -266,17 +273,23 @@ def diagnose(
     campaign
         a campaign, or its folder.
     out
-        folder for diagnosis.json, fits.json, the page and the figures; needs a folder as campaign.
+        folder for diagnosis.json, fits.json, the page and the figures; None writes nothing.
     config
         [model] and [parameters] tables, a TOML file with them, or :class:`bayes_iwan.DiagnoseSettings`.
     seed
         of all random numbers.
     quick
         stop at refits and an approximate evidence.
-    effects_file
-        Python file with effects of your own (its code is run).
+    base
+        model to start from: "generalized", "no_speed" or "classical".
+    effects
+        effects of your own, as classes, or the Python file that defines them (its code is run).
     simulator
         a model of your own in the place of the Iwan model, or its Python file (its code is run).
+    progress
+        show a bar.
+    overwrite
+        write over finished results of another campaign in `out`.
     executor
         from :func:`bayes_iwan.executors.opened`, to refit effects side by side.
 
@@ -287,7 +300,7 @@ def diagnose(
 
     Raises
     ------
-    CampaignError, ConfigError, EffectError, ModelError
+    CampaignError, ConfigError, EffectError, ModelError, OutputError
         ValueErrors of one line.
 
     Examples
@@ -302,53 +315,18 @@ def diagnose(
     >>> found.verdict.names, found.verdict.causes[0].share.value > 0.5
     (('viscous_damping',), True)
     """
-    own = simulator is not None
-    settings = diagnose_settings_of(config, own)
-    if out is not None:
-        if isinstance(campaign, Campaign) or isinstance(simulator, Simulator):
-            raise ConfigError("to write a diagnosis name the campaign's folder and the simulator's file, not objects")
-        from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
-
-        return write_diagnosis(
-            Path(campaign),
-            Path(out),
-            settings=settings,
-            seed=seed,
-            quick=quick,
-            effects_file=None if effects_file is None else Path(effects_file),
-            simulator_file=None if simulator is None else Path(simulator),
-            executor=executor,
-        )
-    from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_folder, diagnose_loops
+    options: dict[str, Any] = {
+        "config": config, "seed": seed, "quick": quick, "base": base, "effects": effects, "simulator": simulator,
+        "progress": progress, "executor": executor,
+    }  # fmt: skip
+    from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
 
     register_export(Diagnosis)
+    if out is None:
+        return diagnose_campaign(campaign, **options)
+    from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
 
-    if not isinstance(campaign, Campaign) and not isinstance(simulator, Simulator):
-        found = diagnose_folder(
-            Path(campaign),
-            seed=seed,
-            quick=quick,
-            settings=settings,
-            effects_file=None if effects_file is None else Path(effects_file),
-            simulator_file=None if simulator is None else Path(simulator),
-            executor=executor,
-        )
-        return found
-    from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
-    from bayes_iwan.effects.own_effects import load_effects
-
-    read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
-    model = simulator if isinstance(simulator, Simulator) or simulator is None else load_simulator(simulator)
-    return diagnose_loops(
-        read,
-        read.loops(**LOOPS),
-        seed=seed,
-        quick=quick,
-        settings=settings,
-        extra=load_effects(Path(effects_file)) if effects_file is not None else (),
-        simulator=model,
-        executor=executor,
-    )
+    return write_diagnosis(campaign, out, overwrite=overwrite, **options)
 
 
 def compare(
@@ -359,6 +337,8 @@ def compare(
     config: Config = None,
     seed: int = 0,
     by: str = "auto",
+    simulator: Simulator | PathLike | None = None,
+    overwrite: bool = False,
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Comparison:
@@ -376,6 +356,10 @@ def compare(
         as for :func:`identify`.
     by
         "loo" (single data held out), "tests" (whole tests held out) or "auto" (the first where its Pareto k hold).
+    simulator
+        a model of your own that is compared too, or its Python file (its code is run).
+    overwrite
+        write over finished results of another campaign in `out`.
     executor
         from :func:`bayes_iwan.executors.opened`, to fit families side by side.
     progress
@@ -390,7 +374,7 @@ def compare(
     ------
     CompareError
         unknown families or rankings.
-    CampaignError, ConfigError
+    CampaignError, ConfigError, OutputError
         as for :func:`identify`.
 
     References
@@ -416,13 +400,21 @@ def compare(
     from bayes_iwan.comparison.families import compare_families
 
     chosen = partial(
-        compare_families, campaign, families, config=config, seed=seed, by=by, executor=executor, progress=progress
+        compare_families,
+        campaign,
+        families,
+        config=config,
+        seed=seed,
+        by=by,
+        simulator=simulator,
+        executor=executor,
+        progress=progress,
     )
     if out is None:
         return chosen()
     from bayes_iwan.report.comparison_page import comparison_report
 
-    with owned(out) as folder:
+    with results_folder(out, "compare", folder_of(campaign), overwrite=overwrite) as folder:
         result = chosen()
         comparison_report(result, folder)
     return result
@@ -469,7 +461,7 @@ def load(
     return load_run(folder, campaign, simulator)
 
 
-def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
+def write(result: Posterior | Diagnosis | Comparison, folder: PathLike, *, overwrite: bool = False) -> Path:
     """Write a result with its page, tables and figures into a folder, as the command line does.
 
     Parameters
@@ -478,6 +470,8 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
         of :func:`identify`, :func:`diagnose` or :func:`compare`.
     folder
         is made where it does not exist.
+    overwrite
+        write over finished results of another campaign in `folder`.
 
     Returns
     -------
@@ -499,7 +493,7 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
     if isinstance(result, Posterior):
         from bayes_iwan.report.identification.identification_page import identification_report
 
-        with owned(folder) as out:
+        with results_folder(folder, "identify", folder_of(result.campaign), overwrite=overwrite) as out:
             write_run(result, out)
             return identification_report(result, out)
     from bayes_iwan.comparison.families import Comparison
@@ -508,11 +502,12 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike) -> Path:
     if isinstance(result, Diagnosis):
         from bayes_iwan.report.diagnosis.diagnosis_files import write_found
 
-        return write_found(result, Path(folder))
+        return write_found(result, Path(folder), overwrite)
     if isinstance(result, Comparison):
         from bayes_iwan.report.comparison_page import comparison_report
 
-        with owned(folder) as out:
+        origin = folder_of(result.entries[0].posterior.campaign)
+        with results_folder(folder, "compare", origin, overwrite=overwrite) as out:
             return comparison_report(result, out)
     raise TypeError(f"{type(result).__name__} is no result of identify, diagnose or compare")
 

@@ -29,6 +29,7 @@ from typing import Any, Generic, TypeVar
 import numba as nb
 from tqdm.auto import tqdm
 
+from bayes_iwan.errors import InputError
 from bayes_iwan.threads import alongside, linear_algebra
 
 Shared = TypeVar("Shared")
@@ -39,7 +40,7 @@ Name = TypeVar("Name")
 _CONNECT_S = 20.0
 
 
-class ExecutorError(ValueError):
+class ExecutorError(InputError):
     """Processes or a cluster that cannot be had as asked for."""
 
 

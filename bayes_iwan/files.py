@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import shutil
@@ -14,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from bayes_iwan.errors import InputError
+
 try:
     import fcntl
 except ImportError:  # Windows: no lock there, and two runs in one folder are the user's affair
@@ -22,9 +25,14 @@ except ImportError:  # Windows: no lock there, and two runs in one folder are th
 #: temporary files' names start so: what a killed run leaves behind is known by it and swept up by the next
 _PART = ".part."
 _LOCK = ".lock"
+RECORD = "run.json"  # in a folder of results: which campaign each command's results are of
+#: what a finished command leaves, by which results of older versions are known as well
+FINISHED = {
+    "identify": "posterior.nc", "diagnose": "diagnosis.json", "compare": "compare.html", "batch": "batch.html"
+}  # fmt: skip
 
 
-class OutputError(ValueError):
+class OutputError(InputError):
     """A folder that results cannot be written to; the message says why."""
 
 
@@ -78,6 +86,65 @@ def owned(folder: str | os.PathLike[str]) -> Iterator[Path]:
             if made:  # refused before anything was written, or so the folder is not empty
                 folder.rmdir()
         os.close(handle)
+
+
+@contextmanager
+def results_folder(
+    out: str | os.PathLike[str],
+    command: str,
+    source: str | os.PathLike[str] | None,
+    *,
+    overwrite: bool = False,
+) -> Iterator[Path]:
+    """:func:`owned`, for what `command` finds of the campaign (or folder of campaigns) in `source`, which is noted.
+
+    source : None where data came from no folder; such results are never known for one's own.
+    Raises OutputError, before any work, where finished results of other data stand there and `overwrite` is False.
+    """
+    folder = Path(out)
+    finished = folder / FINISHED[command]
+    if finished.exists() and not overwrite:
+        noted = _noted(folder).get(command, {})
+        own = source is not None and noted.get("source") == str(Path(source).resolve())
+        own = own or (source is not None and (known := identity(source)) is not None and known == noted.get("identity"))
+        if not own:
+            of = noted.get("source") or "another campaign, or of a version that did not note which"
+            raise OutputError(
+                f"{folder}: holds finished results of {of}; name another folder, or write over them with --overwrite "
+                "(in Python overwrite=True)"
+            )
+    before = _written_at(finished)
+    with owned(folder):
+        try:
+            yield folder
+        finally:
+            if _written_at(finished) != before and source is not None:
+                note = {"source": str(Path(source).resolve()), "identity": identity(source)}
+                write_json(folder / RECORD, {**_noted(folder), command: note})
+
+
+def identity(source: str | os.PathLike[str]) -> str | None:
+    """A digest of a campaign's files, the same wherever it is moved; None for a folder without campaign.toml."""
+    folder = Path(source)
+    folder = folder.parent if folder.name == "campaign.toml" else folder
+    if not (folder / "campaign.toml").is_file():
+        return None
+    digest = hashlib.sha256()
+    for path in sorted(p for p in folder.iterdir() if p.is_file() and p.name.endswith((".toml", ".csv", ".csv.gz"))):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _written_at(path: Path) -> int | None:
+    return path.stat().st_mtime_ns if path.exists() else None
+
+
+def _noted(folder: Path) -> dict[str, dict[str, str]]:
+    try:
+        found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return {k: v for k, v in found.items() if isinstance(v, dict)} if isinstance(found, dict) else {}
 
 
 def _locked(lock: Path) -> int:

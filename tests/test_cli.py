@@ -1,7 +1,6 @@
 """The command line: what it prints, its exit codes, and bad input in one line."""
 
 import shlex
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import bayes_iwan as bi
 from bayes_iwan import cli
 from bayes_iwan.cli.command import CAMPAIGN, OUT, OVERWRITE, SEED
+from bayes_iwan.files import FINISHED, OutputError
 
 
 def test_every_command_has_help(capsys):
@@ -70,36 +71,31 @@ def test_recordings_where_a_campaign_is_wanted(tmp_path, capsys):
         assert f'bayes-iwan import "{path}" --out ' in err and err.count("\n") == 1
 
 
-def test_results_of_another_campaign_are_not_written_over(tmp_path, made_up_campaign, monkeypatch, capsys):
-    """Results are known by their campaign's files, wherever these lie; what an older version left is not known."""
-    out, moved, other = tmp_path / "out", tmp_path / "moved", tmp_path / "other"
-    shutil.copytree(made_up_campaign, moved)
-    shutil.copytree(made_up_campaign, other)
-    toml = other / "campaign.toml"
-    toml.write_text(toml.read_text().replace("made up", "another"))
+@pytest.mark.parametrize("command", ["identify", "diagnose", "compare", "batch"])
+def test_finished_results_of_other_data_stand(tmp_path, made_up_campaign, command, capsys):
+    """The command line and Python refuse alike, before any work."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / FINISHED[command]).write_text("an hour's work")
+    source = made_up_campaign.parent if command == "batch" else made_up_campaign
+    with pytest.raises(OutputError, match="holds finished results"):
+        getattr(bi, command)(source, out)
+    assert cli.main([command, str(source), "--out", str(out)]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and "--overwrite" in err
+    assert (out / FINISHED[command]).read_text() == "an hour's work"
 
+
+def test_results_are_named_after_the_campaign_and_have_a_log(tmp_path, made_up_campaign, monkeypatch):
     def run(args):
-        (tmp_path / args.out).mkdir(exist_ok=True)
-        (tmp_path / args.out / "posterior.nc").write_text(args.campaign)
+        (tmp_path / args.out).mkdir()
         cli.say("done")
 
-    entry = cli.Command("identify", "x", (CAMPAIGN, OUT, OVERWRITE), run)
-    monkeypatch.setattr(cli, "COMMANDS", [entry])
+    monkeypatch.setattr(cli, "COMMANDS", [cli.Command("identify", "x", (CAMPAIGN, OUT, OVERWRITE), run)])
     monkeypatch.chdir(tmp_path)
-    words = ["--out", str(out)]
-    assert cli.main(["identify", str(made_up_campaign), *words]) == 0
-    assert cli.main(["identify", str(moved), *words]) == 0
-    capsys.readouterr()
-    assert cli.main(["identify", str(other), *words]) == 2
-    err = capsys.readouterr().err
-    assert "holds finished results of" in err and "--overwrite" in err
-    assert (out / "posterior.nc").read_text() == str(moved)
-    assert cli.main(["identify", str(other), *words, "--overwrite"]) == 0
-    (out / "run.json").unlink()
-    assert cli.main(["identify", str(other), *words]) == 2
-    log = (out / "log.txt").read_text()
+    assert cli.main(["identify", str(made_up_campaign)]) == 0
+    log = (tmp_path / f"{made_up_campaign.name}-identify" / "log.txt").read_text()
     assert "$ bayes-iwan identify" in log and "INFO done" in log
-    assert cli.main(["identify", str(other)]) == 0 and (tmp_path / "other-identify" / "posterior.nc").exists()
 
 
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path, capsys):

@@ -1,6 +1,7 @@
 """Files whole at every moment, folders of one run at a time, and a terminal that names cannot steer."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import bayes_iwan
-from bayes_iwan.files import OutputError, clear, owned, replacing, write_whole
+from bayes_iwan.files import FINISHED, OutputError, clear, owned, replacing, results_folder, write_whole
 from bayes_iwan.terminal import plain, terminate_as_interrupt
 
 ENV = {**os.environ, "PYTHONPATH": str(Path(bayes_iwan.__file__).parents[1])}
@@ -107,3 +108,40 @@ def test_sigterm_is_ctrl_c():
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(1)
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_results_are_known_by_their_campaign_wherever_it_lies(tmp_path, made_up_campaign):
+    """What is of other data, or of unknown data, is written over only where that is asked for."""
+    out, moved, other = tmp_path / "out", tmp_path / "moved", tmp_path / "other"
+    for copy in (moved, other):
+        shutil.copytree(made_up_campaign, copy)
+    toml = other / "campaign.toml"
+    toml.write_text(toml.read_text().replace("made up", "another"))
+
+    def write(source, **options):
+        with results_folder(out, "identify", source, **options) as folder:
+            (folder / FINISHED["identify"]).write_text(str(source))
+
+    write(made_up_campaign)
+    write(moved)
+    for source in (other, None):
+        with pytest.raises(OutputError, match=f"holds finished results of {moved}"):
+            write(source)
+    assert (out / FINISHED["identify"]).read_text() == str(moved)
+    with pytest.raises(KeyboardInterrupt), results_folder(out, "identify", other, overwrite=True):
+        raise KeyboardInterrupt  # nothing was written: they are still of the first
+    write(moved)
+    write(other, overwrite=True)
+    (out / "run.json").unlink()
+    with pytest.raises(OutputError, match="of another campaign"):
+        write(other)
+
+
+def test_a_folder_of_specimens_is_known_by_its_place(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    for name in ("a", "a"):
+        with results_folder(tmp_path / "out", "batch", tmp_path / name) as folder:
+            (folder / FINISHED["batch"]).write_text(name)
+    with pytest.raises(OutputError), results_folder(tmp_path / "out", "batch", tmp_path / "b"):
+        pass

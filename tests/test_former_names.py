@@ -1,4 +1,4 @@
-"""Names of before: files that were written with them are read, and what a user wrote gets one line with the new name."""
+"""Names of before: stored files are read, and what a user wrote gets one line with the new name."""
 
 import hashlib
 import json
@@ -63,7 +63,7 @@ def test_a_posterior_of_before_is_read_with_the_names_of_now(run, tmp_path):
 
 
 def test_an_exported_model_of_before_is_read(run, tmp_path):
-    folder, posterior = run
+    _, posterior = run
     path = posterior.export("json", tmp_path, draws=3) / "isolator.json"
     new = read_exported(path)
     stored = json.loads(as_before(path.read_text(encoding="utf-8")))
@@ -170,15 +170,17 @@ def test_a_configuration_with_a_name_of_before_is_refused_in_one_line(run, confi
 
 
 def test_a_family_of_before_is_refused_in_one_line(run):
-    with pytest.raises(ValueError, match='^constant_grip is called "constant_normal_force" now; rename it$'):
+    with pytest.raises(ValueError, match=r'^constant_grip is called "constant_normal_force" now; rename it$'):
         compare_families(run[1].loops, ["constant_grip"])
 
 
 def test_a_users_effect_or_simulator_with_a_name_of_before_is_refused_in_one_line(tmp_path):
     effect, simulator = tmp_path / "effect.py", tmp_path / "simulator.py"
-    effect.write_text("import bayes_iwan as bi\nclass Late(bi.Effect):\n    def grip(self, alpha, m, v): return alpha\n")
+    effect.write_text(
+        "import bayes_iwan as bi\nclass Late(bi.Effect):\n    def grip(self, alpha, m, v): return alpha\n"
+    )
     simulator.write_text("import bayes_iwan as bi\nclass Mine(bi.Simulator):\n    stations = frozenset()\n")
-    with pytest.raises(ValueError, match='Late.grip is called "normal_force" now; rename it$'):
+    with pytest.raises(ValueError, match=r'Late\.grip is called "normal_force" now; rename it$'):
         load_effects(effect)
-    with pytest.raises(ValueError, match='Mine.stations is called "stages" now; rename it$'):
+    with pytest.raises(ValueError, match=r'Mine\.stations is called "stages" now; rename it$'):
         load_simulator(simulator)

@@ -4,8 +4,9 @@ import ast
 import csv
 import importlib
 import inspect
+import json
 import warnings
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.cli import main
+from bayes_iwan.errors import InputError
 from bayes_iwan.sampling.checkpoint import NAME
 
 ONE = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
@@ -171,3 +173,73 @@ def test_a_run_that_did_not_converge_warns(made_up_campaign):
     with pytest.warns(bi.NotConverged, match="not converged: stopped at"):
         found = bi.identify(made_up_campaign, config=few, seed=1, progress=False)
     assert not found.converged and "have not converged" in repr(found)
+
+
+DASHPOT = """
+import numpy as np
+from bayes_iwan import Effect
+
+
+class Dashpot(Effect):
+    name = "my_dashpot"
+    strength = ("c_N_s_m", "c", "N·s/m", "force over speed")
+    physics, reference, signature = "A dashpot.", "any textbook", "an ellipse beside the loop"
+
+    def first_guess(self):
+        return 0.1 * self.scales.slip_N / self.scales.speed_m_s
+
+    def force(self, force_N, motion, parameter_values):
+        return force_N + self.get(parameter_values, "c_N_s_m") * motion.velocity_m_s
+"""
+
+
+def test_effects_by_object_and_by_file_give_one_diagnosis(tmp_path):
+    """One way in: what a file defines is what its classes are, and a campaign is its folder; results can be written."""
+    plan = [bi.PlannedTest(f, a, cycles=6) for f in (8.0, 20.0) for a in (0.4, 0.9)]
+    bi.simulate_campaign(plan, seed=2).write(tmp_path / "sound")
+    file = tmp_path / "dashpot.py"
+    file.write_text(DASHPOT)
+    namespace: dict[str, object] = {"__name__": "in_a_notebook"}
+    exec(DASHPOT, namespace)
+    by_file = bi.diagnose(tmp_path / "sound", tmp_path / "file", effects=file, seed=1, quick=True, progress=False)
+    read = bi.check(tmp_path / "sound").campaign
+    by_class = bi.diagnose(
+        read, tmp_path / "class", effects=[namespace["Dashpot"]], seed=1, quick=True, progress=False
+    )  # fmt: skip
+    assert by_file.verdict.probabilities == by_class.verdict.probabilities
+    assert (tmp_path / "class" / "diagnosis.html").exists()
+    stored = [json.loads((tmp_path / x / "fits.json").read_text())["effects_file"] for x in ("file", "class")]
+    assert stored == [str(file.resolve()), None]
+    for options, said in (
+        ({"base": "classical", "config": {}}, "config both"),
+        ({"base": "rubber"}, "rubber: not known"),
+    ):
+        with pytest.raises(InputError, match=said):
+            bi.diagnose(read, quick=True, **options)
+
+
+def test_loops_are_identified_like_the_campaign_that_they_are_of(quick, made_up_campaign):
+    loops = bi.check(made_up_campaign).campaign.loops(**asdict(quick[0].settings.loops))
+    again = bi.identify_loops(loops, config=ONE, seed=1, quick=True, progress=False)
+    np.testing.assert_array_equal(again.z, quick[0].z)
+
+
+def test_a_simulator_of_ones_own_is_compared(made_up_campaign):
+    file = Path(__file__).parents[1] / "analyses" / "simulators" / "dahl.py"
+    short = {
+        "search": {"members": 40, "evaluations": 400, "starts": 2, "second_search": False},
+        "sampling": {"ensembles": 2, "budget_s": 1.0, "draws": 100},
+    }
+    found = bi.compare(made_up_campaign, families=["gamma1"], simulator=file, config=short, by="loo", progress=False)
+    assert {row.name for row in found.rows()} == {"gamma1", "dahl"}
+
+
+def test_a_defect_of_ours_is_not_called_the_user_s_mistake(monkeypatch, capsys, made_up_campaign):
+    def broken(*args, **options):
+        return np.zeros(2) @ np.zeros(3)  # a ValueError of NumPy's
+
+    monkeypatch.setattr("bayes_iwan.campaign.folders.folder.read_checked", broken)
+    monkeypatch.setattr("bayes_iwan.api.read_checked", broken)
+    assert main(["check", str(made_up_campaign)]) == 70
+    said = capsys.readouterr().err
+    assert "Traceback" in said and said.splitlines()[-1].startswith("bayes-iwan: ValueError: this is a defect of")

@@ -2,7 +2,8 @@
 """The command line: `bayes-iwan COMMAND ...`. A command is a function here, which imports what it needs itself.
 
 A new command is a function with the decorator :func:`.command.command` in the file of its group, and its name in the
-list below. Bad input is a ValueError anywhere in the package: it becomes one line on stderr.
+list below. Bad input is an InputError anywhere in the package: it becomes one line on stderr, exit code 2. Any other
+exception is a defect of the package: it is said to be one, with the traceback, exit code 70.
 """
 
 from __future__ import annotations
@@ -21,8 +22,12 @@ from typing import Any, NoReturn
 from bayes_iwan import __version__
 from bayes_iwan.cli import diagnosis, export, identification, recordings, withheld
 from bayes_iwan.cli.command import LOG, Command, quoted, say
-from bayes_iwan.cli.runs import RunLog, note_run, refuse_recordings, results_folder
+from bayes_iwan.cli.runs import RunLog, refuse_recordings
+from bayes_iwan.errors import InputError
 from bayes_iwan.terminal import terminate_as_interrupt
+
+#: exit code (EX_SOFTWARE of sysexits.h)
+DEFECT = 70
 
 #: in the order in which the help lists them
 COMMANDS: list[Command] = [
@@ -84,7 +89,8 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; 0 done, 2 bad input, 3 done but not converged, 4 a batch with failures, 130 interrupted."""
+    """Run one command; 0 done, 2 bad input, 3 done but not converged, 4 a batch with failures, 70 a defect of ours,
+    130 interrupted."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parse = parser()
     if "_ARGCOMPLETE" in os.environ:
@@ -97,12 +103,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     LOG.addHandler(log)
     LOG.setLevel(logging.INFO)
     LOG.propagate = False
-    source = None
     try:
         with terminate_as_interrupt():
-            source = _prepared(args, log)
+            _prepare(args, log)
             return args.run(args) or 0
-    except ValueError as error:
+    except InputError as error:
         say(f"bayes-iwan: {error}", file=sys.stderr)
         if args.verbose:
             traceback.print_exc()
@@ -117,12 +122,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         say("bayes-iwan: not enough memory", file=sys.stderr)
         return 2
+    except Exception as error:
+        for line in traceback.format_exc().splitlines():
+            say(line, file=sys.stderr)
+        say(
+            f"bayes-iwan: {type(error).__name__}: this is a defect of bayes_iwan {__version__}, not of your input; "
+            "please report it with the lines above and the command",
+            file=sys.stderr,
+        )
+        return DEFECT
     except KeyboardInterrupt:
         say(f"\nbayes-iwan: interrupted{_go_on(args, words)}", file=sys.stderr)
         return 130
     finally:
-        if source is not None and log.folder is not None:
-            note_run(log.folder, args.command, source)
         log.write()
         LOG.removeHandler(log)
 
@@ -139,20 +151,18 @@ def _parsed(parse: argparse.ArgumentParser, words: list[str]) -> argparse.Namesp
     return args
 
 
-def _prepared(args: argparse.Namespace, log: RunLog) -> str | None:
-    """Results' folder found and guarded; the campaign (or folder of campaigns) that the command works on, if any."""
+def _prepare(args: argparse.Namespace, log: RunLog) -> None:
+    """Refuse recordings where a campaign is wanted, and name the results' folder where the user does not."""
     source = getattr(args, "campaign", None)
     if source is not None:
         refuse_recordings(source)
-    if not hasattr(args, "overwrite"):
-        if getattr(args, "out", None):
-            log.folder = Path(args.out)
-        return None
-    source = source or args.folder
-    log.folder = results_folder(args, args.command, source)
-    if args.verbose:
-        say(f"{source} -> {args.out}", file=sys.stderr)
-    return str(source)
+    if hasattr(args, "overwrite"):
+        source = source or args.folder
+        args.out = args.out or f"{Path(source).resolve().name}-{args.command}"
+        if args.verbose:
+            say(f"{source} -> {args.out}", file=sys.stderr)
+    if getattr(args, "out", None):
+        log.folder = Path(args.out)
 
 
 def _go_on(args: argparse.Namespace, words: Sequence[str]) -> str:

@@ -60,18 +60,19 @@ def run_diagnose(args: argparse.Namespace) -> None:
     if workers is None:
         workers = 1 if args.dask else min(numba.get_num_threads(), WORKERS_MOST)
     with opened(workers, args.dask, along=True, needs=("bayes_iwan.diagnosis.diagnosis",)) as executor:
-        from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign  # while the processes start
+        from bayes_iwan import diagnose  # while the processes start
 
-        answer = diagnose_campaign(
+        found = diagnose(
             args.campaign,
             args.out,
             seed=args.seed,
+            overwrite=args.overwrite,
             quick=args.quick,
             base=args.base,
             config=args.config,
-            effects_file=args.effects,
-            simulator_file=args.simulator,
+            effects=args.effects or (),
+            simulator=args.simulator,
             executor=executor,
         )
-    say("\n".join(answer["sentences"]))
+    say("\n".join(found.sentences()))
     say(f"results are in {args.out}; open {args.out}/diagnosis.html")

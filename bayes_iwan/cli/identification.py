@@ -85,6 +85,7 @@ def run_identify(args: argparse.Namespace) -> int:
             args.out,
             config=args.config,
             seed=args.seed,
+            overwrite=args.overwrite,
             per_test=args.per_test,
             resume=args.resume,
             keep_chains=args.keep_chains,
@@ -99,7 +100,7 @@ def run_identify(args: argparse.Namespace) -> int:
         if row.name in wanted:
             say(f"{units.name(row.name):20s} {row.q50:.4g}  ({row.q05:.4g} to {row.q95:.4g}) {row.unit}")
     residual = posterior.residual_size()
-    say(f"{'residual':20s} {residual.rms_N:.3g} {units.force} RMS, {100 * residual.share:.2g} % of the friction force")
+    say(f"{'gap':20s} {residual.gap_N:.3g} {units.force} RMS, {residual}")
     if posterior.held_out and all(x.holds for x in posterior.held_out):
         say(held_out_said(posterior.held_out))
     for text in posterior.warnings():
@@ -153,6 +154,9 @@ def run_report(args: argparse.Namespace) -> None:
     argument("--families", metavar="NAME", nargs="+", help="families to compare (default: all)"),
     CONFIG,
     argument(
+        "--simulator", metavar="FILE", help="Python file with a model of your own to compare too; its code is run"
+    ),
+    argument(
         "--by",
         choices=("auto", "loo", "tests"),
         default="auto",
@@ -172,7 +176,9 @@ def run_compare(args: argparse.Namespace) -> None:
             families=args.families,
             config=args.config,
             seed=args.seed,
+            overwrite=args.overwrite,
             by=args.by,
+            simulator=args.simulator,
             executor=executor,
         )
     say(str(result))
@@ -209,6 +215,7 @@ def run_batch(args: argparse.Namespace) -> int:
             diagnose=args.diagnose,
             quick=args.quick,
             seed=args.seed,
+            overwrite=args.overwrite,
             config=args.config,
             keep_chains=args.keep_chains,
             group=args.group,

@@ -52,7 +52,11 @@ if TYPE_CHECKING:
         "--gain", metavar="ROLE=X", action="append", default=[], help='of an amplifier, divided out: --gain "force=10"'
     ),
     argument("--reverse", metavar="ROLE", action="append", default=[], help="turn the sign round: --reverse force"),
-    argument("--sample-rate", metavar="HZ", help="where the files do not say it"),
+    argument(
+        "--sample-rate",
+        metavar="HZ",
+        help='where the files do not say it; "none" where rows have no clock (a quasi-static test)',
+    ),
     argument("--separator", metavar="CHAR", help="of text files: tab, comma, semicolon, blank or a character"),
     argument("--decimal", choices=(".", ","), help="decimal mark of text files; found if not said"),
     argument("--encoding", metavar="NAME", help="of text files (cp1252, utf-16 ...); found if not said"),
@@ -93,6 +97,7 @@ def _recipe(args: argparse.Namespace) -> Recipe:
     """What the options say, over what the recipe file says. Raises CampaignError."""
     from bayes_iwan.campaign import CampaignError
     from bayes_iwan.campaign.importing import Layout, Recipe, read_recipe
+    from bayes_iwan.campaign.importing.recipe import NO_CLOCK
     from bayes_iwan.campaign.importing.unit_texts import decimal_point
 
     def by_role(option: str) -> dict[str, str]:
@@ -109,6 +114,9 @@ def _recipe(args: argparse.Namespace) -> Recipe:
         except ValueError:
             raise CampaignError(f"--{option}: {text!r} is not a number") from None
 
+    def rate(text: str) -> float | str:
+        return text.lower() if text.lower() == NO_CLOCK else number("sample-rate", text)
+
     roles = ("time", "displacement", "acceleration", "force")
     recipe = Recipe(
         channels={role: getattr(args, role) for role in roles if getattr(args, role)},
@@ -116,7 +124,7 @@ def _recipe(args: argparse.Namespace) -> Recipe:
         sensitivities=by_role("sensitivity"),
         gains={role: number("gain", value) for role, value in by_role("gain").items()},
         reverse=tuple(args.reverse),
-        sample_rate_hz=None if args.sample_rate is None else number("sample-rate", args.sample_rate),
+        sample_rate_hz=None if args.sample_rate is None else rate(args.sample_rate),
         layout=Layout(args.separator, args.decimal, args.encoding, args.header_line),
         specimen={"name": args.name} if args.name else {},
     )

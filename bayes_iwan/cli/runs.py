@@ -1,10 +1,7 @@
-"""The folder that a command's results go to: named if the user does not, guarded, and with a log of what was run."""
+"""Recordings given in the place of a campaign, and the log of what was run in the folder of its results."""
 
 from __future__ import annotations
 
-import argparse
-import hashlib
-import json
 import logging
 import platform
 import time
@@ -13,29 +10,12 @@ from pathlib import Path
 
 from bayes_iwan import __version__
 from bayes_iwan.cli.command import quoted
-from bayes_iwan.files import OutputError, write_json
+from bayes_iwan.files import OutputError
 
-RECORD = "run.json"  # in the folder: which campaign each command's results are of
 LOG_FILE = "log.txt"
-#: what a finished command leaves, by which results of older versions are known as well
-FINISHED = {
-    "identify": "posterior.nc", "diagnose": "diagnosis.json", "compare": "compare.html", "batch": "batch.html"
-}  # fmt: skip
 RECORDINGS = (
-    ".csv",
-    ".txt",
-    ".dat",
-    ".tdms",
-    ".uff",
-    ".unv",
-    ".mat",
-    ".lvm",
-    ".xlsx",
-    ".wav",
-    ".parquet",
-    ".asc",
-    ".gz",
-)
+    ".csv", ".txt", ".dat", ".tdms", ".uff", ".unv", ".mat", ".lvm", ".xlsx", ".wav", ".parquet", ".asc", ".gz"
+)  # fmt: skip
 
 
 def refuse_recordings(path: str) -> None:
@@ -50,60 +30,6 @@ def refuse_recordings(path: str) -> None:
             f"{path}: {what}, no campaign yet. Make one: "
             + quoted(["bayes-iwan", "import", path, "--out", f"{here.resolve().with_suffix('').name}-campaign"])
         )
-
-
-def results_folder(args: argparse.Namespace, command: str, source: str) -> Path:
-    """The folder for a command's results on a campaign or a folder of them; args.out is set to it where it is not.
-
-    Raises OutputError where it holds finished results of another campaign and --overwrite is not given.
-    """
-    if args.out is None:
-        args.out = f"{Path(source).resolve().name}-{command}"
-    folder = Path(args.out)
-    written = _record(folder).get(command)
-    finished = (folder / FINISHED[command]).exists()
-    own = written is not None and (identity(source) or "") == written.get("identity")
-    own = own or (written is not None and written.get("source") == str(Path(source).resolve()))
-    # to go on from a checkpoint, which knows its campaign, is no overwriting
-    if finished and not own and not args.overwrite and not getattr(args, "resume", False):
-        of = written["source"] if written else "another campaign, or of a version that did not note which"
-        raise OutputError(
-            f"{folder}: holds finished results of {of}; name another folder with --out, or write over them with "
-            "--overwrite"
-        )
-    return folder
-
-
-def note_run(folder: Path, command: str, source: str) -> None:
-    """Note in the folder whose results it holds, if it was made."""
-    if folder.is_dir():
-        record = _record(folder)
-        record[command] = {
-            "source": str(Path(source).resolve()),
-            "identity": identity(source) or "",
-            "version": __version__,
-        }
-        write_json(folder / RECORD, record)
-
-
-def identity(source: str) -> str | None:
-    """A digest of a campaign's files, the same wherever it is moved; None for a folder without campaign.toml."""
-    folder = Path(source)
-    folder = folder.parent if folder.name == "campaign.toml" else folder
-    if not (folder / "campaign.toml").is_file():
-        return None
-    digest = hashlib.sha256()
-    for path in sorted(p for p in folder.iterdir() if p.is_file() and p.name.endswith((".toml", ".csv", ".csv.gz"))):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
-
-def _record(folder: Path) -> dict[str, dict[str, str]]:
-    try:
-        found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return {k: v for k, v in found.items() if isinstance(v, dict)} if isinstance(found, dict) else {}
 
 
 class RunLog(logging.Handler):

@@ -15,6 +15,7 @@ from bayes_iwan import executors, former_names
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.comparison.loo import Loo, leave_tests_out, psis_loo
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import Config, settings_of
@@ -22,9 +23,10 @@ from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, ModelSettings, SamplingSettings, SearchSettings
 from bayes_iwan.models import Simulator
 from bayes_iwan.models.bouc_wen import OTHER_MODELS
+from bayes_iwan.models.user_file import UserFiles, load_simulator
 
 
-class CompareError(ValueError):
+class CompareError(InputError):
     """A comparison that cannot be made; the message says why and what to do."""
 
 
@@ -240,6 +242,7 @@ def compare_families(
     config: Config = None,
     seed: int = 0,
     by: str = "auto",
+    simulator: Simulator | str | os.PathLike[str] | None = None,
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Comparison:
@@ -248,11 +251,15 @@ def compare_families(
     campaign : a campaign, its folder, or loops. config : as for `identify`, without [model];
     its [search] and [sampling] tables replace :data:`SHORT` where given. by : "loo" ranks by ArviZ's
     leave-one-datum-out density, "tests" by whole tests held out, "auto" by the first if its Pareto k hold for every
-    family, else by the second. executor : from :func:`bayes_iwan.executors.opened`, to fit families side by side.
+    family, else by the second. simulator : a model of your own that is compared too, or the Python file that defines it
+    (its code is run). executor : from :func:`bayes_iwan.executors.opened`, to fit families side by side.
     Raises CompareError for unknown families or rankings.
     """
-    known = FAMILIES
+    own = load_simulator(simulator) if isinstance(simulator, str | os.PathLike) else simulator
+    mine = {} if own is None else {own.name: Family(own.name, f"{own.name} (your own)", simulator=own)}
+    known = mine | FAMILIES
     names = list(known) if families is None else list(families)
+    names = [*(n for n in mine if n not in names), *names]
     for name in names:
         if name not in known:
             said = former_names.renamed(name, former_names.FAMILIES)
@@ -267,10 +274,17 @@ def compare_families(
     if settings.sampling == SamplingSettings():
         settings = replace(settings, sampling=SHORT.sampling)
     title, loops = _loops(campaign, settings)
-    common = (loops, settings, seed)
+    # a family travels with the file of the user's that its simulator comes from
+    common = (UserFiles.of([] if own is None else [own]), loops, settings, seed)
     entries = []
     for name, entry in executors.run(
-        {n: n for n in names}, _entry, common, executor=executor, what="comparing", unit="family", progress=progress
+        {n: known[n] for n in names},
+        _entry,
+        common,
+        executor=executor,
+        what="comparing",
+        unit="family",
+        progress=progress,
     ).items():
         if isinstance(entry, executors.Failure):
             raise CompareError(f"family {name} cannot be fitted: {entry}")
@@ -294,9 +308,9 @@ def _loops(
     return campaign.name, campaign.loops(**asdict(settings.loops))
 
 
-def _entry(common: tuple[Sequence[Loop], IdentifySettings, int], name: str) -> Entry:
+def _entry(common: tuple[UserFiles, Sequence[Loop], IdentifySettings, int], family: Family) -> Entry:
     began = time.monotonic()
-    (loops, settings, seed), family = common, FAMILIES[name]
+    _, loops, settings, seed = common
     problem = family.problem(loops, settings)
     posterior = identify_problem(problem, seed, config=settings, loops=problem.loops, progress=False)
     z = posterior.flat_z(1000)

@@ -12,6 +12,7 @@ from scipy.special import logsumexp
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.weights import TRUSTED, smoothed_log_weights
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.setup.problem import Problem
@@ -68,7 +69,7 @@ def leave_tests_out(posterior: Posterior, *, seed: int = 0, walkers: int = 128, 
     """
     problem = posterior.problem
     if len(problem.loops) < 2:
-        raise ValueError("leaving tests out needs at least two tests")
+        raise InputError("leaving tests out needs at least two tests")
     z = posterior.flat_z(2000)
     whole = _chunked(problem.log_likelihood, z)
     pointwise, ks = [], []

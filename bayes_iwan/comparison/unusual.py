@@ -3,7 +3,9 @@
 Each quantity of each specimen is taken on its population's scale, from the median of all, over their robust spread
 (median absolute deviation), its own error counted. The distance allows for quantities that go together. What stands out
 is decided by the false discovery rate (Benjamini & Hochberg 1995), not by Bonferroni's bound: of those named, one in
-twenty is expected to be named by chance.
+twenty is expected to be named by chance. A spread of few specimens is uncertain, so that no deviation would be far
+enough: what the spreads of all quantities have in common lends them degrees of freedom (moderated t: Smyth 2004,
+doi:10.2202/1544-6115.1027). What each setting finds is counted by analyses/unusual_specimens.py.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import optimize, special, stats
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.inference.results.population import Population
@@ -23,6 +25,8 @@ FALSE_SHARE = 0.05
 #: a robust spread from few specimens is uncertain: median absolute deviations of n have the scatter of about 0.37 n
 #: squares (their efficiency for normal values)
 _EFFICIENCY = 0.37
+#: quantities from which their variances say what they have in common
+FEWEST_QUANTITIES = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,11 +46,15 @@ def rank_unusual(populations: Mapping[str, Population]) -> tuple[Unusual, ...]:
     if not names:
         return ()
     score = np.full((len(names), len(populations)), np.nan)
+    centre = np.full_like(score, np.nan)
     chance = np.full_like(score, np.nan)
     for q, p in enumerate(populations.values()):
         rows = [names.index(n) for n in p.names]
-        score[rows, q], chance[rows, q] = _scores(p.centre, p.error)
-    out = _discovered(chance)
+        centre[rows, q] = p.centre
+        score[rows, q], chance[rows, q] = _robust(p.centre, p.error)
+    # of two ways to see it: robust scores, from which several unusual specimens cannot hide, and distances from the
+    # others' mean, for which few specimens suffice
+    out = _discovered(np.minimum(2.0 * np.fmin(chance, _moderated(centre)), 1.0))
     distance = _distances(score)
     found = [
         Unusual(
@@ -60,23 +68,48 @@ def rank_unusual(populations: Mapping[str, Population]) -> tuple[Unusual, ...]:
     return tuple(sorted(found, key=lambda x: -x.distance))
 
 
-def _scores(centre: Array, error: Array) -> tuple[Array, Array]:
-    """Robust scores (specimens,) of one quantity, and the chance of one as large.
-
-    The chance is twice the smaller of two: of the robust score, which several unusual specimens cannot hide from, and
-    of the distance from the others' mean over their standard deviation, which few specimens suffice for.
-    """
+def _robust(centre: Array, error: Array) -> tuple[Array, Array]:
+    """Robust scores (specimens,) of one quantity, and the chance of one as large in size."""
     n = len(centre)
     away = centre - np.median(centre)
     spread = stats.median_abs_deviation(centre, scale="normal") * n / max(n - 0.8, 1.0)
     between = max(spread**2 - float(np.median(error)) ** 2, 0.0)
     score = away / np.sqrt(np.maximum(between + error**2, 1e-300))
-    robust = stats.t.sf(np.abs(score), max(2.0 * _EFFICIENCY * n - 1.0, 1.0))
-    others = (centre.sum() - centre) / (n - 1)
-    square = (np.sum(centre**2) - centre**2) / (n - 1) - others**2
-    variance = np.maximum(square * (n - 1) / (n - 2), 0.0) + 1e-300
-    plain = stats.t.sf(np.abs(centre - others) / np.sqrt(variance * (1.0 + 1.0 / (n - 1))), n - 2)
-    return score, np.minimum(4.0 * np.minimum(robust, plain), 1.0)
+    return score, 2.0 * stats.t.sf(np.abs(score), max(2.0 * _EFFICIENCY * n - 1.0, 1.0))
+
+
+def _moderated(centre: Array) -> Array:
+    """Chance (specimens, quantities) of a distance from the others' mean as large as each value's; NaN where there is
+    no value. The others' variance is shrunk towards what the variances of all quantities have in common."""
+    out = np.full_like(centre, np.nan)
+    for i, own in enumerate(centre):
+        others = np.delete(centre, i, axis=0)
+        n = np.count_nonzero(np.isfinite(others), axis=0)
+        free = n - 1.0
+        used = np.isfinite(own) & (free >= 1.0)
+        if not used.any():
+            continue
+        some, n, free = others[:, used], n[used], free[used]
+        mean, variance = np.nanmean(some, axis=0), np.maximum(np.nanvar(some, axis=0, ddof=1), 1e-300)
+        usual, lent = _common_variance(variance, free)
+        lent = min(lent, float(free.min()))  # quantities go together, so they lend less than they would alone
+        shrunk = (lent * usual + free * variance) / (lent + free)
+        t = np.abs(own[used] - mean) / np.sqrt(shrunk * (1.0 + 1.0 / n))
+        out[i, used] = 2.0 * stats.t.sf(t, lent + free)
+    return out
+
+
+def _common_variance(variance: Array, free: Array) -> tuple[float, float]:
+    """Scale and degrees of freedom of the scaled inverse chi-squared distribution of which variances (quantities,)
+    with so many degrees of freedom are; 0 of them from fewer than FEWEST_QUANTITIES."""
+    if variance.size < FEWEST_QUANTITIES:
+        return 1.0, 0.0
+    logs = np.log(variance) - special.digamma(free / 2.0) + np.log(free / 2.0)
+    beyond = float(np.var(logs, ddof=1) - np.mean(special.polygamma(1, free / 2.0)))
+    if beyond <= 0.0:
+        return float(np.exp(np.mean(logs))), np.inf
+    half = float(optimize.brentq(lambda x: float(special.polygamma(1, x)) - beyond, 1e-6, 1e8))
+    return float(np.exp(np.mean(logs) + special.digamma(half) - np.log(half))), 2.0 * half
 
 
 def _discovered(chance: Array) -> NDArray[np.bool_]:

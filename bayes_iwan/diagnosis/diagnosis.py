@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,8 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.conditions import conditions_of
 from bayes_iwan.effects.own_effects import load_effects
 from bayes_iwan.effects.paper_stages import missing_terms
+from bayes_iwan.errors import InputError
+from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
 from bayes_iwan.inference.setup.loop_scales import Scales, scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
 from bayes_iwan.models import Simulator
@@ -191,12 +193,43 @@ def diagnose_loops(
     executor: Executor | None = None,
     listener: ProgressListener | None = None,
 ) -> Diagnosis:
-    """Diagnose averaged loops; tests with role "held-out" are not fitted, only predicted.
+    """Diagnose averaged loops. The answer does not depend on how many processes or threads there are.
 
-    extra : a user's own effects; simulator : the base model (default: the Iwan model of the settings); constants :
-    another calibration than the shipped one; executor : from :func:`bayes_iwan.executors.opened`, to refit effects
-    side by side; listener : called at the stages. The answer does not hang on how many processes or threads there are.
-    Raises ValueError where no test is left to fit.
+    Parameters
+    ----------
+    campaign
+        where they are from: its name and units.
+    loops
+        tests with role "held-out" are not fitted, only predicted.
+    seed, quick, simulator, executor
+        as for :func:`bayes_iwan.diagnose`.
+    settings
+        the base model and its priors.
+    extra
+        effects of a user's own.
+    constants
+        another calibration than the shipped one.
+    report, listener
+        called as the search goes on, and at its stages.
+
+    Returns
+    -------
+    Diagnosis
+        verdict, budget of the gap, next test.
+
+    Raises
+    ------
+    InputError
+        no test is left to fit.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> read = bi.check(folder)
+    >>> bi.diagnose_loops(read.campaign, read.loops, seed=1, quick=True).verdict.names
+    ()
     """
     settings, listener = settings or DiagnoseSettings(), listener or ProgressListener()
     if not campaign.clock and simulator is None:
@@ -204,7 +237,7 @@ def diagnose_loops(
     fitted = [x for x in loops if x.role != "held-out"]
     held_out = [x for x in loops if x.role == "held-out"]
     if not fitted:
-        raise ValueError('no test is left to fit: every test has role = "held-out"')
+        raise InputError('no test is left to fit: every test has role = "held-out"')
     with linear_algebra().limit(limits=1):  # with more threads sums are rounded otherwise, and a search ends elsewhere
         data = gap_data(fitted)
         search = searched(data, settings, seed, extra, simulator, report, executor)
@@ -404,22 +437,38 @@ class Progress:
         self.bar.close()
 
 
-def diagnose_folder(
-    campaign: str | Path,
+def settings_for(base: str, config: DiagnoseSettings | Config, own_simulator: bool) -> DiagnoseSettings:
+    """Settings of a diagnosis; base : a name of :data:`BASES`. Raises ConfigError where two of them choose a model."""
+    if base not in BASES:
+        raise ConfigError(f"base {base}: not known; choose one of {', '.join(BASES)}")
+    for given, what in ((config is not None, "config"), (own_simulator, "simulator")):
+        if given and base != "generalized":
+            raise ConfigError(f"base {base} and {what} both choose a model; leave one of them out")
+    return diagnose_settings_of(DiagnoseSettings(BASES[base]) if config is None else config, own_simulator)
+
+
+def diagnose_campaign(
+    campaign: Campaign | str | os.PathLike[str],
     *,
+    config: DiagnoseSettings | Config = None,
     seed: int = 0,
     quick: bool = False,
-    settings: DiagnoseSettings | None = None,
-    effects_file: str | Path | None = None,
-    simulator_file: str | Path | None = None,
+    base: str = "generalized",
+    effects: Sequence[type[Effect]] | str | os.PathLike[str] = (),
+    simulator: Simulator | str | os.PathLike[str] | None = None,
     progress: bool = True,
     executor: Executor | None = None,
     listener: ProgressListener | None = None,
 ) -> Diagnosis:
-    """Diagnose a campaign folder; executor, listener : see :func:`diagnose_loops`."""
-    read = read_campaign(campaign)
-    extra = load_effects(effects_file) if effects_file else ()
-    simulator = load_simulator(simulator_file) if simulator_file else None
+    """Diagnose a campaign, or its folder.
+
+    effects, simulator : a user's own, as classes and an object, or the Python files that define them, which are run;
+    all else as for :func:`bayes_iwan.diagnose` and :func:`diagnose_loops`.
+    """
+    settings = settings_for(base, config, simulator is not None)
+    read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    extra = load_effects(effects) if isinstance(effects, str | os.PathLike) else tuple(effects)
+    model = load_simulator(simulator) if isinstance(simulator, str | os.PathLike) else simulator
     bar = Progress(read.name, progress)
     try:
         return diagnose_loops(
@@ -429,7 +478,7 @@ def diagnose_folder(
             quick=quick,
             settings=settings,
             extra=extra,
-            simulator=simulator,
+            simulator=model,
             report=bar,
             executor=executor,
             listener=listener,

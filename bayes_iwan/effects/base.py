@@ -25,6 +25,7 @@ from scipy import fft, stats
 
 from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.errors import InputError
 from bayes_iwan.models import Motion
 from bayes_iwan.models.distinct import for_distinct
 from bayes_iwan.models.kernels.pointwise import speeds_of_change
@@ -37,7 +38,7 @@ TYPICAL_SHARE = 0.08
 SHARE_SPREAD = 0.9
 
 
-class EffectError(ValueError):
+class EffectError(InputError):
     """A user's effect that cannot be used; the message names the file and the fix."""
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
 
 from bayes_iwan.effects.base import Effect, EffectError
 from bayes_iwan.models.user_file import classes_in
 
 
-def load_effects(path: str | Path) -> tuple[type[Effect], ...]:
+def load_effects(path: str | os.PathLike[str]) -> tuple[type[Effect], ...]:
     """The Effect subclasses defined in a user's Python file. Raises EffectError naming the file and the fix."""
     found = classes_in(path, Effect, EffectError)
     if not found:

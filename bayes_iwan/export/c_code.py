@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.export.device import Device, rows_of
-from bayes_iwan.export.laws import HELPERS
+from bayes_iwan.export.laws import LEAST_STROKE
 from bayes_iwan.models.kernels.sliders import MAX_PIECES, OCTAVES
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -104,15 +104,21 @@ def _mean(device: Device, index: int) -> str:
     return _numbers(device.tables[index][-1].sum(keepdims=True))
 
 
+@cache
+def _library() -> dict[str, str]:
+    """The functions of helpers.c by name, in the order in which they are defined."""
+    parts = filled(template("helpers.c"), {"LEAST_STROKE": f"{LEAST_STROKE}"}).strip().split("\n\n")[1:]
+    return {re.findall(r"^static \w+ (\w+)\(", part, re.M)[0]: part for part in parts}
+
+
 def _helpers(laws: list[str]) -> str:
     """Those that the laws call, and those that these call, in the order in which they are defined."""
     wanted: set[str] = set()
     texts = list(laws)
     while texts:
         text = texts.pop()
-        for name, code in HELPERS.items():
+        for name, code in _library().items():
             if name not in wanted and re.search(rf"\b{name}\(", text):
                 wanted.add(name)
                 texts.append(code)
-    order = sorted(wanted & HELPERS.keys(), key=list(HELPERS).index)
-    return "\n\n".join(HELPERS[n] for n in order) + ("\n" if order else "")
+    return "".join(f"{code}\n\n" for name, code in _library().items() if name in wanted)

@@ -50,7 +50,7 @@ class Card:
     beyond: tuple[str, ...]
     amplitude: str
     effects: dict[str, str]
-    left_out: dict[str, str]
+    omitted: dict[str, str]
     unexplained_N: float
     unexplained_share: float
     discretisation: str
@@ -82,7 +82,7 @@ class Card:
             *(("Beyond" if i == 0 else "", text) for i, text in enumerate(self.beyond)),
             ("A of Eq. (11)", self.amplitude),
             ("Effects in", effects_text(self.effects)),
-            ("Effects out", effects_text(self.left_out)),
+            ("Effects out", effects_text(self.omitted)),
             ("Unexplained", f"{self.unexplained_N:.3g} {force} RMS, {100 * self.unexplained_share:.2g} % of friction"),
             ("Error", self.discretisation),
             ("Step", self.step),
@@ -147,7 +147,7 @@ def card_of(
         ),
         amplitude=_amplitude(device, problem, z),
         effects=device.named,
-        left_out=device.left_out | {"force_zero": "belongs to the rig or its channels, not to the device"},
+        omitted=device.omitted | {"force_zero": "belongs to the rig or its channels, not to the device"},
         unexplained_N=unexplained[0],
         unexplained_share=unexplained[1],
         discretisation=f"slip forces are continuous, not discretised; at most {MAX_PIECES} pieces of memory. From the "

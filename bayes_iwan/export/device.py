@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect
+from bayes_iwan.errors import InputError
 from bayes_iwan.export.laws import CYCLE_STATES, LAWS, OF_THE_RIG, Law
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model, embedded_error, normal_force, slip_force
@@ -20,7 +21,7 @@ from bayes_iwan.models.normal_force import ALPHA_FLOOR
 STAGES = ("before", "alpha", "stiffness", "slip", "asymmetry", "specimen", "force")
 
 
-class ExportError(ValueError):
+class ExportError(InputError):
     """What cannot be exported; the message says what, and what to do."""
 
 
@@ -38,8 +39,8 @@ class Device:
         C statements of each stage, in order.
     states
         length and value at rest of what the stages remember.
-    named, left_out
-        effects in the device with a note each ("" where its law is as identified), and those left out, with the reason.
+    named, omitted
+        effects in the device with a note each ("" where its law is as identified), and those omitted, with the reason.
     """
 
     parameters: dict[str, Array]
@@ -48,7 +49,7 @@ class Device:
     stages: dict[str, tuple[str, ...]]
     states: dict[str, tuple[int, float]]
     named: dict[str, str]
-    left_out: dict[str, str]
+    omitted: dict[str, str]
 
     @property
     def sets(self) -> int:
@@ -69,11 +70,11 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
             "force, not steps. Export its draws with --to json, and call it from Python"
         )
     values = problem.parameter_values(z)
-    kept, named, left_out = [], {}, {}
+    kept, named, omitted = [], {}, {}
     for effect in problem.effects:
         assert isinstance(effect, Effect)
         if isinstance(effect, OF_THE_RIG):
-            left_out[effect.name] = "belongs to the rig or its channels, not to the device"
+            omitted[effect.name] = "belongs to the rig or its channels, not to the device"
         elif (law := LAWS.get(type(effect))) is None:
             raise ExportError(
                 f"the effect {effect.name} has no law in time to export; identify without it, or add its C to "
@@ -104,7 +105,7 @@ def device_of(problem: Problem, z: Array, tested_hz: tuple[float, float]) -> Dev
         stages={name: tuple(code) for name, code in stages.items()},
         states=states,
         named=named,
-        left_out=left_out,
+        omitted=omitted,
     )
 
 

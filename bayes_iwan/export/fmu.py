@@ -95,9 +95,8 @@ def _built(sources: dict[str, str], suffix: str) -> bytes:
             subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
         except (OSError, subprocess.CalledProcessError) as error:
             said = (getattr(error, "stderr", "").strip() or str(error)).splitlines()[0]
-            raise ExportError(
-                f"the C compiler {command[0]} failed on the FMU ({said[:160]}); set CC to another"
-            ) from None
+            said = f"the C compiler {command[0]} failed on the FMU ({said[:160]}); set CC to another"
+            raise ExportError(said) from None
         return (Path(folder) / out).read_bytes()
 
 

@@ -24,8 +24,8 @@ DISCRETISATION = (
 )
 STEP = (
     "a material sees displacements and no velocity, so it follows straight lines between the solver's steps and misses "
-    "where a motion turns within one. From a smooth motion that is up to 2 % of the friction force at 20 steps a cycle, "
-    "1 % at 50, 0.1 % at 100 (of any material without velocity, however many springs)"
+    "where a motion turns within one. From a smooth motion that is up to 2 % of the friction force at 20 steps a "
+    "cycle, 1 % at 50, 0.1 % at 100 (of any material without velocity, however many springs)"
 )
 
 

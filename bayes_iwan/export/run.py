@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from bayes_iwan.models import Model
 
 if TYPE_CHECKING:
     from bayes_iwan.diagnosis.diagnosis import Diagnosis
+    from bayes_iwan.diagnosis.fits.evidence import Fit
 
 TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")
 CARD_TEXT, CARD_JSON = "model_card.txt", "model_card.json"
@@ -149,7 +151,7 @@ def _no_device(sets: int) -> Device:
         stages={name: () for name in STAGES},
         states={},
         named={},
-        left_out={},
+        omitted={},
     )
 
 
@@ -158,7 +160,8 @@ def source_of(result: Posterior | Diagnosis | PathLike, draws: int, campaign: Pa
     if isinstance(result, Posterior):
         return _of_posterior(result, draws)
     if not isinstance(result, str | os.PathLike):
-        return _of_diagnosis(result, draws)
+        after = result.budget.after
+        return _of_fit(result.fit, result.campaign, draws, result.seed, (after.rms_N, after.share))
     folder = Path(result)
     if (folder / "posterior.nc").is_file():
         return _of_posterior(load(folder, campaign), draws)
@@ -189,47 +192,34 @@ def _of_posterior(posterior: Posterior, draws: int) -> Source:
     )
 
 
-def _of_diagnosis(found: Diagnosis, draws: int) -> Source:
-    fit = found.fit
-    after = found.budget.after
-    return Source(
-        problem=fit.problem,
-        z=_gaussian(fit.z, fit.covariance, draws, found.seed),
-        campaign=found.campaign,
-        method="diagnosis: a Gaussian about the fit with all named effects",
-        seed=found.seed,
-        unexplained=(after.rms_N, after.share),
-    )
-
-
 def _of_saved_diagnosis(folder: Path, draws: int, campaign: PathLike | None) -> Source:
     if campaign is None:
         raise ExportError(f"{folder}: is a diagnosis; name its campaign as well (--campaign DIR)")
     from bayes_iwan.diagnosis.answer.saved_fits import LOOPS, read_fits, rebuilt
     from bayes_iwan.diagnosis.fits.data import gap_data
-    from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
-    from bayes_iwan.diagnosis.fits.residuals import residual_of
 
     stored = read_fits(folder / "fits.json")
     if stored.effects_file or stored.simulator_file:
         raise ExportError(f"{folder}: was made with a Python file of your own, which has no law in C to export")
+    try:
+        said = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+        seed, unexplained = int(said["seed"]), (float(said["gap"]["after_rms_N"]), float(said["gap"]["after_share"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        raise ExportError(f"{folder / 'diagnosis.json'}: missing or damaged; diagnose again") from None
     read = read_campaign(campaign)
     data = gap_data([x for x in read.loops(**LOOPS) if x.role != "held-out"])
     fit = rebuilt(stored, stored.fits[max(stored.fits, key=len)], data)
-    power = float(gap_power_N2(residual_of(data, fit, refitted=False)).mean())
-    left = float(np.sqrt(max(power, 0.0)))
-    friction = fit.problem.friction_force(fit.problem.parameter_values(fit.z[None]))
+    return _of_fit(fit, read, draws, seed, unexplained)
+
+
+def _of_fit(fit: Fit, campaign: Campaign | None, draws: int, seed: int, unexplained: tuple[float, float]) -> Source:
+    rng = np.random.default_rng([seed, 3])
+    away = rng.standard_normal((draws, len(fit.z))) @ np.linalg.cholesky(fit.covariance).T
     return Source(
         problem=fit.problem,
-        z=_gaussian(fit.z, fit.covariance, draws, 0),
-        campaign=read,
+        z=np.concatenate([fit.z[None], fit.z + away]),
+        campaign=campaign,
         method="diagnosis: a Gaussian about the fit with all named effects",
-        seed=0,
-        unexplained=(left, left / float(np.sqrt(np.mean(friction**2)))),
+        seed=seed,
+        unexplained=unexplained,
     )
-
-
-def _gaussian(z: Array, covariance: Array, draws: int, seed: int) -> Array:
-    """The optimum and draws about it, (1 + draws, ndim)."""
-    rng = np.random.default_rng([seed, 3])
-    return np.concatenate([z[None], z + rng.standard_normal((draws, len(z))) @ np.linalg.cholesky(covariance).T])

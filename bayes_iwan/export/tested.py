@@ -14,7 +14,7 @@ from bayes_iwan.models.simulator import FORCE_ZERO, recorded_force
 
 
 def steady_loops(problem: Problem, values: ParameterValues, motion: Motion) -> Array:
-    """Force (draws, loops, samples) of our own forward model, the rig's effects and the channel's zero left out."""
+    """Force (draws, loops, samples) of our own forward model, the rig's effects and the channel's zero omitted."""
     effects = [e for e in problem.effects if not isinstance(e, OF_THE_RIG)]
     return recorded_force(problem.model, effects, {n: x for n, x in values.items() if n != FORCE_ZERO}, motion)
 

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.errors import InputError
 
 BatchObjective = Callable[[Array], Array]
 
 
-class SearchError(ValueError):
+class SearchError(InputError):
     """The bounds or the objective cannot be searched."""
 
 

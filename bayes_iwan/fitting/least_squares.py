@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.errors import InputError
 
 BatchResiduals = Callable[[Array], Array]
 
@@ -29,7 +30,7 @@ OUT_OF_ITERATIONS = 0
 BAD_START = -1
 
 
-class LeastSquaresError(ValueError):
+class LeastSquaresError(InputError):
     """The starts, bounds or residuals cannot be used."""
 
 

@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_iwan import executors
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results import run_files
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
@@ -67,21 +68,88 @@ def identify_campaign(
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
     """
-    if not 0 <= seed < 2**63:
-        raise ConfigError(f"seed {seed} cannot be kept in files; give one from 0 to {2**63 - 1}")
-    unused = {} if simulator is None else {"model": "since a simulator takes the place of the Iwan model"}
-    settings = settings_of(config, unused)
+    settings = _settings_for(config, simulator)
     campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
     if per_test and out is None:
         raise ConfigError("per_test writes files: name a folder for them (out)")
-    simulator_file = ""
+    posterior = identify_loops(
+        campaign.loops(**asdict(settings.loops)),
+        config=settings,
+        seed=seed,
+        campaign=campaign,
+        out=out,
+        resume=resume,
+        progress=progress,
+        simulator=simulator,
+        quick=quick,
+        executor=executor,
+    )
+    if out is not None:
+        run_files.write(posterior, Path(out))
+    if per_test and not posterior.interrupted:
+        identify_frequencies(posterior, Path(str(out)), resume=resume, progress=progress)
+    return posterior
+
+
+def _settings_for(config: Config, simulator: object) -> IdentifySettings:
+    return settings_of(config, {} if simulator is None else {"model": "since a simulator replaces the Iwan model"})
+
+
+def identify_loops(
+    loops: Sequence[Loop],
+    *,
+    config: Config = None,
+    seed: int = 0,
+    campaign: Campaign | None = None,
+    out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: bool = True,
+    simulator: Simulator | str | os.PathLike[str] | None = None,
+    quick: bool = False,
+    executor: Executor | None = None,
+) -> Posterior:
+    """The joint posterior of averaged loops of any origin; nothing but the checkpoint is written.
+
+    Parameters
+    ----------
+    loops
+        of :attr:`bayes_iwan.Check.loops`, say; those with role "held-out" are not fitted.
+    config, seed, resume, progress, simulator, quick, executor
+        as for :func:`bayes_iwan.identify`.
+    campaign
+        where the loops are from, for what is written of them.
+    out
+        folder of the checkpoint; None keeps none.
+
+    Returns
+    -------
+    Posterior
+        with the draws, (chains, draws, ndim), in z.
+
+    Raises
+    ------
+    ConfigError, ParameterError, ModelError, CheckpointError
+        InputErrors of one line.
+
+    Examples
+    --------
+    >>> import tempfile, bayes_iwan as bi
+    >>> folder = tempfile.mkdtemp()
+    >>> bi.simulate_campaign([bi.PlannedTest(10.0, a, cycles=6) for a in (0.4, 0.9)], seed=1).write(folder)
+    >>> simple = {"model": {"slip": "gamma1", "normal_force": "constant"}}
+    >>> posterior = bi.identify_loops(bi.check(folder).loops, config=simple, seed=1, quick=True, progress=False)
+    >>> len(posterior.problem.loops)
+    2
+    """
+    if not 0 <= seed < 2**63:
+        raise ConfigError(f"seed {seed} cannot be kept in files; give one from 0 to {2**63 - 1}")
+    settings, simulator_file = _settings_for(config, simulator), ""
     if isinstance(simulator, str | os.PathLike):
         simulator_file, simulator = str(Path(simulator).resolve()), load_simulator(simulator)
-    loops = campaign.loops(**asdict(settings.loops))
     problem = make_problem(loops, settings, simulator)
     if simulator is not None:
         check_simulator(problem, seed)
-    posterior = identify_problem(
+    return identify_problem(
         problem,
         seed,
         config=settings,
@@ -94,14 +162,9 @@ def identify_campaign(
         quick=quick,
         executor=executor,
     )
-    if out is not None:
-        run_files.write(posterior, Path(out))
-    if per_test and not posterior.interrupted:
-        identify_frequencies(posterior, Path(str(out)), resume=resume, progress=progress)
-    return posterior
 
 
-class FrequencyError(ValueError):
+class FrequencyError(InputError):
     """A frequency alone that could not be identified; the message names it and says why."""
 
 

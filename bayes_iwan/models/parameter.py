@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.errors import InputError
 
 #: z is cut here: Φ(−z) keeps full relative precision far beyond, but no prior is meant that far out
 Z_LIMIT = 8.0
 
 
-class ParameterError(ValueError):
+class ParameterError(InputError):
     """A parameter, prior or tie that makes no sense; the message names the parameter and the fix."""
 
 

@@ -19,6 +19,7 @@ from scipy import stats
 
 from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.errors import InputError
 from bayes_iwan.models.distinct import for_distinct
 from bayes_iwan.models.motion import Motion
 from bayes_iwan.models.parameter import Parameter
@@ -31,7 +32,7 @@ INNER = ("normal_force", "stiffness", "slip", "asymmetry", "slip_table")
 FORCE_ZERO = "force_zero_N"
 
 
-class ModelError(ValueError):
+class ModelError(InputError):
     """A simulator that cannot be built or used; the message names what and the fix."""
 
 

@@ -33,6 +33,12 @@ def classes_in(path: str | os.PathLike[str], base: type[T], error: type[ValueErr
     )
 
 
+def file_of(kind: type) -> Path | None:
+    """The user's file that a class was read from by :func:`classes_in`, None for any other class."""
+    module = kind.__module__
+    return Path(str(sys.modules[module].__file__)).resolve() if module.startswith(_NAMED) else None
+
+
 def _run(name: str, path: Path, error: type[ValueError]) -> ModuleType:
     """A Python file as a module of this name."""
     spec = importlib.util.spec_from_file_location(name, path)

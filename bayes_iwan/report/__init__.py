@@ -39,14 +39,14 @@ if TYPE_CHECKING:
 
 #: public names by module; each is imported when it is first asked for, since one page needs few of them
 _FROM = {
-    "comparison": ("comparison_report", "ranking_figure"),
-    "diagnosis.files": ("headline_of", "write_diagnosis", "write_found"),
+    "comparison_page": ("comparison_report", "ranking_figure"),
+    "diagnosis.diagnosis_files": ("headline_of", "write_diagnosis", "write_found"),
     "identification.checks": ("loo_pit", "loo_pit_figure", "region_checks", "regions_figure"),
-    "identification.frequencies": ("wander_figure",),
-    "identification.laws": ("normal_force_figure", "slip_density_figure", "stiffness_figure"),
+    "identification.by_frequency": ("wander_figure",),
+    "identification.law_figures": ("normal_force_figure", "slip_density_figure", "stiffness_figure"),
     "identification.loops": ("frequencies_figure", "loops_figure", "paper_fig3", "residuals_figure"),
     "identification.marginals": ("corner_figure", "identifiable_corner", "paper_corner", "prior_posterior_figure"),
-    "identification.page": ("identification_report", "report_run"),
+    "identification.identification_page": ("identification_report", "report_run"),
     "identification.predictive": ("predict",),
     "identification.sampling": ("tau_figure", "traces_figure"),
     "identification.tables": ("latex_table",),

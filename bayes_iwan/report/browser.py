@@ -9,6 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from bayes_iwan.errors import InputError
 from bayes_iwan.files import replacing
 
 #: where a browser may be named that is found nowhere else
@@ -39,7 +40,7 @@ OPTIONS = (
 PATIENCE_S = 180.0
 
 
-class BrowserError(ValueError):
+class BrowserError(InputError):
     """No PDF can be printed; the message says why and what to do."""
 
 

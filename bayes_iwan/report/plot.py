@@ -16,9 +16,10 @@ import difflib
 from matplotlib.figure import Figure
 
 from bayes_iwan.diagnosis.diagnosis import Diagnosis
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report import accessors as accessors  # `posterior.plot` as well
-from bayes_iwan.report.batch.batch_run.specimens import Batch
+from bayes_iwan.report.batch.specimens import Batch
 from bayes_iwan.report.comparison_page import ranking_figure
 from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
 from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figure
@@ -73,9 +74,9 @@ def loop(posterior: Posterior, test: str | int = 0, friction: bool = True) -> Fi
     if isinstance(test, str) and test not in files:
         near = difflib.get_close_matches(test, files, 1)
         hint = f'did you mean "{near[0]}"? ' if near else ""
-        raise ValueError(f'there is no test "{test}"; {hint}there are {", ".join(files)}')
+        raise InputError(f'there is no test "{test}"; {hint}there are {", ".join(files)}')
     if not isinstance(test, str) and not -len(files) <= test < len(files):
-        raise ValueError(f"there is no test {test}; there are {len(files)}, counted from 0")
+        raise InputError(f"there is no test {test}; there are {len(files)}, counted from 0")
     chosen = posterior.loops[files.index(test)] if isinstance(test, str) else posterior.loops[test]
     return loops_figure(posterior, friction=friction, loops=[chosen])
 
@@ -87,12 +88,12 @@ def gap(diagnosis: Diagnosis, name: str = "headline") -> Figure:
     """
     figures = diagnosis_figures(diagnosis)
     if name not in figures:
-        raise ValueError(f'there is no figure "{name}" of this diagnosis; there are {", ".join(sorted(figures))}')
+        raise InputError(f'there is no figure "{name}" of this diagnosis; there are {", ".join(sorted(figures))}')
     return figures[name]
 
 
 def specimens(batch: Batch) -> Figure:
     """Each quantity of every specimen of a batch over the population's band."""
-    from bayes_iwan.report.batch.batch_run.batch_page import parameters_figure
+    from bayes_iwan.report.batch.batch_page import parameters_figure
 
     return parameters_figure(batch)

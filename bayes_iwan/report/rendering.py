@@ -20,6 +20,7 @@ import weakref
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
 from queue import SimpleQueue
 from typing import IO, Any
 
@@ -282,9 +283,19 @@ def _receive(pipe: IO[bytes]) -> Any:
 
 # ---- SVG
 
+#: colours that the pages' style names
+KNOWN = frozenset(
+    re.findall(r"--c-(\w{6}):", (Path(__file__).parent / "templates" / "page.css").read_text(encoding="utf-8"))
+)
+CARD = 'class="card" '
+
 
 def svg(figure: Figure, name: str, alt: str) -> Markup:
-    """The figure as an <svg> element whose ids cannot clash with another figure's, coordinates to 0.01 pt."""
+    """The figure as an <svg> element whose ids cannot clash with another figure's, coordinates to 0.01 pt.
+
+    Colours that the page's style names become its variables, so that they follow a dark screen; a figure with others
+    (a colour scale) stays as it is, on a white card.
+    """
     buffer = io.StringIO()
     with mpl.rc_context({**RC, "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
@@ -297,13 +308,16 @@ def svg(figure: Figure, name: str, alt: str) -> Markup:
     text = re.sub(r"url\(#", f"url(#{name}-", text)
     text = re.sub(r'(?<= d=")[^"]+', lambda m: _short(m.group(0)), text)
     text = re.sub(r"(?<=<use )[^>]+", lambda m: _short(m.group(0)), text)
+    used = set(re.findall(r"#([0-9a-f]{6})\b", text))
+    if used <= KNOWN:
+        text = re.sub(r"#([0-9a-f]{6})\b", r"var(--c-\1)", text)
     head = re.match(r"<svg[^>]*>", text)
     assert head is not None
     box = re.search(r'viewBox="[^"]+"', head.group(0))
     assert box is not None
     start = (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box.group(0)} '
-        f'role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(alt)}</title>'
+        f'{"" if used <= KNOWN else CARD}role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(alt)}</title>'
     )
     return Markup(start + re.sub(r"\n\s*", "\n", text[head.end() :]))
 

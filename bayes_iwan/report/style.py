@@ -25,6 +25,7 @@ from matplotlib.typing import LineStyleType
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.errors import InputError
 from bayes_iwan.files import replacing
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ WIDTHS = {"column": 3.5, "page": 7.2}
 F = TypeVar("F", bound=Callable[..., Figure])
 
 
-class StyleError(ValueError):
+class StyleError(InputError):
     """A style, width or axes that a figure cannot be drawn with; the message says what fits."""
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.errors import InputError
 from bayes_iwan.files import replacing
 
 #: the checkpoint's name in a folder of results
@@ -31,7 +32,7 @@ _NOT_OURS = "not what a run of this version has written"
 _HEAD = 40  # bytes before a record's arrays: its length and its checksum
 
 
-class CheckpointError(ValueError):
+class CheckpointError(InputError):
     """A checkpoint that cannot be read, or that belongs to another run."""
 
 

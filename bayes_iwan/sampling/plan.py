@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.errors import InputError
 from bayes_iwan.sampling.chains import Stop
 from bayes_iwan.sampling.convergence import Convergence
 
 BatchFunction = Callable[[Array], Array]
 
 
-class SamplingError(ValueError):
+class SamplingError(InputError):
     """The posterior, the population or the settings cannot be sampled."""
 
 

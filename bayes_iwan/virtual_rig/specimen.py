@@ -15,9 +15,10 @@ import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.errors import InputError
 
 
-class RigError(ValueError):
+class RigError(InputError):
     """A virtual test that cannot be run as asked; the message names the value and the fix."""
 
 

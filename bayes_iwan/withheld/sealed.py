@@ -41,6 +41,7 @@ import numpy as np
 
 from bayes_iwan import former_names
 from bayes_iwan.campaign import write_campaign
+from bayes_iwan.errors import InputError
 from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import write_json
 from bayes_iwan.virtual_rig import cases as rig_cases
@@ -50,7 +51,7 @@ _PLAIN_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 RULE = "sha256 of the case's truth as JSON with sorted keys, salt inside"
 
 
-class WithheldError(ValueError):
+class WithheldError(InputError):
     """The protocol cannot go on: a seal is broken, a truth lies open, files are missing. The message says which."""
 
 

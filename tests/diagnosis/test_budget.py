@@ -242,8 +242,8 @@ def test_a_larger_rest_is_likelier_to_have_a_cause():
 def test_shipped_constants_have_one_sign_and_one_weight_for_each_figure():
     c = calibration()
     assert len(c.effect) == len(EFFECT_FIGURES) == len(effect_figures(PLACE))
-    assert len(c.rest) == len(UNEXPLAINED_FIGURES)
-    assert min(c.effect) >= 0.0 and min(c.rest) >= 0.0
+    assert len(c.unexplained) == len(UNEXPLAINED_FIGURES)
+    assert min(c.effect) >= 0.0 and min(c.unexplained) >= 0.0
 
 
 def test_nature_s_law_puts_a_small_share_off_by_a_part_of_it_only():

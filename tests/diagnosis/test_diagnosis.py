@@ -72,9 +72,9 @@ def strict(value):
 
 
 @pytest.mark.parametrize("effect, plan", [("viscous_damping", "held out"), (None, "grid")])
-def test_json_is_schema_2_and_holds_only_numbers_that_are_numbers(effect, plan, kit):
+def test_json_is_schema_3_and_holds_only_numbers_that_are_numbers(effect, plan, kit):
     d = strict(to_dict(kit.diagnosed(effect, plan)))
-    assert d["schema"] == 2
+    assert d["schema"] == 3
     v = d["verdict"]
     assert v["kind"] in ("none", "explained", "partly_explained", "unknown") and isinstance(v["unknown_cause"], bool)
     assert set(d["probabilities"]) >= {"none", "unknown_cause", *NAMES}

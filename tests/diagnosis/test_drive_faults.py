@@ -13,7 +13,7 @@ from bayes_iwan.campaign.timing.corners import CORNERS_GAP
 from bayes_iwan.diagnosis.assessment.budget import Kind
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
-from bayes_iwan.diagnosis.diagnosis import diagnose_folder, diagnose_loops
+from bayes_iwan.diagnosis.diagnosis import diagnose_campaign, diagnose_loops
 from bayes_iwan.virtual_rig import drive as dr
 from bayes_iwan.virtual_rig.simulate import Setup, with_noise
 from bayes_iwan.virtual_rig.specimen import paper_specimen
@@ -59,7 +59,7 @@ def diagnosed(kit, path, some):
 def test_what_is_no_single_test_is_not_diagnosed(tmp_path, drive):
     write_campaign(tmp_path, name="n", description="", tests=[record(drive)], compress=False)
     with pytest.raises(CampaignError, match=r"staircase of|sweeps in frequency|drifts in amplitude"):
-        diagnose_folder(tmp_path, quick=True, progress=False)
+        diagnose_campaign(tmp_path, quick=True, progress=False)
 
 
 #: fewer tests where the search for a cause runs at length: there is a gap
@@ -79,7 +79,7 @@ def test_a_drive_with_corners_is_told_to_be_the_drive_s(cornered):
     assert cornered.verdict.kind is Kind.DRIVE and cornered.verdict.cause == "drive"
     assert cornered.verdict.causes == () and not cornered.verdict.unknown_cause and cornered.next_test is None
     said = " ".join(cornered.sentences())
-    assert "cannot be told" in said and "sines" in said and files[0] in said
+    assert "cannot be found" in said and "sines" in said and files[0] in said
     answer = cornered.to_dict()
     assert answer["verdict"]["kind"] == "drive" and answer["verdict"]["cornered_drives"] == files
 

@@ -28,8 +28,8 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 def toy():
     """A model of four numbers, linear about where it stands, and a rest of which a part changes along the record."""
     rng = np.random.default_rng(5)
-    rest = Discrepancy(rng.uniform(0.0, 400.0, 30), rng.integers(0, 6, 30), np.arange(30) >= 24)
-    return Linear(rng.standard_normal(30), 3.0 * rng.standard_normal((30, 4)), rest, rng.standard_normal(4))
+    discrepancy = Discrepancy(rng.uniform(0.0, 400.0, 30), rng.integers(0, 6, 30), np.arange(30) >= 24)
+    return Linear(rng.standard_normal(30), 3.0 * rng.standard_normal((30, 4)), discrepancy, rng.standard_normal(4))
 
 
 def really(linear, bend=0.0):
@@ -55,9 +55,9 @@ def test_grid_finds_the_best_point_and_averages_over_the_change_along_the_record
     assert grid.discrepancy_share == (middle, low, high) and low < high
 
 
-def test_a_rest_as_large_as_the_friction_is_unlikely_beforehand(toy):
-    """Rows without any rest: what is left of the evidence is its prior, 1/(1 + (share/LARGE_DISCREPANCY)²)."""
-    bare = replace(toy, rest=replace(toy.discrepancy, eigen=np.zeros(30)))
+def test_a_discrepancy_as_large_as_the_friction_is_unlikely_beforehand(toy):
+    """Rows without any discrepancy: what is left of the evidence is its prior, 1/(1 + (share/LARGE_DISCREPANCY)²)."""
+    bare = replace(toy, discrepancy=replace(toy.discrepancy, eigen=np.zeros(30)))
     log_z = [bare.evidence(((share, float(LENGTHS[0]), 0.0),)).log_z[0] for share in (1e-9, LARGE_DISCREPANCY, 1.0)]
     np.testing.assert_allclose(
         np.subtract(log_z, log_z[0]), [0.0, -np.log(2.0), -np.log1p(LARGE_DISCREPANCY**-2)], rtol=1e-9
@@ -79,7 +79,7 @@ def test_evidence_is_of_what_a_model_misses_and_not_of_what_its_linear_one_promi
 
 @pytest.mark.parametrize("cause", [None, "viscous_damping"])
 def test_a_fit_stands_where_its_evidence_is(kit, cause):
-    """At its own size of the rest no step promises more than a nat or two."""
+    """At its own size of the discrepancy no step promises more than a nat or two."""
     search = kit.diagnosed(cause, *(() if cause is None else ("grid",))).search
     for fit in (search.base, search.fit(search.chosen)):
         sd = np.sqrt(fit.linear.variance(fit.size))
@@ -104,7 +104,7 @@ def test_a_larger_model_misses_no_more_in_newtons_than_a_smaller_one(kit):
     assert missed_N2(beside) < 0.5 * missed_N2(alone)
 
 
-def test_evidence_is_the_mean_over_the_grid_and_the_rest_has_its_size(kit):
+def test_evidence_is_the_mean_over_the_grid_and_the_discrepancy_has_its_size(kit):
     fit = kit.diagnosed(None).search.base
     assert fit.log_evidence == pytest.approx(np.log(np.mean(np.exp(fit.log_z - fit.log_z.max()))) + fit.log_z.max())
     middle, low, high = fit.discrepancy_share
@@ -116,7 +116,7 @@ def test_distinct_optima_best_first():
     np.testing.assert_array_equal(_distinct(x, np.array([1.0, 2.0, 3.0, 99.0])), x[[0, 2]])
 
 
-def test_a_large_rest_does_not_lead_a_model_away_from_what_it_can_fit(measured):
+def test_a_large_discrepancy_does_not_lead_a_model_away_from_what_it_can_fit(measured):
     """A seal's loop at 7 bar: beside a rest of 180 % of the friction force priors alone decide, and the base model was
     said to miss half of a force that it fits to a tenth."""
     loops = [average(x, **LOOPS) for x in measured("pneumatic_seal").tests if x.file == "p7bar.csv"]
@@ -189,9 +189,9 @@ def test_sampling_a_fit_converges_near_its_normal_approximation(kit):
     assert np.median(sd / laplace) == pytest.approx(1.0, abs=0.35) and np.all(np.abs(fit.z - found.base.z) < 4.0 * sd)
 
 
-def test_a_rest_that_is_the_same_at_every_frequency_does_not_hide_what_differs_between_them(kit, monkeypatch):
-    """Friction that varies along the stroke, as a groove makes it, beside a small mass: in which tests the rest is
-    alike is learnt from them, and what is left of it between frequencies is far smaller than it is."""
+def test_a_discrepancy_that_is_the_same_at_every_frequency_does_not_hide_what_differs_between_them(kit, monkeypatch):
+    """Friction that varies along the stroke, as a groove makes it, beside a small mass: in which tests the discrepancy
+    is alike is learnt from them, and what is left of it between frequencies is far smaller than it is."""
     tests = [(f, a) for f in (8.0, 10.0, 16.0, 20.0) for a in (0.4, 0.9)]
 
     def force(frequency, amplitude, samples):

@@ -19,7 +19,7 @@ from bayes_iwan.virtual_rig.simulate import PlannedTest
 
 def test_a_mains_line_that_every_loop_hides_is_refitted_whatever_a_step_promises(kit, monkeypatch):
     """At 6 Hz 60 Hz is a harmonic of every test; at 7 Hz records show that there is none."""
-    monkeypatch.setattr(refits, "candidate", lambda *given: replace(candidate(*given), gain=-1e3, worth=-1e3))
+    monkeypatch.setattr(refits, "candidate", lambda *given: replace(candidate(*given), gain=-1e3, score=-1e3))
     monkeypatch.setattr(searching, "SINGLE_MOST", 0)
     monkeypatch.setattr(searching, "as_sound", lambda found: False)
     for hz, tried in ((6.0, True), (7.0, False)):

@@ -14,7 +14,7 @@ from bayes_iwan.diagnosis.fits.evidence import extended
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.search import model_search as searching
 from bayes_iwan.diagnosis.search import refits
-from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, missed, newton_nats, sound_gap_N
+from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, has_gap, newton_nats, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import candidate, start_points, stepped_on, weighed_alike
 from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, silent
 from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, fit_singles, grow, search
@@ -96,7 +96,7 @@ def test_where_nothing_is_missed_nothing_is_searched(kit):
 
     off = kit.made_up(hardened, tests, noise_N=0.01).loops(**kit.small)
     scales, data = scales_of(off), gap_data(off)
-    assert missed(data, fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(0)))
+    assert has_gap(data, fit_base(data, DiagnoseSettings(), scales, np.random.default_rng(0)))
 
 
 def test_cause_outside_the_catalogue_leaves_a_rest_without_a_name(kit):
@@ -227,7 +227,7 @@ def test_sudden_effects_are_refitted_where_there_is_a_gap(kit):
 def test_what_acts_along_the_record_is_refitted_where_the_gap_is_there_whatever_a_step_promises(kit, monkeypatch):
     def hopeless(*given):
         one = candidate(*given)
-        return replace(one, gain=-1e3, worth=-1e3) if one.effect.evolving else one
+        return replace(one, gain=-1e3, score=-1e3) if one.effect.evolving else one
 
     monkeypatch.setattr(refits, "candidate", hopeless)
     monkeypatch.setattr(searching, "SINGLE_MOST", 0)
@@ -277,8 +277,8 @@ def test_start_points_keep_the_smaller_models_numbers(kit):
 
 def test_residual_rows_of_an_extended_model_begin_with_the_smaller_ones(kit):
     found = kit.diagnosed(None).search
-    steady = Rows(found.data, found.base.problem).rest
-    evolving = Rows(found.data, extended(found.base.problem, found.effects["force_drift"][:1])).rest
+    steady = Rows(found.data, found.base.problem).discrepancy
+    evolving = Rows(found.data, extended(found.base.problem, found.effects["force_drift"][:1])).discrepancy
     assert len(evolving.eigen) > len(steady.eigen) and not steady.changing.any()
     np.testing.assert_array_equal(evolving.eigen[: len(steady.eigen)], steady.eigen)
 
@@ -380,7 +380,7 @@ def test_a_set_that_only_scores_together_is_found_from_either_effect(kit, monkey
 
     for n in kinds:
         found.fits[frozenset({n})] = fit(n)
-    offered = [SimpleNamespace(name=n, worth=50.0) for n in kinds]
+    offered = [SimpleNamespace(name=n, score=50.0) for n in kinds]
     monkeypatch.setattr(
         found, "offered", lambda smaller, last=False: [x for x in offered if x.name not in smaller.names]
     )

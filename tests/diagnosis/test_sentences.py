@@ -35,9 +35,11 @@ def turned(found, kind, causes=(), probabilities=None, **verdict):
     p = dict.fromkeys(found.verdict.probabilities, 0.0) | {"none": 0.0, "unknown": 0.0} | (probabilities or {})
     flagged = kind in (Kind.PARTLY, Kind.UNKNOWN)
     v = replace(found.verdict, kind=kind, causes=tuple(causes), probabilities=p, unknown_cause=flagged, **verdict)
-    rest = replace(found.budget.unexplained, probability=p["unknown"])
+    unexplained = replace(found.budget.unexplained, probability=p["unknown"])
     moved = found.moved if causes else {}
-    return replace(found, verdict=v, budget=replace(found.budget, causes=tuple(causes), rest=rest), moved=moved)
+    return replace(
+        found, verdict=v, budget=replace(found.budget, causes=tuple(causes), unexplained=unexplained), moved=moved
+    )
 
 
 def clockless(found):
@@ -115,7 +117,7 @@ def test_text_and_json_agree(answers, kind):
     if following is not None and d["verdict"]["kind"] != "drive" and not following["bench"]:
         assert plain(following["amplitude_mm"]) + " mm" in said[-1]
     # a colour that nothing in the text contradicts
-    warned = re.search(r"unknown|clipped|not converged|cause of its own|cannot be told", text)
+    warned = re.search(r"unknown|clipped|not converged|cause of its own|cannot be found", text)
     assert (d["verdict"]["colour"] == "warning") == bool(warned)
     if re.search(r"do not tell|cannot tell|Far from plausible|no clock|held-out tests\. Record", text):
         assert d["verdict"]["colour"] != "good"

@@ -149,6 +149,11 @@ def test_a_diagnosis_is_exported_with_its_named_effects(fit, tmp_path):
     assert "viscous_damping_c_N_s_mm" in (tmp_path / "isolator.c").read_text()
 
 
+def test_a_diagnosis_has_the_method_whether_it_was_written_or_not(made_up_campaign, tmp_path):
+    bi.diagnose(made_up_campaign, tmp_path / "run", quick=True).export("json", tmp_path / "out", draws=1)
+    assert bi.load(tmp_path / "out").values["kp_N_mm"].shape == (2,)
+
+
 def test_the_folder_of_a_diagnosis_needs_its_campaign(fit, problem_of, tmp_path):
     saved_fits = pytest.importorskip("bayes_iwan.diagnosis.answer.saved_fits")
     size = SimpleNamespace(share=0.01, length=1.0, along=0.01, spectrum=(), along_spectrum=(), between=(1.0, 1.0, 0.5))
@@ -160,6 +165,11 @@ def test_the_folder_of_a_diagnosis_needs_its_campaign(fit, problem_of, tmp_path)
         export(run_of, "json", tmp_path / "out")
     plan = [bi.PlannedTest(f, a, cycles=6) for f in (8.0, 20.0) for a in (0.4, 1.0)]
     bi.simulate_campaign(plan, seed=1).write(campaign)
+    with pytest.raises(ExportError, match=r"diagnosis\.json: missing or damaged; diagnose again"):
+        export(run_of, "json", tmp_path / "out", draws=4, campaign=campaign)
+    said = {"seed": 7, "gap": {"after_rms_N": 0.03, "after_share": 0.01}}
+    (run_of / "diagnosis.json").write_text(json.dumps(said))
     export(run_of, "json", tmp_path / "out", draws=4, campaign=campaign)
     model = bi.load(tmp_path / "out")
+    assert model.card["unexplained_N"] == 0.03 and model.card["seed"] == 7
     assert [e.name for e in model.effects] == ["viscous_damping"] and model.values["kp_N_mm"].shape == (5,)

@@ -46,17 +46,17 @@ def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported
         assert np.sqrt(np.mean(difference**2) / np.mean(friction[d] ** 2)) < 1e-3
 
 
-def test_every_effect_of_the_catalogue_is_exported_or_left_out_for_a_reason():
+def test_every_effect_of_the_catalogue_is_exported_or_omitted_for_a_reason():
     known = {*LAWS, *OF_THE_RIG}
     every = {*catalogue.BUILT_IN, *catalogue.FORM, *paper_stages.EFFECTS, *conditions.EFFECTS}
     assert every == known
 
 
-def test_the_rigs_effects_are_left_out_and_named(problem_of, draws):
+def test_the_rigs_effects_are_omitted_and_named(problem_of, draws):
     problem = problem_of()
     with_rig = problem.with_effects([made(k, problem) for k in (specimen.ViscousDamping, mounting.RigCompliance)])
     device = device_of(with_rig, draws(with_rig, 2), (8.0, 20.0))
-    assert set(device.named) == {"viscous_damping"} and set(device.left_out) == {"rig_compliance"}
+    assert set(device.named) == {"viscous_damping"} and set(device.omitted) == {"rig_compliance"}
 
 
 def test_an_effect_without_a_law_in_time_is_refused_in_one_line(problem_of, draws):

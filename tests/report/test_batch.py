@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -205,12 +206,13 @@ def test_a_diagnosis_of_each(folder, tmp_path, monkeypatch):
         assert options["seed"] == 5 and options["quick"] and options["progress"] is False
         cause, second, p = said[Path(campaign).name]
         Path(out).mkdir(parents=True, exist_ok=True)
-        return {
+        answer = {
             "verdict": {"cause": cause, "second_cause": second, "probability": p},
             "gap": {"before_share": 0.05, "shrink": 0.6},
         }
+        return SimpleNamespace(to_dict=lambda: answer)
 
-    monkeypatch.setattr(room, "diagnose_campaign", diagnosed)
+    monkeypatch.setattr(room, "write_diagnosis", diagnosed)
     with executors.opened(1) as executor:
         result = batch(
             folder,

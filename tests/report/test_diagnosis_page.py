@@ -96,7 +96,9 @@ def answer(found, kind=None, **rest):
         flagged = kind in ("partly_explained", "unknown")
         verdict = replace(found.verdict, kind=Kind(kind), causes=causes, unknown_cause=flagged)
         found = replace(found, verdict=verdict, moved={} if kind == "unknown" else found.moved)
-    return finite(to_dict(replace(found, budget=replace(found.budget, rest=replace(found.budget.unexplained, **rest)))))
+    return finite(
+        to_dict(replace(found, budget=replace(found.budget, unexplained=replace(found.budget.unexplained, **rest))))
+    )
 
 
 class Parts(HTMLParser):
@@ -279,7 +281,7 @@ def test_the_waterfall_falls_from_the_gap_to_the_rest(found, figures):
         left, width, text = drawn["viscous damping"]
         assert (left + width, width) == pytest.approx((1.0, share)) and text.startswith(f"{100 * share:.0f} %  (")
         assert drawn["unexplained"][:2] == pytest.approx((0.0, rest))
-    flagged = replace(found.budget, rest=replace(found.budget.unexplained, probability=0.9))
+    flagged = replace(found.budget, unexplained=replace(found.budget.unexplained, probability=0.9))
     some = (OneOf(("end_stop", "free_play", "mains_interference"), 0.9, 0.5 * rest),)
     drawn = bars(budget_figures.budget_figure(flagged, some).axes[0])
     assert list(drawn) == ["gap", "viscous damping", "unexplained", "of it one of: end stop\nor 2 others", "noise"]

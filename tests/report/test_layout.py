@@ -4,11 +4,11 @@ import shutil
 
 import numpy as np
 import pytest
-from bayes_iwan.report.batch.batch_run.batch_page import write_batch_page
-from bayes_iwan.report.batch.batch_run.specimens import Finished, Quantity, summarised
 
 import bayes_iwan as bi
 from bayes_iwan.report import identification_report
+from bayes_iwan.report.batch.batch_page import write_batch_page
+from bayes_iwan.report.batch.specimens import Finished, Quantity, summarised
 from bayes_iwan.report.browser import BrowserError, find_browser, print_pdf
 from bayes_iwan.report.inspection.inspect_page import inspect_to
 from bayes_iwan.report.page import Page

@@ -102,7 +102,7 @@ def test_a_page_s_files_come_from_both_processes(tmp_path, figure_files):
 def test_no_label_is_cut_off_in_the_files():
     figure, axes = subplots(1, 1, 4, 2)
     axes[0, 0].barh([0, 1], [0.2, 0.9])
-    axes[0, 0].set_yticks([0, 1], ["unknown: the rest has a cause", "none: the model suffices"])
+    axes[0, 0].set_yticks([0, 1], ["unknown: something else is there", "none: the model suffices"])
     order = Order("bars", "bars", True, ("png",))
     renderer = Renderer()
     renderer.order(order, figure)

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bayes_iwan.report.batch.batch_run.batch_page import write_batch_page
 from matplotlib.figure import Figure
 
 from bayes_iwan import cli
@@ -19,6 +18,7 @@ from bayes_iwan.comparison.loo import Loo
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.report import comparison_report
+from bayes_iwan.report.batch.batch_page import write_batch_page
 from bayes_iwan.report.batch.batch_run import batch_run, specimens
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.provenance import of_folder

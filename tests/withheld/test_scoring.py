@@ -45,7 +45,7 @@ def answer(*causes, rest=False, none=0.0, unknown=0.1, **more):
     return {
         "schema": 2,
         "verdict": {"kind": kind, "causes": list(causes), "unknown_cause": rest},
-        "rest": {"share": 0.2, "interval": [0.1, 0.3], "where": ""},
+        "unexplained": {"share": 0.2, "interval": [0.1, 0.3], "where": ""},
         "probabilities": {"none": none, "unknown_cause": 0.9 if rest else unknown, **p, **more},
     }
 

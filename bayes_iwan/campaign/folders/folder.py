@@ -126,6 +126,13 @@ class Campaign:
         return loops if points == POINTS else averaged(points)
 
 
+def folder_of(campaign: Campaign | str | os.PathLike[str] | object | None) -> Path | None:
+    """The folder that data came from; None where they came from none."""
+    if isinstance(campaign, Campaign):
+        return campaign.path
+    return Path(campaign) if isinstance(campaign, str | os.PathLike) else None
+
+
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     """Read and check a campaign folder.
 
@@ -334,7 +341,7 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
     rate = channels.sample_rate_hz
     time_name = channels.time or "time_s"
     if not channels.clock:
-        time = _cycles_as_time(file, _column(names, table, channels.displacement or "", DISPLACEMENTS, file), test)
+        time = cycles_as_time(file, _column(names, table, channels.displacement or "", DISPLACEMENTS, file))
     elif time_name in names:
         time = _column(names, table, time_name, {"s": TIMES}, file)
     elif channels.time is None and rate is not None:
@@ -370,7 +377,7 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
     )
 
 
-def _cycles_as_time(file: str, displacement: Array, test: _Test) -> Array:
+def cycles_as_time(file: str, displacement: Array) -> Array:
     """Row numbers over the rows of a cycle: without a clock the cycle is the unit of time."""
     rows = np.arange(len(displacement), dtype=float)
     if len(rows) < 2 * FEWEST_PER_CYCLE:

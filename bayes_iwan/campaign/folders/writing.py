@@ -74,14 +74,20 @@ def write_campaign(
         raise CampaignError(f"{folder}: all tests of a campaign have one unit of displacement and one of force")
     motion, force = MOTION_COLUMNS[units.displacement], FORCE_COLUMNS[units.force]
     channels: dict[str, str | float] = {"displacement": motion, "force": force}
-    if sample_rate_hz is not None:
+    if not tests[0].clock:
+        channels["clock"] = "none"
+    elif sample_rate_hz is not None:
         channels["sample_rate_hz"] = float(sample_rate_hz)
     write_folder(
         folder,
         specimen={"name": name, "description": description, "source": source, "licence": licence},
         channels=channels,
         tests=[
-            (stated(test), {"time_s": test.time_s, motion: test.displacement_mm, force: test.force_N}) for test in tests
+            (
+                stated(test),
+                ({"time_s": test.time_s} if test.clock else {}) | {motion: test.displacement_mm, force: test.force_N},
+            )
+            for test in tests
         ],
         compress=compress,
     )
@@ -91,7 +97,7 @@ def stated(test: Record) -> dict[str, str | float]:
     """What campaign.toml says of a record in its [[test]] table."""
     out: dict[str, str | float] = {
         "file": test.file,
-        "frequency_hz": float(test.frequency_hz),
+        **({"frequency_hz": float(test.frequency_hz)} if test.clock else {}),
         f"amplitude_{test.units.displacement}": float(test.amplitude_mm),
     }
     if test.role != "fit":

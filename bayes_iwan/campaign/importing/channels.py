@@ -118,7 +118,7 @@ def assign(recording: Recording, recipe: Recipe) -> Assigned | list[Question]:
     if "time" in recipe.channels and recipe.channels["time"].lower() != NO_TIME:
         time = _ask(recording, "time", recipe.channels["time"])
         times = [time, time]
-    elif "time" not in recipe.channels:
+    elif "time" not in recipe.channels and recipe.clock:
         used = [c for c in found.values()]
         for k, one in enumerate(both):
             here = _times(recording, one, used) if one else []

@@ -1,6 +1,6 @@
 """What a user says of the files: channels, units, sensitivities, signs, layout. From a TOML file, or built in Python.
 
-sample_rate_hz = 1280                    # where the files do not say it
+sample_rate_hz = 1280                    # where the files do not say it; "none" where rows have no clock
 reverse = ["force"]                      # roles whose sign is turned round
 [channels]                               # time, displacement or acceleration, force
 acceleration = "ai0"                     # name in the file, or its number counted from 1
@@ -34,6 +34,7 @@ from bayes_iwan.campaign.importing.unit_texts import ROLES
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.stated import only, read_toml
 
+NO_CLOCK = "none"  # in the place of a sample rate
 SPECIMEN = ("name", "description", "source", "licence")
 
 
@@ -41,6 +42,7 @@ SPECIMEN = ("name", "description", "source", "licence")
 class Recipe:
     """How recordings become tests; whatever is open is taken from the files or found in them.
 
+    sample_rate_hz : "none" for rows without a clock, as of quasi-static tests.
     channels, units, sensitivities, gains : by role (time, displacement, acceleration, force). reverse : roles.
     specimen : name, description, source, licence.
     """
@@ -50,7 +52,7 @@ class Recipe:
     sensitivities: Mapping[str, str] = field(default_factory=dict)
     gains: Mapping[str, float] = field(default_factory=dict)
     reverse: tuple[str, ...] = ()
-    sample_rate_hz: float | None = None
+    sample_rate_hz: float | str | None = None
     layout: Layout = field(default_factory=Layout)
     specimen: Mapping[str, str] = field(default_factory=dict)
 
@@ -65,8 +67,20 @@ class Recipe:
             if not isinstance(gain, int | float) or isinstance(gain, bool) or not abs(gain) > 0:
                 raise CampaignError(f"import: the gain of {role} must be a number other than 0, not {shown(gain)}")
         rate = self.sample_rate_hz
-        if rate is not None and (not isinstance(rate, int | float) or isinstance(rate, bool) or not rate > 0):
-            raise CampaignError(f"import: the sample rate must be a positive number, not {shown(rate)}")
+        if rate not in (None, NO_CLOCK) and (
+            not isinstance(rate, int | float) or isinstance(rate, bool) or not rate > 0
+        ):
+            raise CampaignError(f'import: the sample rate must be a positive number or "none", not {shown(rate)}')
+
+    @property
+    def clock(self) -> bool:
+        """Have the rows a clock?"""
+        return self.sample_rate_hz != NO_CLOCK
+
+    @property
+    def rate_hz(self) -> float | None:
+        """The sample rate, where one is stated."""
+        return float(self.sample_rate_hz) if isinstance(self.sample_rate_hz, int | float) else None
 
     def over(self, other: Recipe) -> Recipe:
         """This recipe, with what it leaves open taken from another."""

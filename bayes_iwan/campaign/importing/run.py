@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ, cycles_as_time
 from bayes_iwan.campaign.folders.writing import FORCE_COLUMNS, MOTION_COLUMNS, stated, write_folder
 from bayes_iwan.campaign.importing.channels import NO_TIME, TRANSDUCER, Assigned, assign, matching, named
 from bayes_iwan.campaign.importing.clocks import Series, counted_on, paired, runs
@@ -37,7 +38,15 @@ ACCELERATION_COLUMNS = {"mm": "acceleration_m_s2", "mrad": "acceleration_rad_s2"
 NO_FREQUENCY_HZ = 1e-9
 #: digits of what campaign.toml states; it names the test, so that 0.9962 and 1.003 mm belong together as 1 mm
 FREQUENCY_DIGITS, AMPLITUDE_DIGITS = 4, 2
-_RATE = Question("--sample-rate", "", "HZ", "There is neither a time channel (--time NAME) nor a sample rate.")
+_RATE = Question(
+    "--sample-rate", "", "HZ",
+    "There is neither a time channel (--time NAME) nor a sample rate (none where rows have no clock, as of a "
+    "quasi-static test).",
+)  # fmt: skip
+_ROWS = (
+    "The time {!r} goes up by one a row: is that a clock of 1 Hz (1), or a count of rows, which no frequency is read "
+    "from (none)?"
+)
 
 
 @dataclass(frozen=True)
@@ -53,11 +62,11 @@ class ImportedTest:
     @property
     def motion(self) -> str:
         """Name of the motion's column."""
-        return list(self.columns)[1]
+        return list(self.columns)[-2]
 
     @property
     def force(self) -> str:
-        return list(self.columns)[2]
+        return list(self.columns)[-1]
 
 
 def import_tests(
@@ -154,7 +163,9 @@ def write_tests(
         tests[0].motion.partition("_")[0].replace("angle", "displacement"): tests[0].motion,
         "force": tests[0].force,
     }
-    if len(rates) == 1 and None not in rates:
+    if not tests[0].record.clock:
+        channels["clock"] = "none"
+    elif len(rates) == 1 and None not in rates:
         channels["sample_rate_hz"] = float(rates.pop() or 0.0)
     write_folder(
         folder,
@@ -249,6 +260,8 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             return [_RATE]
         if time is not None and channel.rate_hz is None:
             steps = np.diff(time.values)
+            if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
+                return [Question("--sample-rate", "", "1 or none", _ROWS.format(time.name))]
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
                 return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
     return []
@@ -300,10 +313,14 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     units = Units("mrad" if in_units[0] in ("mrad", "rad/s²") else "mm", in_units[1])
     file = _file_name(recording)
     check_time(file, time_s, rate, NO_FREQUENCY_HZ)  # check_record counts the samples a cycle
-    warnings += step_warnings(time_s)
+    warnings += step_warnings(time_s) if recipe.clock else ()
     column = MOTION_COLUMNS[units.displacement] if split or found.role == "displacement" else ""
     acceleration = motion_values
     if found.role == "acceleration":
+        if not recipe.clock:
+            raise CampaignError(
+                f"{where}: {found.motion.name!r} is an acceleration, which needs times: --sample-rate HZ"
+            )
         motion_values, more_warnings = displacement_from_acceleration(file, time_s, acceleration)
         warnings += more_warnings
     level = motion_values
@@ -311,10 +328,10 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         level, drift = without_drift(time_s, motion_values)
         if split and drift:  # levels are found by crossings, which a drift moves; else it is for who reads the campaign
             motion_values, warnings = level, (*warnings, *drift)
-    record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units)
+    record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units, recipe.clock)
     drive = None if split else assess_drive(time_s, level)
     if drive is not None and drive.kind == "levels":
-        text = f"It is {staircase_said(drive)}, which would look like one specimen that changes: make a test of each."
+        text = f"It is {staircase_said(drive, recipe.clock)}, which would look like one specimen that changes: make a test of each."
         raise ImportAsks(where, [Question("--split", "", "", text)])
     pieces, dropped = split_levels(record) if split else ((record,), ())
     out: list[ImportedTest] = []
@@ -328,13 +345,13 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
             dropped = (*dropped, f"dropped: {error}")
             continue
         columns = {
-            "time_s": named.time_s,
+            **({"time_s": named.time_s} if recipe.clock else {}),
             column or ACCELERATION_COLUMNS[units.displacement]: named.displacement_mm if column else acceleration,
             FORCE_COLUMNS[units.force]: named.force_N,
         }
         line = (
-            f"found{f' in {checked.file}' if len(pieces) > 1 else ''}: {loop.frequency_hz:.4g} Hz, "
-            f"{loop.amplitude_mm:.4g} {units.displacement}, {loop.n_cycles} steady cycles, force RMS "
+            f"found{f' in {checked.file}' if len(pieces) > 1 else ''}: "
+            f"{f'{loop.frequency_hz:.4g} Hz, ' if recipe.clock else ''}{loop.amplitude_mm:.4g} {units.displacement}, {loop.n_cycles} steady cycles, force RMS "
             f"{loop.force_N.std():.4g} {units.force}"
         )
         out.append(ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line)))
@@ -353,10 +370,12 @@ def _alike(a: Channel, b: Channel) -> bool:
 def _named(record: Record) -> Record:
     """The record with the frequency and amplitude that it shows, rounded to what names a test."""
     level, _ = without_drift(record.time_s, record.displacement_mm)
+    if not record.clock:
+        record = replace(record, time_s=cycles_as_time(record.file, level))
     found = average(replace(record, displacement_mm=level), n_phase=64, n_harmonics=8, n_blocks=1)
     return replace(
         record,
-        frequency_hz=float(f"{found.frequency_hz:.{FREQUENCY_DIGITS}g}"),
+        frequency_hz=float(f"{found.frequency_hz:.{FREQUENCY_DIGITS}g}") if record.clock else WITHOUT_CLOCK_HZ,
         amplitude_mm=float(f"{found.amplitude_mm:.{AMPLITUDE_DIGITS}g}"),
     )
 

@@ -38,7 +38,13 @@ def times_of(
 ) -> tuple[Array, float | None, list[str]]:
     """A channel's times in s, the sample rate if there is one, and lines that say where they come from."""
     where, n = recording.where, channel.values.size
-    asked, from_file = recipe.sample_rate_hz, channel.rate_hz or recording.rate_hz
+    if not recipe.clock:
+        return (
+            np.arange(n, dtype=float),
+            None,
+            ["time: none; a cycle is the unit of time, and nothing says a frequency"],
+        )
+    asked, from_file = recipe.rate_hz, channel.rate_hz or recording.rate_hz
     if clock is None:
         if asked is not None and from_file is not None and abs(asked / from_file - 1) > SAME_RATE:
             raise CampaignError(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.fft import next_fast_len
@@ -178,6 +177,8 @@ class Loop:
         (n_blocks, H + 1).
     record
         the test as recorded.
+    corners
+        whether the drive turns or stops at once.
 
     References
     ----------
@@ -215,18 +216,17 @@ class Loop:
     record: Record
     cut: Cut
     averager: Averager
+    corners: bool = False
 
     __repr__ = brief
 
-    @cached_property
+    @property
     def corners_gap(self) -> float:
         """Share of the friction force that filtered channels may make a model miss, the drive turning or stopping at
         once; 0 where it does not, or is sampled so fast that it does no harm."""
         used = self.averager.index
         share = CORNERS_GAP * min(1.0, CORNERS_SAMPLES * self.n_cycles / used.size)
-        if share < LEAST_GAP or not has_corners(self.averager.phase, self.record.displacement_mm[used], self.n_cycles):
-            return 0.0
-        return share
+        return share if self.corners and share >= LEAST_GAP else 0.0
 
     def fold(self, signal: Array) -> np.ndarray:
         """(n_blocks, H + 1) complex: any (n,) signal on the record's samples, averaged as the force was."""
@@ -256,10 +256,11 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
 
     u_blocks, f_blocks = averager.solve([u, force])
     inflation = np.sqrt(averager.inflation())
-    u_noise = harmonic_noise(_residual(averager, u, u_blocks[-1]), n_cycles, resolved) * inflation[-1]
+    u_noise = harmonic_noise(_whole(cut, _residual(averager, u, u_blocks[-1])), n_cycles, resolved) * inflation[-1]
     residual = _residual(averager, force, f_blocks[-1])
     trends = 3 if n_cycles >= MANY_CYCLES else 1 if n_cycles >= SOME_CYCLES else 0
-    noise = harmonic_noise(_without_trends(averager, residual, trends), n_cycles, resolved, trends) * inflation[-1]
+    free = _whole(cut, _without_trends(averager, residual, trends))
+    noise = harmonic_noise(free, n_cycles, resolved, trends) * inflation[-1]
     shares = np.diff(averager.starts) / index.size
     block_noise = noise * inflation[:-1] / inflation[-1] / np.sqrt(shares[:, None])
 
@@ -267,8 +268,11 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
 
     d = u_blocks[-1].copy()
     weights, cornered = _motion_weights(np.abs(d[1 : resolved + 1]), u_noise[1:])
+    size = np.abs(d[1 : resolved + 1])
+    may = cornered or has_corners(size, np.zeros(resolved))  # of which noise may be the cause: kinks are tested on it
+    kinked = cornered_motion(averager.phase, u[index], n_cycles) if may else None
     d[1 : resolved + 1] *= weights
-    kinked = cornered_motion(averager.phase, u[index], n_cycles) if cornered else None
+    corners = kinked is not None or has_corners(size, u_noise[1:])
     shift, amplitude = _crossing(d)
     offset = float(d[0].real)
     averager = replace(averager, shift=shift)
@@ -306,6 +310,7 @@ def average(record: Record, n_phase: int = 128, n_harmonics: int = 50, n_blocks:
         record=record,
         cut=cut,
         averager=averager,
+        corners=corners,
     )
 
 
@@ -361,6 +366,14 @@ def _crossing(d: np.ndarray) -> tuple[float, float]:
 
 def _residual(averager: Averager, signal: Array, harmonics: np.ndarray) -> Array:
     return signal[averager.index] - evaluate(harmonics[: averager.n_resolved + 1], averager.phase)
+
+
+def _whole(cut: Cut, residual: Array) -> Array:
+    """A residual with zeros for what the first cycle lacks, of the same power, since its spectrum is one of whole
+    cycles."""
+    lacking = int(np.count_nonzero((cut.phase >= 0.0) & (cut.phase < cut.late)))
+    whole = residual.size + lacking
+    return np.concatenate([np.zeros(lacking), residual * np.sqrt(whole / residual.size)]) if lacking else residual
 
 
 def _without_trends(averager: Averager, residual: Array, trends: int) -> Array:

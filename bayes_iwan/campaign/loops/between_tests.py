@@ -15,6 +15,7 @@ from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.loops.clipping import limits_of_loops, said_of
 from bayes_iwan.campaign.loops.drift import level_means
 from bayes_iwan.campaign.recording.records import CampaignError, Record
+from bayes_iwan.campaign.timing.groups import SAME
 
 UNIT_MARGIN = 5.0  # two forces further apart than amplitude, frequency and load explain: a unit or gain error
 FEWEST = 4  # tests from which one can be distinguished from the others
@@ -41,13 +42,15 @@ def compared(
 
 
 def _odd_angles(loops: Sequence[Loop]) -> list[list[str]]:
-    """A delay in one test: its loss angle is off the plane in log amplitude and frequency through the others."""
+    """A delay in one test: its loss angle is off the plane in log amplitude and frequency through the others, and
+    outside of what its neighbours in amplitude span, since friction's angle changes with amplitude."""
     n = len(loops)
     out: list[list[str]] = [[] for _ in loops]
     if n < FEWEST:
         return out
     angle = np.array([_angle(loop) for loop in loops])
-    x = np.array([[math.log(loop.amplitude_mm), loop.frequency_hz] for loop in loops])
+    size = np.log([loop.amplitude_mm for loop in loops])
+    x = np.column_stack([size, [loop.frequency_hz for loop in loops]])
     x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-9)
     worst, excess, off = -1, 0.0, 0.0
     for k in range(n):
@@ -58,6 +61,7 @@ def _odd_angles(loops: Sequence[Loop]) -> list[list[str]]:
         found = np.linalg.solve(normal, design.T @ angle[others])
         here = float(angle[k] - found @ np.concatenate([[1.0], x[k]]))
         over = abs(here) - ODD_ANGLE - 2 * float(np.abs(angle[others] - design @ found).max())
+        over = min(over, _outside(k, size, angle))
         if over > excess:
             worst, excess, off = k, over, here
     if worst >= 0:
@@ -68,6 +72,29 @@ def _odd_angles(loops: Sequence[Loop]) -> list[list[str]]:
             "of this test is delayed? Its damping would be wrong by as much; record it again or shift the column"
         )
     return out
+
+
+def _outside(k: int, size: Array, angle: Array) -> float:
+    """Degrees by which a test's angle is outside of what its neighbours in log amplitude span; at the end of the
+    amplitudes, of what these and a line through the next ones span, less ODD_ANGLE for its curvature."""
+    off = size - size[k]
+    sides = []
+    for side in (1.0, -1.0):
+        there = np.flatnonzero((side * off > -SAME) & (np.arange(size.size) != k))
+        if there.size:
+            near = float(np.min(side * off[there]))
+            sides.append(there[side * off[there] < near + SAME])
+    known = angle[np.concatenate(sides)]
+    slack = 0.0
+    if len(sides) == 1:
+        first, others = sides[0], np.delete(np.arange(size.size), [k, *sides[0]])
+        at = float(np.mean(size[first]))
+        slack = ODD_ANGLE
+        if others.size:
+            second = others[np.argmin(np.abs(size[others] - at))]
+            slope = (angle[second] - np.mean(angle[first])) / (size[second] - at)
+            known = np.append(known, np.mean(angle[first]) + slope * (size[k] - at))
+    return float(max(angle[k] - known.max(), known.min() - angle[k])) - slack
 
 
 def _late(loop: Loop, degrees: float) -> str:

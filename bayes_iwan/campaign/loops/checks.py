@@ -99,7 +99,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
     Returns the record with its warnings completed, and its loop for what tests say of each other.
     """
     record, line_mm = without_line(record)
-    refuse_unsteady(record.file, assess_drive(record.time_s, record.displacement_mm))
+    refuse_unsteady(record.file, assess_drive(record.time_s, record.displacement_mm), record.clock)
     loop = average(record, n_blocks=1)
     record, drifts = level_record(record, loop, line_mm)
     loop = average(record, n_blocks=1) if record is not loop.record else loop
@@ -148,6 +148,11 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         notes.append(
             f"{loop.cut.run_in} run-in cycle(s) omitted at the start, which would pass for other slip forces; nothing "
             "is to be done"
+        )
+    if loop.cut.late:
+        notes.append(
+            "until its first turn the force still shows what was before (standstill, or another level): these "
+            f"{loop.cut.late:.2g} cycle(s) are omitted. Record more cycles"
         )
     if loop.cut.run_out:
         notes.append(

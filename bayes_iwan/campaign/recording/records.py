@@ -9,11 +9,12 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.units import Units
+from bayes_iwan.errors import InputError
 
 ROLES = ("fit", "held-out")
 
 
-class CampaignError(ValueError):
+class CampaignError(InputError):
     """The campaign cannot be used as it stands; the message names the file and the fix."""
 
 

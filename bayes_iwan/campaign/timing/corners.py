@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.timing.harmonics import evaluate, fit
+from bayes_iwan.campaign.timing.harmonics import evaluate
 
 SMOOTH_HARMONICS = 8  # beside the kinks
 MOST_KINKS = 6
@@ -24,6 +24,7 @@ BINS = 512  # of phase, that samples are gathered in
 #: a drive has corners if harmonics above this, without the strongest, hold more of its squared velocity than this
 CORNERED = 5, 0.015
 MOST_HARMONICS = 24
+SIGMAS = 3.0  # of chance, that corners must stand out of
 #: share of the friction force by which sound channels, which filter what turns at once, make a model miss such a drive:
 #: so much up to so many samples a cycle, less in proportion above. Sound specimens under triangles and trapezoids show
 #: up to 4 % (tests/diagnosis/test_drive_faults.py). Below LEAST nothing is said
@@ -56,17 +57,19 @@ class CorneredMotion:
         return float(np.ptp(self.value(phase)) / 2)
 
 
-def has_corners(phase: Array, displacement: Array, n_cycles: int) -> bool:
-    """Does a motion turn or stop at once, as a triangle's or a trapezoid's? (n,) samples at (n,) phases in cycles.
+def has_corners(size: Array, noise: Array) -> bool:
+    """Does a motion turn or stop at once, as a triangle's or a trapezoid's? (n,) sizes of harmonics 1 ... n and the
+    standard errors of their parts.
 
     Corners leave many harmonics of the velocity that fall off slowly; one strong harmonic is a distorted sine.
     """
-    count = int(min(MOST_HARMONICS, 0.45 * phase.size / n_cycles))
-    size = np.abs(fit(phase, displacement, count)[1:])
-    power = (np.arange(1, count + 1) * size) ** 2
+    rate = np.arange(1, size[:MOST_HARMONICS].size + 1) ** 2
+    chance = 2 * rate * noise[: rate.size] ** 2  # what noise alone makes of each, on average and in standard deviation
+    power = rate * size[: rate.size] ** 2 - chance
     order, share = CORNERED
     beyond = power[order:]
-    return bool(beyond.sum() - beyond.max(initial=0.0) > share * power.sum())
+    error = float(np.linalg.norm(chance[order:]))
+    return bool(beyond.sum() - beyond.max(initial=0.0) > share * power.sum() + SIGMAS * error)
 
 
 def cornered_motion(phase: Array, displacement: Array, n_cycles: int) -> CorneredMotion | None:
@@ -94,28 +97,35 @@ def cornered_motion(phase: Array, displacement: Array, n_cycles: int) -> Cornere
         return np.asarray(remaining - c @ np.linalg.lstsq(c, remaining, rcond=1e-10)[0])
 
     candidates = columns(np.arange(CANDIDATES) / CANDIDATES)
-    limit = float(np.hypot(1.15 * noise, SHARP * np.std(displacement)))
-    places = np.empty(0)
-    for _ in range(MOST_KINKS):
+    sharp = SHARP * float(np.std(displacement))
+    own = max(float(np.hypot(noise, sharp)), 1e-300)
+    places, best, least = np.empty(0), np.empty(0), float(np.sum(remaining**2)) / own**2
+    for k in range(1, MOST_KINKS + 1):
         have = np.linalg.qr(columns(places))[0]
         free = candidates - have @ (have.T @ candidates)
         size = np.linalg.norm(free, axis=0)
         gain = np.abs(left(places) @ free) / np.where(size > 1e-2 * size.max(), size, np.inf)
         places = np.append(places, np.argmax(gain) / CANDIDATES)
         places = least_squares(left, places, x_scale=1e-3, max_nfev=15).x
-        if np.sqrt(np.mean(left(places) ** 2)) < limit:
-            kinks = _kink((x[:, None] - places) % 1.0) * weight[:, None]
-            found = np.linalg.lstsq(np.concatenate([smooth, kinks], axis=1), y, rcond=1e-10)[0]
-            h = SMOOTH_HARMONICS
-            harmonics = found[: h + 1].astype(complex)
-            harmonics[1:] -= 1j * found[h + 1 : 2 * h + 1]
-            sizes = found[2 * h + 1 :]
-            own = np.sort(places[np.abs(sizes) > 0.02 * np.abs(sizes).max()] % 1.0)
-            apart = np.diff(np.append(own, own[0] + 1.0)).min()
-            if apart * phase.size / n_cycles > CLOSEST:
-                return CorneredMotion(harmonics, places % 1.0, sizes)
-            return None  # several kinks to one corner: it is round, and harmonics say how
-    return None
+        # each kink is two numbers more: the Bayesian information criterion, of a noise that is known
+        cost = float(np.sum(left(places) ** 2)) / own**2 + 2 * k * np.log(x.size)
+        if cost < least:
+            best, least = places, cost
+        elif k > best.size + 1:
+            break
+    if not best.size or np.sqrt(np.mean(left(best) ** 2)) > np.hypot(1.15 * noise, sharp):
+        return None
+    kinks = _kink((x[:, None] - best) % 1.0) * weight[:, None]
+    found = np.linalg.lstsq(np.concatenate([smooth, kinks], axis=1), y, rcond=1e-10)[0]
+    h = SMOOTH_HARMONICS
+    harmonics = found[: h + 1].astype(complex)
+    harmonics[1:] -= 1j * found[h + 1 : 2 * h + 1]
+    sizes = found[2 * h + 1 :]
+    large = np.sort(best[np.abs(sizes) > 0.02 * np.abs(sizes).max()] % 1.0)
+    apart = np.diff(np.append(large, large[0] + 1.0)).min()
+    if apart * phase.size / n_cycles <= CLOSEST:
+        return None  # several kinks to one corner: it is round, and harmonics say how
+    return CorneredMotion(harmonics, best % 1.0, sizes)
 
 
 def _kink(x: Array) -> Array:

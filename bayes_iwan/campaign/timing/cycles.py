@@ -24,6 +24,8 @@ LONG_GAP = 0.1  # of a cycle: a longer hole in the record costs the cycle it fal
 RUN_IN_SHARE = 0.01  # of the loop's RMS: differences below this are never taken for run-in
 RUN_IN_SIGMAS = 6.0
 RUN_IN_JUMP = 2.5  # a first loop that moves this much more than the next ones is run-in; fade is smoother
+WHOLE_RUN_IN = 4  # cycles from which a first one that is off is omitted whole
+NEAR_TURN = 0.01  # of the stroke: nearer to its end the displacement has turned
 BETTER_PHASE = (0.8, 0.98)  # a free phase must shrink the residual RMS of displacement and force to these
 
 
@@ -37,6 +39,8 @@ class Cut:
     frequency_hz : mean frequency over the cycles kept.
     constant : True where one frequency describes all cycles, False where the phase follows each crossing.
     run_in, run_out : whole cycles omitted at the start and at the end.
+    late : phase of the first cycle kept before which no sample counts, where its force still shows what was before the
+        record began (standstill, another level) and there are too few cycles to omit it whole.
     gap_cycles : cycles lost to long gaps.
     """
 
@@ -47,11 +51,12 @@ class Cut:
     run_in: int
     run_out: int
     gap_cycles: int
+    late: float = 0.0
 
     @property
     def index(self) -> np.ndarray:
         """(n_kept,) indices of the samples in the cycles kept."""
-        return np.flatnonzero(np.isin(np.floor(self.phase), self.cycles))
+        return np.flatnonzero(np.isin(np.floor(self.phase), self.cycles) & (self.phase >= self.late))
 
 
 def crossings(
@@ -79,10 +84,11 @@ def crossings(
     if seen.size and (ends or len(times) < FEW_CROSSINGS):  # a record that was cut at a crossing
         step = float(np.median(np.diff(time)))
         first, last = slice(0, max(seen[0], 1) + 1), slice(min(seen[-1], time.size - 2), None)
-        if state[seen[0]] > 0 and v[0] <= v[1]:
+        # one step or so from the middle, and not on a plateau where the record happens to begin or end
+        if state[seen[0]] > 0 and 0 <= v[1] - v[0] >= (v[0] - limit) / AT_END:
             at = _zero(time[first], v[first], AT_END * step)
             times = [at, *times] if time[0] - AT_END * step < at <= time[0] + AT_END * step else times
-        if state[seen[-1]] < 0 and v[-1] >= v[-2]:
+        if state[seen[-1]] < 0 and 0 <= v[-1] - v[-2] >= (-v[-1] - limit) / AT_END:
             at = _zero(time[last], v[last], AT_END * step)
             times = [*times, at] if time[-1] - AT_END * step <= at < time[-1] + AT_END * step else times
     return np.array(times)
@@ -150,7 +156,7 @@ def _steady(displacement: Array, force: Array | None = None) -> tuple[int, int]:
     early = off[: (last - first) // 10]
     first += int(np.argmin(early > limit)) if not (early > limit).all() else early.size
     jump = np.linalg.norm(np.diff(force, axis=0), axis=1)
-    while last - first >= 4:
+    while last - first >= WHOLE_RUN_IN:
         later = float(np.median(jump[first + 1 : min(first + 6, last - 1)]))
         if jump[first] <= max(RUN_IN_SHARE * size, RUN_IN_JUMP * later):
             break
@@ -223,8 +229,7 @@ def cut_cycles(file: str, time_s: Array, displacement: Array, force: Array | Non
         smooth = 2 * int(per_cycle / 20) + 1 if noise > 0.2 * HYSTERESIS * half else 1
     free_phase = _both_strokes(time_s, level, times, numbers, phase, kept, middle, half)
     n_check = int(max(1, min(24, 0.4 * per_cycle)))
-    order = n_check if repeats is not None else min(n_check, 8)
-    steady_phase, frequency = _constant(time_s, signal, times, numbers, kept, order)
+    steady_phase, frequency = _constant(time_s, signal, times, numbers, kept, n_check)
     constant = (
         repeats is not None
         or force is None
@@ -245,7 +250,25 @@ def cut_cycles(file: str, time_s: Array, displacement: Array, force: Array | Non
         run_in=first,
         run_out=int(cycles.size - last),
         gap_cycles=holes,
+        late=0.0 if force is None or kept.size >= WHOLE_RUN_IN else _late(phase - kept[0], displacement, force),
     )
+
+
+def _late(phase: Array, displacement: Array, force: Array) -> float:
+    """Where in the first cycle (phase 0 to 1) a record's past ends: at its first turn, if the force until there is off
+    the next cycle's by far more than after it; 0 where it is not."""
+    first = np.flatnonzero((phase >= 0) & (phase < 1))
+    u = displacement[first]
+    near = NEAR_TURN * float(np.ptp(u))
+    turn = first[min(int(np.argmax(u >= u.max() - near)), int(np.argmax(u <= u.min() + near)))]
+    off = np.interp(phase[first] + 1, phase, force) - force[first]
+    off -= np.median(off)
+    before = first < turn
+    if before.sum() < 2 or before.sum() > 0.75 * first.size:
+        return 0.0
+    early, later = (float(np.sqrt(np.mean(off[x] ** 2))) for x in (before, ~before))
+    own = float(np.std(force[first]))
+    return float(phase[turn]) if early > max(RUN_IN_SHARE * own, RUN_IN_JUMP * later) else 0.0
 
 
 def _too_few(file: str, whole: int, run_in: int, run_out: int, holes: int) -> CampaignError:

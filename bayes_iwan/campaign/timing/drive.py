@@ -159,18 +159,18 @@ def _kind(y: Array, levels: list[tuple[int, int]]) -> str:
     return "unsteady"
 
 
-def refuse_unsteady(file: str, drive: Drive | None) -> None:
+def refuse_unsteady(file: str, drive: Drive | None, clock: bool = True) -> None:
     """Raise CampaignError where the drive makes several tests, or none, of one record."""
     if drive is None or drive.kind == "steady":
         return
     if drive.kind == "levels":
         raise CampaignError(
-            f"{file}: {staircase_said(drive)}; averaged as one test these would look like a specimen that changes. "
+            f"{file}: {staircase_said(drive, clock)}; averaged as one test these would look like a specimen that changes. "
             f'Split them: bayes-iwan import "{file}" --split --out "{file.partition(".")[0]}-tests"'
         )
     for name, unit, values in (("frequency", "Hz", drive.frequency_hz), ("amplitude", "mm", drive.amplitude_mm)):
         low, high = np.percentile(values, [3, 97])
-        if high / low - 1 <= SMOOTH:
+        if high / low - 1 <= SMOOTH or (name == "frequency" and not clock):
             continue
         end = max(2, values.size // 20)
         first, last = float(np.median(values[:end])), float(np.median(values[-end:]))
@@ -185,11 +185,11 @@ def refuse_unsteady(file: str, drive: Drive | None) -> None:
         )
 
 
-def staircase_said(drive: Drive) -> str:
-    """A staircase in words: how many steps, and of what."""
+def staircase_said(drive: Drive, clock: bool = True) -> str:
+    """A staircase in words: how many steps, and of what; no frequency without a clock."""
     pieces = drive.levels
     frequencies, amplitudes = ([getattr(p, key) for p in pieces] for key in ("frequency_hz", "amplitude_mm"))
-    by_amplitude = max(amplitudes) / min(amplitudes) > max(frequencies) / min(frequencies)
+    by_amplitude = not clock or max(amplitudes) / min(amplitudes) > max(frequencies) / min(frequencies)
     values, unit = (amplitudes, "mm") if by_amplitude else (frequencies, "Hz")
     shown = ", ".join(f"{v:.3g}" for v in values[:8]) + (" ..." if len(values) > 8 else "")
     return f"a staircase of {len(pieces)} levels ({shown} {unit}) in one record"
@@ -212,7 +212,7 @@ def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
     if drive is None or drive.kind == "steady":
         return (record,), ()
     if drive.kind != "levels":
-        refuse_unsteady(record.file, drive)
+        refuse_unsteady(record.file, drive, record.clock)
         return (record,), ()
     out: list[Record] = []
     stem = record.file.removesuffix(".gz").removesuffix(".csv")
@@ -238,18 +238,18 @@ def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
 def _omitted(record: Record, drive: Drive) -> list[str]:
     """What stands between the levels of a staircase, and before and after them."""
     ends = [0, *(x for level in drive.levels for x in (level.first, level.last)), drive.start_s.size - 1]
-    said = []
+    said, unit = [], "s" if record.clock else "rows"
     for a, b in zip(ends[::2], ends[1::2]):
         if b > a:
             sizes = ", ".join(f"{x:.3g}" for x in drive.amplitude_mm[a : min(b, a + 4)])
             said.append(
-                f"dropped: {b - a} cycle(s) from {drive.start_s[a]:.4g} to {drive.start_s[b]:.4g} s ({sizes} mm): no "
+                f"dropped: {b - a} cycle(s) from {drive.start_s[a]:.4g} to {drive.start_s[b]:.4g} {unit} ({sizes} mm): no "
                 f"level that is held for {SHORT[0]} cycles"
             )
     longest = 2.0 / float(np.min(drive.frequency_hz))
     for a, b in ((record.time_s[0], drive.start_s[0]), (drive.start_s[-1], record.time_s[-1])):
         if b - a > longest:
             said.append(
-                f"dropped: {a:.4g} to {b:.4g} s: no cycle of more than {SMALLEST_SPLIT:.0%} of the largest stroke"
+                f"dropped: {a:.4g} to {b:.4g} {unit}: no cycle of more than {SMALLEST_SPLIT:.0%} of the largest stroke"
             )
     return said

@@ -11,10 +11,11 @@ from bayes_iwan.diagnosis.answer.saved_fits import write_fits
 from bayes_iwan.diagnosis.answer.sentences import colour, not_excluded, remedy, sentences
 from bayes_iwan.diagnosis.answer.wording import physics_of_pattern
 from bayes_iwan.diagnosis.assessment.budget import Cause, Share
-from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_folder
+from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
 from bayes_iwan.diagnosis.fits.gap_size import ceiling_N, shrink
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.files import finite, write_json
+from bayes_iwan.models.user_file import file_of
 
 SCHEMA = 3
 #: where no test can be held out, the three gaps of an effect are of these
@@ -182,18 +183,19 @@ def _about(effect: Effect) -> dict[str, Any]:
     }
 
 
-def write_answer(
-    d: Diagnosis, out: Path, effects_file: str | Path | None = None, simulator_file: str | Path | None = None
-) -> dict[str, Any]:
-    """Write `diagnosis.json` and `fits.json`; returns what the first holds."""
+def write_answer(d: Diagnosis, out: Path) -> dict[str, Any]:
+    """Write `diagnosis.json` and `fits.json`; returns what the first holds. What was fitted with effects or a simulator
+    that were no file's cannot be read back from `fits.json`."""
     answer = finite(to_dict(d))
     named = {k: f for k, f in d.found.in_newtons.items() if k <= set(d.verdict.names)}
-    files = (None if f is None else str(Path(f).resolve()) for f in (effects_file, simulator_file))
-    write_fits(out / "fits.json", named, d.search.scales, d.settings, *files)
+    kinds = [type(e) for some in d.search.effects.values() for e in some]
+    effects = next((str(f) for f in map(file_of, kinds) if f is not None), None)
+    model = file_of(type(d.search.base.problem.model))
+    write_fits(out / "fits.json", named, d.search.scales, d.settings, effects, None if model is None else str(model))
     write_json(out / "diagnosis.json", answer)
     return answer
 
 
 def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, Any]:
     """Diagnose and write `diagnosis.json` and `fits.json` only: what the withheld protocol asks for."""
-    return write_answer(diagnose_folder(campaign, seed=seed, quick=quick), Path(out))
+    return write_answer(diagnose_campaign(campaign, seed=seed, quick=quick), Path(out))

@@ -24,6 +24,7 @@ from bayes_iwan.effects.base import Effect, EffectError
 from bayes_iwan.effects.catalogue import UNLISTED, ordered, variants
 from bayes_iwan.effects.conditions import FollowsCondition
 from bayes_iwan.effects.own_effects import load_effects
+from bayes_iwan.errors import InputError
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.setup.config import diagnose_settings_of
 from bayes_iwan.inference.setup.loop_scales import Scales
@@ -39,7 +40,7 @@ LOOPS = {"n_phase": 64, "n_harmonics": 20, "n_blocks": 4}
 #: what a damaged file raises on the way to its fits
 
 
-class SavedFitsError(ValueError):
+class SavedFitsError(InputError):
     """`fits.json` that cannot be read or used; the message names the file and what is wrong."""
 
 

@@ -33,6 +33,7 @@ from bayes_iwan.diagnosis.fits.discrepancy_size import (
 )
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.effects.base import Effect
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.inference.setup.problem import Problem, iwan_model, make_problem
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings, LikelihoodSettings, ParameterChange
@@ -58,7 +59,7 @@ _FIXED_NOISE = {
 }
 
 
-class FitError(ValueError):
+class FitError(InputError):
     """A model that has no finite force for these tests."""
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from bayes_iwan import former_names
 from bayes_iwan.arrays import Array
+from bayes_iwan.errors import InputError
 from bayes_iwan.files import write_whole
 from bayes_iwan.fitting.genetic import GlobalOptimum
 from bayes_iwan.inference.results.posterior import Posterior
@@ -39,7 +40,7 @@ PREDICTIVE_DRAWS = 200
 POINTWISE_DRAWS = 1000
 
 
-class ResultsError(ValueError):
+class ResultsError(InputError):
     """A folder of results that cannot be read back; the message says why."""
 
 

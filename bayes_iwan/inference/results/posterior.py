@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Campaign, Loop
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency, held_out_frequencies
 from bayes_iwan.inference.results.predictions import Prediction, ResidualSize, predicted_at, replicated, residual_size
 from bayes_iwan.inference.results.reach import extrapolated
@@ -119,8 +120,7 @@ class Posterior:
             low, middle, high = np.quantile(values[p.name], [0.05, 0.5, 0.95])
             rows.append(f"{units.name(p.name):22s} {middle:10.4g}  ({low:.4g} to {high:.4g}) {p.unit}")
         residual = self.residual_size()
-        share = f"{100 * residual.share:.2g} % of the friction force"
-        return [*rows, f"{'residual':22s} {residual.rms_N:10.3g} {units.force} RMS, {share}"]
+        return [*rows, f"{'gap':22s} {residual.gap_N:10.3g} {units.force} RMS, {residual}"]
 
     @property
     def quick(self) -> bool:
@@ -266,7 +266,7 @@ class Posterior:
         Returns
         -------
         ResidualSize
-            RMS of measured − predicted in N, and its share of the RMS friction force.
+            RMS of measured − predicted in N, and its share of the RMS friction force; both beyond noise, too.
         """
         return residual_size(self.problem, self.flat_z(n))
 
@@ -335,7 +335,7 @@ class Posterior:
         force = self.problem.predict(z, motion)
         if replicate:
             if loops is not None and tuple(x.file for x in loops) != tuple(x.file for x in self.problem.loops):
-                raise ValueError("replicates are drawn for the fitted tests only: the noise model knows no others")
+                raise InputError("replicates are drawn for the fitted tests only: the noise model knows no others")
             rng = np.random.default_rng(self.seed) if rng is None else rng
             force = replicated(self.problem, force, parameter_values, rng)
         if friction:

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from bayes_iwan import former_names
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.setup.settings import (
     DiagnoseSettings,
     IdentifySettings,
@@ -50,7 +51,7 @@ _LARGEST = 10**9
 Config = IdentifySettings | Mapping[str, Any] | str | os.PathLike[str] | None
 
 
-class ConfigError(ValueError):
+class ConfigError(InputError):
     """A configuration that cannot be used; the message names the table, the key and the fix."""
 
 

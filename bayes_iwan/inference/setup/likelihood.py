@@ -17,6 +17,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.setup.discrepancy import MEASURED_BETWEEN, Correlated
 from bayes_iwan.inference.setup.loop_error import paper_weights
 from bayes_iwan.inference.setup.loop_scales import Scales
@@ -148,7 +149,7 @@ class Independent:
         return replace(self, loops=tuple(self.loops[t] for t in tests))
 
 
-class LikelihoodError(ValueError):
+class LikelihoodError(InputError):
     """A likelihood that there is not."""
 
 

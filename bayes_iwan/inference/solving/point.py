@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, brief
+from bayes_iwan.errors import InputError
 from bayes_iwan.fitting.genetic import BatchObjective, GlobalOptimum, genetic_search
 from bayes_iwan.fitting.least_squares import BatchResiduals, least_squares_batch
 from bayes_iwan.inference.setup.loop_error import friction_level_N, goal_function, paper_weights
@@ -228,7 +229,7 @@ def _different(z: Array, log_prob: Array, tolerance: float, depth: float = 200.0
         if all(np.max(np.abs(z[i] - z[j])) > tolerance for j in kept):
             kept.append(i)
     if not kept:
-        raise ValueError("no start of the search reached a finite posterior density; check the data's scale and priors")
+        raise InputError("no start of the search reached a finite posterior density; check the data's scale and priors")
     return kept
 
 

@@ -14,7 +14,7 @@ from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.models import Model
 from bayes_iwan.models.iwan_parameters import default_parameters
-from bayes_iwan.report.batch.batch_run.specimens import Batch, Finished
+from bayes_iwan.report.batch.specimens import Batch, Finished
 from bayes_iwan.report.identification.marginals import number
 from bayes_iwan.report.identification.summary import QUANTILES
 from bayes_iwan.report.page import Page, Section

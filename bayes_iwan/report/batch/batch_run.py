@@ -26,16 +26,16 @@ import numpy as np
 import bayes_iwan
 from bayes_iwan import executors
 from bayes_iwan.arrays import Array
-from bayes_iwan.files import owned, write_whole
+from bayes_iwan.files import finite, results_folder, write_whole
 from bayes_iwan.inference.results.population import DRAWS
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import NOISE, Config, settings_of
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, IdentifySettings
-from bayes_iwan.report.batch.batch_run.batch_page import write_batch_page
-from bayes_iwan.report.batch.batch_run.batch_sheet import write_sheet
-from bayes_iwan.report.batch.batch_run.specimens import Batch, BatchError, Finished, Quantity, lots_of, summarised
-from bayes_iwan.report.diagnosis.diagnosis_files import diagnose_campaign
+from bayes_iwan.report.batch.batch_page import write_batch_page
+from bayes_iwan.report.batch.batch_sheet import write_sheet
+from bayes_iwan.report.batch.specimens import Batch, BatchError, Finished, Quantity, lots_of, summarised
+from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
 from bayes_iwan.report.identification.marginals import identifiable
 from bayes_iwan.report.provenance import of_folder
 from bayes_iwan.report.table import Cell, Table
@@ -70,6 +70,7 @@ def batch(
     config: Config = None,
     keep_chains: bool = False,
     group: str | None = None,
+    overwrite: bool = False,
     executor: Executor | None = None,
     progress: bool = True,
 ) -> Batch:
@@ -98,6 +99,8 @@ def batch(
     group
         column of FOLDER/specimens.csv that says to which lot a specimen belongs: lots are then compared, and specimens
         shrunk towards the others of their lot.
+    overwrite
+        write over finished results of another folder's specimens.
     executor
         from :func:`bayes_iwan.executors.opened`.
     progress
@@ -133,7 +136,7 @@ def batch(
         raise BatchError(f"{source}: no folder in it holds a campaign.toml")
     settings = settings_of(config)
     lots = {} if group is None else lots_of(source, group)
-    with owned(out) as there:
+    with results_folder(out, "batch", source, overwrite=overwrite) as there:
         job = Job(source, there / "specimens", identify, diagnose, quick, seed, settings, keep_chains)
         pieces = {name: name for name in names}
         done = executors.run(pieces, _one, job, executor=executor, what="batch", unit="specimen", progress=progress)
@@ -162,7 +165,10 @@ def _one(job: Job, name: str) -> str:
         # one configuration for both: a diagnosis takes the model and its priors of it
         own = {name: change for name, change in job.config.parameters.items() if name not in NOISE}
         settings = DiagnoseSettings(job.config.model, own)
-        answer = diagnose_campaign(campaign, out, seed=job.seed, quick=job.quick, config=settings, progress=False)
+        found = write_diagnosis(
+            campaign, out, seed=job.seed, quick=job.quick, config=settings, progress=False, overwrite=True
+        )
+        answer = finite(found.to_dict())
         verdict, gap = answer["verdict"], answer["gap"]
         record |= {k: verdict[k] for k in ("cause", "second_cause", "probability")}
         record |= {"gap_share": gap["before_share"], "shrink": gap["shrink"]}
@@ -192,6 +198,7 @@ def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:
             keep_chains=job.keep_chains,
             progress=False,
             quick=job.quick,
+            overwrite=True,  # these folders are the batch's own, which is guarded as a whole
         )
 
     try:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_iwan import __version__
-from bayes_iwan.report.batch.batch_run.specimens import Batch
+from bayes_iwan.report.batch.specimens import Batch
 from bayes_iwan.report.identification.marginals import number
 from bayes_iwan.report.style import BLUE, MODEL, ORANGE, house_style, save, styled
 

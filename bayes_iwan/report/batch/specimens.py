@@ -13,11 +13,12 @@ import numpy as np
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.comparison.shrinkage import Shrunk, shrunk
 from bayes_iwan.comparison.unusual import Unusual, rank_unusual
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.population import Population, SpecimenDraws, population
 from bayes_iwan.report.table import Cell, Table
 
 
-class BatchError(ValueError):
+class BatchError(InputError):
     """A batch that cannot be begun; the message says why."""
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +11,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.campaign import Campaign
+from bayes_iwan.campaign.folders.folder import folder_of
 from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict, write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import GapPictures, pictures
 from bayes_iwan.diagnosis.answer.gap_location import Located, ProgressListener
 from bayes_iwan.diagnosis.answer.localisation import along_cycle, of_blocks, right_model_of_blocks
 from bayes_iwan.diagnosis.answer.wording import listed
-from bayes_iwan.diagnosis.diagnosis import BASES, Diagnosis, diagnose_folder
+from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import ALONG
-from bayes_iwan.files import clear, finite, owned
-from bayes_iwan.inference.setup.config import Config, diagnose_settings_of
-from bayes_iwan.inference.setup.settings import DiagnoseSettings
+from bayes_iwan.files import clear, finite, results_folder
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis.budget_figures import CycleResidual
 from bayes_iwan.report.diagnosis.diagnosis_page import order_ahead, write_diagnosis_page
@@ -106,95 +106,32 @@ def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[CycleResidual, ..
     return tuple(shown)
 
 
-def diagnose_campaign(
-    campaign: str | Path,
-    out: str | Path,
-    *,
-    seed: int = 0,
-    quick: bool = False,
-    base: str = "generalized",
-    config: DiagnoseSettings | Config = None,
-    effects_file: str | Path | None = None,
-    simulator_file: str | Path | None = None,
-    progress: bool = True,
-    executor: Executor | None = None,
-) -> dict[str, Any]:
-    """Diagnose a campaign folder and write everything into `out`; returns what `diagnosis.json` holds.
-
-    base : a name of :data:`bayes_iwan.diagnosis.diagnosis.BASES`; config : TOML file as for `identify`; effects_file :
-    a user's own effects, simulator_file : their own model; both are Python and are run; executor : from
-    :func:`bayes_iwan.executors.opened`, to refit effects side by side. Raises ValueError (and its kinds)
-    with one line that names what is wrong and the fix.
-    """
-    if base not in BASES:
-        raise ValueError(f"--base {base}: not known; choose one of {', '.join(BASES)}")
-    if config is not None and base != "generalized":
-        raise ValueError(f"--base {base} and --config both choose a model; leave one of them out")
-    if simulator_file is not None and base != "generalized":
-        raise ValueError(f"--base {base} and --simulator both choose a model; leave one of them out")
-    chosen = DiagnoseSettings(BASES[base]) if config is None else config
-    settings = diagnose_settings_of(chosen, simulator_file is not None)
-    found = write_diagnosis(
-        campaign,
-        out,
-        settings=settings,
-        seed=seed,
-        quick=quick,
-        effects_file=effects_file,
-        simulator_file=simulator_file,
-        progress=progress,
-        executor=executor,
-    )
-    return finite(to_dict(found))
-
-
 def write_diagnosis(
-    campaign: str | Path,
-    out: str | Path,
+    campaign: Campaign | str | os.PathLike[str],
+    out: str | os.PathLike[str],
     *,
-    settings: DiagnoseSettings,
-    seed: int = 0,
-    quick: bool = False,
-    effects_file: str | Path | None = None,
-    simulator_file: str | Path | None = None,
-    progress: bool = True,
-    executor: Executor | None = None,
+    overwrite: bool = False,
+    **options: Any,
 ) -> Diagnosis:
-    """Diagnose a campaign folder and write everything into `out`."""
+    """Diagnose a campaign and write everything into `out`; options as for
+    :func:`bayes_iwan.diagnosis.diagnosis.diagnose_campaign`."""
     ahead = Ahead()
-    with owned(out) as folder:
-        found = diagnose_folder(
-            campaign,
-            seed=seed,
-            quick=quick,
-            settings=settings,
-            effects_file=effects_file,
-            simulator_file=simulator_file,
-            progress=progress,
-            executor=executor,
-            listener=ahead,
-        )
-        _write(found, folder, effects_file, simulator_file, ahead)
+    with results_folder(out, "diagnose", folder_of(campaign), overwrite=overwrite) as folder:
+        found = diagnose_campaign(campaign, **options, listener=ahead)
+        _write(found, folder, ahead)
     return found
 
 
-def write_found(found: Diagnosis, out: Path) -> Path:
-    """Write a diagnosis that was made before; returns the page. What `fits.json` then names of a user's own files is
-    unknown, so fits with own effects cannot be read back."""
-    with owned(out) as folder:
+def write_found(found: Diagnosis, out: Path, overwrite: bool = False) -> Path:
+    """Write a diagnosis that was made before; returns the page."""
+    with results_folder(out, "diagnose", found.campaign.path, overwrite=overwrite) as folder:
         ahead = Ahead()
         ahead.searched()
-        return _write(found, folder, None, None, ahead)
+        return _write(found, folder, ahead)
 
 
 @house_style()
-def _write(
-    found: Diagnosis,
-    folder: Path,
-    effects_file: str | Path | None,
-    simulator_file: str | Path | None,
-    ahead: Ahead,
-) -> Path:
+def _write(found: Diagnosis, folder: Path, ahead: Ahead) -> Path:
     answer, figures = finite(to_dict(found)), diagnosis_figures(found, ahead.figures)
     clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")
     page = write_diagnosis_page(
@@ -208,7 +145,7 @@ def _write(
         ahead.renderer,
         effect_viewer_data(found) if found.verdict.causes else None,
     )
-    write_answer(found, folder, effects_file, simulator_file)  # last: where it stands, all of them do
+    write_answer(found, folder)  # last: where it stands, all of them do
     return page
 
 

@@ -72,7 +72,8 @@ def identification_report(
     _loops(page, posterior, p)
     if isinstance(posterior.problem.model, Model):
         _laws(page.section("Slip forces, stiffness and normal force"), posterior, posterior.problem.model)
-    _frequencies(page.section("Each frequency alone"), by_frequency, out)
+    if posterior.loops[0].record.clock:
+        _frequencies(page.section("Each frequency alone"), by_frequency, out)
     _trends(page.section("Energy, stiffness and loss factor"), posterior, p, tests)
     _checks(page.section("Is the model enough?"), posterior, regions, tests)
     if not posterior.quick:
@@ -150,13 +151,14 @@ def _loops(page: Page, posterior: Posterior, p: Predictive) -> None:
         "One loop of total force a test.",
         name="loops",
     )
-    section.figure(
-        loops.frequencies_figure(posterior, p),
-        "Friction loops at one amplitude at each frequency, test "
-        "and model (the paper's Fig. 12), 90 % bands of the model.",
-        "Friction loops of all frequencies over each other, measured and predicted.",
-        name="frequencies",
-    )
+    if p.loops[0].record.clock:
+        section.figure(
+            loops.frequencies_figure(posterior, p),
+            "Friction loops at one amplitude at each frequency, test "
+            "and model (the paper's Fig. 12), 90 % bands of the model.",
+            "Friction loops of all frequencies over each other, measured and predicted.",
+            name="frequencies",
+        )
 
 
 def _laws(section: Section, posterior: Posterior, model: Model) -> None:
@@ -179,7 +181,7 @@ def _laws(section: Section, posterior: Posterior, model: Model) -> None:
         section.figure(
             law_figures.normal_force_figure(posterior),
             "Relative normal force along the largest stroke, out and back (the paper's Fig. 10), 90 % bands.",
-            "Relative normal force against displacement for each frequency, one panel a direction.",
+            "Relative normal force against displacement, one panel a direction.",
             name="normal_force",
         )
 
@@ -238,7 +240,7 @@ def _trends(section: Section, posterior: Posterior, p: Predictive, tests: Sequen
         "Lines: predicted with 90 % bands; points: measured, with the 90 % range in which a repeated "
         "measurement is expected. Loss factor: energy lost over π · stiffness · "
         "amplitude² of the fundamental, the tangent of the loss angle.",
-        "Dissipated energy, equivalent stiffness and loss factor against amplitude and against frequency.",
+        "Dissipated energy, equivalent stiffness and loss factor of the tests, with predicted bands.",
         name="trends",
     )
     shown = []

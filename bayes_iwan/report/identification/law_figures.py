@@ -111,7 +111,7 @@ def normal_force_figure(posterior: Posterior) -> Figure:
     """Fig. 10: relative normal force along the largest stroke, on the way out and back, at each frequency tested."""
     problem = posterior.problem
     parameter_values = _posterior_values(posterior)
-    amplitude = problem.scales.length_mm
+    amplitude, clock = problem.scales.length_mm, problem.loops[0].record.clock
     frequencies = sorted({round(float(f), 3) for f in problem.motion.frequency_hz})
     if len(frequencies) > 4:  # lines beyond that cannot be distinguished
         frequencies = [frequencies[i] for i in np.linspace(0, len(frequencies) - 1, 4).astype(int)]
@@ -134,12 +134,13 @@ def normal_force_figure(posterior: Posterior) -> Figure:
                 style["color"],
                 levels=(0.9,),
                 line=style["linestyle"],
-                label=f"{f:.3g} Hz",
+                label=f"{f:.3g} Hz" if clock else None,
             )
         ax.axhline(1.0, color="#777777", linewidth=0.6)
         ax.set_title(title, loc="left")
         ax.set_xlabel("displacement u (mm)")
     ticked(list(axes[0]))
     axes[0, 0].set_ylabel("relative normal force α (-)")
-    axes[0, 1].legend(loc="best")
+    if clock:
+        axes[0, 1].legend(loc="best")
     return figure

@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.frequencies import determined_names
+from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, Shown, styled, subplots
 
@@ -100,7 +101,7 @@ def corner_figure(draws: Mapping[str, Array], labels: Mapping[str, str] | None =
     """A corner plot of draws by name, (n,) each: 50 and 90 % contours, marginals on the diagonal."""
     names = [n for n, x in draws.items() if np.all(np.isfinite(x)) and np.ptp(x) > 0]
     if not names:
-        raise ValueError("corner plot: no number varies among the draws")
+        raise InputError("corner plot: no number varies among the draws")
     n = len(names)
     table = np.stack([draws[k] for k in names])
     shown = [labels.get(k, k) if labels else k for k in names]

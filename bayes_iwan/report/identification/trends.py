@@ -49,7 +49,8 @@ def trends_figure(posterior: Posterior, predictive: Predictive | None = None, n:
     stated_f = np.array([x.record.frequency_hz for x in p.loops])
     stated_a = np.array([x.record.amplitude_mm for x in p.loops])
     sides = [("amplitude (mm)", a, f, "Hz", stated_f), ("frequency (Hz)", f, a, "mm", stated_a)]
-    sides = [s for s in sides if len(_distinct(s[1])) > 1] or sides[:1]
+    clock = p.loops[0].record.clock
+    sides = [s for s in sides if len(_distinct(s[1])) > 1 and (clock or s[3] == "Hz")] or sides[:1]
     figure, axes = subplots(3, len(sides), 3.6 * len(sides) + 0.6, 6.9, sharex="col", sharey="row")
     for column, (label, x, other, unit, nominal) in enumerate(sides):
         grid = np.linspace(max(0.6 * x.min(), 1e-6), 1.12 * x.max(), 25)
@@ -71,14 +72,15 @@ def trends_figure(posterior: Posterior, predictive: Predictive | None = None, n:
                     linestyle="none",
                     markersize=4.5,
                     elinewidth=0.9,
-                    label=f"{float(np.median(nominal[near])):g} {unit}" if row == 0 else None,
+                    label=f"{float(np.median(nominal[near])):g} {unit}" if row == 0 and clock else None,
                     **points(i),
                 )
                 ax.set_ylabel(title if column == 0 else "")
         axes[-1, column].set_xlabel(label)
-        axes[0, column].legend(
-            loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=1.2, handletextpad=0.2
-        )
+        if clock:
+            axes[0, column].legend(
+                loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, columnspacing=1.2, handletextpad=0.2
+            )
     ticked(list(axes.ravel()))
     for ax in axes[:, 0]:
         ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))

@@ -116,7 +116,8 @@ def trends(tests: Sequence[Inspection], units: Units) -> Figure:
         ax.set_xlabel(units.text("amplitude (mm)"))
         ax.set_ylabel(units.text(label))
         ax.set_ylim(bottom=0)
-    axes[0, 0].legend(ncols=2 if len(frequencies) > 4 else 1)
+    if tests[0].loop.record.clock:
+        axes[0, 0].legend(ncols=2 if len(frequencies) > 4 else 1)
     return figure
 
 
@@ -136,8 +137,9 @@ def noise(tests: Sequence[Inspection], units: Units) -> Figure:
         decimal_ticks(ax.xaxis, *ax.get_xlim())
         decimal_ticks(ax.yaxis, *ax.get_ylim())
         ax.set_title(units.text(f"{test_name(test.loop)}: {test.noise_N:.2g} N"))
-        ax.set_xlabel("frequency (Hz)")
-        ax.set_ylabel(units.text("noise (N/√Hz)"))
+        clock = test.loop.record.clock
+        ax.set_xlabel("frequency (Hz)" if clock else "periods in one cycle")
+        ax.set_ylabel(units.text("noise (N/√Hz)" if clock else "noise (N, per root of a period in a cycle)"))
     return figure
 
 

@@ -39,11 +39,13 @@ def inspect_to(campaign: str | os.PathLike[str], out: str | os.PathLike[str] | N
     return text
 
 
-def _rows(tests: Sequence[Inspection]) -> list[tuple[str, ...]]:
-    return [
+def _table(campaign: Campaign, tests: Sequence[Inspection]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Columns and rows, one a test; without a clock no frequency."""
+    columns = COLUMNS if campaign.clock else tuple(c for c in COLUMNS if c != "f, Hz")
+    return columns, [
         (
             t.loop.file,
-            f"{t.loop.frequency_hz:.4g}",
+            *((f"{t.loop.frequency_hz:.4g}",) if campaign.clock else ()),
             f"{t.loop.amplitude_mm:.4g}",
             f"{t.loop.n_cycles}",
             t.energy_mJ.text(),
@@ -62,8 +64,8 @@ COLUMNS = ("test", "f, Hz", "A, mm", "cycles", "E, mJ", "k, N/mm", "η", "noise,
 
 def inspect_text(campaign: Campaign, tests: Sequence[Inspection]) -> str:
     """The table and every warning below its test, as text."""
-    columns = [campaign.units.text(c) for c in COLUMNS]
-    rows = _rows(tests)
+    head, rows = _table(campaign, tests)
+    columns = [campaign.units.text(c) for c in head]
     widths = [max(len(c), *(len(row[i]) for row in rows)) for i, c in enumerate(columns)]
     lines = ["  ".join(c.ljust(w) for c, w in zip(columns, widths)).rstrip()]
     for test, row in zip(tests, rows):
@@ -101,15 +103,17 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
         "Loops less their straight part.",
         "One panel a test: loops of the force left after a straight line is taken off.",
     )
-    figure(
-        "Across frequency",
-        "overlays",
-        figures.overlays(tests, units),
-        "Tests of one amplitude over one another, less one common line (as in the paper's Fig. 4). Rate-independent "
-        "friction gives one loop at all frequencies; loops that widen are viscous, loops that turn have inertia.",
-        "Loops of one amplitude at all its frequencies.",
-        "One panel an amplitude: loops of several frequencies drawn over one another.",
-    )
+    if campaign.clock:
+        figure(
+            "Across frequency",
+            "overlays",
+            figures.overlays(tests, units),
+            "Tests of one amplitude over one another, less one common line (as in the paper's Fig. 4). "
+            "Rate-independent friction gives one loop at all frequencies; loops that widen are viscous, loops that "
+            "turn have inertia.",
+            "Loops of one amplitude at all its frequencies.",
+            "One panel an amplitude: loops of several frequencies drawn over one another.",
+        )
     figure(
         "Energy, stiffness and damping",
         "trends",
@@ -118,16 +122,16 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
         "marks. "
         "Stiffness that falls with amplitude is slip.",
         "Energy lost a cycle, equivalent stiffness and loss factor against amplitude.",
-        "Three panels against amplitude, one line a frequency.",
+        f"Three panels against amplitude{', one line a frequency' if campaign.clock else ''}.",
     )
     figure(
         "Noise",
         "noise",
         figures.noise(tests, units),
-        "What is left of the force once every cycle's average is taken off. Averaging n cycles divides it by √n. "
-        "Dashed: lines at mains frequencies.",
+        "What is left of the force once every cycle's average is taken off. Averaging n cycles divides it by √n."
+        + (" Dashed: lines at mains frequencies." if campaign.clock else ""),
         "Amplitude spectrum of the force's noise; the title gives its RMS.",
-        "One panel a test: noise against frequency on logarithmic axes.",
+        f"One panel a test: noise against {'frequency' if campaign.clock else 'cycles'} on logarithmic axes.",
     )
     figure(
         "Over the cycles",
@@ -167,7 +171,7 @@ def _answer(section: Section, campaign: Campaign, tests: Sequence[Inspection]) -
     )
     rows = [
         ("tests", f"{len(tests)}"),
-        ("frequency", _between([t.loop.frequency_hz for t in tests], "Hz")),
+        *([("frequency", _between([t.loop.frequency_hz for t in tests], "Hz"))] if campaign.clock else []),
         ("amplitude", _between([t.loop.amplitude_mm for t in tests], "mm")),
         ("equivalent stiffness", _between([t.stiffness_N_mm.value for t in tests], "N/mm")),
         ("energy lost a cycle", _between([t.energy_mJ.value for t in tests], "mJ")),
@@ -183,7 +187,7 @@ def _answer(section: Section, campaign: Campaign, tests: Sequence[Inspection]) -
         )
     section.text("Symbols of this page:").symbols(LEGEND)
     section.table(
-        COLUMNS, _rows(tests), f"Tests; intervals in brackets: {100 * LEVEL:.0f} %, from the scatter of the cycles"
+        *_table(campaign, tests), f"Tests; intervals in brackets: {100 * LEVEL:.0f} %, from the scatter of the cycles"
     )
     if campaign.from_acceleration:
         section.text(STATED)

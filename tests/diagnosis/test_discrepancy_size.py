@@ -1,4 +1,4 @@
-"""The rest beside every model: its variance, its harmonics' own sizes, and evidence with them integrated out."""
+"""The discrepancy beside every model: its variance, its harmonics' own sizes, and evidence with them integrated out."""
 
 from dataclasses import replace
 from itertools import product
@@ -24,15 +24,15 @@ def toy(orders: int, rows: int = 30, changing: bool = True) -> Linear:
     rng = np.random.default_rng(5)
     jacobian, z = 3.0 * rng.standard_normal((rows, 4)), rng.standard_normal(4)
     late = np.arange(rows) >= (24 if changing else rows)
-    rest = Discrepancy(rng.uniform(0.0, 400.0, rows), rng.integers(0, orders, rows), late)
-    return Linear(rng.standard_normal(rows), jacobian, rest, z)
+    discrepancy = Discrepancy(rng.uniform(0.0, 400.0, rows), rng.integers(0, orders, rows), late)
+    return Linear(rng.standard_normal(rows), jacobian, discrepancy, z)
 
 
-def by_hand(rest: Discrepancy, size: DiscrepancySize) -> np.ndarray:
+def by_hand(discrepancy: Discrepancy, size: DiscrepancySize) -> np.ndarray:
     out = []
-    for eigen, order, late in zip(rest.eigen, rest.order, rest.changing):
+    for eigen, order, late in zip(discrepancy.eigen, discrepancy.order, discrepancy.changing):
         share, length = (size.along, LENGTHS[-1]) if late else (size.share, size.length)
-        spectrum = discrepancy_spectrum(np.array([share]), np.array([length]), rest.orders)[0]
+        spectrum = discrepancy_spectrum(np.array([share]), np.array([length]), discrepancy.orders)[0]
         factors = size.along_spectrum if late else size.spectrum
         own = factors[order] if order < len(factors) else 1.0
         out.append(1.0 + spectrum[order] * own * eigen)
@@ -50,13 +50,15 @@ def gaussian_log_z(linear: Linear, size: DiscrepancySize) -> float:
 
 
 @pytest.mark.parametrize("spectrum", [(), (0.1, 3.0), (0.5, 2.0, 7.0, 1.0, 0.01, 4.0)])
-def test_variance_is_noise_and_rest_row_by_row(spectrum):
+def test_variance_is_noise_and_discrepancy_row_by_row(spectrum):
     along = spectrum[::-1]
-    rest, size = toy(6).rest, DiscrepancySize(0.02, 0.1, 0.05, spectrum, along)
-    np.testing.assert_allclose(rest.variance(size), by_hand(rest, size), rtol=1e-12)
-    several = rest.variances(np.array([0.02, 0.4]), np.array([0.1, 0.03]), size)
-    np.testing.assert_allclose(several[0], by_hand(rest, size), rtol=1e-12)
-    np.testing.assert_allclose(several[1], by_hand(rest, DiscrepancySize(0.4, 0.03, 0.05, spectrum, along)), rtol=1e-12)
+    discrepancy, size = toy(6).discrepancy, DiscrepancySize(0.02, 0.1, 0.05, spectrum, along)
+    np.testing.assert_allclose(discrepancy.variance(size), by_hand(discrepancy, size), rtol=1e-12)
+    several = discrepancy.variances(np.array([0.02, 0.4]), np.array([0.1, 0.03]), size)
+    np.testing.assert_allclose(several[0], by_hand(discrepancy, size), rtol=1e-12)
+    np.testing.assert_allclose(
+        several[1], by_hand(discrepancy, DiscrepancySize(0.4, 0.03, 0.05, spectrum, along)), rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("size", [DiscrepancySize(5e-4, 0.03, 0.0), DiscrepancySize(0.4, 0.1, 0.05, (2.0, 0.1, 1.0))])
@@ -72,16 +74,16 @@ def test_a_step_finds_the_posterior_of_a_linear_model(size):
 @pytest.mark.parametrize("changing", [False, True])
 def test_a_harmonics_size_is_integrated_out(changing):
     """Of loops, and of what changes along the record by a share of 0.3."""
-    rest, rng = toy(3, changing=changing).rest, np.random.default_rng(1)
+    discrepancy, rng = toy(3, changing=changing).discrepancy, np.random.default_rng(1)
     residual = 2.0 * rng.standard_normal(30)
     found, log_p = (
-        x[1] for x in rest.spectrum(np.stack([0.5 * residual, residual]), ((0.4, 0.1, 0.2), (0.1, 0.03, 0.3)))
+        x[1] for x in discrepancy.spectrum(np.stack([0.5 * residual, residual]), ((0.4, 0.1, 0.2), (0.1, 0.03, 0.3)))
     )
     exact = 0.0
     assert len(found) == (6 if changing else 3)
     for place, lambda_ in enumerate(found):
-        at = (rest.order == place % 3) & (rest.changing == (place >= 3))
-        shape = by_hand(rest, DiscrepancySize(0.1, 0.03, 0.3))[at] - 1.0
+        at = (discrepancy.order == place % 3) & (discrepancy.changing == (place >= 3))
+        shape = by_hand(discrepancy, DiscrepancySize(0.1, 0.03, 0.3))[at] - 1.0
 
         def density(x, at=at, shape=shape):
             prior = stats.norm.pdf(x, scale=SPECTRUM_SD)
@@ -108,23 +110,23 @@ def test_evidence_has_every_harmonics_size_integrated_out():
     assert linear.evidence(((0.05, 0.03, 0.0),)).log_z[0] == pytest.approx(exact, abs=0.3)
 
 
-def test_without_a_rest_evidence_is_exact():
+def test_without_a_discrepancy_evidence_is_exact():
     linear = toy(6, changing=False)
-    none = replace(linear, rest=replace(linear.discrepancy, eigen=np.zeros(30)))
+    none = replace(linear, discrepancy=replace(linear.discrepancy, eigen=np.zeros(30)))
     found = none.evidence(((0.05, 0.03, 0.0),))
     assert found.log_z[0] == pytest.approx(gaussian_log_z(none, DiscrepancySize(0.05, 0.03, 0.0)), rel=1e-9)
 
 
-def test_a_quiet_harmonic_is_assessed_by_its_own_rest():
-    """A large rest in one harmonic must not hide what an effect does in another."""
+def test_a_quiet_harmonic_is_assessed_by_its_own_discrepancy():
+    """A large discrepancy in one harmonic must not hide what an effect does in another."""
     rng = np.random.default_rng(3)
     order = np.repeat([1, 2], 20)
     eigen = np.full(40, 1e6)
     loud = np.where(order == 1, 30.0, 1.0) * rng.standard_normal(40)
     signature = np.where(order == 2, 4.0, 0.0)[:, None] * np.ones((40, 1))
-    rest = Discrepancy(eigen, order, np.zeros(40, dtype=bool))
-    with_effect = Linear(loud + signature[:, 0], signature, rest, np.zeros(1))
-    without = Linear(loud + signature[:, 0], 1e-9 * signature, rest, np.zeros(1))
+    discrepancy = Discrepancy(eigen, order, np.zeros(40, dtype=bool))
+    with_effect = Linear(loud + signature[:, 0], signature, discrepancy, np.zeros(1))
+    without = Linear(loud + signature[:, 0], 1e-9 * signature, discrepancy, np.zeros(1))
     sizes = tuple((float(a), 0.03, 0.0) for a in np.geomspace(1e-3, 0.1, 9))
     gain = max(with_effect.evidence(sizes).log_z) - max(without.evidence(sizes).log_z)
     assert gain > 10.0
@@ -138,10 +140,10 @@ def test_what_changes_along_the_record_is_assessed_by_its_own_harmonic():
     order, late = np.repeat([0, 1], 20), np.ones(40, dtype=bool)
     swelling = np.where(order == 1, 30.0, 1.0) * rng.standard_normal(40)
     drift = np.where(order == 0, 4.0, 0.0)[:, None]
-    rest = Discrepancy(np.full(40, 1e6), order, late)
+    discrepancy = Discrepancy(np.full(40, 1e6), order, late)
     sizes = tuple((0.0, 0.1, float(b)) for b in np.geomspace(1e-3, 0.3, 9))
     known, unknown = (
-        max(Linear(swelling + drift[:, 0], signature, rest, np.zeros(1)).evidence(sizes).log_z)
+        max(Linear(swelling + drift[:, 0], signature, discrepancy, np.zeros(1)).evidence(sizes).log_z)
         for signature in (drift, 1e-9 * drift)
     )
     assert known - unknown > 10.0
