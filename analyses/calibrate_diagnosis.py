@@ -131,7 +131,8 @@ def print_score(title: str, cases: Sequence[Case], constants: Sequence[Calibrati
     shares = [x for case in cases for x in share_pairs(case)]
     if shares:
         said = [(vagueness(fitted, held).share(fitted.share), true) for fitted, held, true in shares]
-        print(f"  true share in the 90 % interval: {sum(s.low <= true <= s.high for s, true in said)} of {len(said)}; ", end="")
+        held = sum(s.low <= true <= s.high for s, true in said)
+        print(f"  true share in the 90 % interval: {held} of {len(said)}; ", end="")
         print(f"median width of the interval {100 * np.median([s.high - s.low for s, _ in said]):.0f} points")
     return given
 

@@ -12,7 +12,7 @@ from bayes_iwan.diagnosis.answer.sentences import colour, not_excluded, remedy, 
 from bayes_iwan.diagnosis.answer.wording import physics_of_pattern
 from bayes_iwan.diagnosis.assessment.budget import Cause, Share
 from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
-from bayes_iwan.diagnosis.fits.gap_size import ceiling_N, shrink
+from bayes_iwan.diagnosis.fits.gap_size import ceiling_N
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.files import finite, write_json
 from bayes_iwan.models.user_file import file_of
@@ -37,7 +37,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
     (:class:`bayes_iwan.diagnosis.assessment.budget.Vague`).
     """
     v, b = d.verdict, d.budget
-    less = shrink(d.before, d.found.sizes[frozenset(v.names)]) if v.causes else None
+    left = b.unexplained.share if v.causes else Share(1.0, 1.0, 1.0)
     out: dict[str, Any] = {
         "schema": SCHEMA,
         "seed": d.seed,
@@ -79,10 +79,8 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "after_rms_N": b.after.rms_N,
             "after_interval_N": [b.after.low_N, b.after.high_N],
             "after_share": b.after.share,
-            "shrink": 0.0 if less is None else less.value,
-            "shrink_interval": [0.0, 0.0]
-            if less is None
-            else [1.0 - b.unexplained.share.high, 1.0 - b.unexplained.share.low],
+            "shrink": 1.0 - left.value,
+            "shrink_interval": [1.0 - left.high, 1.0 - left.low],
             "ceiling_shrink": 1.0 - ceiling_N(d.residual) / b.before.rms_N if b.before.rms_N > 0.0 else 0.0,
             "noise_rms_N": b.before.noise_N,
             "residual_rms_N": b.before.residual_N,

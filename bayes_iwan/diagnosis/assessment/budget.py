@@ -136,11 +136,13 @@ class Cause:
 @dataclass(frozen=True)
 class OneOf:
     """Effects of which one probably contributes, though these tests cannot tell which, the likeliest first; share : of
-    the gap that the one removes."""
+    the gap that one of them removes as the only effect; along : of what changes along the records, None where it does
+    not act there."""
 
     names: tuple[str, ...]
     probability: float
     share: float
+    along: float | None = None
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tu
             continue
         p = c.contributes(f) * sum(v for n, v in c.among(f).items() if n not in NO_CAUSE)
         if len(some) > 1 and p >= NAMED and not (f.has_held_out and f.held_out <= 0.0):
-            out.append(OneOf(some, p, f.fitted))
+            out.append(OneOf(some, p, f.alone, f.along if np.isfinite(f.along) else None))
     return tuple(out)
 
 
@@ -184,7 +184,7 @@ def _causes(
     keys = three_sets(whole)
     parts = held_out_gaps(models.predict(keys), found.search.data, held_out)
     counted: tuple[HeldOut, ...] = tuple(u for u in parts if u.by == HELD_OUT) or parts
-    fitted = gaps_of(named, {k: np.array([t.rms_N**2 for t in models.sizes[k].tests]) for k in keys})
+    fitted = gaps_of(named, {k: models.sizes[k].power_N2 for k in keys})
     power_N2 = {k: np.concatenate([u.power_N2[k] for u in counted]) for k in keys} if counted else {}
     predicted = gaps_of(named, power_N2) if counted else {}
     fit = models.fits[whole]

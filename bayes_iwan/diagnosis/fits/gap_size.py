@@ -57,6 +57,7 @@ class GapSize:
     friction_N : (T,) RMS friction force.
     cycle, along_N : by test, (B,) mean cycle number of each block of cycles and RMS residual there;
     along_low_N, along_high_N : its 90 % interval.
+    power_N2 : (T,) squared gaps, which noise may make negative; of all tests together `all` is their mean's root
     plausible : (draws, T) squares of the gap that the data leave possible, N² (:func:`shrink` compares two).
     """
 
@@ -72,6 +73,7 @@ class GapSize:
     along_N: tuple[Array, ...]
     along_low_N: tuple[Array, ...]
     along_high_N: tuple[Array, ...]
+    power_N2: Array
     plausible: Array
 
 
@@ -125,6 +127,7 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
         rms,
         low,
         high,
+        total,
         plausible,
     )
 
@@ -256,8 +259,7 @@ def shrink(before: GapSize, after: GapSize, tests: Sequence[int] | None = None) 
     if before.files != after.files:
         raise ValueError("the two gaps belong to different tests")
     at = list(range(len(before.files))) if tests is None else list(tests)
-    first = float(np.mean([before.tests[t].rms_N ** 2 for t in at]))
-    second = float(np.mean([after.tests[t].rms_N ** 2 for t in at]))
+    first, second = (max(float(x.power_N2[at].mean()), 0.0) for x in (before, after))
     if first <= 0.0:
         return Shrink(float("nan"), float("nan"), float("nan"))
     b, a = before.plausible[:, at].mean(axis=1), after.plausible[:, at].mean(axis=1)
