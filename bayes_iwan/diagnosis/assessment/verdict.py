@@ -195,8 +195,8 @@ def _causes(
             continue
         effect = next(e for e in fit.effects if e.name == f.name)
         predicts = effect.strength_name in fit.problem.names and f.name in predicted
-        seen, unseen = fitted[f.name], predicted[f.name] if predicts else None
-        vague = vagueness(seen, unseen)
+        seen, elsewhere = fitted[f.name], predicted[f.name] if predicts else None
+        vague = vagueness(seen, elsewhere)
         along_N = [models.sizes[k].along.rms_N for k in (whole - {f.name}, whole)]
         along = (along_N[0] - along_N[1]) / before_along if effect.evolving and before_along > 0.0 else None
         out.append(
@@ -206,11 +206,11 @@ def _causes(
                 probability=probabilities[f.name],
                 share=vague.share(seen.share),
                 vague=vague,
-                held_out=None if unseen is None else unseen.measured,
+                held_out=None if elsewhere is None else elsewhere.measured,
                 held_out_by=" and ".join(dict.fromkeys(u.by for u in counted)) if predicts else "",
                 tied_with=tuple(n for n in candidates_of(f, c) if n != f.name),
                 figures=f,
-                gaps=unseen or seen,
+                gaps=elsewhere or seen,
                 along=along if along is None or along >= LEAST_ALONG else 0.0,
             )
         )
