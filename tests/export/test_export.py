@@ -42,7 +42,7 @@ def test_the_command_writes_a_target_and_says_what_is_in_it(run_folder, tmp_path
     assert card["schema"] == 1 and card["draws"] == 3 and card["effects"] == {}
     assert card["frequency_hz"] == pytest.approx([10.0, 10.0], rel=1e-3)
     assert card["amplitude_mm"] == pytest.approx([0.3, 1.0], rel=1e-2)
-    assert "force_zero" in card["left_out"] and card["unexplained_N"] > 0.0
+    assert "force_zero" in card["omitted"] and card["unexplained_N"] > 0.0
     source = (tmp_path / "isolator.c").read_text()
     assert "#define ISOLATOR_SETS 4" in source and source.isascii()
     assert main(["export", str(run_folder), "--to", "json", "--out", str(tmp_path)]) == 0
@@ -144,7 +144,7 @@ def test_a_diagnosis_is_exported_with_its_named_effects(fit, tmp_path):
     found = SimpleNamespace(fit=fit, budget=SimpleNamespace(after=after), campaign=None, seed=1)
     export(found, "c", tmp_path, draws=2)
     card = json.loads((tmp_path / "model_card.json").read_text())
-    assert set(card["effects"]) == {"viscous_damping"} and "channel_delay" in card["left_out"]
+    assert set(card["effects"]) == {"viscous_damping"} and "channel_delay" in card["omitted"]
     assert card["unexplained_N"] == 0.03
     assert "viscous_damping_c_N_s_mm" in (tmp_path / "isolator.c").read_text()
 
