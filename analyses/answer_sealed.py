@@ -39,7 +39,7 @@ def main() -> None:
     for case in sorted(content["answers"]):
         ship(args.source / case, args.target / case)
     short = {
-        case: {k: one[k] for k in ("schema", "verdict", "probabilities", "rest", "gap") if k in one}
+        case: {k: one[k] for k in ("schema", "verdict", "probabilities", "unexplained", "gap") if k in one}
         for case, one in sorted(content["answers"].items())
     }
     (args.target / "answers.json").write_text(json.dumps(short, indent=1) + "\n")

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Gaps, Share
+from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, vagueness
 from bayes_iwan.diagnosis.assessment.calibration import (
     CALIBRATION,
     EFFECT_FIGURES,
@@ -84,27 +84,6 @@ def within_fit(cases: Sequence[Case]) -> float:
     return float(grid[np.argmin([cost(p) for p in grid])]) if places else calibration().within
 
 
-def law_fit(cases: Sequence[Case], old: Calibration) -> float:
-    """Sd of a share by nature's law, at most, such that nine of ten shares on held-out tests lie in the interval that
-    is said on the fitted ones."""
-    pairs = [pair for case in cases for pair in share_pairs(case)]
-    for law in np.arange(0.01, 0.4, 0.005):
-        held = [held_in(*pair, replace(old, law=float(law))) for pair in pairs]
-        if np.mean(held or [True]) >= 0.9:
-            return float(law)
-    return old.law
-
-
-def held_in(fitted: Gaps, found: Gaps, c: Calibration) -> bool:
-    """Does the interval of a share on the fitted tests hold the share on held-out tests?"""
-    said = interval(fitted, c)
-    return said.low <= 0.5 * (found.first + found.last) <= said.high
-
-
-def interval(gaps: Gaps, c: Calibration) -> Share:
-    return gaps.share(c.law_sd(0.5 * (gaps.first + gaps.last)))
-
-
 def fitted(cases: Sequence[Case]) -> Calibration:
     """Constants of maximum likelihood: places first, then alternatives, then the rest beside what they name."""
     old = calibration()
@@ -112,7 +91,7 @@ def fitted(cases: Sequence[Case]) -> Calibration:
     x = np.array([effect_figures(f) for _, f in some]).reshape(-1, len(EFFECT_FIGURES))
     y = np.array([float(place_is_true(case, f, old.apart)) for case, f in some])
     effect, bias = logistic_fit(x, y, EARLIER_EFFECT)
-    half = replace(old, effect=effect, effect_bias=bias, within=within_fit(cases), law=law_fit(cases, old))
+    half = replace(old, effect=effect, effect_bias=bias, within=within_fit(cases))
     rows, real = [], []
     for case in cases:
         if case.kind.startswith("one_record"):
@@ -149,11 +128,12 @@ def print_score(title: str, cases: Sequence[Case], constants: Sequence[Calibrati
     for k in np.unique(bins):
         at = bins == k
         print(f"  stated {stated[at].mean():.2f}: found {right[at].mean():.2f} ({int(right[at].sum())} of {at.sum()})")
-    pairs = [(*pair, c) for case, c in zip(cases, constants) for pair in share_pairs(case)]
-    held, widths = [held_in(*x) for x in pairs], [interval(x[0], x[2]).high - interval(x[0], x[2]).low for x in pairs]
-    if pairs:
-        print(f"  share on held-out tests in the 90 % interval: {sum(held)} of {len(held)}; ", end="")
-        print(f"median width of the interval {100 * np.median(widths):.0f} points")
+    shares = [x for case in cases for x in share_pairs(case)]
+    if shares:
+        said = [(vagueness(fitted, held).share(fitted.share), true) for fitted, held, true in shares]
+        held = sum(s.low <= true <= s.high for s, true in said)
+        print(f"  true share in the 90 % interval: {held} of {len(said)}; ", end="")
+        print(f"median width of the interval {100 * np.median([s.high - s.low for s, _ in said]):.0f} points")
     return given
 
 
@@ -179,7 +159,6 @@ def main() -> None:
             "within",
             c.within,
         )
-        print(f"law {c.law:.3f}")
         print_score("in sample", cases, [c] * len(cases))
         given = print_score("families held out in turn", cases, held_out_in_turn(cases))
         if args.write:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -176,9 +176,8 @@ def place_is_true(case: Case, f: Figures, apart: float) -> bool:
     return f.name in case.true or any(v > -apart and n in case.true for n, v in f.alternatives.items())
 
 
-def share_pairs(case: Case) -> list[tuple[Gaps, Gaps]]:
-    """Of each true effect of the best set: its gaps on the fitted tests (sd: how they vary between held-out tests), and
-    on held-out tests."""
+def share_pairs(case: Case) -> list[tuple[Gaps, Gaps, float]]:
+    """Of each true effect of the best set: its gaps on the fitted tests and on held-out tests, and its true share."""
     names = frozenset(case.stored["chosen"])
     keys = [frozenset(), names, *(names - {n} for n in names), *(frozenset({n}) for n in names)]
     some = [by_set(u["power_N2"]) for u in case.stored.get("held_out", case.stored.get("unseen", ()))]
@@ -188,7 +187,8 @@ def share_pairs(case: Case) -> list[tuple[Gaps, Gaps]]:
     gap_N = by_set(case.stored["gap_N"])
     fitted = gaps_of(names, {k: np.array([gap_N[k] ** 2]) for k in keys})
     assessed = {f.name for f in case.figures if f.has_held_out}
-    return [(replace(fitted[n], sd=found[n].sd), found[n]) for n in sorted(names & case.true & assessed - MODEL_FORM)]
+    true = {e["name"]: float(e["share"]) for e in case.effects}
+    return [(fitted[n], found[n], true[n]) for n in sorted(names & case.true & assessed - MODEL_FORM)]
 
 
 def has_unlisted_cause(case: Case, named: frozenset[str]) -> bool:

@@ -1,8 +1,11 @@
 """The command line: what it prints, its exit codes, and bad input in one line."""
 
+import contextlib
+import os
 import shlex
 import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -234,3 +237,37 @@ def test_importing_the_package_and_help_are_quick_and_light():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals of Unix")
+def test_ctrl_c_in_a_terminal_says_how_to_go_on(tmp_path, made_up_campaign):
+    import fcntl
+    import pty
+    import termios
+
+    def with_terminal() -> None:  # Ctrl-C reaches the processes of a session whose terminal this is
+        os.setsid()
+        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+    master, terminal = pty.openpty()
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "bayes_iwan", "identify", str(made_up_campaign), "--out", str(out)],
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
+        preexec_fn=with_terminal,
+    )
+    os.close(terminal)
+    while not (out / ".lock").exists() and process.poll() is None:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    os.write(master, b"\x03")
+    said = b""
+    with contextlib.suppress(OSError):  # the end of a terminal nobody holds any more
+        while piece := os.read(master, 4096):
+            said += piece
+    os.close(master)
+    assert process.wait(60) == 130
+    text = said.decode()
+    assert "bayes-iwan: interrupted" in text and 'bayes-iwan identify "' in text and "Traceback" not in text

@@ -35,6 +35,16 @@ PAGES = (
 #: the picture shows these tests of data/rope_spring
 SHOWN = ("f10_a0.3.csv.gz", "f15_a0.6.csv.gz", "f20_a1.csv.gz")
 
+#: commands and tables stay within a phone's width
+WRAP = """
+.rst-content pre, .rst-content pre code { white-space: pre-wrap; overflow-wrap: anywhere; overflow: visible; }
+.rst-content table { display: block; overflow-wrap: anywhere; }
+.rst-content table td, .rst-content table th { white-space: normal !important; }
+.rst-content img { max-width: 100%; }
+.rst-content math[display="block"] { display: block; overflow-x: auto; max-width: 100%; }
+.rst-content code { white-space: normal; overflow-wrap: anywhere; max-width: 100%; }
+"""
+
 
 def pages() -> list[Path]:
     """The guide's pages in the order of the site."""
@@ -96,6 +106,7 @@ def build_site(out: Path) -> Path:
             (source / page.name).write_text(with_mathml(text), encoding="utf-8")
         for folder in (GUIDE / "pictures", GUIDE / "notebooks", GUIDE.parent / "pictures"):
             shutil.copytree(folder, source / folder.name, dirs_exist_ok=True)
+        (source / "wrap.css").write_text(WRAP, encoding="utf-8")
         write_api(source / "api")
         config: dict[str, Any] = {
             "site_name": "bayes_iwan",
@@ -108,6 +119,7 @@ def build_site(out: Path) -> Path:
             "theme": {"name": "readthedocs", "highlightjs": False, "navigation_depth": 2},
             "plugins": ["search"],
             "markdown_extensions": ["tables", "fenced_code", "toc", "md_in_html"],
+            "extra_css": ["wrap.css"],
             "extra_javascript": ["search/search_index.js", "search/lunr.js", "search/main.js"],
         }
         file = Path(temporary) / "mkdocs.yml"

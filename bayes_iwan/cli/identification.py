@@ -100,7 +100,7 @@ def run_identify(args: argparse.Namespace) -> int:
         if row.name in wanted:
             say(f"{units.name(row.name):20s} {row.q50:.4g}  ({row.q05:.4g} to {row.q95:.4g}) {row.unit}")
     residual = posterior.residual_size()
-    say(f"{'residual':20s} {residual.rms_N:.3g} {units.force} RMS, {100 * residual.share:.2g} % of the friction force")
+    say(f"{'gap':20s} {residual.gap_N:.3g} {units.force} RMS, {residual}")
     if posterior.held_out and all(x.holds for x in posterior.held_out):
         say(held_out_said(posterior.held_out))
     for text in posterior.warnings():

@@ -282,7 +282,7 @@ LAWS: dict[type[Effect], Law] = {
     conditions.StiffnessFollowsCondition: Law(note="at the mean of the condition over the tests"),
 }
 
-#: what belongs to the rig and its channels, not to the device: left out, and the model card says so
+#: what belongs to the rig and its channels, not to the device: excluded, and the model card says so
 OF_THE_RIG: tuple[type[Effect], ...] = (
     *measuring_chain.EFFECTS,
     *along_record.EFFECTS,

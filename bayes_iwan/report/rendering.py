@@ -317,7 +317,8 @@ def svg(figure: Figure, name: str, alt: str) -> Markup:
     assert box is not None
     start = (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" {box.group(0)} '
-        f'{"" if used <= KNOWN else CARD}role="img" aria-labelledby="{name}-title"><title id="{name}-title">{escape(alt)}</title>'
+        f'{"" if used <= KNOWN else CARD}role="img" aria-labelledby="{name}-title">'
+        f'<title id="{name}-title">{escape(alt)}</title>'
     )
     return Markup(start + re.sub(r"\n\s*", "\n", text[head.end() :]))
 

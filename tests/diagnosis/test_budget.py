@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.diagnosis.answer.wording import title
-from bayes_iwan.diagnosis.assessment.budget import Gaps, gaps_of, shares_of, subsets
+from bayes_iwan.diagnosis.assessment.budget import Gaps, Share, Vague, gaps_of, shares_of, subsets, vagueness
 from bayes_iwan.diagnosis.assessment.calibration import (
     EFFECT_FIGURES,
     UNEXPLAINED_FIGURES,
@@ -53,20 +53,34 @@ def test_what_two_effects_explain_alike_is_halved_and_makes_the_interval_wide():
     assert shares_of("ab", gap) == pytest.approx({"a": 0.4, "b": 0.4})
     of = gaps_of("ab", {k: np.full(4, v**2) for k, v in gap.items()})["a"]
     assert (of.with_all, of.without, of.alone, of.sd) == pytest.approx((0.2, 0.2, 0.2, 0.0))
-    said = of.share(0.0)
-    assert said.value == pytest.approx(0.4) and said.low < 0.05 and said.high > 0.75
+    assert of.share == pytest.approx(0.4) and of.overlap == pytest.approx(0.4)
+    assert (of.measured.low, of.measured.high) == pytest.approx((0.0, 0.8))
 
 
-def test_a_share_varies_as_its_tests_do_and_by_the_law():
+def test_a_share_varies_as_its_tests_do():
     """One effect: each test's gap is 1 N, and 0.1 or 0.5 N with it."""
     power = {frozenset(): np.ones(4), frozenset("a"): np.array([0.01, 0.25, 0.01, 0.25])}
     of = gaps_of("a", power)["a"]
     kept = [np.sqrt(np.delete(power[frozenset("a")], t).mean()) for t in range(4)]
     assert of.sd == pytest.approx(np.sqrt(0.75 * np.sum((np.array(kept) - np.mean(kept)) ** 2)))
     assert of.first == of.last == pytest.approx(1.0 - np.sqrt(0.13))
-    wide, narrow = of.share(0.2), of.share(0.0)
-    assert wide.high - wide.value > narrow.high - narrow.value > of.sd
-    assert Gaps(0.0, 1.0, 0.0, 0.0).share(0.3).high == 1.0
+    assert of.measured.high - of.share == pytest.approx(1.645 * of.sd)
+
+
+def test_the_interval_of_a_share_is_made_of_its_three_parts():
+    """What the law's form leaves open: less on held-out tests, and what is unexplained."""
+    fitted, held_out = Gaps(0.3, 0.9, 0.4, 0.05), Gaps(0.5, 0.9, 0.6, 0.02)
+    vague = vagueness(fitted, held_out)
+    assert fitted.share == pytest.approx(0.6) and held_out.share == pytest.approx(0.4)
+    assert (vague.data, vague.overlap) == pytest.approx((1.645 * 0.02, 0.0))
+    assert (vague.law_below, vague.law_above) == pytest.approx((0.2, 0.3))
+    said = vague.share(fitted.share)
+    assert said.low == pytest.approx(0.6 - np.sqrt(0.0329**2 + 0.2**2))
+    assert said.high == pytest.approx(0.6 + np.sqrt(0.0329**2 + 0.3**2))
+    assert vagueness(fitted, replace(held_out, without=1.5)).law_below == 0.0  # more on held-out tests
+    alone = vagueness(fitted, None)
+    assert (alone.data, alone.law_below) == pytest.approx((1.645 * 0.05, 0.3))
+    assert Vague(3.0, 0.0, 0.0, 0.0).share(0.5) == Share(0.5, -1.0, 1.0)
 
 
 PLACE = Figures(
@@ -246,14 +260,8 @@ def test_shipped_constants_have_one_sign_and_one_weight_for_each_figure():
     assert min(c.effect) >= 0.0 and min(c.unexplained) >= 0.0
 
 
-def test_nature_s_law_puts_a_small_share_off_by_a_part_of_it_only():
-    c = calibration()
-    assert c.law_sd(1.0) == c.law
-    assert c.law_sd(0.01) == pytest.approx(0.01 * c.law_of_share) and c.law_sd(-0.1) == 0.0
-
-
 def test_saved_constants_are_read_back(tmp_path):
-    c = Calibration((1.0, 1.0, 2.0), -1.5, (1.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5), 0.05, 0.5)
+    c = Calibration((1.0, 1.0, 2.0), -1.5, (1.0, 0.5), -2.0, 0.3, 8.0, (0.001, 0.5))
     c.save(tmp_path / "constants.json")
     assert from_json(json.loads((tmp_path / "constants.json").read_text())) == c
 

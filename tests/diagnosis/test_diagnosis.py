@@ -82,6 +82,11 @@ def test_json_is_schema_3_and_holds_only_numbers_that_are_numbers(effect, plan, 
     for c in v["causes"]:
         assert {"name", "law", "probability", "share", "share_interval", "share_held_out", "tied_with"} <= set(c)
         assert c["share_interval"][0] <= c["share"] <= c["share_interval"][1]
+        vague, left = c["share_vague"], c["gaps"]
+        off = np.sqrt(vague["data"] ** 2 + vague["overlap"] ** 2 + vague["law_above"] ** 2)
+        assert c["share_interval"][1] == pytest.approx(min(c["share"] + off, 1.0))
+        assert left["on"] == c["held_out_by"] and 0.0 <= left["with_all"] <= min(left["without"], left["alone"]) + 1e-9
+        assert c["share_held_out"] == pytest.approx(0.5 * (1 - left["alone"] + left["without"] - left["with_all"]))
         assert c["probability"] == d["probabilities"][c["name"]]
     assert sum(c["share"] for c in v["causes"]) + d["unexplained"]["share"] == pytest.approx(1.0, abs=1e-6)
     assert v["cause"] == (v["causes"][0]["name"] if v["causes"] else "none")

@@ -94,7 +94,7 @@ def test_two_models_that_both_miss_much_promise_less(kit, monkeypatch):
 
 
 def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
-    """What removes nothing has left the set, but rivals were fitted beside it."""
+    """What removes nothing has left the set, but others were fitted beside it."""
     fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("a"): "kept"}
     place = SimpleNamespace(name="a", moved=0.1, alternatives={"a": 0.0, "c": -2.0})
     search = SimpleNamespace(chosen=("a",), fit=lambda names: fits[frozenset(names)], effects={})

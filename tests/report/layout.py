@@ -24,7 +24,8 @@ function cut(doc, width) {
   for (const d of doc.querySelectorAll("details")) d.open = true;
   for (const e of doc.querySelectorAll("body *")) {
     const r = e.getBoundingClientRect(), style = view.getComputedStyle(e);
-    if (!r.width || !r.height || e.closest(".skip") || style.visibility === "hidden") continue;
+    if (!r.width || !r.height || e.closest(".skip, .wy-nav-side") || style.visibility === "hidden") continue;
+    if (e.closest("math")) continue; // a wide formula is scrolled
     const scroll = e.closest(".scroll"), table = width > 700 && scroll && scroll.querySelector("table");
     if (e.closest("svg, canvas, .u-over") && !["text", "svg", "canvas"].includes(e.tagName.toLowerCase())) continue;
     if (!(table && e !== scroll) && (r.right > width + 1 || r.left < -1)) say("sticks out", e);
@@ -78,7 +79,8 @@ def unescaped(text: str) -> str:
 
 def cut_elements(page: Path, folder: Path, widths: tuple[int, ...] = WIDTHS) -> dict[str, list[str]]:
     """What is cut or sticks out of a page, a list for each width in px."""
-    source = json.dumps(page.read_text(encoding="utf-8")).replace("<", "\\u003c")
+    html = page.read_text(encoding="utf-8").replace("<head>", f'<head><base href="{page.parent.as_uri()}/">', 1)
+    source = json.dumps(html).replace("<", "\\u003c")
     wrapper = folder / f"{page.stem}_wrapped.html"
     wrapper.write_text(_WRAPPER % (source, json.dumps(widths)), encoding="utf-8")
     out, err = run_browser(wrapper, folder / "profile", "--dump-dom", "--window-size=1500,1300")

@@ -1,6 +1,9 @@
 """Every kind of page at four widths and in print: nothing is cut, nothing sticks out, no heading without its text."""
 
 import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +19,12 @@ from bayes_iwan.report.provenance import of_folder
 
 from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, torn
 
+GUIDE = Path(__file__).parents[2] / "analyses" / "guide"
 needs_browser = pytest.mark.skipif(BROWSER is None, reason=NO_BROWSER)
+SHORT = {
+    "search": {"members": 40, "evaluations": 400, "starts": 2, "second_search": False},
+    "sampling": {"ensembles": 2, "budget_s": 2.0, "draws": 200},
+}
 CLASSICAL = {"model": {"slip": "gamma1", "normal_force": "constant", "stiffness": "constant"}}
 
 
@@ -55,11 +63,12 @@ def pages(page, specimens, made_up_campaign, tmp_path_factory):
     write_batch_page(specimens, out, of_folder(out, 1))
     campaign = bi.demo(out / "demo")
     bi.diagnose(campaign.path, out, quick=True, seed=1, config=CLASSICAL)
+    bi.compare(campaign, out, families=["uniform", "gamma1"], config=SHORT, by="tests", seed=1, progress=False)
     return out
 
 
 @needs_browser
-@pytest.mark.parametrize("name", ["report", "inspect", "batch", "diagnosis"])
+@pytest.mark.parametrize("name", ["report", "inspect", "batch", "diagnosis", "compare"])
 def test_nothing_is_cut_at_any_width_nor_in_print(pages, tmp_path, name):
     html = pages / f"{name}.html"
     found = cut_elements(html, tmp_path)
@@ -67,6 +76,17 @@ def test_nothing_is_cut_at_any_width_nor_in_print(pages, tmp_path, name):
     assert torn(html, print_pdf(html, tmp_path / "page.pdf")) == []
     assert html.stat().st_size < 3_000_000
     assert str(pages.parent) not in html.read_text(encoding="utf-8"), "a local path reached the page"
+
+
+@needs_browser
+@pytest.mark.skipif(not GUIDE.is_dir(), reason="the guide is not part of this installation")
+def test_no_page_of_the_guide_is_cut(tmp_path):
+    subprocess.run([sys.executable, GUIDE / "build.py", "--out", tmp_path / "site"], check=True, capture_output=True)
+    pages = [p for p in sorted((tmp_path / "site").glob("*.html")) if p.stem not in ("404", "search")]
+    assert len(pages) > 10
+    assert {p.name: cut_elements(p, tmp_path) for p in pages} == {
+        p.name: {str(width): [] for width in WIDTHS} for p in pages
+    }
 
 
 @needs_browser

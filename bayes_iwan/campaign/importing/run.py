@@ -331,7 +331,10 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
     record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units, recipe.clock)
     drive = None if split else assess_drive(time_s, level)
     if drive is not None and drive.kind == "levels":
-        text = f"It is {staircase_said(drive, recipe.clock)}, which would look like one specimen that changes: make a test of each."
+        text = (
+            f"It is {staircase_said(drive, recipe.clock)}, which would look like one specimen that changes: make a "
+            "test of each."
+        )
         raise ImportAsks(where, [Question("--split", "", "", text)])
     pieces, dropped = split_levels(record) if split else ((record,), ())
     out: list[ImportedTest] = []
@@ -351,7 +354,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         }
         line = (
             f"found{f' in {checked.file}' if len(pieces) > 1 else ''}: "
-            f"{f'{loop.frequency_hz:.4g} Hz, ' if recipe.clock else ''}{loop.amplitude_mm:.4g} {units.displacement}, {loop.n_cycles} steady cycles, force RMS "
+            f"{f'{loop.frequency_hz:.4g} Hz, ' if recipe.clock else ''}"
+            f"{loop.amplitude_mm:.4g} {units.displacement}, {loop.n_cycles} steady cycles, force RMS "
             f"{loop.force_N.std():.4g} {units.force}"
         )
         out.append(ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line)))

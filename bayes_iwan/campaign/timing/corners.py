@@ -18,6 +18,7 @@ from bayes_iwan.campaign.timing.harmonics import evaluate
 
 SMOOTH_HARMONICS = 8  # beside the kinks
 MOST_KINKS = 6
+KINK_COSTS = 4  # numbers: its place and its size, and that the place was looked for
 CANDIDATES = 512  # places that a kink is looked for at first
 CLOSEST = 2.0  # samples between two corners
 BINS = 512  # of phase, that samples are gathered in
@@ -107,8 +108,9 @@ def cornered_motion(phase: Array, displacement: Array, n_cycles: int) -> Cornere
         gain = np.abs(left(places) @ free) / np.where(size > 1e-2 * size.max(), size, np.inf)
         places = np.append(places, np.argmax(gain) / CANDIDATES)
         places = least_squares(left, places, x_scale=1e-3, max_nfev=15).x
-        # each kink is two numbers more: the Bayesian information criterion, of a noise that is known
-        cost = float(np.sum(left(places) ** 2)) / own**2 + 2 * k * np.log(x.size)
+        # the Bayesian information criterion, of a noise that is known
+        beyond = max(float(np.mean(left(places) ** 2)) - sharp**2, 0.0)
+        cost = x.size * beyond / own**2 + KINK_COSTS * k * np.log(x.size)
         if cost < least:
             best, least = places, cost
         elif k > best.size + 1:

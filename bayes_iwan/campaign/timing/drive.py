@@ -165,8 +165,8 @@ def refuse_unsteady(file: str, drive: Drive | None, clock: bool = True) -> None:
         return
     if drive.kind == "levels":
         raise CampaignError(
-            f"{file}: {staircase_said(drive, clock)}; averaged as one test these would look like a specimen that changes. "
-            f'Split them: bayes-iwan import "{file}" --split --out "{file.partition(".")[0]}-tests"'
+            f"{file}: {staircase_said(drive, clock)}; averaged as one test these would look like a specimen that "
+            f'changes. Split them: bayes-iwan import "{file}" --split --out "{file.partition(".")[0]}-tests"'
         )
     for name, unit, values in (("frequency", "Hz", drive.frequency_hz), ("amplitude", "mm", drive.amplitude_mm)):
         low, high = np.percentile(values, [3, 97])
@@ -243,8 +243,8 @@ def _omitted(record: Record, drive: Drive) -> list[str]:
         if b > a:
             sizes = ", ".join(f"{x:.3g}" for x in drive.amplitude_mm[a : min(b, a + 4)])
             said.append(
-                f"dropped: {b - a} cycle(s) from {drive.start_s[a]:.4g} to {drive.start_s[b]:.4g} {unit} ({sizes} mm): no "
-                f"level that is held for {SHORT[0]} cycles"
+                f"dropped: {b - a} cycle(s) from {drive.start_s[a]:.4g} to {drive.start_s[b]:.4g} {unit} ({sizes} mm): "
+                f"no level that is held for {SHORT[0]} cycles"
             )
     longest = 2.0 / float(np.min(drive.frequency_hz))
     for a, b in ((record.time_s[0], drive.start_s[0]), (drive.start_s[-1], record.time_s[-1])):

@@ -12,12 +12,14 @@ from bayes_iwan.diagnosis.answer.sentences import colour, not_excluded, remedy, 
 from bayes_iwan.diagnosis.answer.wording import physics_of_pattern
 from bayes_iwan.diagnosis.assessment.budget import Cause, Share
 from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
-from bayes_iwan.diagnosis.fits.gap_size import ceiling_N, shrink
+from bayes_iwan.diagnosis.fits.gap_size import ceiling_N
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.files import finite, write_json
 from bayes_iwan.models.user_file import file_of
 
 SCHEMA = 3
+#: where no test can be held out, the three gaps of an effect are of these
+FITTED = "fitted tests"
 #: what no loop test can see, whatever the cause
 INVISIBLE = (
     "A gain error of the displacement channel is absorbed whole by the stiffnesses, one of the force "
@@ -28,9 +30,14 @@ INVISIBLE = (
 
 def to_dict(d: Diagnosis) -> dict[str, Any]:
     """The schema of `diagnosis.json`, its texts in the campaign's own units (keys name the working units); numbers that
-    are not finite become null when it is written."""
+    are not finite become null when it is written.
+
+    Of each cause `gaps` has the gap with all named effects, without this one and with this one alone, over the base
+    model's on the same tests (`on`), and `share_vague` what the interval of its share is made of
+    (:class:`bayes_iwan.diagnosis.assessment.budget.Vague`).
+    """
     v, b = d.verdict, d.budget
-    less = shrink(d.before, d.found.sizes[frozenset(v.names)]) if v.causes else None
+    left = b.unexplained.share if v.causes else Share(1.0, 1.0, 1.0)
     out: dict[str, Any] = {
         "schema": SCHEMA,
         "seed": d.seed,
@@ -72,10 +79,8 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "after_rms_N": b.after.rms_N,
             "after_interval_N": [b.after.low_N, b.after.high_N],
             "after_share": b.after.share,
-            "shrink": 0.0 if less is None else less.value,
-            "shrink_interval": [0.0, 0.0]
-            if less is None
-            else [1.0 - b.unexplained.share.high, 1.0 - b.unexplained.share.low],
+            "shrink": 1.0 - left.value,
+            "shrink_interval": [1.0 - left.high, 1.0 - left.low],
             "ceiling_shrink": 1.0 - ceiling_N(d.residual) / b.before.rms_N if b.before.rms_N > 0.0 else 0.0,
             "noise_rms_N": b.before.noise_N,
             "residual_rms_N": b.before.residual_N,
@@ -112,9 +117,16 @@ def _cause(c: Cause) -> dict[str, Any]:
         "probability": c.probability,
         "share": c.share.value,
         "share_interval": _interval(c.share),
+        "share_vague": asdict(c.vague),
         "share_held_out": None if c.held_out is None else c.held_out.value,
         "share_held_out_interval": _interval(c.held_out),
         "held_out_by": c.held_out_by or None,
+        "gaps": {
+            "on": c.held_out_by or FITTED,
+            "with_all": c.gaps.with_all,
+            "without": c.gaps.without,
+            "alone": c.gaps.alone,
+        },
         "share_along_record": c.along,
         "tied_with": list(c.tied_with),
     }

@@ -163,6 +163,10 @@ def _cause(c: Cause, d: Diagnosis) -> str:
     text += "."
     if c.share.low <= 0.0:
         text += " Its share may be nothing."
+    if len(d.verdict.causes) > 1:
+        on = "" if c.held_out is None else " on held-out tests"
+        text += f" Gap left{on}: {percent(c.gaps.with_all)} with all named effects, {percent(c.gaps.without)} without "
+        text += f"this one, {percent(c.gaps.alone)} with this one alone."
     if c.tied_with:
         text += f" These tests cannot tell it from {few(c.tied_with)}."
     if d.search.effects[c.name][0].needs_clock and c.name not in NO_TIME_CONSTANT and not _frequencies_differ(d):
@@ -180,11 +184,16 @@ def remedy(d: Diagnosis, name: str) -> str:
 
 def _one_of(d: Diagnosis) -> list[str]:
     """Places that something fills, these tests cannot tell what: the likeliest, and how many more."""
-    return [
-        f"One of {few(x.names)} removes {percent(x.share)} of the gap (probability {probability(x.probability)} "
-        "together). These tests do not tell which."
-        for x in d.verdict.one_of
-    ]
+    out = []
+    for x in d.verdict.one_of:
+        what = f"{percent(max(x.share, 0.0))} of the gap"
+        if x.along is not None and x.along > x.share + ALONG_SAID:
+            what += f" and {percent(x.along)} of what changes along the records"
+        out.append(
+            f"One of {few(x.names)} probably contributes (probability {probability(x.probability)} together); alone it "
+            f"would remove {what}. These tests do not tell which, so none is named."
+        )
+    return out
 
 
 def _probable(d: Diagnosis, text: str) -> list[str]:
@@ -205,7 +214,9 @@ def _suspects(d: Diagnosis) -> list[str]:
         return []
     which = ", ".join(f"{title(x.name)} (by {percent(x.share)})" for x in some[:MOST_NAMES])
     more = f" and {len(some) - MOST_NAMES} more" if len(some) > MOST_NAMES else ""
-    return [f"Each of these would reduce the gap, but the shape of the residual does not match: {which}{more}."]
+    if parted(d.data):
+        return [f"Each of these would reduce the gap, but the shape of the residual does not match: {which}{more}."]
+    return [f"Each of these would reduce the gap, but tests that are all alike show no cause: {which}{more}."]
 
 
 def _imitations(d: Diagnosis) -> list[str]:
@@ -219,15 +230,15 @@ def _imitations(d: Diagnosis) -> list[str]:
 def _imitation(x: Imitation, d: Diagnosis) -> str:
     share = {e.name: e.share for e in x.explanations}
     least, most = min(share[n] for n in x.tied), max(share[n] for n in x.tied)
-    without, within = ("it", "it") if len(x.tied) == 1 else ("any of them", "one of them")
     left = percent(least) if percent(least) == percent(most) else f"{percent(least)} to {percent(most)}"
+    named = [n for n in x.tied if n in d.verdict.names]
     text = f"{capital(x.what)}: {few(x.tied)}."
-    if len(x.tied) > 1:
-        text += " These tests do not tell which."
-    elif x.name not in x.tied:
-        text += f" It fits better than {title(x.name)}."
-    text += f" Without {without} the model would miss {percent(x.without)} of the friction force, with {within} "
-    text += f"{left}."
+    if len(x.tied) == 1:  # an effect, which these tests tell from what the base has
+        text += f" With it the model would miss {left} of the friction force, with {title(x.name)} instead "
+        text += f"{percent(share[x.name])}, with neither {percent(x.without)}."
+    else:
+        text += f" The evidence is for {listed(named)}." if named else " These tests do not tell which."
+        text += f" With one of them the model would miss {left} of the friction force, with none {percent(x.without)}."
     if x.what == "speed dependence" and not _frequencies_differ(d):
         text += " The tests' frequencies hardly differ, so a dependence on amplitude would look alike."
     return text
@@ -245,6 +256,8 @@ def _unexplained(d: Diagnosis) -> str:
     kind = d.verdict.kind
     share = percent(1.0 if not d.verdict.causes else unexplained.share.value)
     size = f"{share} of the gap, {force(after.rms_N)}, {percent(after.share)} of the friction force"
+    if d.verdict.one_of and not d.verdict.causes:
+        size += ", since nothing is named"
     if kind is Kind.EXPLAINED:
         return f"Unexplained: {size}. A law that is slightly off leaves as much."
     if kind is Kind.NONE:
@@ -296,7 +309,8 @@ def _not_tested(d: Diagnosis) -> list[str]:
     if d.verdict.kind in (Kind.NONE, Kind.DRIVE) or parted(d.data):
         return []
     alike = "one frequency and one amplitude" if d.campaign.clock else "one amplitude"
-    return [f"All tests have {alike}, so nothing of this was checked on held-out tests. Record others."]
+    all_of = "There is one test" if len(d.data.loops) == 1 else f"All tests have {alike}"
+    return [f"{all_of}, so nothing of this was checked on held-out tests."]
 
 
 def _not_converged(d: Diagnosis) -> list[str]:
@@ -313,6 +327,8 @@ def _next(d: Diagnosis) -> str:
     if d.verdict.kind is Kind.DRIVE:
         return "Next: run these tests again with sines."
     following = d.next_test
+    if following is None and d.verdict.kind is not Kind.NONE and not parted(d.data):
+        return "Next: record other amplitudes" + (" and frequencies." if d.campaign.clock else ".")
     if following is None:
         return "No further test would separate these effects better."
     pair = listed(following.separates)

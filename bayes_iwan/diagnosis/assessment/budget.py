@@ -1,9 +1,8 @@
 """The gap as a sum: which share of it every named effect removes, and what is left.
 
-Every share is a share of the base model's RMS gap, on tests that the models have not seen where there are any. Effects
-overlap, so an effect has two: what it removes as the only one, and what it removes as the last one. Its share is the
-mean of both, and how far they lie apart is part of its interval: no data tell how to divide what two effects explain
-alike.
+Three gaps say what an effect does, each over the base model's, on the same tests: with all named effects, without this
+one, with this one alone. Effects overlap, so an effect removes one share as the only one and another as the last one.
+Its share is the mean of both. What makes a share vague has three parts (:class:`Vague`): no number in them is tuned.
 """
 
 from __future__ import annotations
@@ -52,6 +51,29 @@ class Share:
 
 
 @dataclass(frozen=True)
+class Vague:
+    """What makes a share vague, each as a part of the gap.
+
+    data : half width of its 90 % interval by how it varies between tests (jackknife)
+    overlap : half of how far apart it is as the only effect and as the last one
+    law_below : by how much less it removes on held-out tests than on the fitted ones; where no test can be held out,
+        as law_above
+    law_above : what all named effects leave, which may be this effect's too, by a law that is not quite nature's
+    """
+
+    data: float
+    overlap: float
+    law_below: float
+    law_above: float
+
+    def share(self, value: float) -> Share:
+        """The share with its 90 % interval, value − √(data² + overlap² + law_below²) to value + √(data² + overlap² +
+        law_above²), within −1 … 1."""
+        below, above = (float(np.hypot(np.hypot(self.data, self.overlap), x)) for x in (self.law_below, self.law_above))
+        return Share(value, max(value - below, -1.0), min(value + above, 1.0))
+
+
+@dataclass(frozen=True)
 class Gaps:
     """RMS gaps over the base model's, on the same tests: with all named effects, with all but one, and with that one
     alone; sd : of the one's share, from how it varies between tests (jackknife)."""
@@ -60,6 +82,16 @@ class Gaps:
     without: float
     alone: float
     sd: float
+
+    @property
+    def share(self) -> float:
+        """What the effect removes, the mean of the only one and the last one."""
+        return 0.5 * (self.first + self.last)
+
+    @property
+    def overlap(self) -> float:
+        """Half of how far these two lie apart."""
+        return 0.5 * abs(self.first - self.last)
 
     @property
     def last(self) -> float:
@@ -71,20 +103,20 @@ class Gaps:
         """What it removes as the only one."""
         return 1.0 - self.alone
 
-    def share(self, law_sd: float) -> Share:
-        """The effect's share; law_sd : by how much nature's law, which is not quite ours, puts a share off."""
-        value, apart = 0.5 * (self.first + self.last), 0.5 * abs(self.first - self.last)
-        width = NINETY * float(np.sqrt(self.sd**2 + law_sd**2 + apart**2 / 3.0))  # uniform between first and last
-        return Share(value, max(value - width, -1.0), min(value + width, 1.0))
+    @property
+    def measured(self) -> Share:
+        """The share on these tests with the interval that data and overlap leave open."""
+        return Vague(NINETY * self.sd, self.overlap, 0.0, 0.0).share(self.share)
 
 
 @dataclass(frozen=True)
 class Cause:
     """A named effect: how probable, which share of the gap it removes, and which effects are tied with it.
 
-    share : on the fitted tests; held_out : on whole frequencies and amplitudes held out (or on held-out
-    tests, as `held_out_by` says); None where no other test can show it: its parameters belong to single records
-    gaps : what the shares come from, on the tests of `held_out`, or the fitted ones where that is None
+    share : on the fitted tests, vague : what its interval is made of; held_out : on whole frequencies and amplitudes
+    held out (or on held-out tests, as `held_out_by` says); None where no other test can show it: its parameters belong
+    to single records
+    gaps : the three gaps, on the tests of `held_out`, or the fitted ones where that is None
     along : share that it removes of what changes along the record, where that is what it acts on
     """
 
@@ -92,6 +124,7 @@ class Cause:
     law: str
     probability: float
     share: Share
+    vague: Vague
     held_out: Share | None
     held_out_by: str
     tied_with: tuple[str, ...]
@@ -103,11 +136,13 @@ class Cause:
 @dataclass(frozen=True)
 class OneOf:
     """Effects of which one probably contributes, though these tests cannot tell which, the likeliest first; share : of
-    the gap that the one removes."""
+    the gap that one of them removes as the only effect; along : of what changes along the records, None where it does
+    not act there."""
 
     names: tuple[str, ...]
     probability: float
     share: float
+    along: float | None = None
 
 
 @dataclass(frozen=True)
@@ -224,6 +259,14 @@ def gaps_of(names: Iterable[str], power_N2: Mapping[frozenset[str], Array]) -> d
         sd = float(np.sqrt((tests - 1) / tests * np.sum((shares - shares.mean()) ** 2))) if less else 0.0
         out[n] = Gaps(with_all, without, alone, sd)
     return out
+
+
+def vagueness(fitted: Gaps, held_out: Gaps | None) -> Vague:
+    """What makes an effect's share on the fitted tests vague; held_out : its gaps on held-out tests, None where there
+    are none."""
+    left = float(np.clip(fitted.with_all, 0.0, 1.0))
+    lost = left if held_out is None else max(fitted.share - float(np.clip(held_out.share, -1.0, 1.0)), 0.0)
+    return Vague(NINETY * (held_out or fitted).sd, fitted.overlap, lost, left)
 
 
 def least_share(name: str, gap: float) -> float:

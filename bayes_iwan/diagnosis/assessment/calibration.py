@@ -36,8 +36,6 @@ class Calibration:
     UNEXPLAINED_FIGURES
     within : power of the score among effects for one place; apart : nats within which effects are tied
     usual : median and sd of ln share of a sound specimen's difference from the model
-    law, law_of_share : sd of a share of the gap beyond what differs between tests, for nature's law is not quite ours:
-        at most, and as a part of the share itself, where that is less
     """
 
     effect: tuple[float, ...]
@@ -47,12 +45,6 @@ class Calibration:
     within: float
     apart: float
     usual: tuple[float, float]
-    law: float
-    law_of_share: float
-
-    def law_sd(self, share: float) -> float:
-        """Standard deviation by which nature's law, which is not ours, may put a share of the gap off."""
-        return min(self.law, self.law_of_share * max(share, 0.0))
 
     def contributes(self, f: Figures) -> float:
         """Probability that something of this effect's kind contributes to the gap."""

@@ -35,7 +35,7 @@ class Figures:
     alternatives : score of the best set with each other effect in its place, less the score of the best set; itself at
     0
     fitted : share of the gap of the base that it removes last, in newtons; of the part that changes along the record
-        where it acts there and removes more of that
+        where it acts there and removes more of that; along : of that part, nan where it does not act there
     alone : share of the gap that it removes as the only effect
     held_out : mean over held-out tests of the share of the gap that it removes there, 0 where the other tests would not
         have chosen it or what resembles it; nan where no test can be held out for it
@@ -63,6 +63,7 @@ class Figures:
     before: float
     tests: int
     odd: str = ""
+    along: float = float("nan")
 
     @property
     def has_held_out(self) -> bool:
@@ -101,10 +102,11 @@ def figures_of(
         name = effect.name
         less = whole - {name}
         there = {k: v - search.scores[whole] for k, v in search.scores.items() if name not in k}
-        fitted = (sizes[less].all.rms_N - left) / before
+        fitted, share_along = (sizes[less].all.rms_N - left) / before, float("nan")
         if changes and effect.evolving:
             along = {k: sizes[k].along.rms_N for k in (none, less, whole)}
-            fitted = max(fitted, (along[less] - along[whole]) / along[none])
+            share_along = (along[less] - along[whole]) / along[none]
+            fitted = max(fitted, share_along)
         predicts = bool(held_out) and effect.strength_name in best.problem.names
         out.append(
             Figures(
@@ -122,6 +124,7 @@ def figures_of(
                 gap=sizes[less].all.rms_N / level,
                 before=before / level,
                 tests=data.tests,
+                along=share_along,
                 odd=implausible(effect, whole_in_newtons, data) or replaced(search.fit(less), best),
             )
         )

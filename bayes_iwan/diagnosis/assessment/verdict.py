@@ -20,6 +20,7 @@ from bayes_iwan.diagnosis.assessment.budget import (
     gaps_of,
     least_share,
     subsets,
+    vagueness,
 )
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, unexplained_figures
 from bayes_iwan.diagnosis.assessment.indicators import Figures
@@ -83,7 +84,7 @@ def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tu
             continue
         p = c.contributes(f) * sum(v for n, v in c.among(f).items() if n not in NO_CAUSE)
         if len(some) > 1 and p >= NAMED and not (f.has_held_out and f.held_out <= 0.0):
-            out.append(OneOf(some, p, f.fitted))
+            out.append(OneOf(some, p, f.alone, f.along if np.isfinite(f.along) else None))
     return tuple(out)
 
 
@@ -183,7 +184,7 @@ def _causes(
     keys = three_sets(whole)
     parts = held_out_gaps(models.predict(keys), found.search.data, held_out)
     counted: tuple[HeldOut, ...] = tuple(u for u in parts if u.by == HELD_OUT) or parts
-    fitted = gaps_of(named, {k: np.array([t.rms_N**2 for t in models.sizes[k].tests]) for k in keys})
+    fitted = gaps_of(named, {k: models.sizes[k].power_N2 for k in keys})
     power_N2 = {k: np.concatenate([u.power_N2[k] for u in counted]) for k in keys} if counted else {}
     predicted = gaps_of(named, power_N2) if counted else {}
     fit = models.fits[whole]
@@ -194,7 +195,8 @@ def _causes(
             continue
         effect = next(e for e in fit.effects if e.name == f.name)
         predicts = effect.strength_name in fit.problem.names and f.name in predicted
-        off = c.law_sd(0.5 * (fitted[f.name].first + fitted[f.name].last))
+        seen, unseen = fitted[f.name], predicted[f.name] if predicts else None
+        vague = vagueness(seen, unseen)
         along_N = [models.sizes[k].along.rms_N for k in (whole - {f.name}, whole)]
         along = (along_N[0] - along_N[1]) / before_along if effect.evolving and before_along > 0.0 else None
         out.append(
@@ -202,12 +204,13 @@ def _causes(
                 name=f.name,
                 law=str(getattr(effect, "law", "")),
                 probability=probabilities[f.name],
-                share=fitted[f.name].share(off),
-                held_out=predicted[f.name].share(off) if predicts else None,
+                share=vague.share(seen.share),
+                vague=vague,
+                held_out=None if unseen is None else unseen.measured,
                 held_out_by=" and ".join(dict.fromkeys(u.by for u in counted)) if predicts else "",
                 tied_with=tuple(n for n in candidates_of(f, c) if n != f.name),
                 figures=f,
-                gaps=predicted[f.name] if predicts else fitted[f.name],
+                gaps=unseen or seen,
                 along=along if along is None or along >= LEAST_ALONG else 0.0,
             )
         )

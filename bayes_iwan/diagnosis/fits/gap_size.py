@@ -19,7 +19,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.residuals import ALONG, COUNTED, LOOP, MAINS, MEAN, Residual
-from bayes_iwan.inference.setup.loop_error import friction_rms_N
+from bayes_iwan.inference.setup.loop_error import beyond_noise_N2, friction_rms_N
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
 LEVEL = 0.9
@@ -57,6 +57,7 @@ class GapSize:
     friction_N : (T,) RMS friction force.
     cycle, along_N : by test, (B,) mean cycle number of each block of cycles and RMS residual there;
     along_low_N, along_high_N : its 90 % interval.
+    power_N2 : (T,) squared gaps, which noise may make negative; of all tests together `all` is their mean's root
     plausible : (draws, T) squares of the gap that the data leave possible, N² (:func:`shrink` compares two).
     """
 
@@ -72,6 +73,7 @@ class GapSize:
     along_N: tuple[Array, ...]
     along_low_N: tuple[Array, ...]
     along_high_N: tuple[Array, ...]
+    power_N2: Array
     plausible: Array
 
 
@@ -98,10 +100,10 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
         removed = {kind: residual.noise_power(kind) for kind in kinds}
         error = error + residual.draw_parameters(draws, rng)
     raw = {kind: residual.power(residual.value, kind) for kind in kinds}
-    removed = {kind: _at_most(removed[kind], raw[kind]) for kind in kinds}
     found, spread = {}, {}
     for kind in kinds:
-        found[kind] = raw[kind] - removed[kind]
+        found[kind] = beyond_noise_N2(raw[kind], removed[kind])
+        removed[kind] = raw[kind] - found[kind]
         # the gap's best guess: the residual, made as small as its own power without the noise
         scale = np.sqrt(np.maximum(found[kind], 0.0) / np.maximum(raw[kind], 1e-300))
         spread[kind] = residual.power(scale[:, None] * residual.value + error, kind) - removed[kind]
@@ -125,6 +127,7 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
         rms,
         low,
         high,
+        total,
         plausible,
     )
 
@@ -132,14 +135,8 @@ def gap_size(residual: Residual, seed: int = 0, draws: int = DRAWS, friction_N: 
 def gap_power_N2(residual: Residual, kinds: Sequence[int] = COUNTED) -> Array:
     """(T,) squared gap of each test, or some parts of it, its noise taken off: may be negative. The quick form of
     :func:`gap_size` for tests that the model was not fitted to."""
-    raw = {kind: residual.power(residual.value, kind) for kind in kinds}
-    return np.sum([raw[kind] - _at_most(residual.noise_power(kind), raw[kind]) for kind in kinds], axis=0)
-
-
-def _at_most(noise: Array, raw: Array) -> Array:
-    """Noise power of each test, (T,), but over all tests no more than there is: what varies within the blocks of a
-    record, as a drift does, counts as noise of their means, and must not eat the gap of the loops."""
-    return noise * min(1.0, float(raw.sum()) / max(float(noise.sum()), 1e-300))
+    power = [beyond_noise_N2(residual.power(residual.value, kind), residual.noise_power(kind)) for kind in kinds]
+    return np.sum(power, axis=0)
 
 
 def ceiling_N(residual: Residual) -> float:
@@ -262,8 +259,7 @@ def shrink(before: GapSize, after: GapSize, tests: Sequence[int] | None = None) 
     if before.files != after.files:
         raise ValueError("the two gaps belong to different tests")
     at = list(range(len(before.files))) if tests is None else list(tests)
-    first = float(np.mean([before.tests[t].rms_N ** 2 for t in at]))
-    second = float(np.mean([after.tests[t].rms_N ** 2 for t in at]))
+    first, second = (max(float(x.power_N2[at].mean()), 0.0) for x in (before, after))
     if first <= 0.0:
         return Shrink(float("nan"), float("nan"), float("nan"))
     b, a = before.plausible[:, at].mean(axis=1), after.plausible[:, at].mean(axis=1)

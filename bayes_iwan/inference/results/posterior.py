@@ -120,8 +120,7 @@ class Posterior:
             low, middle, high = np.quantile(values[p.name], [0.05, 0.5, 0.95])
             rows.append(f"{units.name(p.name):22s} {middle:10.4g}  ({low:.4g} to {high:.4g}) {p.unit}")
         residual = self.residual_size()
-        share = f"{100 * residual.share:.2g} % of the friction force"
-        return [*rows, f"{'residual':22s} {residual.rms_N:10.3g} {units.force} RMS, {share}"]
+        return [*rows, f"{'gap':22s} {residual.gap_N:10.3g} {units.force} RMS, {residual}"]
 
     @property
     def quick(self) -> bool:
@@ -267,7 +266,7 @@ class Posterior:
         Returns
         -------
         ResidualSize
-            RMS of measured − predicted in N, and its share of the RMS friction force.
+            RMS of measured − predicted in N, and its share of the RMS friction force; both beyond noise, too.
         """
         return residual_size(self.problem, self.flat_z(n))
 

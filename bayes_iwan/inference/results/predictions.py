@@ -13,7 +13,7 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.setup.discrepancy import Correlated
-from bayes_iwan.inference.setup.loop_error import friction_rms_N
+from bayes_iwan.inference.setup.loop_error import beyond_noise_N2, friction_rms_N, harmonics_of
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models.motion import sine_motion
 
@@ -117,10 +117,16 @@ def _beyond(problem: Problem, frequency_hz: float, amplitude_mm: float) -> str:
 @dataclass(frozen=True)
 class ResidualSize:
     """rms_N : RMS residual of the median prediction over the fitted tests; share : the same over the RMS friction force
-    of all tests (:func:`bayes_iwan.inference.setup.loop_error.friction_rms_N`), as a diagnosis has it."""
+    of all tests (:func:`bayes_iwan.inference.setup.loop_error.friction_rms_N`). gap_N, gap_share : the same beyond
+    noise, as a diagnosis has it (:func:`bayes_iwan.inference.setup.loop_error.beyond_noise_N2`)."""
 
     rms_N: float
     share: float
+    gap_N: float
+    gap_share: float
+
+    def __str__(self) -> str:
+        return f"{100 * self.gap_share:.2g} % of the friction force (residual with noise {100 * self.share:.2g} %)"
 
 
 def residual_size(problem: Problem, z: Array) -> ResidualSize:
@@ -128,9 +134,22 @@ def residual_size(problem: Problem, z: Array) -> ResidualSize:
     values = problem.parameter_values(z)
     predicted = np.median(problem.predict(z), axis=0)
     friction = friction_rms_N(np.median(problem.friction_force(values), axis=0), problem.loops)
-    squares = [np.var(loop.force_N - predicted[t]) for t, loop in enumerate(problem.loops)]
-    rms = float(np.sqrt(np.mean(squares)))
-    return ResidualSize(rms, rms / float(np.sqrt(np.mean(friction**2))))
+    left = problem.measured_N - predicted
+    rms = float(np.sqrt(np.mean(np.var(left, axis=-1))))
+    gap = float(np.sqrt(max(float(np.mean(_gap_power_N2(left, problem.loops))), 0.0)))
+    level = float(np.sqrt(np.mean(friction**2)))
+    return ResidualSize(rms, rms / level, gap, gap / level)
+
+
+def _gap_power_N2(residual_N: Array, loops: Sequence[Loop]) -> Array:
+    """(tests,) squared gap of averaged loops, their mean forces left aside; residual_N (tests, samples)."""
+    noise_N = np.array([x.noise_N[1:] for x in loops])
+    harmonics = harmonics_of(residual_N, noise_N.shape[1] + 1)[:, 1:]
+    there = np.isfinite(noise_N)
+    residual_N2, noise_N2 = (
+        np.sum(np.where(there, x, 0.0), axis=1) for x in (0.5 * np.abs(harmonics) ** 2, noise_N**2)
+    )
+    return beyond_noise_N2(residual_N2, noise_N2)
 
 
 def replicated(

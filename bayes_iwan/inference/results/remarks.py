@@ -39,9 +39,9 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
     if len(posterior.point.each_log_prob) > 1 and not agree:
         out.append(said)
     residual = posterior.residual_size()
-    if residual.share > LARGE_RESIDUAL:
+    if residual.gap_share > LARGE_RESIDUAL:
         out.append(
-            f"The model misses the friction force by {100 * residual.share:.2g} %: the intervals hold for a model "
+            f"The model misses the friction force by {100 * residual.gap_share:.2g} %: the intervals hold for a model "
             "that fits, so diagnose the campaign, and check priors and fixed values."
         )
     if not all(x.holds for x in posterior.held_out):

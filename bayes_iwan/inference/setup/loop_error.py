@@ -43,6 +43,13 @@ def friction_rms_N(model_N: Array, loops: Sequence[Loop]) -> Array:
     return np.maximum(np.sqrt(np.mean(model_N**2, axis=-1)), friction_level_N(loops))
 
 
+def beyond_noise_N2(residual_N2: Array, noise_N2: Array) -> Array:
+    """(tests,) squared gap: mean square residual less its expected noise, N², which may be negative for a test. Over
+    all tests no more noise than there is residual: what varies within the blocks of a record, as a drift does, counts
+    as noise of their means, and must not eat the gap of the loops."""
+    return residual_N2 - noise_N2 * min(1.0, float(residual_N2.sum()) / max(float(noise_N2.sum()), 1e-300))
+
+
 def harmonics_of(force_N: Array, count: int) -> Array:
     """c_h, h < count, with force = Re Σ c_h e^{2πih·phase}; force (…, samples) on a uniform phase grid from 0."""
     c = fft.rfft(force_N, axis=-1)[..., :count] * (2.0 / force_N.shape[-1])

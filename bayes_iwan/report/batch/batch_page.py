@@ -90,9 +90,9 @@ def _summary(section: Section, result: Batch) -> None:
         found.append((f"Not converged, so that their intervals are too narrow: {', '.join(late)}.", False, ""))
     if any(x.quantities and x.converged is None for x in result.finished):
         found.append(("Quick: intervals are a normal approximation, not sampled.", False, ""))
-    large = [x for x in result.finished if (x.residual_share or 0.0) > LARGE_RESIDUAL]
+    large = [x for x in result.finished if (x.gap_share or 0.0) > LARGE_RESIDUAL]
     if large:
-        named = ", ".join(f"{x.name} ({100 * (x.residual_share or 0.0):.2g} %)" for x in large[:8])
+        named = ", ".join(f"{x.name} ({100 * (x.gap_share or 0.0):.2g} %)" for x in large[:8])
         found.append(
             (f"The model misses more than {100 * LARGE_RESIDUAL:.0f} % of the friction force of {named}.", False, "")
         )
@@ -167,7 +167,7 @@ def _values(page: Page, result: Batch) -> None:
         "specimen",
         *([result.group] if result.group else []),
         "distance",
-        "residual (%)",
+        "gap (%)",
         *map(result.label, names),
     ]
     rows = []
@@ -175,7 +175,7 @@ def _values(page: Page, result: Batch) -> None:
         odd = ranked.get(x.name)
         row = [x.name, *([result.lots.get(x.name, "–")] if result.group else [])]
         row.append("–" if odd is None else f"{odd.distance:.1f}")
-        row.append("–" if x.residual_share is None else f"{100 * x.residual_share:.2g}")
+        row.append("–" if x.gap_share is None else f"{100 * x.gap_share:.2g}")
         for q in names:
             have, lot = x.quantities.get(q), result.shrunk.get(q, {}).get(x.name)
             text = "–" if have is None else f"{number(have.median, have.high - have.low)}"

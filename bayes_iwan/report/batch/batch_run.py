@@ -225,9 +225,10 @@ def _identified(job: Job, campaign: Path, out: Path) -> dict[str, Any]:
             "draws": _rounded(rng.choice(x, min(len(x), 2 * DRAWS), replace=False)),
             "prior": _rounded(prior[np.isfinite(prior)]),
         }
-    converged = None if posterior.quick else posterior.converged
+    converged, size = None if posterior.quick else posterior.converged, posterior.residual_size()
     return {
-        "residual_share": posterior.residual_size().share,
+        "residual_share": size.share,
+        "gap_share": size.gap_share,
         "converged": converged,
         "message": posterior.message,
         "quantities": record,

@@ -47,15 +47,11 @@ def _said(batch: Batch) -> list[str]:
         out.append(f"{len(odd) - NAMED} more are unusual; see batch.html.")
     causes = Counter(x.cause.replace("_", " ") for x in batch.finished if x.cause is not None)
     if causes:
-        gap = np.median([x.gap_share for x in batch.finished if x.gap_share is not None] or [np.nan])
-        found = ", ".join(f"{c} ({n})" for c, n in causes.most_common(5))
-        out.append(f"What the model misses: {100 * gap:.2g} % of the friction force (median); causes found: {found}.")
-    residuals = [x.residual_share for x in batch.finished if x.residual_share is not None]
-    if residuals:
-        worst = (
-            f"{100 * np.median(residuals):.2g} % of the friction force (median), at most {100 * max(residuals):.2g} %"
-        )
-        out.append(f"The identified models leave {worst}.")
+        out.append("Causes found: " + ", ".join(f"{c} ({n})" for c, n in causes.most_common(5)) + ".")
+    gaps = [x.gap_share for x in batch.finished if x.gap_share is not None]
+    if gaps:
+        worst = f"{100 * np.median(gaps):.2g} % of the friction force (median), at most {100 * max(gaps):.2g} %"
+        out.append(f"Gap beyond noise: {worst}.")
     if late := [x.name for x in batch.finished if x.converged is False]:
         out.append(f"Not converged, intervals too narrow: {', '.join(late[:NAMED])}.")
     return out

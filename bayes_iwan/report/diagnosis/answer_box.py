@@ -15,7 +15,7 @@ from bayes_iwan.report.page import Section
 _WORDS = (
     ("gap", "RMS of measured − predicted force beyond the records' noise (a stop has a clearance)", "N"),
     ("share", "part of the gap that an effect removes; all effects and the unexplained part make the whole", ""),
-    ("interval of a share", "what the effect may remove on other tests; nature's law is not quite the fitted one", ""),
+    ("interval of a share", "what the effect may remove, by the tests, by overlap, and by the form of its law", ""),
     ("friction force", "RMS friction force of the fitted model, at least energy per cycle / (4 × amplitude)", "N"),
     ("unexplained", "what no named effect removes", ""),
     ("noise", "RMS of what the records do not repeat", "N"),
@@ -39,10 +39,8 @@ CAPTIONS = {
         "Waterfall of the gap and the residual force of one test with and without the named effects",
     ),
     "budget": (
-        "The gap as a sum: how much of it each named effect removes and what stays unexplained. What several remove "
-        "together is "
-        "shared among them by Shapley values, the mean of two ways: each put into the model, and what it makes taken "
-        "out of the records.",
+        "The gap as a sum: how much of it each named effect removes and what stays unexplained. Where effects overlap, "
+        "a share is the mean of what the effect removes as the only one and as the last one.",
         "Waterfall from the gap down to the unexplained part",
     ),
     "gap_loops": (
@@ -116,6 +114,19 @@ def diagnosis_answer(section: Section, d: Mapping[str, Any], figures: Mapping[st
             [*map(_cause, d["verdict"]["causes"]), _unexplained(d)],
             "The gap as a sum",
         )  # fmt: skip
+        section.table(
+            ("effect", "on", "with all", "without it", "it alone", "tests", "overlap", "law, down", "law, up"),
+            [_gaps(c) for c in d["verdict"]["causes"]],
+            "Three gaps an effect, and what makes its share vague",
+        )
+        section.text(
+            "Every figure is a part of the model's own gap, which is 100 %. With all: what is left with all named "
+            "effects in the model; without it: with all the others; it alone: with no other. An effect that matters "
+            "leaves much without it and little alone. The right half says how far its share may be off: as it differs "
+            "between tests (90 %), as other effects explain the same (half of first against last), and as its formula "
+            "is not quite nature's (down: it removes less on held-out tests; up: the unexplained part may be its "
+            "own). The root of the sum of their squares is the interval's half width."
+        )
     where = d["unexplained"]["where"] if d["verdict"]["unknown_cause"] else []
     if where:
         section.heading_below("Where the unexplained part sits")
@@ -134,6 +145,12 @@ def _cause(c: Mapping[str, Any]) -> tuple[str, ...]:
         percent_range(c["share_held_out_interval"]),
         few(c["tied_with"]) if c["tied_with"] else "–",
     )
+
+
+def _gaps(c: Mapping[str, Any]) -> tuple[str, ...]:
+    gaps, vague = c["gaps"], c["share_vague"]
+    left = (percent(gaps[k]) for k in ("with_all", "without", "alone"))
+    return (title(c["name"]), gaps["on"], *left, *map(percent, vague.values()))
 
 
 def _unexplained(d: Mapping[str, Any]) -> tuple[str, ...]:

@@ -31,7 +31,13 @@ def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> Non
     flagged = budget.unexplained.probability >= 0.5
     label = "unexplained"
     rows.append(
-        (label, 0.0, top, ORANGE if flagged else GREEN, (unexplained.low, unexplained.high) if budget.causes else None)
+        (
+            label,
+            0.0,
+            unexplained.value,
+            ORANGE if flagged else GREEN,
+            (unexplained.low, unexplained.high) if budget.causes else None,
+        )
     )
     hatched = []
     for x in one_of:

@@ -23,7 +23,7 @@ def methods(posterior: Posterior) -> str:
     loops = problem.loops
     f, a = sorted({x.record.frequency_hz for x in loops}), sorted({x.record.amplitude_mm for x in loops})
     cycles, clock = sorted(x.n_cycles for x in loops), loops[0].record.clock
-    model = problem.model
+    model, speeds = problem.model, f"{_span(f, 'Hz')} and " if clock else ""
     parts = []
     if isinstance(model, Model):
         parts.append(
@@ -34,7 +34,7 @@ def methods(posterior: Posterior) -> str:
     else:
         parts.append(f"The model {model.name} was identified from")
     parts[0] += (
-        f" {len(loops)} harmonic test{'s' if len(loops) != 1 else ''} at {_span(f, 'Hz') + ' and ' if clock else ''}amplitudes of "
+        f" {len(loops)} harmonic test{'s' if len(loops) != 1 else ''} at {speeds}amplitudes of "
         f"{_span(a, 'mm')}, each averaged in phase over {_span([float(c) for c in cycles], 'cycles')} into "
         f"{settings.loops.n_phase} points."
     )

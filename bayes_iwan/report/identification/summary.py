@@ -63,7 +63,14 @@ def identification_answer(
     worst = max(fitted, key=lambda x: x.residual_share)
     rows.append(
         (
-            "residual: what the model leaves unexplained, RMS",
+            "gap: what the model misses beyond noise, RMS",
+            f"{number(residual.gap_N, residual.rms_N)} N",
+            f"{100 * residual.gap_share:.2g} % of the friction force",
+        )
+    )
+    rows.append(
+        (
+            "residual: the same with noise, RMS",
             f"{number(residual.rms_N, residual.rms_N)} N",
             f"{100 * residual.share:.2g} % of the friction force (worst test, {worst.test}: "
             f"{100 * worst.residual_share:.2g} %)",

@@ -51,9 +51,9 @@ def findings(posterior: Posterior, regions: RegionChecks, by_frequency: Frequenc
     found = [Finding(text=text, good=False) for text in posterior.warnings()]
     if posterior.converged and not posterior.quick:
         found.append(Finding(text="The chains have converged.", good=True, section="Sampling"))
-    share = posterior.residual_size().share
+    share = posterior.residual_size().gap_share
     if share <= LARGE_RESIDUAL:
-        text = f"The model leaves {100 * share:.2g} % of the friction force unexplained."
+        text = f"The gap is {100 * share:.2g} % of the friction force."
         found.append(Finding(text=text, good=True))
     if posterior.held_out and all(x.holds for x in posterior.held_out):
         found.append(Finding(text=held_out_said(posterior.held_out), good=True, section="Is the model enough?"))
