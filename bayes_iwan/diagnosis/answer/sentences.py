@@ -131,12 +131,9 @@ def _kind(d: Diagnosis) -> list[str]:
         ]
     if v.one_of:
         return out
-    return [
-        *out,
-        f"Cause unknown (probability {probability(d.budget.unexplained.probability)}). The gap is real, but no known "
-        "effect "
-        "explains it in all tests.",
-    ]
+    why = "no known effect explains it in all tests" if d.data.tests > 1 else "one test does not show its cause"
+    p = probability(d.budget.unexplained.probability)
+    return [*out, f"Cause unknown (probability {p}). The gap is real, but {why}."]
 
 
 def _cornered(d: Diagnosis) -> str:
