@@ -69,8 +69,8 @@ def main() -> None:
     p, coverage, risk = curve(cases, constants)
     for at in (0.9, 0.8, NAMED, 0.5, 0.3):
         n = int(np.sum(p >= at))
-        found, false = 100 * coverage[n - 1], 100 * risk[n - 1]
-        print(f"named from {at:.2f}: {found:.0f} % of true effects, {false:.0f} % of {n} names false")
+        named, false = 100 * coverage[n - 1], 100 * risk[n - 1]
+        print(f"named from {at:.2f}: {named:.0f} % of true effects, {false:.0f} % of {n} names false")
     figure, ax = plt.subplots(figsize=(5.2, 3.4), layout="constrained")
     ax.step(100 * coverage, 100 * risk, where="post")
     n = int(np.sum(p >= NAMED))

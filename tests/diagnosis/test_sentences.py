@@ -142,6 +142,7 @@ def test_the_kinds_read_as_they_should(answers):
     assert text["unknown"][1] == (
         "Cause unknown (probability 0.97). The gap is real, but no known effect explains it in all tests."
     )
+    assert "The gap is real, but one test does not show its cause." in " ".join(text["single record"])
     assert "There is one test, so nothing of this was checked on held-out tests." in text["single record"]
     three = "20 % with all named effects, 50 % without this one, 70 % with this one alone."
     assert f"Gap left on held-out tests: {three}" in " ".join(text["two named"])

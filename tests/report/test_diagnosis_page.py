@@ -23,7 +23,7 @@ from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import ALONG
-from bayes_iwan.files import finite
+from bayes_iwan.files import RECORD, finite
 from bayes_iwan.report.diagnosis import budget_figures, diagnosis_files, gap_figures
 from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
 from bayes_iwan.report.diagnosis.diagnosis_page import write_diagnosis_page
@@ -371,6 +371,7 @@ def test_a_diagnosis_of_torque_over_angle_speaks_of_no_newtons(tmp_path, found, 
         "diagnosis.json",
         "figures",
         "fits.json",
+        RECORD,
     ]
 
 
@@ -386,7 +387,7 @@ def test_a_run_that_is_killed_over_an_older_one_leaves_no_answer_beside_another_
     monkeypatch.setattr(diagnosis_files, "write_diagnosis_page", killed)
     with pytest.raises(KeyboardInterrupt):
         bi.write(found, out)
-    assert not [x.name for x in out.iterdir() if x.suffix in (".json", ".html")]
+    assert not [x.name for x in out.iterdir() if x.suffix in (".json", ".html") and x.name != RECORD]
 
 
 def test_what_is_drawn_ahead_of_the_verdict_changes_no_file(tmp_path, found, monkeypatch, figure_files):
@@ -404,10 +405,11 @@ def test_what_is_drawn_ahead_of_the_verdict_changes_no_file(tmp_path, found, mon
     ahead.located(Located(found.campaign, found.residual, found.before, found.where))
     early = {order.name for order in ahead.renderer._ordered}
     (tmp_path / "ahead").mkdir()
-    diagnosis_files._write(found, tmp_path / "ahead", None, None, ahead)
+    diagnosis_files._write(found, tmp_path / "ahead", ahead)
     assert len(early) >= 5 and early < set(drawn) and len(drawn) == len(set(drawn))
     written = {f.relative_to(tmp_path / "ahead") for f in (tmp_path / "ahead").rglob("*") if f.is_file()}
-    assert written == {f.relative_to(tmp_path / "after") for f in (tmp_path / "after").rglob("*") if f.is_file()}
+    after = {f.relative_to(tmp_path / "after") for f in (tmp_path / "after").rglob("*") if f.is_file()}
+    assert written == {f for f in after if f.name != RECORD}
     for name in written:
         if name.suffix in (".html", ".png", ".json"):  # a PDF's letters hang on which process drew it
             assert (tmp_path / "ahead" / name).read_bytes() == (tmp_path / "after" / name).read_bytes(), name

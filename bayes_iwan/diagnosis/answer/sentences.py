@@ -131,12 +131,9 @@ def _kind(d: Diagnosis) -> list[str]:
         ]
     if v.one_of:
         return out
-    return [
-        *out,
-        f"Cause unknown (probability {probability(d.budget.unexplained.probability)}). The gap is real, but no known "
-        "effect "
-        "explains it in all tests.",
-    ]
+    why = "no known effect explains it in all tests" if d.data.tests > 1 else "one test does not show its cause"
+    p = probability(d.budget.unexplained.probability)
+    return [*out, f"Cause unknown (probability {p}). The gap is real, but {why}."]
 
 
 def _cornered(d: Diagnosis) -> str:
@@ -235,7 +232,8 @@ def _imitation(x: Imitation, d: Diagnosis) -> str:
     text = f"{capital(x.what)}: {few(x.tied)}."
     if len(x.tied) == 1:  # an effect, which these tests tell from what the base has
         text += f" With it the model would miss {left} of the friction force, with {title(x.name)} instead "
-        text += f"{percent(share[x.name])}, with neither {percent(x.without)}."
+        text += percent(share[x.name])
+        text += f", with neither {percent(x.without)}." if x.without > share[x.name] else "."
     else:
         text += f" The evidence is for {listed(named)}." if named else " These tests do not tell which."
         text += f" With one of them the model would miss {left} of the friction force, with none {percent(x.without)}."

@@ -195,8 +195,8 @@ def _causes(
             continue
         effect = next(e for e in fit.effects if e.name == f.name)
         predicts = effect.strength_name in fit.problem.names and f.name in predicted
-        seen, elsewhere = fitted[f.name], predicted[f.name] if predicts else None
-        vague = vagueness(seen, elsewhere)
+        on_fitted, on_held_out = fitted[f.name], predicted[f.name] if predicts else None
+        vague = vagueness(on_fitted, on_held_out)
         along_N = [models.sizes[k].along.rms_N for k in (whole - {f.name}, whole)]
         along = (along_N[0] - along_N[1]) / before_along if effect.evolving and before_along > 0.0 else None
         out.append(
@@ -204,13 +204,13 @@ def _causes(
                 name=f.name,
                 law=str(getattr(effect, "law", "")),
                 probability=probabilities[f.name],
-                share=vague.share(seen.share),
+                share=vague.share(on_fitted.share),
                 vague=vague,
-                held_out=None if elsewhere is None else elsewhere.measured,
+                held_out=None if on_held_out is None else on_held_out.measured,
                 held_out_by=" and ".join(dict.fromkeys(u.by for u in counted)) if predicts else "",
                 tied_with=tuple(n for n in candidates_of(f, c) if n != f.name),
                 figures=f,
-                gaps=elsewhere or seen,
+                gaps=on_held_out or on_fitted,
                 along=along if along is None or along >= LEAST_ALONG else 0.0,
             )
         )
