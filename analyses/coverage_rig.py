@@ -12,8 +12,8 @@ measured noise drawn anew.
 An interval that is right holds the truth as often as it says. What is counted are quantiles of draws: `sampled` by the
 package's own sampler, `approximate` as `--quick` draws; both as drawn, and made as wide as the tests disagree, as the
 package does (:mod:`bayes_iwan.inference.solving.between_tests`). Counted pooled, by the number of tests, for one
-frequency and several, and for weak and strong variation of the normal force. The figure has one curve a quantity (P-P) with
-simultaneous 95 % bands of the empirical distribution (Dvoretzky, Kiefer & Wolfowitz 1956; Massart 1990).
+frequency and several, and for weak and strong variation of the normal force. The figure has one curve a quantity (P-P)
+with simultaneous 95 % bands of the empirical distribution (Dvoretzky, Kiefer & Wolfowitz 1956; Massart 1990).
 """
 
 from __future__ import annotations
