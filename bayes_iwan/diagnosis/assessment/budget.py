@@ -183,7 +183,6 @@ class GapBudget:
     __repr__ = brief
 
 
-
 @dataclass(frozen=True)
 class Verdict:
     """The headline: its kind, the named causes (largest share first), and whether the unexplained part has a cause

@@ -79,7 +79,6 @@ class GapSize:
     __repr__ = brief
 
 
-
 def friction_rms_by_test_N(residual: Residual) -> Array:
     """(T,) RMS friction force, N: :func:`bayes_iwan.inference.setup.loop_error.friction_rms_N`."""
     problem = residual.fit.problem

@@ -56,6 +56,8 @@ class Posterior:
         where a user's own simulator came from.
     independent
         are the walkers of an ensemble independent of each other, too?
+    stretch
+        factor by which the draws were made wider in the direction in which the tests disagree most.
 
     Examples
     --------
@@ -93,6 +95,7 @@ class Posterior:
     simulator_file: str = ""
     stop: Stop = Stop.CONVERGED
     independent: bool = False
+    stretch: float = 1.0
 
     def __repr__(self) -> str:
         return "\n".join((self._title(), *(f"  {row}" for row in self._shown()), *map(wrapped, self.warnings())))
