@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -13,6 +14,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 #: values by name, (draws,) each
 ParameterValues = Mapping[str, Array]
+
+
+def wrapped(text: str, width: int = 100) -> str:
+    """A long text in lines of a screen's width, the following ones set in."""
+    return "\n".join(textwrap.wrap(text, width, subsequent_indent="    ", drop_whitespace=True))
 
 
 def brief(self: Any) -> str:

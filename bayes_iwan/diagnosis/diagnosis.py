@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from tqdm.auto import tqdm
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, wrapped
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.loops.clipping import Limit, limits_of_loops
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
@@ -152,7 +152,7 @@ class Diagnosis:
     sampling: Sampling | None
 
     def __repr__(self) -> str:
-        return "\n".join((f"diagnosis of {self.campaign.name}:", *(f"  {s}" for s in self.sentences())))
+        return "\n".join((f"diagnosis of {self.campaign.name}:", *(wrapped(f"  {s}") for s in self.sentences())))
 
     def _repr_html_(self) -> str:
         said = "".join(f"<li>{escape(s)}</li>" for s in self.sentences())

@@ -182,11 +182,8 @@ def elements(device: Device, index: int, error: float) -> tuple[Array, Array]:
     The backbone of n elements is straight between its n corners, so it is L(φ) read at the corners: as few as keep the
     difference within `error` of the mean slip force. Their sum falls short of 1 by the share that slips at once.
     """
-    table, top = device.tables[index], device.top_N[index]
-    nodes = slip_nodes(table) * top
-    limited = np.append(table[:, 0], table[-1].sum())
-    mean, corners = limited[-1], [0.0]
-    phi, value = np.concatenate([[0.0], nodes]), np.concatenate([[0.0], limited])
+    phi, value = limited_mean(device.tables[index], device.top_N[index])
+    mean, corners = value[-1], [0.0]
     at = 0
     while at < len(phi) - 1:
         low, high = at + 1, len(phi) - 1
@@ -202,12 +199,19 @@ def elements(device: Device, index: int, error: float) -> tuple[Array, Array]:
     return corner[1:], share
 
 
-def slip_nodes(table: Array) -> Array:
-    """Ends of a table's cells in shares of its top, (cells + 1,)."""
+#: places at which each cell of a table is read
+PLACES = 8
+
+
+def limited_mean(table: Array, top: float) -> tuple[Array, Array]:
+    """φ (n,) in N from 0 to the table's end, PLACES a cell, and L(φ) there."""
     octaves = slip_force.OCTAVES
     per_octave = len(table) // octaves
-    octave, place = np.divmod(np.arange(len(table) + 1), per_octave)
-    return np.ldexp(1.0 + place / per_octave, octave - octaves)
+    octave, place = np.divmod(np.arange(PLACES * len(table) + 1) / PLACES, per_octave)
+    phi = top * np.ldexp(1.0 + place / per_octave, octave.astype(int) - octaves)
+    w = np.arange(PLACES) / PLACES
+    value = table @ np.stack([w**0, w, w**2, w**3])
+    return np.append(0.0, phi), np.concatenate([[0.0], value.ravel(), [table[-1].sum()]])
 
 
 def rows_of(table: Array) -> Array:

@@ -97,7 +97,7 @@ def cost_of_dropping(problem: Problem, z: Array) -> float:
     assert isinstance(model, Model)
     still = Model(model.reference, model.slip, "constant", "constant", embedded=model.embedded)
     kept = [e for e in problem.effects if type(e) in LAWS and not _moving(e)]
-    at_rest = values | ({CORNER_NAME: np.zeros(1)} if model.embedded else {})
+    at_rest = {n: np.zeros_like(x) if n == CORNER_NAME else x for n, x in values.items()}
     change = recorded_force(still, kept, without_zero(at_rest), motion) - steady_loops(problem, values, motion)
     return float(np.sqrt(np.mean(change**2) / np.mean(problem.friction_force(values, motion) ** 2)))
 

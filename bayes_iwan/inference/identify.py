@@ -27,6 +27,7 @@ from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
 from bayes_iwan.inference.solving.approximation import approximate_draws
+from bayes_iwan.inference.solving.between_tests import stretched
 from bayes_iwan.inference.solving.chains import Run, sampled
 from bayes_iwan.inference.solving.point import Point, find_point
 from bayes_iwan.models import Simulator
@@ -250,6 +251,10 @@ def _approximation(
 ) -> Posterior:
     """A posterior of the normal approximation, four chains of independent draws."""
     z = approximate_draws(problem, point.z, QUICK_DRAWS, (seed, 14))
+    stretch = 1.0
+    if settings.sampling.between_tests:
+        z, factors = stretched(problem, point.z, z)
+        stretch = float(factors[-1])
     log_prob = problem.log_prob(z)
     possible = np.resize(np.flatnonzero(np.isfinite(log_prob)), QUICK_DRAWS)  # a simulator may have no force there
     z, log_prob = z[possible], log_prob[possible]
@@ -270,6 +275,7 @@ def _approximation(
         timings={"point_s": seconds, "sampling_s": 0.0, "steps": 0.0},
         convergence=(),
         stop=Stop.QUICK,
+        stretch=stretch,
     )
 
 
@@ -290,6 +296,11 @@ def _posterior(
     kept = slice(stored - 1 - every * ((stored - 1) // every), None, every)
     z = np.moveaxis(chains.draws[:, kept], 2, 1).reshape(ensembles, -1, ndim)
     log_prob = np.moveaxis(chains.log_prob[:, kept], 2, 1).reshape(ensembles, -1)
+    stretch = 1.0
+    if settings.sampling.between_tests:
+        flat, factors = stretched(problem, point.z, z.reshape(-1, ndim))
+        z, stretch = flat.reshape(z.shape), float(factors[-1])
+        log_prob = problem.log_prob(flat).reshape(log_prob.shape)
     c = chains.convergence
     rows = (
         ()
@@ -317,6 +328,7 @@ def _posterior(
         versions=versions(),
         timings=dict(timings) | {"steps": float(chains.n_steps)},
         convergence=rows,
+        stretch=stretch,
     )
 
 

@@ -11,7 +11,7 @@ import pytest
 import scipy.io
 
 from bayes_iwan.campaign import CampaignError
-from bayes_iwan.campaign.importing import recordings
+from bayes_iwan.campaign.importing import import_tests, recordings
 from bayes_iwan.campaign.importing.formats.text_layout import Layout
 from bayes_iwan.campaign.importing.read import read_file
 
@@ -269,3 +269,18 @@ def test_a_missing_library_is_named(tmp_path, monkeypatch, name, start, module, 
 
     monkeypatch.setattr("importlib.import_module", lambda wanted: without(wanted))
     refused(tmp_path / name, says, "python -m pip install")
+
+
+def test_a_channel_that_states_no_start_begins_with_the_file(tmp_path):
+    """Only the displacement says that it began 12 ms late."""
+    nptdms = pytest.importorskip("nptdms")
+    t = np.arange(1000) / 250.0
+    x, f = np.sin(10 * np.pi * (t + 0.012)), 20.0 * np.sin(10 * np.pi * t + 0.5)
+    with nptdms.TdmsWriter(str(tmp_path / "a.tdms")) as writer:
+        for name, unit, values, more in (("Disp", "mm", x, {"wf_start_offset": 0.012}), ("Force", "N", f, {})):
+            said = {"unit_string": unit, "wf_increment": 0.004, **more}
+            writer.write_segment([nptdms.ChannelObject("rig", name, values, said)])
+    (test,) = import_tests([tmp_path / "a.tdms"])
+    u = 2 * np.mean(test.loop.displacement_mm * np.exp(-2j * np.pi * test.loop.phase))
+    assert np.angle(test.loop.harmonics_N[1] / u) == pytest.approx(0.5, abs=0.01)
+    assert any("aligned by start" in x for x in test.record.warnings)

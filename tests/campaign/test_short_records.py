@@ -94,3 +94,7 @@ def test_friction_s_own_bend_of_the_loss_angle_is_no_delay():
     assert not any("lags" in x or "leads" in x for x in told((0.5, 1.0, 1.5, 2.0, 3.0)))
     found = told((0.7, 1.0, 1.5, 2.0, 3.0, 4.0), late=3)
     assert "lags" in found[3] and not any("lags" in x for k, x in enumerate(found) if k != 3)
+
+
+def test_contacts_that_hardly_slip_at_the_smallest_amplitude_are_no_delay():
+    assert not any("lags" in x for x in told((0.4, 1.0, 2.0, 3.0)))

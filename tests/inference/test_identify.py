@@ -226,6 +226,15 @@ def test_resuming_something_else_is_refused(run, folder, change, part):
         identify_campaign(folder, out, config=SMALL | change, seed=1, resume=True, progress=False)
 
 
+def test_a_posterior_that_misses_more_than_the_minimum_of_eq_8_says_so(run):
+    posterior, _ = run
+    assert not any("minimises Eq. (8)" in x for x in posterior.warnings())
+    moved = posterior.z.copy()
+    moved[..., posterior.names.index("k1_N_mm")] += 0.3
+    (said,) = (x for x in replace(posterior, z=moved).warnings() if "minimises Eq. (8)" in x)
+    assert "eq8_minimum in point.json" in said
+
+
 def test_each_frequency_alone(run, tmp_path):
     groups = by_frequency(run[0].loops)
     assert {k: [x.file for x in v] for k, v in groups.items()} == {

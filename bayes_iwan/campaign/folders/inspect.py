@@ -81,6 +81,12 @@ class Inspection:
     samples_per_cycle: float
     reversal_samples: float
 
+    def __repr__(self) -> str:
+        return (
+            f"Inspection({self.loop.file!r}: {self.energy_mJ.value:.4g} mJ, {self.stiffness_N_mm.value:.4g} N/mm, "
+            f"loss factor {self.loss_factor.value:.3g}, {len(self.notes)} remarks)"
+        )
+
     @property
     def notes(self) -> tuple[str, ...]:
         """What is said of this test, one line each: what, what it does to an identification, what to do."""

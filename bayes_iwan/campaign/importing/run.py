@@ -366,7 +366,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
 
 def _alike(a: Channel, b: Channel) -> bool:
     """Whether two channels without time channels are of one rate and start, as far as the file says."""
-    start = None not in (a.start_s, b.start_s) and a.start_s != b.start_s
+    start = (a.start_s or 0.0) != (b.start_s or 0.0)  # what is not stated is the recording's own start
     rate = None not in (a.rate_hz, b.rate_hz) and abs((a.rate_hz or 1.0) / (b.rate_hz or 1.0) - 1) > 1e-6
     return not start and not rate
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.special import spherical_jn
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.corners import CORNERS_GAP, CORNERS_SAMPLES, LEAST_GAP, cornered_motion, has_corners
 from bayes_iwan.campaign.timing.cycles import Cut, cut_cycles
@@ -218,7 +218,10 @@ class Loop:
     averager: Averager
     corners: bool = False
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        at = f"{self.frequency_hz:.4g} Hz, " if self.record.clock else ""
+        size = f"{self.amplitude_mm:.4g} {self.record.units.displacement}"
+        return f"Loop({self.file!r}: {at}{size}, {self.n_cycles} cycles in {self.phase.size} points, {self.role})"
 
     @property
     def corners_gap(self) -> float:

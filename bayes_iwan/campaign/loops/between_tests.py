@@ -94,7 +94,9 @@ def _outside(k: int, size: Array, angle: Array) -> float:
             second = others[np.argmin(np.abs(size[others] - at))]
             slope = (angle[second] - np.mean(angle[first])) / (size[second] - at)
             known = np.append(known, np.mean(angle[first]) + slope * (size[k] - at))
-    return float(max(angle[k] - known.max(), known.min() - angle[k])) - slack
+    early, late = float(angle[k] - known.max()), float(known.min() - angle[k])
+    sticks = len(sides) == 1 and off.min() >= -SAME  # the smallest amplitude, at which contacts hardly slip
+    return (early if sticks else max(early, late)) - slack
 
 
 def _late(loop: Loop, degrees: float) -> str:

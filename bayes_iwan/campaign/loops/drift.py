@@ -120,7 +120,7 @@ def level_record(record: Record, loop: Loop, line_mm: float) -> tuple[Record, li
     drift = drift_of(loop, line_mm)
     if drift is None:
         return record, []
-    moved, moved_error = drift.displacement_mm
+    moved, moved_error = _largest(drift.path_mm), drift.displacement_mm[1]
     drifts = abs(moved) > max(SIGMAS * moved_error, CHANGES * loop.amplitude_mm)
     friction = friction_N(loop)
     stiffness = float(np.polyfit(loop.displacement_mm, loop.force_N, 1)[0])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, brief
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.errors import InputError
 
@@ -70,7 +70,10 @@ class Record:
     clock: bool = True
     mean_force_error_N: float = 0.0
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        at = f"{self.frequency_hz:g} Hz, " if self.clock else ""
+        size = f"{self.amplitude_mm:g} {self.units.displacement}"
+        return f"Record({self.file!r}: {at}{size}, {self.time_s.size} samples, {self.role})"
 
     def __post_init__(self) -> None:
         n = np.shape(self.time_s)

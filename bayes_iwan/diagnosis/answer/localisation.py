@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.diagnosis.answer.growth_laws import GrowthLaw, LawSearch
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.fits.data import MAINS_HZ, TREND_HARMONICS
@@ -84,6 +84,8 @@ class Where:
     sticking: Array | None
     change_N: Array
     clock: bool = True
+
+    __repr__ = brief
 
     def of(self, kind: str) -> tuple[Statistic, ...]:
         return tuple(x for x in self.statistics if x.kind == kind)

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.constants import LEAST_MODEL_FORM, LEAST_OF_FRICTION, LEAST_SHARE, NAMED
 from bayes_iwan.diagnosis.fits.gap_size import Gap, GapSize, shrink
@@ -180,6 +180,8 @@ class GapBudget:
     causes: tuple[Cause, ...]
     unexplained: Unexplained
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -201,6 +203,8 @@ class Verdict:
     corners_gap: float = 0.0
     one_of: tuple[OneOf, ...] = ()
     suspects: tuple[Suspect, ...] = ()
+
+    __repr__ = brief
 
     @property
     def names(self) -> tuple[str, ...]:

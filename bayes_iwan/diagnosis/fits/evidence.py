@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.diagnosis.constants import LARGEST_DISCREPANCY
 from bayes_iwan.diagnosis.fits.data import GapData, predicted
 from bayes_iwan.diagnosis.fits.discrepancy_size import (
@@ -84,6 +84,8 @@ class Fit:
     optima: Array
     linear: Linear
     converged: bool
+
+    __repr__ = brief
 
     @property
     def name(self) -> str:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.residuals import ALONG, COUNTED, LOOP, MAINS, MEAN, Residual
@@ -75,6 +75,8 @@ class GapSize:
     along_high_N: tuple[Array, ...]
     power_N2: Array
     plausible: Array
+
+    __repr__ = brief
 
 
 def friction_rms_by_test_N(residual: Residual) -> Array:

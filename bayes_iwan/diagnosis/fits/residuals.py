@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.diagnosis.constants import TREND_FLOOR
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS, GapData, predicted
 from bayes_iwan.diagnosis.fits.evidence import Fit
@@ -56,6 +56,8 @@ class Residual:
     contrast: NDArray[np.int64]
     problem: Problem
     refitted: bool
+
+    __repr__ = brief
 
     @cached_property
     def slope(self) -> np.ndarray:

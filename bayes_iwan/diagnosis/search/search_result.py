@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.diagnosis.constants import ALIKE_NATS, EFFECT_NATS
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.evidence import Fit
@@ -40,6 +40,8 @@ class Search:
     scores: Mapping[frozenset[str], float]
     effects: Mapping[str, tuple[Effect, ...]]
     failed: Mapping[str, str] = field(default_factory=dict)
+
+    __repr__ = brief
 
     @property
     def base(self) -> Fit:

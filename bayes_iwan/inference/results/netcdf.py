@@ -167,6 +167,7 @@ def _attributes(posterior: Posterior, folder: Path) -> dict[str, Any]:
         "seed": posterior.seed,
         "walkers": posterior.walkers,
         "independent": int(posterior.independent),
+        "stretch": posterior.stretch,
         "thin": posterior.thin,
         "converged": int(posterior.converged),
         "message": posterior.message,
@@ -229,6 +230,7 @@ class Stored:
     settings: IdentifySettings
     walkers: int
     independent: bool
+    stretch: float
     thin: int
     point: Point
     seed: int
@@ -263,6 +265,7 @@ def read_netcdf(path: Path) -> Stored:
         settings=settings_of(former_names.config_of(json.loads(stored["config"]))),
         walkers=int(stored["walkers"]),
         independent=bool(stored.get("independent", 0)),
+        stretch=float(stored.get("stretch", 1.0)),
         thin=int(stored["thin"]),
         point=_point_of(json.loads(stored["point"])),
         seed=int(stored["seed"]),

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.arrays import Array, ParameterValues, wrapped
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency, held_out_frequencies
 from bayes_iwan.inference.results.predictions import Prediction, ResidualSize, predicted_at, replicated, residual_size
 from bayes_iwan.inference.results.reach import extrapolated
 from bayes_iwan.inference.results.remarks import remarks
-from bayes_iwan.inference.results.summary_rows import ConvergenceRow, SummaryRow
+from bayes_iwan.inference.results.summary_rows import ConvergenceRow, Summary, SummaryRow
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import IdentifySettings
@@ -56,6 +56,8 @@ class Posterior:
         where a user's own simulator came from.
     independent
         are the walkers of an ensemble independent of each other, too?
+    stretch
+        factor by which the draws were made wider in the direction in which the tests disagree most.
 
     Examples
     --------
@@ -93,9 +95,10 @@ class Posterior:
     simulator_file: str = ""
     stop: Stop = Stop.CONVERGED
     independent: bool = False
+    stretch: float = 1.0
 
     def __repr__(self) -> str:
-        return "\n".join((self._title(), *(f"  {row}" for row in self._shown()), *self.warnings()))
+        return "\n".join((self._title(), *(f"  {row}" for row in self._shown()), *map(wrapped, self.warnings())))
 
     def _repr_html_(self) -> str:
         cells = "".join(f"<tr><td><pre>{escape(row)}</pre></td></tr>" for row in self._shown())
@@ -226,13 +229,14 @@ class Posterior:
         draws = np.stack([self.by_steps(q.values) for q in named.values()], axis=3)
         return convergence_of(draws, tuple(named), thin=self.thin, independent=self.independent)
 
-    def summary(self) -> tuple[SummaryRow, ...]:
+    def summary(self) -> Summary:
         """Mean, spread, quantiles and diagnostics of every reported quantity.
 
         Returns
         -------
-        tuple of SummaryRow
-            name, unit, mean, sd, q05, q50, q95 of the draws; R-hat and effective sizes, nan for what is fixed and for
+        Summary
+            a tuple of rows, shown as a table: name, unit, mean, sd, q05, q50, q95 of the draws; R-hat and effective
+            sizes, nan for what is fixed and for
             draws of a normal approximation; why the quantity is extrapolated, if it is.
         """
         rows = []
@@ -253,7 +257,7 @@ class Posterior:
                     self.extrapolated.get(name, ""),
                 )
             )
-        return tuple(rows)
+        return Summary(rows)
 
     def residual_size(self, n: int = 400) -> ResidualSize:
         """How far the median prediction misses the fitted tests, their mean forces (which drift) left aside.

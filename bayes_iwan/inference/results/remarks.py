@@ -8,6 +8,7 @@ import numpy as np
 
 from bayes_iwan.inference.results.floors import floors_said
 from bayes_iwan.inference.results.held_out_frequencies import held_out_said
+from bayes_iwan.inference.results.predictions import residual_size
 from bayes_iwan.inference.results.reach import extrapolated
 
 if TYPE_CHECKING:
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 #: share of the friction force above which a residual is called large
 LARGE_RESIDUAL = 0.03
+#: the gap at the minimum of Eq. (8) over the posterior's below which that point is pointed out
+LESS = 0.8
 #: searches whose best log posteriors differ by more have not found the same maximum
 SHORT_NATS = 2.0
 #: prior standard scores beyond which a median is said to lie at the end of its prior
@@ -44,6 +47,14 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
             f"The model misses the friction force by {100 * residual.gap_share:.2g} %: the intervals hold for a model "
             "that fits, so diagnose the campaign, and check priors and fixed values."
         )
+        least = residual_size(posterior.problem, posterior.point.goal_z[None])
+        if least.gap_N < LESS * residual.gap_N:
+            out.append(
+                f"The point that minimises Eq. (8) (eq8_minimum in point.json) misses it by "
+                f"{100 * least.gap_share:.2g} % only. The "
+                "likelihood takes what no values of the model can fit as its discrepancy, and fits what is "
+                "left; where you need a force rather than parameters, take that point."
+            )
     if not all(x.holds for x in posterior.held_out):
         out.append(held_out_said(posterior.held_out))
     z, prior = posterior.flat_z(4000), posterior.problem.prior

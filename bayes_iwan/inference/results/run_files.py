@@ -176,6 +176,7 @@ def load(
         log_prob=stored.log_prob,
         walkers=stored.walkers,
         independent=stored.independent,
+        stretch=stored.stretch,
         thin=stored.thin,
         point=stored.point,
         seed=stored.seed,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, stats
 
-from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.setup.loop_error import friction_level_N, paper_weights
 from bayes_iwan.inference.setup.loop_scales import Scales
@@ -77,6 +77,8 @@ class Correlated:
     between: tuple[float, float, float] = BETWEEN
     #: how the discrepancy's variance is spread over the harmonics
     spectrum: Spectrum = MATERN
+
+    __repr__ = brief
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -104,6 +104,8 @@ class SamplingSettings:
         least, each for every reported quantity that varies.
     draws
         kept in the posterior.
+    between_tests
+        make draws as wide as the tests disagree (:mod:`bayes_iwan.inference.solving.between_tests`).
     """
 
     ensembles: int = 4
@@ -113,7 +115,8 @@ class SamplingSettings:
     r_hat: float = 1.01
     ess: float = 400.0
     taus: float = 50.0
-    draws: int = 8192
+    draws: int = 4096
+    between_tests: bool = True
 
 
 @dataclass(frozen=True)

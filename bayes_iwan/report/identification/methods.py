@@ -70,6 +70,11 @@ def methods(posterior: Posterior) -> str:
             f"{'convergence was reached' if posterior.converged else 'it had not converged'}{reached}, and "
             f"{posterior.z.shape[0] * posterior.z.shape[1]} draws were kept."
         )
+    if posterior.stretch > 1.0:
+        parts.append(
+            "The optimum was found again without each test in turn. Draws were made wider where these optima differ by "
+            f"more than the posterior says (by up to a factor of {posterior.stretch:.2g})."
+        )
     shown = ", ".join(f"{k} {v}" for k, v in posterior.versions.items() if k != "bayes_iwan")
     parts.append(f"Seed {posterior.seed}; {SOFTWARE}, with {shown}.")
     return " ".join(parts)
