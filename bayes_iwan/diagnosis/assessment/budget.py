@@ -56,8 +56,8 @@ class Vague:
 
     data : half width of its 90 % interval by how it varies between tests (jackknife)
     overlap : half of how far apart it is as the only effect and as the last one
-    law_below : by how much less it removes on held-out tests than on the fitted ones; where no test can be held out,
-        as law_above
+    law_below : by how much less it removes on frequencies and amplitudes held out in turn than on the fitted tests;
+        where none can be held out, as law_above
     law_above : what all named effects leave, which may be this effect's too, by a law that is not quite nature's
     """
 
@@ -266,8 +266,8 @@ def gaps_of(names: Iterable[str], power_N2: Mapping[frozenset[str], Array]) -> d
 
 
 def vagueness(fitted: Gaps, held_out: Gaps | None) -> Vague:
-    """What makes an effect's share on the fitted tests vague; held_out : its gaps on held-out tests, None where there
-    are none."""
+    """What makes an effect's share on the fitted tests vague; held_out : its gaps on tests held out in turn, None
+    where there are none."""
     left = float(np.clip(fitted.with_all, 0.0, 1.0))
     lost = left if held_out is None else max(fitted.share - float(np.clip(held_out.share, -1.0, 1.0)), 0.0)
     return Vague(NINETY * (held_out or fitted).sd, fitted.overlap, lost, left)

@@ -35,7 +35,7 @@ class Figures:
     alternatives : score of the best set with each other effect in its place, less the score of the best set; itself at
     0
     fitted : share of the gap of the base that it removes last, in newtons; of the part that changes along the record
-        where it acts there and removes more of that; along : of that part, nan where it does not act there
+        where it acts there and removes more of that; along : of that part, None where it does not act there
     alone : share of the gap that it removes as the only effect
     held_out : mean over held-out tests of the share of the gap that it removes there, 0 where the other tests would not
         have chosen it or what resembles it; nan where no test can be held out for it
@@ -63,7 +63,7 @@ class Figures:
     before: float
     tests: int
     odd: str = ""
-    along: float = float("nan")
+    along: float | None = None
 
     @property
     def has_held_out(self) -> bool:
@@ -102,10 +102,10 @@ def figures_of(
         name = effect.name
         less = whole - {name}
         there = {k: v - search.scores[whole] for k, v in search.scores.items() if name not in k}
-        fitted, share_along = (sizes[less].all.rms_N - left) / before, float("nan")
+        fitted, share_along = (sizes[less].all.rms_N - left) / before, None
         if changes and effect.evolving:
             along = {k: sizes[k].along.rms_N for k in (none, less, whole)}
-            share_along = (along[less] - along[whole]) / along[none]
+            share_along = float((along[less] - along[whole]) / along[none])
             fitted = max(fitted, share_along)
         predicts = bool(held_out) and effect.strength_name in best.problem.names
         out.append(

@@ -13,6 +13,7 @@ from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, three_sets
 from bayes_iwan.diagnosis.assessment.budget import (
     NO_CAUSE,
     Cause,
+    Gaps,
     Kind,
     OneOf,
     Suspect,
@@ -84,7 +85,7 @@ def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tu
             continue
         p = c.contributes(f) * sum(v for n, v in c.among(f).items() if n not in NO_CAUSE)
         if len(some) > 1 and p >= NAMED and not (f.has_held_out and f.held_out <= 0.0):
-            out.append(OneOf(some, p, f.alone, f.along if np.isfinite(f.along) else None))
+            out.append(OneOf(some, p, f.alone, f.along))
     return tuple(out)
 
 
@@ -185,8 +186,8 @@ def _causes(
     parts = held_out_gaps(models.predict(keys), found.search.data, held_out)
     counted: tuple[HeldOut, ...] = tuple(u for u in parts if u.by == HELD_OUT) or parts
     fitted = gaps_of(named, {k: models.sizes[k].power_N2 for k in keys})
-    power_N2 = {k: np.concatenate([u.power_N2[k] for u in counted]) for k in keys} if counted else {}
-    predicted = gaps_of(named, power_N2) if counted else {}
+    predicted = _predicted(named, counted, keys)
+    in_turn = _predicted(named, tuple(u for u in parts if u.by != HELD_OUT), keys)
     fit = models.fits[whole]
     before_along = models.sizes[frozenset()].along.rms_N
     out = []
@@ -194,9 +195,9 @@ def _causes(
         if f.name not in named:
             continue
         effect = next(e for e in fit.effects if e.name == f.name)
-        predicts = effect.strength_name in fit.problem.names and f.name in predicted
-        on_fitted, on_held_out = fitted[f.name], predicted[f.name] if predicts else None
-        vague = vagueness(on_fitted, on_held_out)
+        single = effect.strength_name in fit.problem.names  # else its numbers belong to single records
+        on_fitted, on_held_out = fitted[f.name], predicted.get(f.name) if single else None
+        vague = vagueness(on_fitted, in_turn.get(f.name) if single else None)
         along_N = [models.sizes[k].along.rms_N for k in (whole - {f.name}, whole)]
         along = (along_N[0] - along_N[1]) / before_along if effect.evolving and before_along > 0.0 else None
         out.append(
@@ -207,7 +208,7 @@ def _causes(
                 share=vague.share(on_fitted.share),
                 vague=vague,
                 held_out=None if on_held_out is None else on_held_out.measured,
-                held_out_by=" and ".join(dict.fromkeys(u.by for u in counted)) if predicts else "",
+                held_out_by=" and ".join(dict.fromkeys(u.by for u in counted)) if on_held_out else "",
                 tied_with=tuple(n for n in candidates_of(f, c) if n != f.name),
                 figures=f,
                 gaps=on_held_out or on_fitted,
@@ -215,3 +216,10 @@ def _causes(
             )
         )
     return tuple(sorted(out, key=lambda x: -x.share.value))
+
+
+def _predicted(named: Sequence[str], parts: Sequence[HeldOut], keys: Sequence[frozenset[str]]) -> dict[str, Gaps]:
+    """The three gaps of each effect on held-out tests; nothing where there are none."""
+    if not parts:
+        return {}
+    return gaps_of(named, {k: np.concatenate([u.power_N2[k] for u in parts]) for k in keys})
