@@ -10,7 +10,7 @@ normal, the jackknife covariance of these optima (Efron & Stein, Ann. Stat. 9, 1
 
 is compared with the unit matrix, and draws are stretched to U diag(√max(w, 1)) Uᵀ x. Solving QᵀF(z) = x leads back, so
 that a stretched draw still lies on the curved sheet that the posterior is. Where tests agree as well as the posterior
-says, nothing changes. `analyses/coverage_rig.py` counts what this is worth.
+says, nothing changes. `analyses/coverage_rig.py` counts how much more truths the intervals hold then.
 """
 
 from __future__ import annotations
