@@ -31,7 +31,7 @@ def run_make(args: argparse.Namespace) -> None:
             seed=args.seed,
             laws=args.laws,
             excluded_laws=args.exclude_law,
-            excluded_outside=args.excluded_outside,
+            excluded_outside=args.exclude_outside,
             executor=executor,
         )
     say(f"truths are in {truth}; keep them apart")

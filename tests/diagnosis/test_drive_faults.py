@@ -86,8 +86,7 @@ def test_a_drive_with_corners_is_told_to_be_the_drive_s(cornered):
 
 def test_a_gap_above_what_corners_make_is_assessed_with_the_drive_beside_it(cornered, monkeypatch):
     """As if the channels were sampled ten times as fast: what they may have made is less than the gap."""
-    for loop in cornered.data.loops:
-        monkeypatch.setitem(loop.__dict__, "corners_gap", 0.01)
+    monkeypatch.setattr("bayes_iwan.campaign.loops.averaging.CORNERS_GAP", 0.01)
     verdict = verdict_of(cornered.found, calibration())
     assert verdict.kind is not Kind.DRIVE and "drive" not in verdict.probabilities
     if verdict.kind is Kind.UNKNOWN:
