@@ -15,8 +15,8 @@ import pytest
 
 import bayes_iwan
 from bayes_iwan import executors
-from bayes_iwan.report.batch.batch_run import BatchError, batch
 from bayes_iwan.report.batch import batch_run as room
+from bayes_iwan.report.batch.batch_run import BatchError, batch
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
 
