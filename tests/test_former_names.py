@@ -112,7 +112,9 @@ def test_answers_that_are_shipped_are_read(file):
     assert len(answers) >= 30
     for name, answer in answers.items():
         read, verdict = read_answer(name, answer), answer["verdict"]
-        assert read.unknown_cause == bool(verdict.get("unknown_rest", verdict["cause"] == "unknown"))
+        assert read.unknown_cause == bool(
+            verdict.get("unknown_cause", verdict.get("unknown_rest", verdict["cause"] == "unknown"))
+        )
         assert "unknown_cause" in read.probabilities and not {"mains_hum", "unknown_rest"} & set(read.probabilities)
         assert read.names <= set(read.probabilities)
 
