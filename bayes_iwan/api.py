@@ -90,7 +90,7 @@ def identify(
     Raises
     ------
     CampaignError, ConfigError, ParameterError, ModelError, CheckpointError, OutputError
-        ValueErrors of one line.
+        InputErrors of one line.
 
     Warns
     -----
@@ -211,7 +211,7 @@ def diagnose(
     Raises
     ------
     CampaignError, ConfigError, EffectError, ModelError, OutputError
-        ValueErrors of one line.
+        InputErrors of one line.
 
     Examples
     --------

@@ -80,7 +80,7 @@ def export(
     Raises
     ------
     ExportError, ResultsError, SavedFitsError, OutputError
-        ValueErrors of one line; nothing is written then.
+        InputErrors of one line; nothing is written then.
 
     Examples
     --------

@@ -63,7 +63,7 @@ def identify_campaign(
     quick : the most probable point and a normal approximation about it, in seconds, instead of sampling.
     executor : from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
 
-    Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all ValueErrors of one line.
+    Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all InputErrors of one line.
     """
     settings = _settings_for(config, simulator)
     campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
@@ -204,7 +204,7 @@ def identify_problem(
     Raises
     ------
     ConfigError, CheckpointError, SamplingError
-        ValueErrors of one line.
+        InputErrors of one line.
 
     Examples
     --------

@@ -116,7 +116,7 @@ def batch(
     BatchError
         nothing to do, or a specimens.csv that does not say what `group` asks.
     ConfigError, OutputError
-        ValueErrors of one line.
+        InputErrors of one line.
 
     Examples
     --------
