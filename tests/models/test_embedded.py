@@ -6,14 +6,15 @@ from scipy import integrate
 
 from bayes_iwan.models import Model, Reference, embedded_error, series, sine_motion
 from bayes_iwan.models.embedded_error import CORNER_NAME, NAMES, SLIP_NAMES, STIFFNESS_NAME, DeviatingSlipForce
+from bayes_iwan.models.iwan_parameters import SLIP_SD
 from bayes_iwan.models.slip_force import FAMILIES
 
 NUMBERS = {"t1_N": 0.3, "eta1": 0.9, "g1": 0.4, "t2_N": 0.2, "eta2": 5.0, "g2": 0.6}
-SLIP_TERMS = (0.3, -0.25, 0.2, 0.1, -0.15, 0.1)
+SLIP_TERMS = (0.3, -0.25, 0.2, 0.1, -0.15, 0.1, 0.05, -0.06, 0.04, -0.05, 0.03, 0.04)
 REFERENCE = Reference(1.0, 0.12566)
 
 
-def parameter_values(deviations=(0.0,) * 6, exponent=0.0, corner=0.0):
+def parameter_values(deviations=(0.0,) * len(SLIP_NAMES), exponent=0.0, corner=0.0):
     out = NUMBERS | dict(zip(SLIP_NAMES, deviations)) | {STIFFNESS_NAME: exponent, CORNER_NAME: corner}
     out |= {"kp_N_mm": 5.0, "k1_N_mm": 14.0, "stiffness_ratio": 0.6}
     out |= {"normal_force_slope": 0.3, "normal_force_rate": 0.1, "beta": 0.6}
@@ -54,6 +55,26 @@ def test_deviating_density_against_its_definition():
     fine = np.geomspace(1e-7, 8.0, 40_001)
     assert integrate.trapezoid(deviating.survival(fine, n)[0], fine) == pytest.approx(deviating.mean(n)[0], rel=1e-3)
     assert deviating.survival(np.array([0.0, 50.0]), n)[0].tolist() == pytest.approx([1.0, 0.0], abs=1e-3)
+
+
+def test_tables_of_deviations_hold_the_mean_force_of_limited_elements():
+    """The table's E[min(φ, x)], from which friction is read, against four times as many cells of p."""
+    rng, n = np.random.default_rng(4), 60
+    g = rng.dirichlet((1.0, 1.0, 1.0), n)
+    drawn = {f"g{i}": g[:, i - 1] for i in (1, 2, 3)}
+    drawn |= {f"t{i}_N": np.exp(rng.normal(-1.0, 0.7, n)) for i in (1, 2, 3)}
+    drawn |= {f"eta{i}": np.exp(rng.normal(0.7, 0.9, n)).clip(0.12, 40.0) for i in (1, 2, 3)}
+    tables, top = FAMILIES["gamma3"].table(drawn)
+    c = rng.standard_normal((n, len(SLIP_NAMES))) * SLIP_SD / np.arange(1, len(SLIP_NAMES) + 1)
+    found = series.deviating_to_mean(tables, top, c)[0][:, :, 0]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(series, "_P_CELLS", 4 * series._P_CELLS)
+        series._cells_basis.cache_clear()
+        fine = series.deviating_to_mean(tables, top, c)[0][:, :, 0]
+    series._cells_basis.cache_clear()
+    off = np.max(np.abs(found - fine), axis=1) / np.max(fine, axis=1)
+    assert np.median(off) < 3e-6
+    assert np.max(off) < 3e-4
 
 
 def test_the_exponent_leaves_k1_and_bends_the_rest():
