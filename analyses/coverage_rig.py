@@ -38,7 +38,7 @@ from bayes_iwan.inference.solving.between_tests import stretched
 from bayes_iwan.virtual_rig import cases as rig_cases
 from bayes_iwan.virtual_rig import simulate as rig
 from runs import each
-from sbc import maxima, short_posterior
+from sbc import DEPTH, maxima, short_posterior
 
 LEVELS = (0.5, 0.9, 0.95)
 GRID = {"n_phase": 64, "n_harmonics": 24}
@@ -105,7 +105,8 @@ def one_case(kind: str, seed: int, index: int, forms: list[str], ways: list[str]
     out["frequencies"] = len({round(float(np.log(x.frequency_hz) / 0.05)) for x in loops})
     for form in forms:
         problem = make_problem(loops, {"model": {"embedded": form == "embedded"}})
-        optimum = maxima(problem, np.random.default_rng([seed, index, 3]), 8)[0][0]
+        optima, level = maxima(problem, np.random.default_rng([seed, index, 3]), 8)
+        optimum, optima = optima[0], optima[level > level[0] - DEPTH]
         values = problem.parameter_values(optimum[None])
         alpha = problem.model.alpha(values, problem.motion)  # type: ignore[attr-defined]
         out["variation"] = float(np.ptp(alpha))
@@ -115,7 +116,7 @@ def one_case(kind: str, seed: int, index: int, forms: list[str], ways: list[str]
                 z, told = short_posterior(problem, index, SamplingSettings(budget_s=budget_s))
                 z = z[np.linspace(0, len(z) - 1, 1000).round().astype(int)]
             else:
-                z = approximate_draws(problem, optimum, 1000, (seed, index))
+                z = approximate_draws(problem, optima, 1000, (seed, index))
             wider, factors = stretched(problem, optimum, z)
             out[f"{form} {way}"] = told | {"rows": placed(problem, z, made["truth"])}
             out[f"{form} {way}, as wide as tests disagree"] = {

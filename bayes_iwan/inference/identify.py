@@ -250,7 +250,7 @@ def _approximation(
     seconds: float,
 ) -> Posterior:
     """A posterior of the normal approximation, four chains of independent draws."""
-    z = approximate_draws(problem, point.z, QUICK_DRAWS, (seed, 14))
+    z = approximate_draws(problem, point.near(), QUICK_DRAWS, (seed, 14))
     stretch = 1.0
     if settings.sampling.between_tests:
         z, factors = stretched(problem, point.z, z)
@@ -269,7 +269,7 @@ def _approximation(
         point=point,
         seed=seed,
         converged=False,
-        message="quick: a normal approximation about the most probable point, not sampled",
+        message="quick: a normal approximation about the most probable points, not sampled",
         settings=settings,
         versions=versions(),
         timings={"point_s": seconds, "sampling_s": 0.0, "steps": 0.0},

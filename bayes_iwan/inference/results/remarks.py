@@ -33,7 +33,7 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
     out = []
     if posterior.quick:
         out.append(
-            "Quick: a normal approximation about the most probable point, not sampled; a first result, with "
+            "Quick: a normal approximation about the most probable points, not sampled; a first result, with "
             "intervals that are too narrow."
         )
     elif not posterior.converged:

@@ -23,7 +23,6 @@ from bayes_iwan.sampling.nuisance import Nuisance
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import sample
 
-_DEPTH = 12.0  # optima so many nats below the best are no starts
 
 
 @dataclass(frozen=True)
@@ -80,11 +79,10 @@ def sampled(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Ch
         chain_taus=s.taus,
         progress=run.progress,
     )
-    near = point.optima[point.optima_log_prob > point.optima_log_prob[0] - _DEPTH]
     return sample(
         problem.log_prob,
         least_squares_of(problem, point.optima[0]),
-        near,
+        point.near(),
         plan,
         n_ensembles=s.ensembles,
         n_walkers=s.walkers,

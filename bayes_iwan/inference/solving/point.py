@@ -53,6 +53,10 @@ class Point:
 
     __repr__ = brief
 
+    def near(self, nats: float = 12.0) -> Array:
+        """Optima (k, ndim) at most so many nats below the best."""
+        return self.optima[self.optima_log_prob > self.optima_log_prob[0] - nats]
+
     @property
     def short_nats(self) -> float:
         """By how much the best maximum of the poorest search lies below the best of all; 0 for a single search."""

@@ -35,7 +35,7 @@ _STEP = 0.02  # of the second differences, in standard deviations
 #: share of v's mixture that the prior has; the others are components about known places, as wide as the posterior seems
 #: from there (times the first number) and a share of the whole (the second)
 _PRIOR_SHARE, _LOCAL, _WHOLE = 0.1, 0.7, 0.1
-KNOWN = 256  # places from which the others are solved for
+KNOWN = 512  # places from which the others are solved for
 _NU, _NU_OTHERS = 4.0, 12.0  # degrees of freedom of v's and x's t distributions
 _WIDER = 1.05  # scale of x's over what was found
 #: to what the middle of a manifold and a place on it are met; places nearer than the last are one place
