@@ -11,10 +11,11 @@ from bayes_iwan.models.slip_force import FAMILIES
 
 NUMBERS = {"t1_N": 0.3, "eta1": 0.9, "g1": 0.4, "t2_N": 0.2, "eta2": 5.0, "g2": 0.6}
 SLIP_TERMS = (0.3, -0.25, 0.2, 0.1, -0.15, 0.1, 0.05, -0.06, 0.04, -0.05, 0.03, 0.04)
+NONE = (0.0,) * len(SLIP_NAMES)
 REFERENCE = Reference(1.0, 0.12566)
 
 
-def parameter_values(deviations=(0.0,) * len(SLIP_NAMES), exponent=0.0, corner=0.0):
+def parameter_values(deviations=NONE, exponent=0.0, corner=0.0):
     out = NUMBERS | dict(zip(SLIP_NAMES, deviations)) | {STIFFNESS_NAME: exponent, CORNER_NAME: corner}
     out |= {"kp_N_mm": 5.0, "k1_N_mm": 14.0, "stiffness_ratio": 0.6}
     out |= {"normal_force_slope": 0.3, "normal_force_rate": 0.1, "beta": 0.6}

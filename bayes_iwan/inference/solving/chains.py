@@ -24,7 +24,6 @@ from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import sample
 
 
-
 @dataclass(frozen=True)
 class Run:
     """A run as it is kept and shown: its seed, where it is written and resumed from, and what else draws depend on;
