@@ -36,7 +36,7 @@ from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.chains import Run, least_squares_of, sampled
-from bayes_iwan.inference.solving.point import Point, most_probable
+from bayes_iwan.inference.solving.point import Point, most_probable, rivals
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import EnsembleRun, Piece, Schedule, advanced
 from runs import each
@@ -44,9 +44,6 @@ from runs import each
 #: draws of each posterior among which the truth is ranked: ranks 0 to 63 make equal bins
 RANKED = 63
 SAMPLES, HARMONICS = 33, 16
-#: of chains from the truth: steps along the manifold and jumps on the way to the hub and as many from there; the chains
-#: that warm up, their blocks of steps, and by how many nats the optima that they start at may lie below the best
-DEPTH = 12.0
 WATCHED = (
     *(
         "kp_N_mm",
@@ -109,7 +106,7 @@ def from_truth(problem: Problem, truth: np.ndarray, seed: int) -> tuple[np.ndarr
     """
     began = time.process_time()
     optima, log_prob = maxima(problem, np.random.default_rng([seed, 5]), 6)
-    near = optima[log_prob > log_prob[0] - DEPTH]
+    near = rivals(optima, log_prob)
     target, plan = least_squares_of(problem, near[0]), Plan(tuple(problem.names), seed, progress=False)
     run = EnsembleRun(problem.log_prob, target, near, plan, 4, 40, None)
 

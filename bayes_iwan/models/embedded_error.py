@@ -22,9 +22,9 @@ from bayes_iwan.models.kernels.sliders import OCTAVES
 from bayes_iwan.models.motion import Motion
 from bayes_iwan.models.slip_force import SlipForce
 
-#: terms of the deviation of the slip forces' density. With six of them intervals of the slip force's quartiles hold
-#: two thirds of what they say on specimens of other laws (`analyses/coverage_rig.py`); more than twelve change little
-SLIP_TERMS = 12
+#: terms of the deviation of the slip forces' density. With twelve, intervals of the slip forces' quartiles hold more
+#: (`analyses/coverage_rig.py`), but emcee takes two to three times as long
+SLIP_TERMS = 6
 SLIP_NAMES = tuple(f"slip_deviation{k}" for k in range(1, SLIP_TERMS + 1))
 STIFFNESS_NAME, CORNER_NAME = "stiffness_exponent", "normal_force_corner"
 NAMES = (*SLIP_NAMES, STIFFNESS_NAME, CORNER_NAME)

@@ -25,6 +25,8 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import SearchSettings
 from bayes_iwan.models.embedded_error import NAMES as EMBEDDED
 
+_DEPTH = 12.0  # nats
+
 
 @dataclass(frozen=True)
 class Point:
@@ -53,14 +55,15 @@ class Point:
 
     __repr__ = brief
 
-    def near(self, nats: float = 12.0) -> Array:
-        """Optima (k, ndim) at most so many nats below the best."""
-        return self.optima[self.optima_log_prob > self.optima_log_prob[0] - nats]
-
     @property
     def short_nats(self) -> float:
         """By how much the best maximum of the poorest search lies below the best of all; 0 for a single search."""
         return float(np.max(self.each_log_prob) - np.min(self.each_log_prob))
+
+
+def rivals(optima: Array, log_prob: Array) -> Array:
+    """Those of optima (k, ndim), best first, that are near enough to the best by ln p (k,) to matter."""
+    return optima[log_prob > log_prob[0] - _DEPTH]
 
 
 def goal_share(problem: Problem, z: Array) -> Array:

@@ -3,15 +3,15 @@ solved for.
 
 Where the data leave some parameters about as free as their prior and the model is far from linear in them, the
 posterior's manifold turns so far that no one place's tangents serve all of it. Given these parameters v, though, the
-manifold of the others is nearly flat. So v is drawn from a mixture; from the nearest known place the others are led to
-the middle of their manifold there, whose tangents Q are taken; and from there, with x standard t, QᵀF = x is solved for
-("randomise, then optimise" of the others alone). The density of what is proposed,
+manifold of the others is nearly flat. So v is drawn from a mixture; the nearest known place gives the tangents Q of the
+others' manifold; and with x standard t, QᵀF = x is solved for ("randomise, then optimise" of the others alone). The
+density of what is proposed,
 
     q(v) · t(x) · |det QᵀF′|,
 
-is known, whatever the middle is: that decides only how many proposals are wasted. They are accepted by their weights
-p/q (Tierney, Ann. Stat. 22, 1994, 1701). A place to which no proposal leads has q = 0: a walker leaves it by other
-moves. The prior has a share in v's mixture, so that the weight of v is never more than a multiple of its likelihood
+is known, whatever Q is: that decides only how many proposals are wasted. They are accepted by their weights p/q
+(Tierney, Ann. Stat. 22, 1994, 1701). A place to which no proposal leads has q = 0: a walker leaves it by other moves.
+The prior has a share in v's mixture, so that the weight of v is never more than a multiple of its likelihood
 (Hesterberg, Technometrics 37, 1995, 185).
 """
 
@@ -35,11 +35,11 @@ _STEP = 0.02  # of the second differences, in standard deviations
 #: share of v's mixture that the prior has; the others are components about known places, as wide as the posterior seems
 #: from there (times the first number) and a share of the whole (the second)
 _PRIOR_SHARE, _LOCAL, _WHOLE = 0.1, 0.7, 0.1
-KNOWN = 512  # places from which the others are solved for
+KNOWN = 256  # places from which the others are solved for
 _NU, _NU_OTHERS = 4.0, 12.0  # degrees of freedom of v's and x's t distributions
 _WIDER = 1.05  # scale of x's over what was found
-#: to what the middle of a manifold and a place on it are met; places nearer than the last are one place
-_NEAR, _TOLERANCE, _SAME = 1e-1, 10.0 * TOLERANCE, 1e-2
+#: to what a place on a manifold is met; places nearer than the last are one place
+_TOLERANCE, _SAME = 10.0 * TOLERANCE, 1e-2
 
 
 class NestedMove(KnownDensityMove):
@@ -76,25 +76,25 @@ class NestedMove(KnownDensityMove):
         )
         unit = t_draws(random, (n, len(self._manifold.free)), _NU_OTHERS)
         z, log_q = np.zeros((n, self.target.ndim)), np.full(n, -np.inf)
-        found, middle = self._middle(v)
+        found, near = self._near(v)
         if len(found) == 0:
             return z, log_q
-        there, met = self._manifold.reached(middle, _WIDER * unit[found], _TOLERANCE)
+        there, met = self._manifold.reached(near, _WIDER * unit[found], _TOLERANCE)
         rows = found[met]
         z[rows] = there[met]
         log_q[rows] = self._log_v(v[rows]) + self._log_others(
-            middle.some(np.flatnonzero(met)), self._manifold.places(there[met])
+            near.some(np.flatnonzero(met)), self._manifold.places(there[met])
         )
         return z, np.where(np.isfinite(log_q), log_q, -np.inf)
 
     def log_density(self, z: Array) -> Array:
         out = np.full(len(z), -np.inf)
-        found, middle = self._middle(z[:, self.curving])
+        found, near = self._near(z[:, self.curving])
         if len(found) == 0:
             return out
         place = self._manifold.places(z[found])
-        back, met = self._manifold.reached(middle, middle.seen(place.values), _TOLERANCE)
-        density = self._log_v(z[found][:, self.curving]) + self._log_others(middle, place)
+        back, met = self._manifold.reached(near, near.seen(place.values), _TOLERANCE)
+        density = self._log_v(z[found][:, self.curving]) + self._log_others(near, place)
         led = met & (np.max(np.abs(back - place.z), axis=1, initial=0.0) < _SAME) & np.isfinite(density)
         out[found[led]] = density[led]
         return out
@@ -104,24 +104,24 @@ class NestedMove(KnownDensityMove):
         unit = np.einsum("kij,nkj->nki", self._inverse, v[:, None] - self._means)
         return np.asarray(logsumexp(t_log_density(unit, _NU) + self._log_norm, axis=1))
 
-    def _log_others(self, middle: Places, place: Places) -> Array:
+    def _log_others(self, near: Places, place: Places) -> Array:
         """ln of the density (n,) with which the others are where they are at these places, given v."""
-        unit = middle.seen(place.values) / _WIDER
-        turn = np.linalg.slogdet(middle.tangent @ place.tangent.transpose(0, 2, 1))[1]
+        unit = near.seen(place.values) / _WIDER
+        turn = np.linalg.slogdet(near.tangent @ place.tangent.transpose(0, 2, 1))[1]
         with np.errstate(invalid="ignore"):  # where F′ is not finite
             turn += place.log_det
         return np.asarray(t_log_density(unit, _NU_OTHERS) - unit.shape[1] * np.log(_WIDER) + turn)
 
-    def _middle(self, v: Array) -> tuple[NDArray[np.int64], Places]:
-        """The middles of the others' manifolds given v (n, curving): of which these are found, and the places."""
+    def _near(self, v: Array) -> tuple[NDArray[np.int64], Places]:
+        """Places near v (n, curving), for those of them where F is finite: the nearest known one's, v in its place."""
         own, known = (np.linalg.solve(self._root, x.T).T for x in (v, self.known[:, self.curving]))
         rows = np.flatnonzero(np.max(np.abs(v), axis=1) <= self.target.limit)
         apart = np.sum(known**2, axis=1) - 2.0 * own[rows] @ known.T
         start = self._places.some(np.argmin(apart, axis=1))
         start.z[:, self.curving] = v[rows]
-        start = replace(start, values=self.target.values(start.z, self._manifold.free))
-        z, met = self._manifold.reached(start, np.zeros((len(rows), len(self._manifold.free))), _NEAR)
-        return rows[met], self._manifold.places(z[met])
+        values = self.target.values(start.z, self._manifold.free)
+        sound = np.flatnonzero(np.isfinite(values).all(axis=1))
+        return rows[sound], replace(start, values=values).some(sound)
 
 
 def curving_parameters(target: LeastSquares, z: Array) -> NDArray[np.int64]:
