@@ -11,7 +11,6 @@ import os
 import platform
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -19,6 +18,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.executors import Workers, opened
+from bayes_iwan.former_names import refuse_former_options
 from bayes_iwan.inference.results import run_files
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
@@ -52,7 +53,7 @@ def identify_campaign(
     progress: bool = True,
     simulator: Simulator | str | os.PathLike[str] | None = None,
     quick: bool = False,
-    executor: Executor | None = None,
+    workers: Workers = None,
 ) -> Posterior:
     """The joint posterior of all the campaign's tests that are not held out.
 
@@ -61,7 +62,7 @@ def identify_campaign(
     resume : go on from a checkpoint.
     simulator : a model of your own in the place of the Iwan model, or the Python file that defines it.
     quick : the most probable point and a normal approximation about it, in seconds, instead of sampling.
-    executor : from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
+    workers : that draw the chains (:data:`bayes_iwan.executors.Workers`); the draws are the same.
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all InputErrors of one line.
     """
@@ -77,7 +78,7 @@ def identify_campaign(
         progress=progress,
         simulator=simulator,
         quick=quick,
-        executor=executor,
+        workers=workers,
     )
     if out is not None:
         run_files.write(posterior, Path(out))
@@ -88,6 +89,7 @@ def _settings_for(config: Config, simulator: object) -> IdentifySettings:
     return settings_of(config, {} if simulator is None else {"model": "since a simulator replaces the Iwan model"})
 
 
+@refuse_former_options
 def identify_loops(
     loops: Sequence[Loop],
     *,
@@ -99,7 +101,7 @@ def identify_loops(
     progress: bool = True,
     simulator: Simulator | str | os.PathLike[str] | None = None,
     quick: bool = False,
-    executor: Executor | None = None,
+    workers: Workers = None,
 ) -> Posterior:
     """The joint posterior of averaged loops of any origin; nothing but the checkpoint is written.
 
@@ -107,7 +109,7 @@ def identify_loops(
     ----------
     loops
         of :attr:`bayes_iwan.Check.loops`, say; those with role "held-out" are not fitted.
-    config, seed, resume, progress, simulator, quick, executor
+    config, seed, resume, progress, simulator, quick, workers
         as for :func:`bayes_iwan.identify`.
     campaign
         where the loops are from, for what is written of them.
@@ -153,10 +155,11 @@ def identify_loops(
         progress=progress,
         simulator_file=simulator_file,
         quick=quick,
-        executor=executor,
+        workers=workers,
     )
 
 
+@refuse_former_options
 def identify_problem(
     problem: Problem,
     seed: int,
@@ -169,7 +172,7 @@ def identify_problem(
     progress: bool = True,
     simulator_file: str = "",
     quick: bool = False,
-    executor: Executor | None = None,
+    workers: Workers = None,
 ) -> Posterior:
     """The posterior of a problem, from loops of any origin; nothing but the checkpoint is written.
 
@@ -193,8 +196,8 @@ def identify_problem(
         show a bar.
     quick
         a normal approximation instead of sampling.
-    executor
-        from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
+    workers
+        as for :func:`bayes_iwan.identify`.
 
     Returns
     -------
@@ -228,7 +231,9 @@ def identify_problem(
         checkpoint = None if out is None else Path(out) / CHECKPOINT
         located = time.monotonic()
         origin = _origin(settings.search, simulator_file)
-        chains = sampled(problem, point, settings.sampling, Run(seed, checkpoint, origin, resume, progress, executor))
+        with opened(workers, along=True) as executor:
+            how = Run(seed, checkpoint, origin, resume, progress, executor)
+            chains = sampled(problem, point, settings.sampling, how)
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
     timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}

@@ -15,7 +15,7 @@ import difflib
 
 from matplotlib.figure import Figure
 
-from bayes_iwan.diagnosis.diagnosis import Diagnosis
+from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report import accessors as accessors  # `posterior.plot` as well

@@ -249,7 +249,7 @@ def test_each_frequency_alone(run, tmp_path):
     identify_frequencies(joint, tmp_path, progress=False)
     with ThreadPoolExecutor(1) as executor:  # the same wherever it runs
         some = replace(joint, loops=groups["f15Hz"])
-        identify_frequencies(some, tmp_path / "elsewhere", progress=False, executor=executor)
+        identify_frequencies(some, tmp_path / "elsewhere", progress=False, workers=executor)
     one, other = (f / "per_test" / "f15Hz" / "summary.csv" for f in (tmp_path, tmp_path / "elsewhere"))
     assert one.read_bytes() == other.read_bytes()
     for name in ("f10Hz", "f15Hz"):

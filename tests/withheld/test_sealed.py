@@ -101,7 +101,7 @@ def test_a_case_follows_from_the_published_entropy(made):
 def test_development_cases_follow_from_their_seed_and_are_marked(tmp_path):
     with ThreadPoolExecutor(1) as executor:
         paths = [
-            sealed.make(1, tmp_path / name, seed=5, kinds=["single"], laws="other", executor=run)
+            sealed.make(1, tmp_path / name, seed=5, kinds=["single"], laws="other", workers=run)
             for name, run in (("a", executor), ("b", None))
         ]
     a, b = (sealed.read_truths(path)["case_01"] for path in paths)
@@ -213,7 +213,7 @@ def test_answers_to_another_set_are_not_gone_on_with(made, tmp_path):
 def test_neither_truth_nor_other_cases_can_be_read_while_answering(made, tmp_path):
     folder, truth = made
     with ThreadPoolExecutor(1) as executor:
-        path = answer(folder, answerers.spies, out=tmp_path, only=["case_02"], executor=executor)
+        path = answer(folder, answerers.spies, out=tmp_path, only=["case_02"], workers=executor)
     content = json.loads(path.read_text())
     assert content["confined"] is True and not content["failed"]
     assert content["answers"]["case_02"]["got"] == []

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from bayes_iwan.diagnosis.answer.gap_findings import where_json
+from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.saved_fits import write_fits
 from bayes_iwan.diagnosis.answer.sentences import colour, not_excluded, remedy, sentences
 from bayes_iwan.diagnosis.answer.wording import physics_of_pattern
 from bayes_iwan.diagnosis.assessment.budget import Cause, Share
-from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
 from bayes_iwan.diagnosis.fits.gap_size import ceiling_N
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.files import finite, write_json
@@ -192,8 +192,3 @@ def write_answer(d: Diagnosis, out: Path) -> dict[str, Any]:
     write_fits(out / "fits.json", named, d.search.scales, d.settings, effects, None if model is None else str(model))
     write_json(out / "diagnosis.json", answer)
     return answer
-
-
-def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, Any]:
-    """Diagnose and write `diagnosis.json` and `fits.json` only: what the withheld protocol asks for."""
-    return write_answer(diagnose_campaign(campaign, seed=seed, quick=quick), Path(out))

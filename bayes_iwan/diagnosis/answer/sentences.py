@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from bayes_iwan.campaign.loops.clipping import Limit
 from bayes_iwan.diagnosis.answer.imitation import Edge, Imitation
 from bayes_iwan.diagnosis.answer.next_test import NextTest
+from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.wording import (
     MOST_NAMES,
     capital,
@@ -23,9 +22,6 @@ from bayes_iwan.diagnosis.answer.wording import (
 )
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
-
-if TYPE_CHECKING:
-    from bayes_iwan.diagnosis.diagnosis import Diagnosis
 
 #: probability above which an effect that is not named is listed, and above which the text must name it
 LISTED, MUST_NAME = 0.02, 0.5

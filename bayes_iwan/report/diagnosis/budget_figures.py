@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.diagnosis.answer.result import Moved
 from bayes_iwan.diagnosis.answer.wording import title
 from bayes_iwan.diagnosis.assessment.budget import NAMED, GapBudget, OneOf
-from bayes_iwan.diagnosis.diagnosis import Moved
 from bayes_iwan.report.diagnosis.gap_figures import panels
 from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, Shown, styled, subplots
 

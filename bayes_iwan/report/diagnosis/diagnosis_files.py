@@ -17,8 +17,9 @@ from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dic
 from bayes_iwan.diagnosis.answer.gap_findings import GapPictures, pictures
 from bayes_iwan.diagnosis.answer.gap_location import Located, ProgressListener
 from bayes_iwan.diagnosis.answer.localisation import along_cycle, of_blocks, right_model_of_blocks
+from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.wording import listed
-from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
+from bayes_iwan.diagnosis.diagnosis import diagnose_campaign
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import ALONG
 from bayes_iwan.files import clear, finite, results_folder
