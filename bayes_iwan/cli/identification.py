@@ -119,7 +119,7 @@ def run_identify(args: argparse.Namespace) -> int:
     ),
 )
 def run_report(args: argparse.Namespace) -> None:
-    from bayes_iwan.report import report_run
+    from bayes_iwan.report.identification.identification_page import report_run
 
     page = report_run(
         args.folder,

@@ -190,11 +190,6 @@ def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS, smaller:
     return fit if fit.size == size else _beside(data, fit, size, starts, iterations, fit.linear)
 
 
-def refitted_in_newtons(data: GapData, fit: Fit, starts: Sequence[Array]) -> Fit:
-    """The model of a fit to other data of the same tests, where it misses these least in newtons."""
-    return _beside(data, fit, newton_size(fit.discrepancy_share[0]), starts, NEWTON_STEPS, None)
-
-
 def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
     """The model of a fit for tests that it has not seen: as `nearest`, its least gap in newtons, but held by its priors
     as far as the discrepancy that was inferred beside it says."""

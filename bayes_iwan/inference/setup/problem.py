@@ -192,13 +192,6 @@ class Problem:
         whitened = self.likelihood.rows(self.measured_N - self.force(parameter_values), parameter_values)
         return np.concatenate([whitened, np.atleast_2d(z)], axis=1)
 
-    def whitening(self, z: Array) -> Array:
-        """W (tests·samples, m): residuals times it are the whitened ones with the noise of z (1, ndim)."""
-        tests, samples = self.measured_N.shape
-        unit = np.eye(tests * samples).reshape(-1, tests, samples)
-        parameter_values = {name: np.repeat(x, len(unit)) for name, x in self.parameter_values(z).items()}
-        return self.likelihood.rows(unit, parameter_values)
-
     def coarser(self) -> Problem:
         """The same problem on every other sample of its loops, itself where they have fewer than 128."""
         if self.motion.samples < 2 * COARSE_SAMPLES:
