@@ -20,7 +20,7 @@ from bayes_iwan.diagnosis.fits.evidence import Fit, extended, fit_model
 from bayes_iwan.diagnosis.fits.gap_size import gap_size
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.base_fit import fit_base
-from bayes_iwan.diagnosis.search.strength import calibrated
+from bayes_iwan.diagnosis.search.fitted_sets import calibrated
 from bayes_iwan.effects.conditions import conditions_of, following
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings

@@ -27,7 +27,7 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.models import Simulator
 from bayes_iwan.report import accessors as accessors  # gives posteriors their plots
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
-from bayes_iwan.virtual_rig.demo import demo as demo
+from bayes_iwan.virtual_rig.planning import demo as demo
 
 if TYPE_CHECKING:  # each function imports the folders that it needs itself: together they take a second
     from bayes_iwan.comparison.families import Comparison

@@ -18,7 +18,7 @@ from bayes_iwan import executors
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search.model_search import search
 from bayes_iwan.effects import catalogue
-from bayes_iwan.effects.own_effects import load_effects
+from bayes_iwan.effects.catalogue import load_effects
 from bayes_iwan.executors import ExecutorError, Failure
 from bayes_iwan.inference.setup.loop_scales import scales_of
 

@@ -17,9 +17,8 @@ from bayes_iwan.campaign import Campaign, Loop, read_campaign
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
-from bayes_iwan.diagnosis.answer.gap_location import Located, ProgressListener, located
 from bayes_iwan.diagnosis.answer.imitation import edges_of, imitations
-from bayes_iwan.diagnosis.answer.localisation import where
+from bayes_iwan.diagnosis.answer.localisation import Located, ProgressListener, located, where
 from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
 from bayes_iwan.diagnosis.answer.result import Diagnosis, EffectParameter, Moved
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
@@ -45,8 +44,8 @@ from bayes_iwan.diagnosis.search.model_search import search
 from bayes_iwan.diagnosis.search.search_result import Search
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.catalogue import load_effects
 from bayes_iwan.effects.conditions import conditions_of
-from bayes_iwan.effects.own_effects import load_effects
 from bayes_iwan.effects.paper_stages import missing_terms
 from bayes_iwan.errors import InputError
 from bayes_iwan.executors import Workers, opened

@@ -13,7 +13,7 @@ from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, moved_by
-from bayes_iwan.models.kernels.lagging import lagging
+from bayes_iwan.models.kernels.relaxing import lagging
 
 
 class SpeedSquared(Effect):

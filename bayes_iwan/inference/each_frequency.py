@@ -11,9 +11,9 @@ from bayes_iwan.errors import InputError
 from bayes_iwan.executors import Workers
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.results import run_files
+from bayes_iwan.inference.results.held_out_frequencies import by_frequency
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.inference.setup.same_frequency import by_frequency
 from bayes_iwan.inference.setup.settings import IdentifySettings
 from bayes_iwan.models import Scales, Simulator
 from bayes_iwan.models.user_file import load_simulator

@@ -27,9 +27,8 @@ from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
-from bayes_iwan.inference.solving.approximation import approximate_draws
 from bayes_iwan.inference.solving.between_tests import stretched
-from bayes_iwan.inference.solving.chains import Run, sampled
+from bayes_iwan.inference.solving.chains import Run, approximate_draws, sampled
 from bayes_iwan.inference.solving.point import Point, find_point
 from bayes_iwan.models import Simulator
 from bayes_iwan.models.user_file import load_simulator

@@ -7,7 +7,8 @@ import hashlib
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,10 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from bayes_iwan import __version__
+from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.files import write_whole
-from bayes_iwan.report.provenance import Provenance
 from bayes_iwan.report.rendering import Order, Rendered, Renderer
 from bayes_iwan.report.style import relabel
 
@@ -263,3 +265,41 @@ class Page:
             if picture.order.name in pdfs:
                 write_whole(folder / f"{name}.pdf", pdfs[picture.order.name])
         return write_whole(path, self.html(path.stem).translate(_CONTROL))
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What stands below a page's title.
+
+    date : when the page was written, local time; version : of the package; seed : of all random numbers, None where
+    none were drawn. folder : name of the campaign's folder, without where it lies, for pages go to customers; files :
+    of it that were read; source : as it states itself; counted : what the files are.
+    """
+
+    date: str
+    version: str
+    seed: int | None
+    folder: str
+    files: tuple[str, ...]
+    source: str = ""
+    counted: str = "file"
+
+    def said(self) -> str:
+        """One line."""
+        seed = "" if self.seed is None else f", seed {self.seed}"
+        files = f" ({len(self.files)} {self.counted}{'s' if len(self.files) != 1 else ''})" if self.files else ""
+        return f"{self.date} · bayes-iwan {self.version}{seed} · from {self.folder}{files}"
+
+
+def provenance(campaign: Campaign | None, seed: int | None = None) -> Provenance:
+    """That of a page about one campaign; None for loops that came from no folder."""
+    if campaign is None:
+        return replace(of_folder(".", seed), folder="loops in memory")
+    files = ("campaign.toml", *(test.file for test in campaign.tests))
+    return of_folder(campaign.path, seed, files, campaign.source)
+
+
+def of_folder(folder: str | Path, seed: int | None = None, files: Sequence[str] = (), source: str = "") -> Provenance:
+    """That of a page about files in a folder."""
+    date = f"{datetime.now().astimezone():%Y-%m-%d %H:%M %Z}"
+    return Provenance(date, __version__, seed, Path(folder).absolute().name, tuple(files), source)

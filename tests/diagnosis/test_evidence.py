@@ -18,7 +18,7 @@ from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N
-from bayes_iwan.diagnosis.search.strength import calibrated
+from bayes_iwan.diagnosis.search.fitted_sets import calibrated
 from bayes_iwan.effects import catalogue
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_iwan.diagnosis.assessment.plausible_values import implausible, of_time, replaced
+from bayes_iwan.diagnosis.assessment.indicators import implausible, of_time, replaced
 from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LONGEST_PERIODS
 from bayes_iwan.diagnosis.fits.evidence import base_problem, extended
 from bayes_iwan.effects import catalogue

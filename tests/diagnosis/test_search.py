@@ -16,10 +16,9 @@ from bayes_iwan.diagnosis.search import model_search as searching
 from bayes_iwan.diagnosis.search import refits
 from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, has_gap, newton_nats, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import candidate, start_points, stepped_on, weighed_alike
-from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, silent
+from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, calibrated, silent
 from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, fit_singles, grow, search
 from bayes_iwan.diagnosis.search.search_result import LAST
-from bayes_iwan.diagnosis.search.strength import calibrated
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.mounting import RigCompliance
@@ -245,7 +244,7 @@ def test_what_acts_along_the_record_is_refitted_where_the_gap_is_there_whatever_
 
 def test_strengths_are_brought_to_the_specimens_scale(kit):
     """At its median strength an effect moves the prior share of the friction force."""
-    from bayes_iwan.diagnosis.search.strength import friction_rms_N
+    from bayes_iwan.diagnosis.search.fitted_sets import friction_rms_N
     from bayes_iwan.effects.base import TYPICAL_SHARE
     from bayes_iwan.inference.setup.loop_error import harmonics_of
 

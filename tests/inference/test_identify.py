@@ -11,12 +11,13 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.campaign import write_campaign
-from bayes_iwan.inference.each_frequency import FrequencyError, by_frequency, identify_frequencies
+from bayes_iwan.inference.each_frequency import FrequencyError, identify_frequencies
 from bayes_iwan.inference.identify import (
     identify_campaign,
     identify_problem,
 )
 from bayes_iwan.inference.results import run_files
+from bayes_iwan.inference.results.held_out_frequencies import by_frequency
 from bayes_iwan.inference.results.netcdf import read_netcdf, write_netcdf
 from bayes_iwan.inference.results.run_files import ResultsError
 from bayes_iwan.inference.setup.config import ConfigError, settings_of

@@ -16,8 +16,7 @@ from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict
 from bayes_iwan.diagnosis.answer.gap_findings import GapPictures
-from bayes_iwan.diagnosis.answer.gap_location import Located
-from bayes_iwan.diagnosis.answer.localisation import Statistic
+from bayes_iwan.diagnosis.answer.localisation import Located, Statistic
 from bayes_iwan.diagnosis.assessment.budget import Kind, OneOf
 from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS
@@ -27,7 +26,7 @@ from bayes_iwan.files import RECORD, finite
 from bayes_iwan.report.diagnosis import budget_figures, diagnosis_files, gap_figures
 from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
 from bayes_iwan.report.diagnosis.diagnosis_page import write_diagnosis_page
-from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.page import provenance
 from bayes_iwan.report.rendering import Batch, Renderer
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")

@@ -21,9 +21,8 @@ from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.effects import conditions
 from bayes_iwan.effects.base import Effect, EffectError
-from bayes_iwan.effects.catalogue import UNLISTED, ordered, variants
+from bayes_iwan.effects.catalogue import UNLISTED, load_effects, ordered, variants
 from bayes_iwan.effects.conditions import FollowsCondition
-from bayes_iwan.effects.own_effects import load_effects
 from bayes_iwan.errors import InputError
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.setup.config import diagnose_settings_of

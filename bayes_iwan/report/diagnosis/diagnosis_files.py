@@ -15,8 +15,13 @@ from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.folders.folder import folder_of
 from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict, write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import GapPictures, pictures
-from bayes_iwan.diagnosis.answer.gap_location import Located, ProgressListener
-from bayes_iwan.diagnosis.answer.localisation import along_cycle, of_blocks, right_model_of_blocks
+from bayes_iwan.diagnosis.answer.localisation import (
+    Located,
+    ProgressListener,
+    along_cycle,
+    of_blocks,
+    right_model_of_blocks,
+)
 from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.wording import listed
 from bayes_iwan.diagnosis.diagnosis import diagnose_campaign
@@ -27,7 +32,7 @@ from bayes_iwan.report.diagnosis import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis.budget_figures import CycleResidual
 from bayes_iwan.report.diagnosis.diagnosis_page import order_ahead, write_diagnosis_page
 from bayes_iwan.report.effect_loops import effect_viewer_data
-from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.page import provenance
 from bayes_iwan.report.rendering import Renderer, shared
 from bayes_iwan.report.style import house_style, relabel
 

@@ -15,8 +15,7 @@ from bayes_iwan.diagnosis.answer.wording import few, listed, plain, title
 from bayes_iwan.report.diagnosis.answer_box import diagnosis_answer, put_figures
 from bayes_iwan.report.diagnosis.cells import digits, force_range, newton, percent
 from bayes_iwan.report.identification.viewer import add_viewer
-from bayes_iwan.report.page import Page, Section
-from bayes_iwan.report.provenance import Provenance
+from bayes_iwan.report.page import Page, Provenance, Section
 from bayes_iwan.report.rendering import Renderer
 
 #: heading of the section that shows the gap whatever its causes, and its figures

@@ -12,7 +12,7 @@ from scipy import special
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.comparison.weights import smoothed_log_weights
+from bayes_iwan.comparison.loo import smoothed_log_weights
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.likelihood import Independent

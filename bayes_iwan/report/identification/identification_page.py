@@ -22,8 +22,7 @@ from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.identification.summary import determined, identification_answer
 from bayes_iwan.report.identification.viewer import add_viewer, viewer_data
 from bayes_iwan.report.identification.where_gap import DISAGREE, findings, regions_finding
-from bayes_iwan.report.page import Page, Section
-from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.page import Page, Section, provenance
 from bayes_iwan.report.rendering import shared
 from bayes_iwan.report.style import house_style
 

@@ -14,8 +14,7 @@ from bayes_iwan.campaign.folders.inspect import LEVEL, Inspection, inspect_loop
 from bayes_iwan.campaign.timing.accelerometer import STATED
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.inspection import inspect_figures as figures
-from bayes_iwan.report.page import Page, Section
-from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.page import Page, Section, provenance
 from bayes_iwan.report.style import house_style
 
 LEGEND = (
