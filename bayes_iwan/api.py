@@ -36,7 +36,6 @@ if TYPE_CHECKING:  # each function imports the folders that it needs itself: tog
     from bayes_iwan.export.json_file import ExportedModel
 
 __all__ = ["Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"]
-
 PathLike = str | os.PathLike[str]
 
 

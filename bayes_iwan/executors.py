@@ -117,9 +117,6 @@ def _cluster(address: str) -> Iterator[Executor]:
         client.close()
 
 
-# ---- running pieces
-
-
 def run(
     pieces: Mapping[str, Piece],
     work: Callable[[Shared, Piece], Result],
@@ -154,9 +151,7 @@ def finished(
     bar = tqdm(total=len(pieces), desc=what or None, unit=unit, disable=None if progress else True)
     with opened(workers) as executor, bar:
         if executor is None:
-            some: Iterator[tuple[str, Result | Failure]] = (
-                (name, _piece(shared, work, piece)) for name, piece in pieces.items()
-            )
+            some: Iterator[tuple[str, Any]] = ((name, _piece(shared, work, x)) for name, x in pieces.items())
         else:
             some = _elsewhere(executor, pieces, work, shared, _sent(executor, shared))
         for name, result in some:
@@ -251,11 +246,8 @@ def _result(future: Future) -> Any:
     try:
         return future.result()
     except BrokenExecutor:
-        return Failure(
-            "died",
-            "its process died twice (killed, out of memory, or started by a script without "
-            '`if __name__ == "__main__":`)',
-        )
+        why = 'killed, out of memory, or started by a script without `if __name__ == "__main__":`'
+        return Failure("died", f"its process died twice ({why})")
     except Exception as error:  # of the transport: a piece's own exceptions come as Failures
         return Failure(type(error).__name__, str(error))
 

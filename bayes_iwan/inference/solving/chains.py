@@ -17,12 +17,13 @@ from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.point import Point, laplace_scale
 from bayes_iwan.models import Model
 from bayes_iwan.models.parameter import Z_LIMIT
+from bayes_iwan.sampling.blocks import generator
 from bayes_iwan.sampling.chains import Chains
 from bayes_iwan.sampling.moves.manifold import Manifold
 from bayes_iwan.sampling.moves.metropolis import LeastSquares
 from bayes_iwan.sampling.nuisance import Nuisance
 from bayes_iwan.sampling.plan import Plan
-from bayes_iwan.sampling.run import generator, sample
+from bayes_iwan.sampling.run import sample
 
 _DEPTH = 12.0  # optima so many nats below the best are no starts
 
