@@ -78,9 +78,7 @@ FAMILIES: dict[str, Family] = {
         Family("constant_stiffness", "element stiffness constant", ModelSettings(stiffness="constant")),
         Family("bouc_wen", "Bouc–Wen", simulator=OTHER_MODELS["bouc_wen"]),
         Family(
-            "generalized_bouc_wen",
-            "generalized Bouc–Wen, asymmetric",
-            simulator=OTHER_MODELS["generalized_bouc_wen"],
+            "generalized_bouc_wen", "generalized Bouc–Wen, asymmetric", simulator=OTHER_MODELS["generalized_bouc_wen"]
         ),
     )
 }

@@ -61,10 +61,7 @@ def psis_loo(log_likelihood: Array) -> Loo:
         warnings.simplefilter("ignore")  # it warns of each high k; they are handed on in pareto_k
         import arviz as az
 
-        groups = {
-            "log_likelihood": {"y": log_likelihood},
-            "posterior": {"unused": np.zeros(log_likelihood.shape[:2])},
-        }
+        groups = {"log_likelihood": {"y": log_likelihood}, "posterior": {"unused": np.zeros(log_likelihood.shape[:2])}}
         try:
             data = az.from_dict(posterior=groups["posterior"], log_likelihood=groups["log_likelihood"])  # up to 0.23
         except TypeError:

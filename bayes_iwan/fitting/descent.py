@@ -61,11 +61,7 @@ class Descent:
 
 
 def descend(
-    residuals: BatchResiduals,
-    starts: Array,
-    box: Array,
-    iterations: int,
-    known: Array | None = None,
+    residuals: BatchResiduals, starts: Array, box: Array, iterations: int, known: Array | None = None
 ) -> Descent:
     """Lower ½‖residuals(x)‖² from every start, all in lock-step.
 

@@ -39,12 +39,7 @@ class _Alone:
 
 
 def identify_frequencies(
-    joint: Posterior,
-    out: Path,
-    *,
-    resume: bool = False,
-    progress: bool = True,
-    workers: Workers = None,
+    joint: Posterior, out: Path, *, resume: bool = False, progress: bool = True, workers: Workers = None
 ) -> None:
     """Identify each frequency of a joint posterior's fitted tests alone, on its scales, into out/per_test.
 

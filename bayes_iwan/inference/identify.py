@@ -10,9 +10,10 @@ import importlib.metadata
 import os
 import platform
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -47,38 +48,20 @@ def identify_campaign(
     out: str | os.PathLike[str] | None = None,
     *,
     config: Config = None,
-    seed: int = 0,
-    resume: bool = False,
-    progress: bool = True,
     simulator: Simulator | str | os.PathLike[str] | None = None,
-    quick: bool = False,
-    workers: Workers = None,
+    **options: Any,
 ) -> Posterior:
     """The joint posterior of all the campaign's tests that are not held out.
 
-    campaign : a campaign, or its folder. config : a TOML file, or its tables as a mapping (:mod:`.config`).
-    out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.ckpt; None writes nothing.
-    resume : go on from a checkpoint.
-    simulator : a model of your own in the place of the Iwan model, or the Python file that defines it.
-    quick : the most probable point and a normal approximation about it, in seconds, instead of sampling.
-    workers : that draw the chains (:data:`bayes_iwan.executors.Workers`); the draws are the same.
+    campaign : a campaign, or its folder. out : folder for summary.csv, posterior.nc, point.json and the checkpoint
+    chains.ckpt; None writes nothing. config, simulator and all else as for :func:`identify_loops`.
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all InputErrors of one line.
     """
     settings = _settings_for(config, simulator)
-    campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
-    posterior = identify_loops(
-        campaign.loops(**asdict(settings.loops)),
-        config=settings,
-        seed=seed,
-        campaign=campaign,
-        out=out,
-        resume=resume,
-        progress=progress,
-        simulator=simulator,
-        quick=quick,
-        workers=workers,
-    )
+    read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    loops = read.loops(**asdict(settings.loops))
+    posterior = identify_loops(loops, config=settings, campaign=read, out=out, simulator=simulator, **options)
     if out is not None:
         run_files.write(posterior, Path(out))
     return posterior
@@ -224,20 +207,22 @@ def identify_problem(
     # threads do nothing for such small matrices but wait for each other, and would round sums in another order
     with threadpool_limits(limits=1, user_api="blas"):
         point = find_point(problem, seed, search, progress)
-        if quick:
-            found = _approximation(problem, point, settings, seed, campaign, loops, time.monotonic() - began)
-            return replace(found, simulator_file=simulator_file)
-        checkpoint = None if out is None else Path(out) / CHECKPOINT
         located = time.monotonic()
+        made = functools.partial(
+            Posterior, problem=problem, campaign=campaign, loops=problem.loops if loops is None else tuple(loops),
+            point=point, seed=seed, settings=settings, versions=versions(), simulator_file=simulator_file,
+        )  # fmt: skip
+        if quick:
+            return _approximation(made, problem, point, settings, seed, located - began)
+        checkpoint = None if out is None else Path(out) / CHECKPOINT
         origin = _origin(settings.search, simulator_file)
         with opened(workers, along=True) as executor:
             how = Run(seed, checkpoint, origin, resume, progress, executor)
             chains = sampled(problem, point, settings.sampling, how)
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
-    timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}
-    found = _posterior(problem, chains, point, settings, seed, campaign, loops, timings)
-    return replace(found, simulator_file=simulator_file)
+    timings = {"point_s": located - began, "sampling_s": time.monotonic() - located, "steps": float(chains.n_steps)}
+    return _posterior(made, problem, chains, point, settings, timings)
 
 
 class NotConverged(UserWarning):
@@ -245,12 +230,11 @@ class NotConverged(UserWarning):
 
 
 def _approximation(
+    made: Callable[..., Posterior],
     problem: Problem,
     point: Point,
     settings: IdentifySettings,
     seed: int,
-    campaign: Campaign | None,
-    loops: Sequence[Loop] | None,
     seconds: float,
 ) -> Posterior:
     """A posterior of the normal approximation, four chains of independent draws."""
@@ -261,21 +245,13 @@ def _approximation(
         stretch = float(factors[-1])
     log_prob = problem.log_prob(z)
     possible = np.resize(np.flatnonzero(np.isfinite(log_prob)), QUICK_DRAWS)  # a simulator may have no force there
-    z, log_prob = z[possible], log_prob[possible]
-    return Posterior(
-        problem=problem,
-        campaign=campaign,
-        loops=problem.loops if loops is None else tuple(loops),
-        z=z.reshape(4, -1, problem.ndim),
-        log_prob=log_prob.reshape(4, -1),
+    return made(
+        z=z[possible].reshape(4, -1, problem.ndim),
+        log_prob=log_prob[possible].reshape(4, -1),
         walkers=1,
         thin=1,
-        point=point,
-        seed=seed,
         converged=False,
         message="quick: a normal approximation about the most probable point, not sampled",
-        settings=settings,
-        versions=versions(),
         timings={"point_s": seconds, "sampling_s": 0.0, "steps": 0.0},
         convergence=(),
         stop=Stop.QUICK,
@@ -284,13 +260,11 @@ def _approximation(
 
 
 def _posterior(
+    made: Callable[..., Posterior],
     problem: Problem,
     chains: Chains,
     point: Point,
     settings: IdentifySettings,
-    seed: int,
-    campaign: Campaign | None,
-    loops: Sequence[Loop] | None,
     timings: Mapping[str, float],
 ) -> Posterior:
     """The draws thinned to about as many as were asked for, and the diagnostics of the whole run beside them."""
@@ -306,32 +280,18 @@ def _posterior(
         z, stretch = flat.reshape(z.shape), float(factors[-1])
         log_prob = problem.log_prob(flat).reshape(log_prob.shape)
     c = chains.convergence
-    rows = (
-        ()
-        if c is None
-        else tuple(
-            ConvergenceRow(name, float(c.ess_bulk[i]), float(c.ess_tail[i]), float(c.r_hat[i]), float(c.tau_steps[i]))
-            for i, name in enumerate(c.names)
-        )
-    )
-    return Posterior(
-        problem=problem,
-        campaign=campaign,
-        loops=problem.loops if loops is None else tuple(loops),
+    diagnostics = () if c is None else zip(c.names, c.ess_bulk, c.ess_tail, c.r_hat, c.tau_steps)
+    return made(
         z=z,
         log_prob=log_prob,
         walkers=walkers,
         independent=chains.independent,
         thin=every,
-        point=point,
-        seed=seed,
         converged=chains.converged,
         message=chains.message,
         stop=chains.stop,
-        settings=settings,
-        versions=versions(),
-        timings=dict(timings) | {"steps": float(chains.n_steps)},
-        convergence=rows,
+        timings=timings,
+        convergence=tuple(ConvergenceRow(name, *map(float, row)) for name, *row in diagnostics),
         stretch=stretch,
     )
 

@@ -65,11 +65,7 @@ class Picture:
             picture = Markup(f'<img alt="{escape(self.order.alt)}" src="data:image/png;base64,{data}">')
         width = self.figure.get_size_inches()[0]
         return template(
-            "figure.html",
-            picture=picture,
-            caption=self.caption,
-            file=self.name,
-            width=round(PIXELS * width),
+            "figure.html", picture=picture, caption=self.caption, file=self.name, width=round(PIXELS * width)
         )
 
 

@@ -41,10 +41,7 @@ def where_sentences(where: Where) -> list[str]:
             f"Nothing stands out: none of {where.count} statistics is larger than noise, the parameters' uncertainty "
             "and the usual small discrepancy of a sound specimen."
         ]
-    return [
-        *out,
-        f"Each finding is significant at 5 %, corrected for {where.count} statistics.",
-    ]
+    return [*out, f"Each finding is significant at 5 %, corrected for {where.count} statistics."]
 
 
 def where_json(where: Where, size: GapSize) -> dict[str, Any]:

@@ -105,9 +105,8 @@ def _kind(d: Diagnosis) -> list[str]:
     v = d.verdict
     if v.kind is Kind.DRIVE:
         return [
-            f"The cause cannot be found: {_cornered(d)}. Sound channels, which filter what turns at once, leave a "
-            "gap of "
-            f"up to {percent(v.corners_gap)} of the friction force with such a drive."
+            f"The cause cannot be found: {_cornered(d)}. Sound channels, which filter what turns at once, leave a gap "
+            f"of up to {percent(v.corners_gap)} of the friction force with such a drive."
         ]
     out = []
     if v.cornered and v.kind is not Kind.NONE:

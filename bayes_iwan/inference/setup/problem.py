@@ -24,14 +24,7 @@ from bayes_iwan.inference.setup.settings import ModelSettings
 from bayes_iwan.models import Model, ModelError, Motion, Scales, Simulator
 from bayes_iwan.models.motion import motion_of
 from bayes_iwan.models.parameter import Z_LIMIT
-from bayes_iwan.models.simulator import (
-    FORCE_ZERO,
-    OUTER,
-    force_zero,
-    inner_effects,
-    offered,
-    recorded_force,
-)
+from bayes_iwan.models.simulator import FORCE_ZERO, OUTER, force_zero, inner_effects, offered, recorded_force
 
 #: samples of a loop that a proposal needs; with 64 it is as good as with 128
 COARSE_SAMPLES = 64
@@ -247,10 +240,7 @@ class Problem:
 
 
 def make_problem(
-    loops: Sequence[Loop],
-    config: Config = None,
-    simulator: Simulator | None = None,
-    scales: Scales | None = None,
+    loops: Sequence[Loop], config: Config = None, simulator: Simulator | None = None, scales: Scales | None = None
 ) -> Problem:
     """A problem from the loops whose role is not "held-out".
 

@@ -162,13 +162,7 @@ def _values(page: Page, result: Batch) -> None:
     if not names:
         return
     ranked = {x.name: x for x in result.unusual}
-    head = [
-        "specimen",
-        *([result.group] if result.group else []),
-        "distance",
-        "gap (%)",
-        *map(result.label, names),
-    ]
+    head = ["specimen", *([result.group] if result.group else []), "distance", "gap (%)", *map(result.label, names)]
     rows = []
     for x in result.finished:
         odd = ranked.get(x.name)

@@ -88,8 +88,7 @@ CAPTIONS = {
     ),
     "moved": (
         "Change of the specimen's own parameters once the named effects are in the model. Long stems: these had "
-        "changed "
-        "to imitate them.",
+        "changed to imitate them.",
         "Change of each parameter in standard deviations",
     ),
 }

@@ -160,11 +160,7 @@ def shares_figure(budget: GapBudget) -> Figure:
 
 
 @styled
-def probabilities_figure(
-    probabilities: Mapping[str, float],
-    named: Sequence[str] = (),
-    most: int = 10,
-) -> Figure:
+def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str] = (), most: int = 10) -> Figure:
     """Probability that each effect contributes, that none does, and that the unexplained part has a cause without a
     name."""
     ranked = sorted(probabilities.items(), key=lambda x: -x[1])
@@ -176,14 +172,7 @@ def probabilities_figure(
     y = np.arange(len(keep))[::-1]
     for k, (name, p) in zip(y, keep):
         colour = {"none": GREEN, "unknown": ORANGE, "drive": ORANGE}.get(name, BLUE if name in named else PRIOR)
-        ax.barh(
-            k,
-            p,
-            0.68,
-            color=colour,
-            alpha=0.85,
-            edgecolor="white",
-        )
+        ax.barh(k, p, 0.68, color=colour, alpha=0.85, edgecolor="white")
         ax.annotate(
             f"{p:.2f}" if p >= 0.005 else "< 0.01",
             (p, k),

@@ -113,11 +113,7 @@ def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[CycleResidual, ..
 
 
 def write_diagnosis(
-    campaign: Campaign | str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    *,
-    overwrite: bool = False,
-    **options: Any,
+    campaign: Campaign | str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False, **options: Any
 ) -> Diagnosis:
     """Diagnose a campaign and write everything into `out`; options as for
     :func:`bayes_iwan.diagnosis.diagnosis.diagnose_campaign`."""

@@ -112,12 +112,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
     section.table(
         ("harmonic", "with displacement", "with velocity", "stands out"),
         [
-            (
-                str(h["order"]),
-                newton(h["in_phase_N"]),
-                newton(h["quadrature_N"]),
-                "yes" if h["significant"] else "no",
-            )
+            (str(h["order"]), newton(h["in_phase_N"]), newton(h["quadrature_N"]), "yes" if h["significant"] else "no")
             for h in w["harmonics"]
         ],
         "Harmonics of the residual (RMS over tests)",
@@ -142,13 +137,7 @@ def _which(
         if described.get("signature"):
             section.text(f"In the loops: {described['signature']}.")
         rows = [
-            (
-                p,
-                digits(v["mean"]),
-                digits(v["sd"]),
-                f"{digits(v['q05'])} to {digits(v['q95'])}",
-                v["unit"],
-            )
+            (p, digits(v["mean"]), digits(v["sd"]), f"{digits(v['q05'])} to {digits(v['q95'])}", v["unit"])
             for p, v in effect["parameters"].items()
         ]
         section.table(
@@ -214,11 +203,9 @@ def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figur
     gap = d["gap"]
     section.text(
         f"The gap is {newton(gap['before_rms_N'])} RMS without and {newton(gap['after_rms_N'])} with all named "
-        "effects. "
-        "On the tests that it was fitted to an effect seems better than it is. The held-out tests count. "
-        f"A smooth discrepancy of any shape would remove {100 * gap['ceiling_shrink']:.0f} % of the gap. No effect "
-        "can be "
-        "expected to remove more."
+        "effects. On the tests that it was fitted to an effect seems better than it is. The held-out tests count. A "
+        f"smooth discrepancy of any shape would remove {100 * gap['ceiling_shrink']:.0f} % of the gap. No effect can "
+        "be expected to remove more."
     )
     put_figures(section, figures, "budget", "shares", "before_after")
 
@@ -235,14 +222,7 @@ def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
     section.table(
         ("parameter", "without", "with", "sd", "unit", "what it is"),
         [
-            (
-                n,
-                digits(m["before"]),
-                digits(m["after"]),
-                digits(m["sd"]),
-                m["unit"],
-                meanings.get(n, "–"),
-            )
+            (n, digits(m["before"]), digits(m["after"]), digits(m["sd"]), m["unit"], meanings.get(n, "–"))
             for n, m in d["moved"].items()
         ],
         "Identified parameters without and with the named effects",

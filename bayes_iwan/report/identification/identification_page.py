@@ -213,8 +213,8 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
     )
     section.table(
         *by_frequency.wander_rows(found),
-        "Quantities from all tests and from each frequency alone: median "
-        "and 90 % interval" + (" (~: quick estimates)" if missing else ""),
+        "Quantities from all tests and from each frequency alone: median and 90 % interval"
+        + (" (~: quick estimates)" if missing else ""),
     )
     if found.alone:
         section.figure(
@@ -281,17 +281,15 @@ def _checks(section: Section, posterior: Posterior, result: checks.RegionChecks,
     section.note(finding.text, "good" if finding.good else "warning")
     section.figure(
         checks.regions_figure(posterior, result),
-        "Posterior predictive p-values by test and part of the loop. Orange and bold: the model misses "
-        "there by more than noise and the admitted smooth discrepancy explain. Blue: by less than "
-        "expected.",
+        "Posterior predictive p-values by test and part of the loop. Orange and bold: the model misses there by more "
+        "than noise and the admitted smooth discrepancy explain. Blue: by less than expected.",
         "A table of p-values, tests by six loop regions.",
         name="regions",
     )
     section.figure(
         checks.loo_pit_figure(posterior),
-        "Leave-one-out probability integral transform of the likelihood's data, mean forces left aside. "
-        "Within the grey bands the predictive distribution is calibrated; a hump means too wide, a trough "
-        "too narrow intervals.",
+        "Leave-one-out probability integral transform of the likelihood's data, mean forces left aside. Within the "
+        "grey bands the predictive distribution is calibrated; a hump means too wide, a trough too narrow intervals.",
         "Histogram of LOO-PIT values and their distribution function less the uniform one.",
         name="loo_pit",
     )

@@ -35,11 +35,7 @@ _OF_CONTACTS = (*QUANTILES, ("α", "relative normal force: that of the contacts 
 
 
 def identification_answer(
-    section: Section,
-    posterior: Posterior,
-    loops: Sequence[LoopRow],
-    p: Predictive,
-    found: Sequence[Finding],
+    section: Section, posterior: Posterior, loops: Sequence[LoopRow], p: Predictive, found: Sequence[Finding]
 ) -> None:
     """What the checks found, a picture, stiffness, friction, damping and residual with their intervals; what is not
     known."""
@@ -151,21 +147,16 @@ def determined(section: Section, posterior: Posterior) -> None:
     )
     section.figure(
         marginals.prior_posterior_figure(posterior),
-        "Each sampled parameter against its prior. Grey: the prior's 50 and 90 % intervals; blue: the "
-        "posterior's; red with an open circle: hardly determined (contraction below 0.5). Contraction is "
-        "one minus the posterior's variance over the prior's, on the prior's scale. The numbers at the right are those "
-        "of summary.csv.",
+        "Each sampled parameter against its prior. Grey: the prior's 50 and 90 % intervals; blue: the posterior's; red "
+        "with an open circle: hardly determined (contraction below 0.5). Contraction is one minus the posterior's "
+        "variance over the prior's, on the prior's scale. The numbers at the right are those of summary.csv.",
         "Point and interval of every sampled parameter on the scale of its prior, with median, 90 % interval "
         "and contraction; the same numbers are in the table of parameters.",
         name="parameters",
     )
     draws, labels = marginals.identifiable(posterior)
     rows = [
-        (
-            labels[n],
-            *reported(posterior, n),
-            posterior.extrapolated.get(n, "reached by the loops"),
-        )
+        (labels[n], *reported(posterior, n), posterior.extrapolated.get(n, "reached by the loops"))
         for n in draws
         if n in posterior.quantities()
     ]
