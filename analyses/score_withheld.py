@@ -15,7 +15,7 @@ from pathlib import Path
 from bayes_iwan.diagnosis.answer.saved_fits import find_shares
 from bayes_iwan.diagnosis.diagnosis import diagnose_case
 from bayes_iwan.files import write_json
-from bayes_iwan.report.withheld.score_figures import figures
+from bayes_iwan.report.withheld_scores import figures
 from bayes_iwan.withheld import scoring
 from bayes_iwan.withheld.answering import answer
 from bayes_iwan.withheld.sealed import make, read_json, truth_folder

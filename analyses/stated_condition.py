@@ -16,7 +16,7 @@ import numpy as np
 
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.fits.evidence import Fit, extended, fit_model
+from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model
 from bayes_iwan.diagnosis.fits.gap_size import gap_size
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.base_fit import fit_base
@@ -32,7 +32,7 @@ STARTS = (-1.5, -0.5, 0.5, 1.5)
 
 def with_effect(fit: Fit, effect, data) -> Fit:
     """The base and the effect, fitted together from several strengths."""
-    problem = extended(fit.problem, [effect])
+    problem = fit.problem.with_effects([effect])
     starts = np.zeros((len(STARTS), problem.ndim))
     starts[:, [problem.names.index(n) for n in fit.problem.names]] = fit.z
     starts[:, problem.names.index(effect.strength_name)] = STARTS

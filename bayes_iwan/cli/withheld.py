@@ -72,7 +72,7 @@ def run_answer(args: argparse.Namespace) -> None:
     argument("--allow-effects-file", action="store_true", help="run the code of the Python files that answers name"),
 )
 def run_score(args: argparse.Namespace) -> None:
-    from bayes_iwan.report.withheld.scores import write_score
+    from bayes_iwan.report.withheld_scores import write_score
 
     say(
         write_score(

@@ -9,9 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.families import Comparison
-from bayes_iwan.report.page import Page, Section, provenance
+from bayes_iwan.report.page import Page, Section, Table, provenance
 from bayes_iwan.report.style import BLUE, ORANGE, house_style, styled, subplots
-from bayes_iwan.report.table import Table
 
 
 @styled

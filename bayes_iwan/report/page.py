@@ -1,9 +1,11 @@
-"""A page that stands alone: sections of text, figures and tables in one HTML file that asks nothing of a network."""
+"""A page that stands alone: text, figures and tables in one HTML file; and tables as CSV files have them."""
 
 from __future__ import annotations
 
 import base64
+import csv
 import hashlib
+import io
 import os
 import re
 from collections.abc import Sequence
@@ -12,6 +14,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
@@ -299,3 +302,35 @@ def of_folder(folder: str | Path, seed: int | None = None, files: Sequence[str] 
     """That of a page about files in a folder."""
     date = f"{datetime.now().astimezone():%Y-%m-%d %H:%M %Z}"
     return Provenance(date, __version__, seed, Path(folder).absolute().name, tuple(files), source)
+
+
+#: what a row holds
+Cell = str | float | None
+Rows = tuple[tuple[Cell, ...], ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of a table as text or numbers; `name` is the CSV file's, numbers keep full precision there and
+    what is not a number is an empty cell."""
+
+    name: str
+    caption: str
+    columns: tuple[str, ...]
+    rows: Rows
+
+    def csv(self) -> str:
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows(
+            [("" if np.isnan(x) else f"{x:.9g}") if isinstance(x, float) else x for x in row] for row in self.rows
+        )
+        return out.getvalue()
+
+    def in_units(self, units: Units) -> Table:
+        """The table with a campaign's own units in its columns' names and in its texts."""
+        return replace(self, columns=units.everywhere(self.columns), rows=units.everywhere(self.rows))
+
+    def write_csv(self, folder: str | os.PathLike[str]) -> Path:
+        return write_whole(Path(folder) / f"{self.name}.csv", self.csv())

@@ -18,7 +18,7 @@ from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
 from bayes_iwan.diagnosis.diagnosis import BASES, _parameters, diagnose_loops
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.fits.evidence import base_problem, extended, fit_model, in_newtons
+from bayes_iwan.diagnosis.fits.evidence import base_problem, fit_model, in_newtons
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.effects.base import EffectError
@@ -190,7 +190,7 @@ def test_a_fade_is_told_as_what_is_lost_within_the_records(kit):
 
     loops = kit.made_up(kit.specimen_force, [(10.0, 0.9)], cycles=n, noise_N=0.02, extra=extra).loops(**kit.small)
     data, scales = gap_data(loops), scales_of(loops)
-    problem = extended(base_problem(data, kit.settings, scales), [FrictionFade(scales)])
+    problem = base_problem(data, kit.settings, scales).with_effects([FrictionFade(scales)])
     fit = fit_model(data, problem, np.zeros((1, problem.ndim)))
     told = _parameters(fit, data, np.random.default_rng(0))["friction_fade"]
     name, lost = next(iter(told.items()))

@@ -8,7 +8,7 @@ import pytest
 
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.diagnosis.fits.data import gap_data, predicted
-from bayes_iwan.diagnosis.fits.evidence import base_problem, extended, fit_model
+from bayes_iwan.diagnosis.fits.evidence import base_problem, fit_model
 from bayes_iwan.effects import catalogue
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -90,7 +90,7 @@ def compared(kind, fault, sound, faulty, rig):
     _, data, scales, base = sound
     main = STRENGTH.get(fault.name, float)(fault.parameters[KINDS[fault.name].main])
     effect = kind(scales, tuple(x.file for x in faulty.loops), abs(main))
-    problem = extended(base_problem(faulty, DiagnoseSettings(), scales), (effect,))
+    problem = base_problem(faulty, DiagnoseSettings(), scales).with_effects((effect,))
     values = {f"{fault.name}.{own}": v for own, v in fault.parameters.items()} | {effect.strength_name: main}
     values |= CLASSICAL | mains_by_test(fault, faulty)
     z = np.zeros(problem.ndim)

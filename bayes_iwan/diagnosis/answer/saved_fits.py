@@ -16,7 +16,7 @@ from bayes_iwan.campaign import read_campaign
 from bayes_iwan.diagnosis.assessment.budget import shares_of
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.discrepancy_size import Discrepancy, DiscrepancySize, Linear
-from bayes_iwan.diagnosis.fits.evidence import Fit, base_model, base_problem, extended
+from bayes_iwan.diagnosis.fits.evidence import Fit, base_model, base_problem
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.effects import conditions
@@ -211,12 +211,12 @@ def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
             raise EffectError(f"fits.json names the effect {spec.name!r}, which is not in the catalogue")
         more = {} if spec.condition is None else {"condition": spec.condition, "values": spec.values}
         effects.append(classes[spec.class_name](scales, files, spec.strength_value, **more))
-    problem = extended(base_problem(data, stored.settings, scales, simulator), ordered(effects))
+    problem = base_problem(data, stored.settings, scales, simulator).with_effects(ordered(effects))
     keep = [n for n in problem.names if n in one.names]
     if len(keep) != len(
         problem.names
     ):  # parameters of single tests (of mains interference: its phases) predict nothing elsewhere
-        problem = extended(problem, [e for e in effects if all(p.name in keep for p in e.parameters)])
+        problem = problem.with_effects([e for e in effects if all(p.name in keep for p in e.parameters)])
     at = [one.names.index(n) for n in problem.names]
     z, covariance = one.z[at], one.covariance[np.ix_(at, at)]
     none = Discrepancy(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))

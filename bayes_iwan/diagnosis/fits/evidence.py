@@ -127,11 +127,6 @@ def base_problem(
     return make_problem(data.loops, chosen, model, scales)
 
 
-def extended(problem: Problem, effects: Sequence[Effect]) -> Problem:
-    """The same problem with these effects and no others."""
-    return problem.with_effects(effects)
-
-
 def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 40) -> Fit:
     """Fit a model from all starts, tabulate its evidence over the discrepancy's grid, refit at the best point, until
     neither the model nor the discrepancy moves any more.

@@ -12,7 +12,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.constants import LAWS_MOST
 from bayes_iwan.diagnosis.fits.data import GapData, predicted
 from bayes_iwan.diagnosis.fits.discrepancy_size import FIRST, DiscrepancySize
-from bayes_iwan.diagnosis.fits.evidence import Fit, extended, newton_size
+from bayes_iwan.diagnosis.fits.evidence import Fit, newton_size
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
 from bayes_iwan.effects.base import Effect
@@ -58,7 +58,7 @@ def leading(some: Sequence[Candidate]) -> list[Candidate]:
 
 def on_top(smaller: Fit, effect: Effect) -> Problem:
     """The problem of a fit with one effect more."""
-    return extended(smaller.problem, ordered((*smaller.effects, effect)))
+    return smaller.problem.with_effects(ordered((*smaller.effects, effect)))
 
 
 def weighed_alike(data: GapData, fit: Fit) -> Fit:

@@ -15,7 +15,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.fits.data import GapData
-from bayes_iwan.diagnosis.fits.evidence import Fit, extended
+from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.search.base_fit import (
     BASE_POINTS,
     fit_base,
@@ -189,7 +189,7 @@ class FittedSets:
         if known is not None and tried in self._left:
             return known
         self._left.add(tried)
-        problem = extended(fit.problem, [e for e in fit.effects if e.name != name])
+        problem = fit.problem.with_effects([e for e in fit.effects if e.name != name])
         starts = [part(fit, problem)]
         if known is not None and known.problem.names == problem.names:
             starts.append(known.z)

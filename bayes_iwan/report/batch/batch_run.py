@@ -37,8 +37,7 @@ from bayes_iwan.report.batch.batch_sheet import write_sheet
 from bayes_iwan.report.batch.specimens import Batch, BatchError, Finished, Quantity, lots_of, summarised
 from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
 from bayes_iwan.report.identification.marginals import identifiable
-from bayes_iwan.report.page import of_folder
-from bayes_iwan.report.table import Cell, Table
+from bayes_iwan.report.page import Cell, Table, of_folder
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.sampling.checkpoint import CheckpointError
 

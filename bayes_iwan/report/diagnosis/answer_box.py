@@ -8,8 +8,7 @@ from typing import Any
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from bayes_iwan.diagnosis.answer.wording import few, title
-from bayes_iwan.report.diagnosis.cells import percent, percent_range
+from bayes_iwan.diagnosis.answer.wording import few, interval, percent, title
 from bayes_iwan.report.page import Section
 
 _WORDS = (
@@ -139,9 +138,9 @@ def _cause(c: Mapping[str, Any]) -> tuple[str, ...]:
         title(c["name"]),
         f"{c['probability']:.2f}",
         percent(c["share"]),
-        percent_range(c["share_interval"]),
+        interval(c["share_interval"], percent),
         percent(c["share_held_out"]),
-        percent_range(c["share_held_out_interval"]),
+        interval(c["share_held_out_interval"], percent),
         few(c["tied_with"]) if c["tied_with"] else "–",
     )
 
@@ -155,4 +154,4 @@ def _gaps(c: Mapping[str, Any]) -> tuple[str, ...]:
 def _unexplained(d: Mapping[str, Any]) -> tuple[str, ...]:
     left = d["unexplained"]
     name = "unexplained" + (", cause unknown" if d["verdict"]["unknown_cause"] else "")
-    return name, f"{left['probability']:.2f}", percent(left["share"]), percent_range(left["interval"]), "", "", ""
+    return name, f"{left['probability']:.2f}", percent(left["share"]), interval(left["interval"], percent), "", "", ""

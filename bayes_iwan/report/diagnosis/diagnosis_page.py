@@ -11,9 +11,8 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.recording.units import Units
-from bayes_iwan.diagnosis.answer.wording import few, listed, plain, title
+from bayes_iwan.diagnosis.answer.wording import few, force, interval, listed, percent, plain, title
 from bayes_iwan.report.diagnosis.answer_box import diagnosis_answer, put_figures
-from bayes_iwan.report.diagnosis.cells import digits, force_range, newton, percent
 from bayes_iwan.report.identification.viewer import add_viewer
 from bayes_iwan.report.page import Page, Provenance, Section
 from bayes_iwan.report.rendering import Renderer
@@ -78,14 +77,14 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
     clock = d.get("clock", True)
     frequencies = [f"{t['frequency_hz']:.3g}" if clock else "" for t in w["tests"]]
     whole = {"rms": gap["before_rms_N"], "interval": gap["before_interval_N"], "share": gap["before_share"]}
-    rows = [("all tests", "", "", newton(whole["rms"]), force_range(whole["interval"]), percent(whole["share"]), "")]
+    rows = [("all tests", "", "", force(whole["rms"]), interval(whole["interval"], force), percent(whole["share"]), "")]
     rows += [
         (
             t["file"],
             f,
             f"{t['amplitude_mm']:.3g}",
-            newton(t["gap_rms_N"]),
-            force_range(t.get("interval_N")),
+            force(t["gap_rms_N"]),
+            interval(t.get("interval_N"), force),
             percent(t["share"]),
             "yes" if t["significant"] else "no",
         )
@@ -99,7 +98,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         [
             (
                 r["region"],
-                newton(r["gap_rms_N"]),
+                force(r["gap_rms_N"]),
                 percent(r["share_of_gap"]),
                 percent(r.get("share_of_time")),
                 "yes" if r["significant"] else "no",
@@ -112,7 +111,7 @@ def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
     section.table(
         ("harmonic", "with displacement", "with velocity", "stands out"),
         [
-            (str(h["order"]), newton(h["in_phase_N"]), newton(h["quadrature_N"]), "yes" if h["significant"] else "no")
+            (str(h["order"]), force(h["in_phase_N"]), force(h["quadrature_N"]), "yes" if h["significant"] else "no")
             for h in w["harmonics"]
         ],
         "Harmonics of the residual (RMS over tests)",
@@ -137,7 +136,7 @@ def _which(
         if described.get("signature"):
             section.text(f"In the loops: {described['signature']}.")
         rows = [
-            (p, digits(v["mean"]), digits(v["sd"]), f"{digits(v['q05'])} to {digits(v['q95'])}", v["unit"])
+            (p, plain(v["mean"], 4), plain(v["sd"], 4), f"{plain(v['q05'], 4)} to {plain(v['q95'], 4)}", v["unit"])
             for p, v in effect["parameters"].items()
         ]
         section.table(
@@ -202,7 +201,7 @@ def _sampled(section: Section, d: Mapping[str, Any]) -> None:
 def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
     gap = d["gap"]
     section.text(
-        f"The gap is {newton(gap['before_rms_N'])} RMS without and {newton(gap['after_rms_N'])} with all named "
+        f"The gap is {force(gap['before_rms_N'])} RMS without and {force(gap['after_rms_N'])} with all named "
         "effects. On the tests that it was fitted to an effect seems better than it is. The held-out tests count. A "
         f"smooth discrepancy of any shape would remove {100 * gap['ceiling_shrink']:.0f} % of the gap. No effect can "
         "be expected to remove more."
@@ -222,7 +221,7 @@ def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
     section.table(
         ("parameter", "without", "with", "sd", "unit", "what it is"),
         [
-            (n, digits(m["before"]), digits(m["after"]), digits(m["sd"]), m["unit"], meanings.get(n, "–"))
+            (n, plain(m["before"], 4), plain(m["after"], 4), plain(m["sd"], 4), m["unit"], meanings.get(n, "–"))
             for n, m in d["moved"].items()
         ],
         "Identified parameters without and with the named effects",
@@ -257,7 +256,7 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
             "What the base model's own freedoms can imitate",
         )
     far = [
-        (x["name"], digits(x["value"]), x["unit"], f"{x['deviations']:+.1f}", x["prior"])
+        (x["name"], plain(x["value"], 4), x["unit"], f"{x['deviations']:+.1f}", x["prior"])
         for x in d["far_from_plausible"]
     ]
     if far:
@@ -318,7 +317,7 @@ def _settings(section: Section, d: Mapping[str, Any]) -> None:
     )
     rows = [("seed", str(d["seed"])), ("quick run", "yes" if d.get("quick") else "no")]
     rows += [
-        (label, newton(gap[key]))
+        (label, force(gap[key]))
         for key, label in (
             ("residual_rms_N", "residual, RMS, noise included"),
             ("noise_rms_N", "noise, RMS"),

@@ -17,7 +17,7 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
 from bayes_iwan.report.identification.marginals import contraction, paper_symbol, reported
-from bayes_iwan.report.table import Cell, Rows, Table
+from bayes_iwan.report.page import Cell, Rows, Table
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
