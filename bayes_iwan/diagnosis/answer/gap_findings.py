@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,22 +47,9 @@ def where_sentences(where: Where) -> list[str]:
 
 def where_json(where: Where, size: GapSize) -> dict[str, Any]:
     """The "where" of a diagnosis as plain numbers."""
-    kinds = {
-        k: where.of(k)
-        for k in (
-            "test",
-            "trend",
-            "region",
-            "frequency",
-            "amplitude",
-            "parity",
-            "mean",
-            "record",
-            "mains",
-            "in phase",
-            "quadrature",
-        )
-    }
+    kinds: defaultdict[str, list[Statistic]] = defaultdict(list)
+    for statistic in where.statistics:
+        kinds[statistic.kind].append(statistic)
     tests = []
     for t, name in enumerate(where.files):
         g, found = size.tests[t], kinds["test"][t].significant or kinds["trend"][t].significant

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.folders.folder import folder_of
 from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict, write_answer
-from bayes_iwan.diagnosis.answer.gap_findings import GapPictures, pictures
+from bayes_iwan.diagnosis.answer.gap_findings import pictures
 from bayes_iwan.diagnosis.answer.localisation import (
     Located,
     ProgressListener,
@@ -66,31 +65,21 @@ def diagnosis_figures(found: Diagnosis, ahead: Mapping[str, Figure] | None = Non
     verdict, budget = found.verdict, found.budget
     out["budget"] = budget_figures.budget_figure(budget, verdict.one_of)
     out["probabilities"] = budget_figures.probabilities_figure(verdict.probabilities, verdict.names)
-    after, causes = None, ""
+    causes = listed(verdict.names) if 0 < len(verdict.names) < 3 else "all named causes" if verdict.names else ""
+    after = along_cycle(found.after_residual, found.after_residual.value) if verdict.causes else None
+    average = [
+        CycleResidual(name, drawn.residual_N[t], None if after is None else after[t], drawn.expected_N[t])
+        for t, name in enumerate(drawn.names)
+    ]
     if verdict.causes:
-        causes = listed(verdict.names) if len(verdict.names) < 3 else "all named causes"
-        after = along_cycle(found.after_residual, found.after_residual.value)
-        out["before_after"] = budget_figures.before_after_figure(
-            drawn.names, drawn.residual_N, after, drawn.expected_N, causes
-        )
+        out["before_after"] = budget_figures.before_after_figure(average, causes)
         out["moved"] = budget_figures.moved_figure(found.moved)
         out["shares"] = budget_figures.shares_figure(budget)
-    shown = _changing(found, drawn.names) or (_average(drawn, after),)
+    shown = _changing(found, drawn.names) or (average[int(np.argmax(drawn.gap_N))],)
     out["headline"] = budget_figures.headline_figure(budget, shown, causes, verdict.one_of)
     for figure in out.values():
         relabel(figure, found.campaign.units)
     return out
-
-
-def _average(drawn: GapPictures, after_N: Array | None) -> CycleResidual:
-    """Residual along the average cycle of the test where most is."""
-    worst = int(np.argmax(drawn.gap_N))
-    return CycleResidual(
-        drawn.names[worst],
-        drawn.residual_N[worst],
-        None if after_N is None else after_N[worst],
-        drawn.expected_N[worst],
-    )
 
 
 def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[CycleResidual, ...]:
