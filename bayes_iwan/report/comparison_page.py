@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.families import Comparison
 from bayes_iwan.report.page import Page, Section, Table, provenance
-from bayes_iwan.report.style import BLUE, ORANGE, house_style, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, styled, subplots
 
 
 @styled
@@ -63,34 +63,10 @@ def tests_figure(comparison: Comparison) -> Figure:
     figure, axes = subplots(1, 1, 7.6, 0.36 * len(entries) + 1.4)
     ax = axes[0, 0]
     reach = max(float(np.quantile(np.abs(table), 0.9)), 1.0)
-    ax.pcolormesh(
-        np.arange(len(files) + 1),
-        np.arange(len(entries) + 1),
-        table,
-        cmap="PuOr",
-        vmin=-reach,
-        vmax=reach,
-        edgecolors="white",
-        linewidth=1.0,
-        alpha=0.6,
-    )
-    for i in range(len(entries)):
-        for j in range(len(files)):
-            ax.text(
-                j + 0.5,
-                i + 0.5,
-                f"{table[i, j]:+.1f}".replace("-", "−") if i else "0",
-                ha="center",
-                va="center",
-                fontsize=7.5,
-            )
-    ax.set_xticks(np.arange(len(files)) + 0.5, files, rotation=30, ha="right")
-    ax.set_yticks(np.arange(len(entries)) + 0.5, [e.family.label for e in entries])
-    ax.set_ylim(len(entries), 0)
-    ax.grid(visible=False)
-    ax.tick_params(length=0)
-    for side in ax.spines.values():
-        side.set_visible(False)
+    texts = [[f"{x:+.1f}".replace("-", "−") if i else "0" for x in row] for i, row in enumerate(table)]
+    labels = [e.family.label for e in entries]
+    numbered_cells(ax, table, texts, labels, files, cmap="PuOr", vmin=-reach, vmax=reach, alpha=0.6)
+    ax.set_xticks(ax.get_xticks(), files, rotation=30, ha="right")
     return figure
 
 

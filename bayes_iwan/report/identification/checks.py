@@ -18,7 +18,7 @@ from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.likelihood import Independent
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.style import BLUE, ORANGE, RED, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, RED, numbered_cells, styled, subplots
 
 REGIONS = (
     "after lower\nreversal",
@@ -77,36 +77,11 @@ def regions_figure(posterior: Posterior, checks: RegionChecks | None = None) -> 
     colours = LinearSegmentedColormap.from_list(
         "p", [(0.0, RED), (0.05, ORANGE), (0.12, "#FFFFFF"), (0.88, "#FFFFFF"), (1.0, BLUE)]
     )
-    ax.pcolormesh(
-        np.arange(len(REGIONS) + 1),
-        np.arange(n + 1),
-        checks.p_value,
-        cmap=colours,
-        vmin=0,
-        vmax=1,
-        edgecolors="white",
-        linewidth=1.0,
-        alpha=0.55,
-    )
-    for t in range(n):
-        for r in range(len(REGIONS)):
-            value = checks.p_value[t, r]
-            ax.text(
-                r + 0.5,
-                t + 0.5,
-                f"{value:.2f}" if value >= 0.01 else "< 0.01",
-                ha="center",
-                va="center",
-                fontsize=7.5,
-                weight="bold" if value < 0.05 or value > 0.95 else "normal",
-            )
-    ax.set_xticks(np.arange(len(REGIONS)) + 0.5, REGIONS)
-    ax.set_yticks(np.arange(n) + 0.5, [test_name(x) for x in checks.loops])
-    ax.set_ylim(n, 0)
-    ax.grid(visible=False)
-    ax.tick_params(length=0)
-    for side in ax.spines.values():
-        side.set_visible(False)
+    texts = [
+        ["*" * (x < 0.05 or x > 0.95) + (f"{x:.2f}" if x >= 0.01 else "< 0.01") for x in row] for row in checks.p_value
+    ]
+    tests = [test_name(x) for x in checks.loops]
+    numbered_cells(ax, checks.p_value, texts, tests, REGIONS, cmap=colours, vmin=0, vmax=1, alpha=0.55)
     ax.set_title("chance that the model's own loops miss by more than the measured one", loc="left")
     return figure
 
