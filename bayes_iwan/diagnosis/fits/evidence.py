@@ -182,7 +182,7 @@ def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS, smaller:
     theirs = [own | dict(zip(f.problem.names, f.z)) for f in smaller]
     starts = [fit.z, *fit.optima[:NEWTON_STARTS], *(np.array([z[n] for n in own]) for z in theirs)]
     size = newton_size(fit.discrepancy_share[0])
-    return fit if fit.size == size else _beside(data, fit, size, starts, iterations, fit.linear)
+    return fit if fit.size == size else beside(data, fit, size, starts, iterations, fit.linear)
 
 
 def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
@@ -192,11 +192,16 @@ def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
     alike = size.share == nearest.size.share and not any(e.evolving for e in fit.effects)
     if alike or fit.size == size:
         return nearest if alike else fit
-    return _beside(data, fit, size, [fit.z, nearest.z], NEWTON_STEPS, fit.linear)
+    return beside(data, fit, size, [fit.z, nearest.z], NEWTON_STEPS, fit.linear)
 
 
-def _beside(
-    data: GapData, fit: Fit, size: DiscrepancySize, starts: Sequence[Array], iterations: int, known: Linear | None
+def beside(
+    data: GapData,
+    fit: Fit,
+    size: DiscrepancySize,
+    starts: Sequence[Array],
+    iterations: int,
+    known: Linear | None = None,
 ) -> Fit:
     """A fit's model refitted beside a discrepancy of a size. known : the fit's linear model, where it is of these
     data."""
