@@ -235,15 +235,21 @@ def band(
 
 
 def numbered_cells(
-    axes: Axes, values: Array, texts: Sequence[Sequence[str]], rows: Sequence[str], columns: Sequence[str], **mesh: Any
+    axes: Axes,
+    values: Array,
+    texts: Sequence[Sequence[str]],
+    rows: Sequence[str],
+    columns: Sequence[str],
+    bold: NDArray[np.bool_] | None = None,
+    **mesh: Any,
 ) -> None:
-    """A table of coloured cells (rows, columns) with a text in each, rows from the top down."""
+    """A table of coloured cells (rows, columns) with a text in each, rows from the top down; bold : which of them."""
     n, m = values.shape
     axes.pcolormesh(np.arange(m + 1), np.arange(n + 1), values, edgecolors="white", linewidth=1.0, **mesh)
     for i, row in enumerate(texts):
         for j, text in enumerate(row):
-            weight = "bold" if text.startswith("*") else "normal"
-            axes.text(j + 0.5, i + 0.5, text.lstrip("*"), ha="center", va="center", fontsize=7.5, weight=weight)
+            weight = "bold" if bold is not None and bold[i, j] else "normal"
+            axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=7.5, weight=weight)
     axes.set_xticks(np.arange(m) + 0.5, columns)
     axes.set_yticks(np.arange(n) + 0.5, rows)
     axes.set_ylim(n, 0)

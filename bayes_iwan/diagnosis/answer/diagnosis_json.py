@@ -148,7 +148,7 @@ def _effect(d: Diagnosis, c: Cause) -> dict[str, Any]:
 
 def _considered(d: Diagnosis) -> list[dict[str, Any]]:
     """Effects that are not named and not out of the question, the likeliest first; and why they are not named."""
-    places = {f.name: f for f in d.found.alone}
+    places = {f.name: f for f in d.found.figures}
     out = []
     for name in not_excluded(d):
         f = places.get(name)

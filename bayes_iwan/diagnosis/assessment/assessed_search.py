@@ -82,11 +82,6 @@ class Weighed:
         return frozenset(self.search.chosen)
 
     @property
-    def alone(self) -> tuple[Figures, ...]:
-        """The figures as they are reported."""
-        return self.figures
-
-    @property
     def fits(self) -> Mapping[Names, Fit]:
         return self.models.fits
 

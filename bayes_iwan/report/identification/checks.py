@@ -77,11 +77,9 @@ def regions_figure(posterior: Posterior, checks: RegionChecks | None = None) -> 
     colours = LinearSegmentedColormap.from_list(
         "p", [(0.0, RED), (0.05, ORANGE), (0.12, "#FFFFFF"), (0.88, "#FFFFFF"), (1.0, BLUE)]
     )
-    texts = [
-        ["*" * (x < 0.05 or x > 0.95) + (f"{x:.2f}" if x >= 0.01 else "< 0.01") for x in row] for row in checks.p_value
-    ]
-    tests = [test_name(x) for x in checks.loops]
-    numbered_cells(ax, checks.p_value, texts, tests, REGIONS, cmap=colours, vmin=0, vmax=1, alpha=0.55)
+    p, tests = checks.p_value, [test_name(x) for x in checks.loops]
+    texts, bold = [[f"{x:.2f}" if x >= 0.01 else "< 0.01" for x in row] for row in p], (p < 0.05) | (p > 0.95)
+    numbered_cells(ax, p, texts, tests, REGIONS, bold, cmap=colours, vmin=0, vmax=1, alpha=0.55)
     ax.set_title("chance that the model's own loops miss by more than the measured one", loc="left")
     return figure
 
