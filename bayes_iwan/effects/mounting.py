@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numba as nb
 import numpy as np
+from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, moved_by
-from bayes_iwan.effects.law_families import lognormal
 from bayes_iwan.models.kernels import pointwise
 
 #: passes over the loop that settle how far the rig gives, or where the force crosses zero
@@ -38,13 +38,16 @@ class RigCompliance(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "soft_ratio": ExtraParameter(
-                "ρ", "-", "compliance at small forces over that at large ones", lognormal(1.0, 0.7)
+                "ρ",
+                "-",
+                "compliance at small forces over that at large ones",
+                stats.lognorm(s=0.7, scale=1.0),
             ),
             "soft_N": ExtraParameter(
                 "F₁",
                 "N",
                 "force over which a soft first part closes",  # over much less it is a play with soft ends
-                lognormal(0.4 * self.scales.force_N, 0.35),
+                stats.lognorm(s=0.35, scale=0.4 * self.scales.force_N),
                 scan=False,
             ),
         }
@@ -142,7 +145,7 @@ class FreePlay(Effect):
                 "w",
                 "-",
                 "way over which the ends close, over half the play",
-                lognormal(0.05, 1.0),
+                stats.lognorm(s=1.0, scale=0.05),
                 1e-4,
                 1.0,
                 scan=False,

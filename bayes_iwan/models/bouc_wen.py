@@ -19,7 +19,6 @@ from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
@@ -130,21 +129,6 @@ def _signs() -> tuple[Array, Array, Array]:
     return u, du, z
 
 
-def _way(displacement_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64], Array]:
-    """The displacements (entries,) that one loop or record passes, turning points put in.
-
-    Returns them with the sample (entries,) each belongs to and its distance from it in samples, 0 for the sample
-    itself. displacement_mm : (samples,).
-    """
-    longest = 2 * len(displacement_mm) + 3
-    at, off = np.empty(longest), np.empty(longest)
-    where, stop, turns, last = (np.empty(longest, np.int64) for _ in range(4))
-    count = sliders._way(
-        np.ascontiguousarray(displacement_mm, dtype=float), closed, 0, at, where, off, stop, turns, last
-    )
-    return at[:count], where[:count], off[:count]
-
-
 def _hysteresis(shape: Array, parameter_values: ParameterValues, motion: Motion) -> Array:
     """z, (draws, loops, samples)."""
     out = np.empty((len(shape), motion.loops, motion.samples))
@@ -157,7 +141,7 @@ def _hysteresis(shape: Array, parameter_values: ParameterValues, motion: Motion)
         each = [part] if u.shape[0] == 1 else [slice(d, d + 1) for d in range(part.start, min(part.stop, len(shape)))]
         for draws in each:
             for j in range(motion.loops):
-                way = _way(u[0 if u.shape[0] == 1 else draws.start, j], motion.periodic)
+                way = sliders.way(u[0 if u.shape[0] == 1 else draws.start, j], motion.periodic)
                 z = np.empty((len(k[draws]), motion.samples))
                 _loops(*way, motion.periodic, k[draws], size[draws], n[draws], shape[draws], z)
                 out[draws, j] = z

@@ -3,7 +3,9 @@
 All elements share the stiffness k(t); element φ slips at the force α(t)·φ. Its spring deflection is
 ``e(φ) = u − x(φ)``, x being the slider's position, and one step of motion is
 
-    e(φ) ← clip(e(φ) + du, −r (1 − a) φ, r (1 + a) φ),        r = α / k, a = 0 unless friction depends on direction
+    e(φ) ← clip(e(φ) + du, −r φ, +r φ),        r = α / k
+
+(or, with friction that depends on the direction, between −r(1 − a) φ and r(1 + a) φ).
 
 Whatever the motion, x stays a *continuous, piecewise linear* function of φ with few pieces: one step moves e up or
 down and cuts it with a cone. So the state is a stack of pieces x = p + m φ, as the Preisach model's memory is a
@@ -11,9 +13,10 @@ staircase, and the force follows from integration by parts (e(0) = 0):
 
     F = k ∫ e(φ) φ̃(φ) dφ = k ∫ e'(φ) S(φ) dφ = −k Σ_pieces m ΔL,      L(φ) = ∫₀^φ S = E[min(Φ, φ)],
 
-where S is the survival function of the slip-force distribution, Eq. (10). L is one smooth function per draw, tabulated
-once (:mod:`bayes_iwan.models.slip_force`), so nothing is summed over elements. Nothing assumes that slip spreads from
-φ = 0: elements may stick again while others slip. Tests compare it with :mod:`bayes_iwan.models.kernels.elements`.
+where S is the survival function of the slip-force distribution, Eq. (10). L is one smooth function per draw,
+tabulated once (:mod:`bayes_iwan.models.slip_force`), so nothing is summed over elements. Holes and elements that
+stick again while others slip (α rising or falling fast) are cut like everything else: nothing assumes that slip
+spreads from φ = 0. :mod:`bayes_iwan.models.kernels.elements` is what tests compare it with.
 
 State in memory: the front piece [0, front] with x = u − q φ is held in scalars; the pieces beyond it lie in a stack
 (rows of `st`, top = next to the front) with columns p, m, end, x(end), L(end), left, where left = −Σ m ΔL of all
@@ -24,11 +27,11 @@ The functions here call each other, so they stay in one file (numba's cache does
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba as nb
 import numpy as np
+from numpy.typing import NDArray
 
+from bayes_iwan.arrays import Array
 from bayes_iwan.models.kernels.vectors import apart_and_wide
 
 #: pieces kept; when a wild motion makes more, the least important vertex is dropped
@@ -41,13 +44,11 @@ ON_CHORD = 1e-9
 LONGEST = 64
 P, M, END, X_END, L_END, LEFT = range(6)
 
-_njit: Any = nb.njit  # whose types do not know `_nrt`
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
-_jit = _njit(**_OPTIONS)
+_jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 #: for what allocates nothing: without it numba counts references to every array at every call, 100 ns each time
-_part = _njit(**_OPTIONS, _nrt=False)
+_part = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)  # type: ignore[call-overload]
 #: a part that becomes its caller's own code: passing on a dozen arrays costs as much as a short stretch of the way
-_inner = _njit(**_OPTIONS, _nrt=False, forceinline=True)
+_inner = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False, forceinline=True)  # type: ignore[call-overload]
 
 
 @_part
@@ -63,8 +64,11 @@ def _in_a_row(table, shift, row):
 
 @_inner
 def _limited_mean(phi, row, scale, shift):
-    """L(φ) by the cubic of φ's cell, whose number and the place in it are the bits of φ/top, a double; beyond the top,
-    where S has died out, the last cell's end; NaN stays NaN. Without a branch a loop over φ runs in vectors."""
+    """L(φ) by the cubic of φ's cell, whose number and the place in it are the bits of φ/top, a double.
+
+    Beyond the top, where S has died out, that is the last cell's end; NaN stays NaN. There is no branch, so a loop
+    over φ runs in vectors.
+    """
     x = np.float64(phi * scale)
     bits, width, cells = x.view(np.int64), np.int64(1) << shift, row.size // 4 - 1
     i = (bits >> shift) - ((np.int64(1023) << (52 - shift)) - cells - 1)
@@ -77,8 +81,11 @@ def _limited_mean(phi, row, scale, shift):
 
 @_part
 def _drop_least(top, st):
-    """Drop the vertex whose loss changes x(φ) least (smallest triangle, over L: where few elements are left a vertex
-    matters little), and correct the sums above it. The chord in its place stays inside the cone, which is convex."""
+    """Drop the vertex whose loss changes x(φ) least (smallest triangle), and correct the sums above it.
+
+    The triangle is taken over L, not φ: where few elements are left a vertex matters little.
+    The chord that replaces two pieces stays inside the cone, which is convex.
+    """
     least, smallest = 2, np.inf
     for j in range(2, top - 1):  # vertex between piece j and piece j − 1; piece j begins at row j + 1
         a, b = st[j, L_END] - st[j + 1, L_END], st[j - 1, L_END] - st[j + 1, L_END]
@@ -108,8 +115,11 @@ def _push(top, p, m, end, x_end, ell, st):
 
 @_part
 def _cut(top, u, up, down, front, front_x, st, work, row, scale, shift):
-    """Cut the whole polyline with the cone −down·φ ≤ e ≤ up·φ, where a vertex beyond the front lies outside it: rare,
-    so it may be slow. Returns the number of stacked pieces and the new front vertex."""
+    """Cut the whole polyline with the cone −down·φ ≤ e ≤ up·φ: the general case, where more than the front slips.
+
+    Rare (entered only when a vertex beyond the front lies outside the cone), so it may be slow.
+    Returns the number of stacked pieces and the new front vertex.
+    """
     count = 0
     last_side, last_phi, last_e = 0, 0.0, 0.0
     for j in range(top, 0, -1):  # vertices from small φ to large; row j − 1 of the stack begins there
@@ -304,7 +314,10 @@ def _follow(
     st, work, ends, slope, held, force,
 ):  # fmt: skip
     """Follow the way of loop j from rest, entries [start, count); force at those from `first` on, k times ∫ e φ̃ dφ,
-    and the spring's. limit : L beyond all slip forces."""
+    and the spring's.
+
+    limit : L beyond all slip forces.
+    """
     st[0, P] = st[0, M] = st[0, X_END] = st[0, LEFT] = 0.0  # virgin: x = 0 for every φ, no front, only the tail
     st[0, END], st[0, L_END] = np.inf, limit
     top, last, q, edge, step = 1, 0.0, 0.0, 0.0, start
@@ -328,8 +341,9 @@ def _follow(
             else:  # the piece lies along the cone: it slips as a whole
                 edge, glides = st[top - 1, END], False
             q = s * r
-        # at rest, and the normal force falls below what the front carries?
-        beyond = du == 0.0 and (q > up or -q > down)
+        beyond = du == 0.0 and (
+            q > up or -q > down
+        )  # at rest, and the normal force falls below what the front carries?
         for piece in range(1, top):  # or does a vertex beyond the front lie outside the cone?
             e, most = now - st[piece, X_END], st[piece, END] * (1.0 + 1e-12)
             beyond |= e > up * most or -e > down * most
@@ -397,3 +411,16 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
                     out[d, j, np.uint64(i) + c] = force[np.uint64(begin) + c]
                 i += e - begin
                 begin = e + 1
+
+
+def way(displacement_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64], Array]:
+    """The displacements (entries,) that one loop or record passes, turning points put in.
+
+    Returns them with the sample (entries,) each belongs to and its distance from it in samples, 0 for the sample
+    itself. displacement_mm : (samples,).
+    """
+    longest = 2 * len(displacement_mm) + 3
+    at, off = np.empty(longest), np.empty(longest)
+    where, stop, turns, last = (np.empty(longest, np.int64) for _ in range(4))
+    count = _way(np.ascontiguousarray(displacement_mm, dtype=float), closed, 0, at, where, off, stop, turns, last)
+    return at[:count], where[:count], off[:count]

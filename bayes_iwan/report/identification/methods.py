@@ -28,13 +28,15 @@ def methods(posterior: Posterior) -> str:
     if isinstance(model, Model):
         parts.append(
             f"The generalized Iwan model ({model.slip} slip forces, {model.normal_force} normal force, "
-            f"{model.stiffness} stiffness) was identified from"
+            f"{model.stiffness} "
+            "stiffness) was identified from"
         )
     else:
         parts.append(f"The model {model.name} was identified from")
     parts[0] += (
-        f" {len(loops)} harmonic test{'s' if len(loops) != 1 else ''} at {speeds}amplitudes of {_span(a, 'mm')}, each "
-        f"averaged in phase over {_span([float(c) for c in cycles], 'cycles')} into {settings.loops.n_phase} points."
+        f" {len(loops)} harmonic test{'s' if len(loops) != 1 else ''} at {speeds}amplitudes of "
+        f"{_span(a, 'mm')}, each averaged in phase over {_span([float(c) for c in cycles], 'cycles')} into "
+        f"{settings.loops.n_phase} points."
     )
     free = len(problem.prior.free)
     fixed = len(problem.prior.parameters) - free
