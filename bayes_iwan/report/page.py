@@ -121,6 +121,11 @@ class Section:
         self.body.append(Markup(f"<h3>{escape(text)}</h3>"))
         return self
 
+    def bullets(self, texts: Sequence[str | Markup]) -> Section:
+        """A list of sentences, a line each."""
+        items = Markup("").join(Markup("<li>{}</li>").format(self._said(x)) for x in texts)
+        return self.html(Markup("<ul>{}</ul>").format(items))
+
     def html(self, markup: Markup) -> Section:
         self.body.append(markup)
         return self

@@ -10,7 +10,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from bayes_iwan.campaign import read_campaign, write_campaign
-from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict, write_answer
+from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict, write_answer
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS, SavedFitsError, find_shares
 from bayes_iwan.diagnosis.answer.wording import strength
 from bayes_iwan.diagnosis.assessment.budget import Kind
@@ -334,7 +334,7 @@ def test_classical_base_names_the_term_that_it_lacks(classical):
     slope = next(e for e in d["effects"] if e["name"] == "varying_normal_force")["parameters"]["slope"]
     scale = classical.found.search.scales.length_mm / 0.9  # the kit's reference length is 0.9 mm
     assert slope["mean"] == pytest.approx(0.35 * scale**0.8, abs=4 * slope["sd"] + 0.05)
-    assert "varying_normal_force" in effects_described(classical.found)
+    assert "varying_normal_force" in classical.found.search.effects
 
 
 def test_bases_are_models(kit):

@@ -13,7 +13,6 @@ from bayes_iwan.diagnosis.answer.sentences import colour, not_excluded, remedy, 
 from bayes_iwan.diagnosis.answer.wording import physics_of_pattern
 from bayes_iwan.diagnosis.assessment.budget import Cause, Share
 from bayes_iwan.diagnosis.fits.gap_size import ceiling_N
-from bayes_iwan.effects.base import Effect
 from bayes_iwan.files import finite, write_json
 from bayes_iwan.models.user_file import file_of
 
@@ -81,7 +80,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "after_share": b.after.share,
             "shrink": 1.0 - left.value,
             "shrink_interval": [1.0 - left.high, 1.0 - left.low],
-            "ceiling_shrink": 1.0 - ceiling_N(d.residual) / b.before.rms_N if b.before.rms_N > 0.0 else 0.0,
+            "ceiling_shrink": ceiling_shrink(d),
             "noise_rms_N": b.before.noise_N,
             "residual_rms_N": b.before.residual_N,
             "averaged_loop_rms_N": d.before.loop.rms_N,
@@ -166,19 +165,10 @@ def _considered(d: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def effects_described(d: Diagnosis) -> dict[str, dict[str, Any]]:
-    """What every effect is, by name: physics, reference, signature, look-alikes, bench test."""
-    return {n: _about(some[0]) for n, some in d.search.effects.items()}
-
-
-def _about(effect: Effect) -> dict[str, Any]:
-    return {
-        "physics": effect.physics,
-        "reference": effect.reference,
-        "signature": effect.signature,
-        "look_alikes": list(effect.look_alikes),
-        "bench": effect.bench,
-    }
+def ceiling_shrink(d: Diagnosis) -> float:
+    """Share of the gap that a smooth discrepancy of any shape would remove: no effect can remove more."""
+    before_N = d.budget.before.rms_N
+    return 1.0 - ceiling_N(d.residual) / before_N if before_N > 0.0 else 0.0
 
 
 def write_answer(d: Diagnosis, out: Path) -> dict[str, Any]:

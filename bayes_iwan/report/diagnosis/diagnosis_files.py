@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.folders.folder import folder_of
-from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict, write_answer
+from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import pictures
 from bayes_iwan.diagnosis.answer.localisation import (
     Located,
@@ -26,7 +26,7 @@ from bayes_iwan.diagnosis.answer.wording import listed
 from bayes_iwan.diagnosis.diagnosis import diagnose_campaign
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import ALONG
-from bayes_iwan.files import clear, finite, results_folder
+from bayes_iwan.files import clear, results_folder
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis.budget_figures import CycleResidual
 from bayes_iwan.report.diagnosis.diagnosis_page import order_ahead, write_diagnosis_page
@@ -123,16 +123,13 @@ def write_found(found: Diagnosis, out: Path, overwrite: bool = False) -> Path:
 
 @house_style()
 def _write(found: Diagnosis, folder: Path, ahead: Ahead) -> Path:
-    answer, figures = finite(to_dict(found)), diagnosis_figures(found, ahead.figures)
+    figures = diagnosis_figures(found, ahead.figures)
     clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")
     page = write_diagnosis_page(
-        answer,
+        found,
         figures,
         folder / "diagnosis.html",
-        effects_described(found),
-        found.campaign.units,
         provenance(found.campaign, found.seed),
-        {p.name: p.description for p in found.fit.problem.prior.free},
         ahead.renderer,
         effect_viewer_data(found) if found.verdict.causes else None,
     )
