@@ -18,7 +18,6 @@ from matplotlib.figure import Figure
 from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.report import accessors as accessors  # `posterior.plot` as well
 from bayes_iwan.report.batch.specimens import Batch
 from bayes_iwan.report.comparison_page import ranking_figure
 from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
@@ -26,11 +25,17 @@ from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figu
 from bayes_iwan.report.identification.law_figures import normal_force_figure, slip_density_figure, stiffness_figure
 from bayes_iwan.report.identification.loops import frequencies_figure, loops_figure, paper_fig3, residuals_figure
 from bayes_iwan.report.identification.marginals import identifiable_corner, prior_posterior_figure
+from bayes_iwan.report.identification.marginals import paper_corner as paper_corner
 from bayes_iwan.report.identification.sampling import tau_figure, traces_figure
 from bayes_iwan.report.identification.trends import trends_figure
 from bayes_iwan.report.style import save, styled
 
-__all__ = [*accessors.NAMES, "gap", "ranking", "save", "specimens"]
+#: functions of a posterior, which are its methods too: `posterior.plot.loops()`
+OF_POSTERIOR = (
+    *("autocorrelation", "corner", "frequencies", "loo_pit", "loop", "loops", "normal_force", "paper_corner"),
+    *("parameters", "regions", "residuals", "slip_forces", "stiffness", "total_and_friction", "traces", "trends"),
+)
+__all__ = [*OF_POSTERIOR, "gap", "ranking", "save", "specimens"]
 
 loops, residuals, frequencies = loops_figure, residuals_figure, frequencies_figure
 total_and_friction, trends = paper_fig3, trends_figure
