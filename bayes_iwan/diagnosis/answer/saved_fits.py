@@ -182,7 +182,11 @@ def find_shares(
         raise SavedFitsError(f"{path}: names a Python file, which is not run unasked: {own}")
     data = gap_data(read_campaign(held_out_campaign).loops(**LOOPS))
     try:
-        gap = {k: _gap_N(data, rebuilt(stored, f, data)) for k, f in stored.fits.items()}
+        power_N2 = {
+            k: gap_power_N2(residual_of(data, rebuilt(stored, f, data), refitted=False)).mean()
+            for k, f in stored.fits.items()
+        }
+        gap = {k: float(np.sqrt(max(float(x), 0.0))) for k, x in power_N2.items()}
         whole, before = max(gap, key=len), gap[frozenset()]
         if before <= 0.0 or not whole:
             return None, {}
@@ -192,10 +196,6 @@ def find_shares(
     except Exception as error:  # a file that somebody has changed breaks whatever is made of it, in any way
         raise _damaged(path, error) from None
     return 1.0 - gap[whole] / before, parts
-
-
-def _gap_N(data: GapData, fit: Fit) -> float:
-    return float(np.sqrt(max(float(gap_power_N2(residual_of(data, fit, refitted=False)).mean()), 0.0)))
 
 
 def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:

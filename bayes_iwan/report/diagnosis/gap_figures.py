@@ -13,7 +13,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
-from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.answer.gap_findings import GapPictures
 from bayes_iwan.diagnosis.answer.localisation import Statistic
@@ -35,17 +34,13 @@ def panels(count: int, width: float = 2.5, height: float = 2.2) -> tuple[Figure,
     return figure, flat[:count]
 
 
-def _strength(residual: Array) -> float:
-    return max(float(np.quantile(np.abs(residual), 0.995)), 1e-12)
-
-
 @styled
 def gap_loops_figure(p: GapPictures) -> Figure:
     """Every test's measured loop, its colour and thickness telling what the model misses there; (T, n) arrays."""
     names, displacement_mm, force_N, residual_N = p.names, p.displacement_mm, p.force_N, p.residual_N
     shares = p.gap_N / p.friction_N
     figure, axes = panels(len(names))
-    limit = _strength(residual_N)
+    limit = max(float(np.quantile(np.abs(residual_N), 0.995)), 1e-12)
     norm = TwoSlopeNorm(0.0, -limit, limit)
     colours = colormaps[_DIVERGING]
     for t, ax in enumerate(axes):
@@ -65,13 +60,9 @@ def gap_loops_figure(p: GapPictures) -> Figure:
         ax.locator_params(nbins=4)
     figure.supxlabel("displacement (mm)", fontsize=9)
     figure.supylabel("measured force (N)", fontsize=9)
-    bar = figure.colorbar(_mappable(norm), ax=axes, shrink=0.8, pad=0.02)
+    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axes, shrink=0.8, pad=0.02)
     bar.set_label("measured − model (N)")
     return figure
-
-
-def _mappable(norm: TwoSlopeNorm) -> ScalarMappable:
-    return ScalarMappable(norm, colormaps[_DIVERGING])
 
 
 @styled

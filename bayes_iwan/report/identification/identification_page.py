@@ -59,7 +59,9 @@ def identification_report(
     page = Page(
         f"{what} of {posterior.name}",
         _subtitle(posterior),
-        _footer(posterior),
+        "The numbers of this page are in summary.csv and tables/, its draws in posterior.nc. Made with "
+        + ", ".join(f"{k} {v}" for k, v in posterior.versions.items())
+        + ".",
         posterior.problem.units,
         provenance(posterior.campaign, posterior.seed),
         shared(busy=55),
@@ -119,11 +121,6 @@ def _subtitle(posterior: Posterior) -> str:
         f"likelihood: {posterior.problem.likelihood.name}",
     ]
     return " · ".join(x for x in parts if x)
-
-
-def _footer(posterior: Posterior) -> str:
-    versions = ", ".join(f"{k} {v}" for k, v in posterior.versions.items())
-    return f"The numbers of this page are in summary.csv and tables/, its draws in posterior.nc. Made with {versions}."
 
 
 def _loops(page: Page, posterior: Posterior, p: Predictive) -> None:
