@@ -14,8 +14,7 @@ import json
 import shutil
 from pathlib import Path
 
-from bayes_iwan import executors
-from bayes_iwan.diagnosis.answer.diagnosis_json import diagnose_case
+from bayes_iwan.diagnosis.diagnosis import diagnose_case
 from bayes_iwan.withheld.answering import answer
 from bayes_iwan.withheld.answers import read_answer
 
@@ -29,8 +28,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
     work = args.work or Path("runs/sealed") / args.source.resolve().name
-    with executors.opened(args.workers) as executor:
-        answers = answer(args.source, diagnose_case, out=work, seed=args.seed, quick=True, executor=executor)
+    answers = answer(args.source, diagnose_case, out=work, seed=args.seed, quick=True, workers=args.workers)
     content = json.loads(answers.read_text())
     if content["failed"]:
         raise SystemExit(f"not answered: {content['failed']}")

@@ -19,7 +19,7 @@ from bayes_iwan.campaign import Record, average, read_campaign, write_campaign
 from bayes_iwan.diagnosis.answer import saved_fits
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.evidence import base_model, base_problem
-from bayes_iwan.effects.own_effects import load_effects
+from bayes_iwan.effects.catalogue import load_effects
 from bayes_iwan.files import write_json, write_whole
 from bayes_iwan.inference.identify import identify_campaign
 from bayes_iwan.inference.results import netcdf, run_files

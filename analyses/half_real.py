@@ -30,7 +30,7 @@ from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.diagnosis import diagnose_loops
-from bayes_iwan.executors import Failure, finished, opened
+from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import write_json
 from bayes_iwan.withheld.estimates import share
 
@@ -249,13 +249,12 @@ def main() -> None:
     store = args.out / "answers.json"
     done: dict[str, Any] = json.loads(store.read_text()) if store.is_file() else {}
     left = {k: v for k, v in pieces.items() if k not in done}
-    with opened(workers=args.workers) as executor:
-        for name, result in finished(left, answered, args.data, executor=executor, what="half-real", unit="case"):
-            if isinstance(result, Failure):
-                print(f"{name}: {result}")
-            else:
-                done[name] = result
-                write_json(store, done)  # a killed run goes on from here
+    for name, result in finished(left, answered, args.data, workers=args.workers, what="half-real", unit="case"):
+        if isinstance(result, Failure):
+            print(f"{name}: {result}")
+        else:
+            done[name] = result
+            write_json(store, done)  # a killed run goes on from here
     for source in SOURCES:
         print(f"{source}: " + " ".join(done[f"natural, {source}"]["sentences"][:4]))
     found = [assessed(a, done[f"natural, {a['source']}"]) for k, a in done.items() if not k.startswith("natural")]

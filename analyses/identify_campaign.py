@@ -11,7 +11,8 @@ import argparse
 from pathlib import Path
 
 import bayes_iwan as bi
-from bayes_iwan.report import prior_posterior_figure, save
+from bayes_iwan.report.identification.marginals import prior_posterior_figure
+from bayes_iwan.report.style import save
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

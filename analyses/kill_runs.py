@@ -141,13 +141,11 @@ def lighten() -> None:
     diagnosis_folder.diagnose_campaign = lambda campaign, **options: SimpleNamespace(
         campaign=read_campaign(campaign), seed=0, fit=fit
     )
-    diagnosis_folder.to_dict = lambda found: as_found()
-    diagnosis_folder.effects_described = lambda found: {}
     diagnosis_folder.write_answer = write_told
     diagnosis_folder.diagnosis_figures = lambda found, ahead=None: {
         n: small_figure() for n in ("gap", "where", "shares")
     }
-    diagnosis_folder.write_diagnosis_page = lambda answer, figures, path, *about: small_page(path)
+    diagnosis_folder.write_diagnosis_page = lambda found, figures, path, *about: small_page(path)
 
 
 def in_child(work: Callable[[], int], said: Path, limit: int | None = None) -> int:

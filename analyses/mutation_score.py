@@ -1,6 +1,6 @@
 """How many small errors in the package its tests notice: a sample of mutants of one folder, and the share caught.
 
-    python analyses/mutation_score.py physics --mutants 30 --seed 1 --out runs/mutants_physics.json
+    python analyses/mutation_score.py models --mutants 30 --seed 1 --out runs/mutants_models.json
 
 A mutant is the package with one operator, comparison, number or condition changed. Each runs in a copy of the
 repository against the tests of its folder, up to the first that fails; what takes ten times as long as the
@@ -30,10 +30,10 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 #: tests of a folder's own; a second set of others would catch more, and take longer
 TESTS = {
-    "physics": ["tests/models"],
+    "models": ["tests/models"],
     "effects": ["tests/effects", "tests/virtual_rig/test_faults_against_effects.py"],
     "inference": ["tests/inference"],
-    "gap": ["tests/diagnosis"],
+    "diagnosis": ["tests/diagnosis"],
 }
 OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult, ast.Mod: ast.Mult,

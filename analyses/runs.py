@@ -29,15 +29,14 @@ def _one(_: None, job: Job) -> Any:
 
 def each(jobs: Sequence[Job], workers: int, what: str = "runs") -> Iterator[Any]:
     """Results of kept(*job), in order, from this process or from several of them; the first that fails ends it."""
-    with executors.opened(workers) as executor:
-        pieces = {str(job[0]): job for job in jobs}
-        waiting = iter(pieces)
-        done: dict[str, Any] = {}
-        first = next(waiting, None)
-        for name, result in executors.finished(pieces, _one, None, executor=executor, what=what, unit="run"):
-            if isinstance(result, executors.Failure):
-                raise RuntimeError(f"{name}: {result}\n{result.trace}")
-            done[name] = result
-            while first in done:
-                yield done.pop(first)
-                first = next(waiting, None)
+    pieces = {str(job[0]): job for job in jobs}
+    waiting = iter(pieces)
+    done: dict[str, Any] = {}
+    first = next(waiting, None)
+    for name, result in executors.finished(pieces, _one, None, workers=workers, what=what, unit="run"):
+        if isinstance(result, executors.Failure):
+            raise RuntimeError(f"{name}: {result}\n{result.trace}")
+        done[name] = result
+        while first in done:
+            yield done.pop(first)
+            first = next(waiting, None)

@@ -37,8 +37,9 @@ from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.chains import Run, least_squares_of, sampled
 from bayes_iwan.inference.solving.point import Point, most_probable, rivals
+from bayes_iwan.sampling.blocks import Piece, Schedule, advanced
 from bayes_iwan.sampling.plan import Plan
-from bayes_iwan.sampling.run import EnsembleRun, Piece, Schedule, advanced
+from bayes_iwan.sampling.run import EnsembleRun
 from runs import each
 
 #: draws of each posterior among which the truth is ranked: ranks 0 to 63 make equal bins

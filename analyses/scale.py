@@ -227,7 +227,7 @@ def batches(quick: bool) -> dict[str, object]:
                 with executors.opened(workers) as executor:
                     out, began = tmp / f"{n}-{workers}", time.monotonic()
                     bayes_iwan.batch(
-                        tmp / f"{n}", out, quick=True, config=config, seed=1, executor=executor, progress=False
+                        tmp / f"{n}", out, quick=True, config=config, seed=1, workers=executor, progress=False
                     )
                     wall.append(time.monotonic() - began)
                 shutil.rmtree(out)
@@ -252,9 +252,9 @@ def cores(repeats: int) -> tuple[dict[str, object], float]:
     wall = []
     for workers in (1, 2):
         with executors.opened(workers) as executor:
-            executors.run({str(i): i for i in range(workers)}, _piece, 1, executor=executor, progress=False)  # started
+            executors.run({str(i): i for i in range(workers)}, _piece, 1, workers=executor, progress=False)  # started
             began = time.monotonic()
-            executors.run(pieces, _piece, repeats, executor=executor, progress=False)
+            executors.run(pieces, _piece, repeats, workers=executor, progress=False)
             wall.append(time.monotonic() - began)
     share = wall[0] / (2.0 * wall[1])
     load = os.getloadavg()[0]

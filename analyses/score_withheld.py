@@ -12,11 +12,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from bayes_iwan import executors
-from bayes_iwan.diagnosis.answer.diagnosis_json import diagnose_case
 from bayes_iwan.diagnosis.answer.saved_fits import find_shares
+from bayes_iwan.diagnosis.diagnosis import diagnose_case
 from bayes_iwan.files import write_json
-from bayes_iwan.report.withheld.score_figures import figures
+from bayes_iwan.report.withheld_scores import figures
 from bayes_iwan.withheld import scoring
 from bayes_iwan.withheld.answering import answer
 from bayes_iwan.withheld.sealed import make, read_json, truth_folder
@@ -31,13 +30,12 @@ def run(args: argparse.Namespace) -> scoring.Score:
     """Make (unless made), answer (what is not answered) and score."""
     cases = args.out / "cases"
     truth = truth_folder(cases) / "truth.json"
-    with executors.opened(args.workers) as executor:
-        if not (cases / "commitments.json").is_file():
-            make(args.cases, cases, seed=args.seed, laws=args.laws, executor=executor)
-        made = read_json(truth)
-        if made.get("seed") != args.seed or len(made["cases"]) != args.cases:
-            raise SystemExit(f"{cases} holds {len(made['cases'])} other cases; use another --out")
-        answers = answer(cases, diagnose_case, out=args.out / "answers", seed=0, quick=not args.full, executor=executor)
+    if not (cases / "commitments.json").is_file():
+        make(args.cases, cases, seed=args.seed, laws=args.laws, workers=args.workers)
+    made = read_json(truth)
+    if made.get("seed") != args.seed or len(made["cases"]) != args.cases:
+        raise SystemExit(f"{cases} holds {len(made['cases'])} other cases; use another --out")
+    answers = answer(cases, diagnose_case, out=args.out / "answers", seed=0, quick=not args.full, workers=args.workers)
     return scoring.score(
         cases,
         truth,

@@ -12,7 +12,8 @@ import argparse
 import time
 from pathlib import Path
 
-from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
+from bayes_iwan.diagnosis.answer.result import Diagnosis
+from bayes_iwan.diagnosis.diagnosis import diagnose_campaign
 from bayes_iwan.executors import serial
 
 #: probabilities below this with every seed are not listed

@@ -16,11 +16,11 @@ import numpy as np
 
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.fits.evidence import Fit, extended, fit_model
+from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model
 from bayes_iwan.diagnosis.fits.gap_size import gap_size
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.base_fit import fit_base
-from bayes_iwan.diagnosis.search.strength import calibrated
+from bayes_iwan.diagnosis.search.fitted_sets import calibrated
 from bayes_iwan.effects.conditions import conditions_of, following
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -32,7 +32,7 @@ STARTS = (-1.5, -0.5, 0.5, 1.5)
 
 def with_effect(fit: Fit, effect, data) -> Fit:
     """The base and the effect, fitted together from several strengths."""
-    problem = extended(fit.problem, [effect])
+    problem = fit.problem.with_effects([effect])
     starts = np.zeros((len(STARTS), problem.ndim))
     starts[:, [problem.names.index(n) for n in fit.problem.names]] = fit.z
     starts[:, problem.names.index(effect.strength_name)] = STARTS

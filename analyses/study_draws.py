@@ -18,7 +18,7 @@ import numpy as np
 
 import bayes_iwan as bi
 from bayes_iwan.campaign import Record
-from bayes_iwan.executors import Failure, finished, opened
+from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import write_whole
 from bayes_iwan.models.paper_parameters import table_1
 from bayes_iwan.virtual_rig import cases as rig_cases
@@ -105,9 +105,8 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     paths = {args.out / f"{args.seed}_{i:04d}.pickle": (i, *x) for i, x in enumerate(plan(args.seed, args.times))}
     pieces = {str(path): piece for path, piece in paths.items() if not path.is_file()}
-    with opened(workers=args.workers) as executor:
-        for path, result in finished(pieces, drawn, {"seed": args.seed}, executor=executor, what="draws", unit="case"):
-            print(f"{path}: {result}") if isinstance(result, Failure) else write_whole(path, result)
+    for path, result in finished(pieces, drawn, {"seed": args.seed}, workers=args.workers, what="draws", unit="case"):
+        print(f"{path}: {result}") if isinstance(result, Failure) else write_whole(path, result)
 
 
 if __name__ == "__main__":

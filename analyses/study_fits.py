@@ -27,7 +27,7 @@ from bayes_iwan.diagnosis.assessment.indicators import ranked_by_training
 from bayes_iwan.diagnosis.diagnosis import searched
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
-from bayes_iwan.executors import Failure, finished, opened
+from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import finite, write_whole
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.threads import linear_algebra
@@ -116,12 +116,11 @@ def main() -> None:
     pieces = {str(args.out / f"{p.stem}.json"): str(p) for p in args.cases}
     left = {k: v for k, v in pieces.items() if not Path(k).is_file()}
     constants = {name: json.loads(value) for name, value in (x.split("=") for x in args.set)}
-    with opened(workers=args.workers) as executor:
-        for path, result in finished(left, fitted, constants, executor=executor, what="fits", unit="case"):
-            if isinstance(result, Failure):
-                print(f"{path}: {result}", flush=True)
-            else:
-                write_whole(path, json.dumps(finite(result), default=np.ndarray.tolist))
+    for path, result in finished(left, fitted, constants, workers=args.workers, what="fits", unit="case"):
+        if isinstance(result, Failure):
+            print(f"{path}: {result}", flush=True)
+        else:
+            write_whole(path, json.dumps(finite(result), default=np.ndarray.tolist))
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from bayes_iwan.campaign import read_campaign as read_campaign
     from bayes_iwan.campaign import write_campaign as write_campaign
     from bayes_iwan.comparison.families import Comparison as Comparison
-    from bayes_iwan.diagnosis.diagnosis import Diagnosis as Diagnosis
+    from bayes_iwan.diagnosis.answer.result import Diagnosis as Diagnosis
     from bayes_iwan.diagnosis.diagnosis import diagnose_loops as diagnose_loops
     from bayes_iwan.effects.base import Effect as Effect
     from bayes_iwan.inference.identify import NotConverged as NotConverged
@@ -65,7 +65,8 @@ _FROM = {
     "campaign": ("Campaign", "CampaignError", "Loop", "Record", "read_campaign", "write_campaign"),
     "comparison.families": ("Comparison",),
     "effects.base": ("Effect",),
-    "diagnosis.diagnosis": ("Diagnosis", "diagnose_loops"),
+    "diagnosis.answer.result": ("Diagnosis",),
+    "diagnosis.diagnosis": ("diagnose_loops",),
     "inference.setup.config": ("ConfigError", "settings_of"),
     "inference.identify": ("NotConverged", "identify_loops", "identify_problem"),
     "inference.results.posterior": ("Posterior",),

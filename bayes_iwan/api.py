@@ -5,17 +5,18 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.campaign.folders.check import Check as Check
 from bayes_iwan.campaign.folders.check import check as check
 from bayes_iwan.campaign.folders.folder import folder_of
+from bayes_iwan.executors import Workers, opened
 from bayes_iwan.export.accessors import register as register_export  # gives posteriors their export
 from bayes_iwan.files import clear, results_folder
+from bayes_iwan.former_names import refuse_former_options
 from bayes_iwan.inference.each_frequency import identify_frequencies
 from bayes_iwan.inference.identify import NotConverged, identify_campaign
 from bayes_iwan.inference.results.posterior import Posterior
@@ -26,19 +27,19 @@ from bayes_iwan.inference.setup.settings import DiagnoseSettings
 from bayes_iwan.models import Simulator
 from bayes_iwan.report import accessors as accessors  # gives posteriors their plots
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
-from bayes_iwan.virtual_rig.demo import demo as demo
+from bayes_iwan.virtual_rig.planning import demo as demo
 
 if TYPE_CHECKING:  # each function imports the folders that it needs itself: together they take a second
     from bayes_iwan.comparison.families import Comparison
-    from bayes_iwan.diagnosis.diagnosis import Diagnosis
+    from bayes_iwan.diagnosis.answer.result import Diagnosis
     from bayes_iwan.effects.base import Effect
     from bayes_iwan.export.json_file import ExportedModel
 
 __all__ = ["Check", "check", "compare", "demo", "diagnose", "identify", "load", "write"]
-
 PathLike = str | os.PathLike[str]
 
 
+@refuse_former_options
 def identify(
     campaign: Campaign | PathLike,
     out: PathLike | None = None,
@@ -52,7 +53,7 @@ def identify(
     simulator: Simulator | PathLike | None = None,
     quick: bool = False,
     overwrite: bool = False,
-    executor: Executor | None = None,
+    workers: Workers = None,
 ) -> Posterior:
     """The joint posterior of a campaign's tests, with all its files, report.html among them, in `out` if given.
 
@@ -78,9 +79,9 @@ def identify(
         the most probable point and Laplace's intervals about it, in seconds, instead of sampling.
     overwrite
         write over finished results of another campaign in `out`.
-    executor
-        from :func:`bayes_iwan.executors.opened`, for chains in several processes, with the same draws, and to identify
-        the frequencies alone side by side.
+    workers
+        number of processes, address of a Dask scheduler ("tcp://host:port"), or an executor of your own: the draws are
+        the same. With `per_test` each frequency is a piece of work.
 
     Returns
     -------
@@ -111,57 +112,42 @@ def identify(
     """
     if per_test and (out is None or quick):
         raise ConfigError("per_test writes files of sampled runs: name a folder for them (out), and leave quick away")
-    if out is None:
-        posterior = identify_campaign(
-            campaign,
-            None,
-            config=config,
-            seed=seed,
-            progress=progress,
-            simulator=simulator,
-            quick=quick,
-            executor=executor,
-        )
-        _warn(posterior)
-        return posterior
-    from bayes_iwan.report.identification.identification_page import identification_report
+    with opened(workers, along=not per_test) as executor:
+        identified = partial(
+            identify_campaign, campaign, config=config, seed=seed, progress=progress, simulator=simulator, quick=quick,
+            workers=executor,
+        )  # fmt: skip
+        if out is None:
+            return _warned(identified())
+        from bayes_iwan.report.identification.identification_page import identification_report
 
-    going_on = resume and (Path(out) / CHECKPOINT).exists()  # which knows its campaign
-    with results_folder(out, "identify", folder_of(campaign), overwrite=overwrite or going_on) as folder:
-        if not resume and (folder / CHECKPOINT).exists():
-            raise ConfigError(
-                f"{folder}: holds a run already ({CHECKPOINT}); go on from it with --resume, or choose another folder "
-                "(--out)"
-            )
-        posterior = identify_campaign(
-            campaign,
-            folder,
-            config=config,
-            seed=seed,
-            resume=resume,
-            progress=progress,
-            simulator=simulator,
-            quick=quick,
-            executor=executor,
-        )
-        _warn(posterior)
-        if posterior.interrupted:
-            return posterior
-        identification_report(posterior, folder)  # stands should the runs of single frequencies be cut short
-        if per_test:
-            identify_frequencies(posterior, folder, resume=resume, progress=progress, executor=executor)
-            identification_report(posterior, folder)
-        if posterior.converged and not keep_chains:
-            alone = (p.parent.name for p in folder.glob(f"per_test/*/{CHECKPOINT}"))
-            clear(folder, CHECKPOINT, *(f"per_test/{name}/{CHECKPOINT}" for name in alone))
+        going_on = resume and (Path(out) / CHECKPOINT).exists()  # which knows its campaign
+        with results_folder(out, "identify", folder_of(campaign), overwrite=overwrite or going_on) as folder:
+            if not resume and (folder / CHECKPOINT).exists():
+                raise ConfigError(
+                    f"{folder}: holds a run already ({CHECKPOINT}); go on from it with --resume, or choose another "
+                    "folder (--out)"
+                )
+            posterior = _warned(identified(folder, resume=resume))
+            if posterior.interrupted:
+                return posterior
+            identification_report(posterior, folder)  # stands should the runs of single frequencies be cut short
+            if per_test:
+                identify_frequencies(posterior, folder, resume=resume, progress=progress, workers=executor)
+                identification_report(posterior, folder)
+            if posterior.converged and not keep_chains:
+                alone = (p.parent.name for p in folder.glob(f"per_test/*/{CHECKPOINT}"))
+                clear(folder, CHECKPOINT, *(f"per_test/{name}/{CHECKPOINT}" for name in alone))
+        return posterior
+
+
+def _warned(posterior: Posterior) -> Posterior:
+    if not posterior.converged and not posterior.quick:
+        warnings.warn(posterior.message, NotConverged, stacklevel=4)
     return posterior
 
 
-def _warn(posterior: Posterior) -> None:
-    if not posterior.converged and not posterior.quick:
-        warnings.warn(posterior.message, NotConverged, stacklevel=3)
-
-
+@refuse_former_options
 def diagnose(
     campaign: Campaign | PathLike,
     out: PathLike | None = None,
@@ -174,7 +160,7 @@ def diagnose(
     simulator: Simulator | PathLike | None = None,
     progress: bool = True,
     overwrite: bool = False,
-    executor: Executor | None = None,
+    workers: Workers = None,
 ) -> Diagnosis:
     """Where the model misses, which cause explains it, how far the gap shrinks; files and page in `out` if given.
 
@@ -200,8 +186,8 @@ def diagnose(
         show a bar.
     overwrite
         write over finished results of another campaign in `out`.
-    executor
-        from :func:`bayes_iwan.executors.opened`, to refit effects side by side.
+    workers
+        as for :func:`identify`: effects are refitted side by side, with the same answer.
 
     Returns
     -------
@@ -225,20 +211,19 @@ def diagnose(
     >>> found.verdict.names, found.verdict.causes[0].share.value > 0.5
     (('viscous_damping',), True)
     """
-    options: dict[str, Any] = {
-        "config": config, "seed": seed, "quick": quick, "base": base, "effects": effects, "simulator": simulator,
-        "progress": progress, "executor": executor,
-    }  # fmt: skip
-    from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
-
-    register_export(Diagnosis)
-    if out is None:
-        return diagnose_campaign(campaign, **options)
+    from bayes_iwan.diagnosis.answer.result import Diagnosis
+    from bayes_iwan.diagnosis.diagnosis import diagnose_campaign
     from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
 
-    return write_diagnosis(campaign, out, overwrite=overwrite, **options)
+    register_export(Diagnosis)
+    diagnosed = diagnose_campaign if out is None else partial(write_diagnosis, out=out, overwrite=overwrite)
+    return diagnosed(
+        campaign, config=config, seed=seed, quick=quick, base=base, effects=effects, simulator=simulator,
+        progress=progress, workers=workers,
+    )  # fmt: skip
 
 
+@refuse_former_options
 def compare(
     campaign: Campaign | PathLike | Sequence[Loop],
     out: PathLike | None = None,
@@ -249,7 +234,7 @@ def compare(
     by: str = "auto",
     simulator: Simulator | PathLike | None = None,
     overwrite: bool = False,
-    executor: Executor | None = None,
+    workers: Workers = None,
     progress: bool = True,
 ) -> Comparison:
     """Fit model families to a campaign and rank them by how well they predict; compare.html in `out` if given.
@@ -270,8 +255,8 @@ def compare(
         a model of your own that is compared too, or its Python file (its code is run).
     overwrite
         write over finished results of another campaign in `out`.
-    executor
-        from :func:`bayes_iwan.executors.opened`, to fit families side by side.
+    workers
+        as for :func:`identify`: families are fitted side by side.
     progress
         show a bar.
 
@@ -310,16 +295,9 @@ def compare(
     from bayes_iwan.comparison.families import compare_families
 
     chosen = partial(
-        compare_families,
-        campaign,
-        families,
-        config=config,
-        seed=seed,
-        by=by,
-        simulator=simulator,
-        executor=executor,
+        compare_families, campaign, families, config=config, seed=seed, by=by, simulator=simulator, workers=workers,
         progress=progress,
-    )
+    )  # fmt: skip
     if out is None:
         return chosen()
     from bayes_iwan.report.comparison_page import comparison_report
@@ -407,7 +385,7 @@ def write(result: Posterior | Diagnosis | Comparison, folder: PathLike, *, overw
             write_run(result, out)
             return identification_report(result, out)
     from bayes_iwan.comparison.families import Comparison
-    from bayes_iwan.diagnosis.diagnosis import Diagnosis
+    from bayes_iwan.diagnosis.answer.result import Diagnosis
 
     if isinstance(result, Diagnosis):
         from bayes_iwan.report.diagnosis.diagnosis_files import write_found

@@ -1,7 +1,6 @@
 """Independent pieces of work, in this process or in any `concurrent.futures.Executor`, with the same answers anywhere.
 
-with opened(workers=4) as executor:                  # or opened(dask="tcp://host:8786"), or opened() for this process
-    done = run({"a": 1, "b": 2}, work, settings, executor=executor)      # {"a": work(settings, 1), ...} or a Failure
+    done = run({"a": 1, "b": 2}, work, settings, workers=4)  # {"a": work(settings, 1), ...} or a Failure
 
 Whatever runs many independent things goes through :func:`finished` or :func:`run`: no scheduler of our own. A piece
 works on one thread wherever it runs, so its answer is the same to the bit (on one make of processor) in this process,
@@ -37,6 +36,10 @@ Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 Name = TypeVar("Name")
 
+#: a number of processes (None: this one), the address of a Dask scheduler ("tcp://host:port") whose workers have this
+#: package and see the same folders, or an executor of your own
+Workers = int | str | Executor | None
+
 _CONNECT_S = 20.0
 
 
@@ -69,27 +72,24 @@ def serial() -> Iterator[None]:
 
 
 @contextmanager
-def opened(
-    workers: int = 1, dask: str | None = None, along: bool = False, needs: Sequence[str] = ()
-) -> Iterator[Executor | None]:
+def opened(workers: Workers = None, along: bool = False, needs: Sequence[str] = ()) -> Iterator[Executor | None]:
     """An executor: None (this process) for one worker, spawned processes for more, or a Dask cluster's workers.
 
-    along : this process is one of the workers, for it takes its share (:class:`Rounds`), and the others start when
-    there is something to share; needs : modules that spawned processes import as they start, which then is at once,
-    while this one prepares their first pieces. dask : address of a scheduler,
-    `tcp://host:port`; its workers need this package and see the same folders. Leaving the block by an exception, Ctrl-C
-    among them, ends the processes at once and takes back what a cluster has not done.
-    Raises ExecutorError for less than one worker, for both at once and for a cluster that does not answer.
+    workers : see :data:`Workers`; an executor that is given stays open. along : this process is one of the workers, for
+    it takes its share (:class:`Rounds`), and the others start when there is something to share; needs : modules that
+    spawned processes import as they start, which then is at once, while this one prepares their first pieces. Leaving
+    the block by an exception, Ctrl-C among them, ends the processes at once and takes back what a cluster has not done.
+    Raises ExecutorError for less than one worker and for a cluster that does not answer.
     """
-    if workers < 1:
-        raise ExecutorError(f"{workers} workers asked for; there must be at least one")
-    if dask is not None:
-        if workers != 1:
-            raise ExecutorError("choose workers of this machine or a Dask cluster, not both")
-        with _cluster(dask) as executor:
+    if isinstance(workers, str):
+        with _cluster(workers) as executor:
             yield executor
-    elif workers == 1:
+    elif isinstance(workers, Executor):
+        yield workers
+    elif workers is None or workers == 1:
         yield None
+    elif workers < 1:
+        raise ExecutorError(f"{workers} workers asked for; there must be at least one")
     else:
         with Processes(workers - along, needs, at_once=not along or len(needs) > 0) as processes:
             yield processes
@@ -117,22 +117,18 @@ def _cluster(address: str) -> Iterator[Executor]:
         client.close()
 
 
-# ---- running pieces
-
-
 def run(
     pieces: Mapping[str, Piece],
     work: Callable[[Shared, Piece], Result],
     shared: Shared,
     *,
-    executor: Executor | None = None,
+    workers: Workers = None,
     what: str = "",
     unit: str = "piece",
     progress: bool = True,
 ) -> dict[str, Result | Failure]:
     """What :func:`finished` gives, all of it, in the order of `pieces`."""
-    settings: dict[str, Any] = {"executor": executor, "what": what, "unit": unit, "progress": progress}
-    done = dict(finished(pieces, work, shared, **settings))
+    done = dict(finished(pieces, work, shared, workers=workers, what=what, unit=unit, progress=progress))
     return {name: done[name] for name in pieces}
 
 
@@ -141,7 +137,7 @@ def finished(
     work: Callable[[Shared, Piece], Result],
     shared: Shared,
     *,
-    executor: Executor | None = None,
+    workers: Workers = None,
     what: str = "",
     unit: str = "piece",
     progress: bool = True,
@@ -152,11 +148,10 @@ def finished(
     dies with its process is tried once more, then it is a Failure too. `work` and `shared` must be importable or
     picklable where an executor is of other processes. what, unit : of the progress bar.
     """
-    with tqdm(total=len(pieces), desc=what or None, unit=unit, disable=None if progress else True) as bar:
+    bar = tqdm(total=len(pieces), desc=what or None, unit=unit, disable=None if progress else True)
+    with opened(workers) as executor, bar:
         if executor is None:
-            some: Iterator[tuple[str, Result | Failure]] = (
-                (name, _piece(shared, work, piece)) for name, piece in pieces.items()
-            )
+            some: Iterator[tuple[str, Any]] = ((name, _piece(shared, work, x)) for name, x in pieces.items())
         else:
             some = _elsewhere(executor, pieces, work, shared, _sent(executor, shared))
         for name, result in some:
@@ -191,7 +186,7 @@ class Rounds(Generic[Shared]):
         for i in numbered:
             found = done[i]
             if isinstance(found, Failure):
-                raise ExecutorError(f"a piece of the work failed ({found}); --workers 1 shows where")
+                raise ExecutorError(f"a piece of the work failed ({found}); workers = 1 shows where")
             yield found
 
     def _with_this_one(
@@ -251,11 +246,8 @@ def _result(future: Future) -> Any:
     try:
         return future.result()
     except BrokenExecutor:
-        return Failure(
-            "died",
-            "its process died twice (killed, out of memory, or started by a script without "
-            '`if __name__ == "__main__":`)',
-        )
+        why = 'killed, out of memory, or started by a script without `if __name__ == "__main__":`'
+        return Failure("died", f"its process died twice ({why})")
     except Exception as error:  # of the transport: a piece's own exceptions come as Failures
         return Failure(type(error).__name__, str(error))
 

@@ -6,9 +6,15 @@ new name (:func:`renamed`).
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, ParamSpec, TypeVar
+
+from bayes_iwan.errors import InputError
+
+Asked = ParamSpec("Asked")
+Given = TypeVar("Given")
 
 #: keys of [model] in a configuration
 MODEL_PARTS = {"grip": "normal_force"}
@@ -40,6 +46,8 @@ EFFECT_CLASSES = {
 #: what a user's own effect or simulator defines
 EFFECT_MEMBERS = {"grip": "normal_force"}
 SIMULATOR_MEMBERS = {"stations": "stages"}
+#: options of the functions that `import bayes_iwan` offers
+OPTIONS = {"executor": "workers"}
 #: families of models that are compared
 FAMILIES = {"constant_grip": "constant_normal_force"}
 #: keys of a diagnosis of schema 2
@@ -62,6 +70,19 @@ _EFFECT = re.compile(rf"(?<![\w.])({'|'.join(EFFECTS)})(?![a-z_])")
 def renamed(name: str, names: Mapping[str, str]) -> str:
     """What a message says of a name of before and how to fix it; "" for any other."""
     return f'is called "{names[name]}" now; rename it' if name in names else ""
+
+
+def refuse_former_options(function: Callable[Asked, Given]) -> Callable[Asked, Given]:
+    """A function whose options of before are an InputError that names the new one."""
+
+    @functools.wraps(function)
+    def checked(*args: Asked.args, **options: Asked.kwargs) -> Given:
+        for name in options:
+            if name in OPTIONS:
+                raise InputError(f"{function.__name__}: the option {name} {renamed(name, OPTIONS)}")
+        return function(*args, **options)
+
+    return checked
 
 
 def parameters_in(text: str) -> str:

@@ -53,18 +53,6 @@ def _side_by_side(threads: int, process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="blocks", initializer=alone)
 
 
-def side_by_side(work: Callable[[slice], Result], rows: int, size: int) -> Sequence[Result]:
-    """work(part) for parts of range(rows), `size` rows each but the last, in their order.
-
-    The parts, and with them every rounding, are the same however many threads there are.
-    """
-    parts = [slice(first, min(first + size, rows)) for first in range(0, rows, size)]
-    threads = nb.get_num_threads()
-    if threads == 1 or len(parts) == 1:
-        return [work(part) for part in parts]
-    return list(_side_by_side(threads, os.getpid()).map(work, parts))
-
-
 @lru_cache(maxsize=1)
 def _libraries(modules: int) -> ThreadpoolController:
     return ThreadpoolController()

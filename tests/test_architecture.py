@@ -65,10 +65,7 @@ def test_within_a_folder_too(path):
     folder, part = path.parts[:2]
     used = {name.split(".")[2] for name in imports_of(path) if name.startswith(f"bayes_iwan.{folder}.")}
     allowed = set(INNER[folder][: INNER[folder].index(part) + 1])
-    allowed |= {"constants"} | (
-        {"diagnosis"} if part == "answer" else set()
-    )  # the type of what is told, under TYPE_CHECKING
-    assert used <= allowed, f"{path} imports {sorted(used - allowed)}"
+    assert used <= allowed | {"constants"}, f"{path} imports {sorted(used - allowed)}"
 
 
 def loaded_with(path: Path) -> set[str]:

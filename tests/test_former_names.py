@@ -13,7 +13,7 @@ import bayes_iwan as bi
 from bayes_iwan import former_names
 from bayes_iwan.comparison.families import compare_families
 from bayes_iwan.diagnosis.answer.saved_fits import read_fits
-from bayes_iwan.effects.own_effects import load_effects
+from bayes_iwan.effects.catalogue import load_effects
 from bayes_iwan.export.json_file import read as read_exported
 from bayes_iwan.inference.results.netcdf import SEAL, read_netcdf
 from bayes_iwan.inference.results.run_files import write

@@ -242,3 +242,11 @@ def test_a_defect_of_ours_is_not_called_the_user_s_mistake(monkeypatch, capsys, 
     assert main(["check", str(made_up_campaign)]) == 70
     said = capsys.readouterr().err
     assert "Traceback" in said and said.splitlines()[-1].startswith("bayes-iwan: ValueError: this is a defect of")
+
+
+def test_an_option_of_before_is_refused_with_its_new_name(capsys):
+    with pytest.raises(InputError, match='diagnose: the option executor is called "workers" now; rename it'):
+        bi.diagnose("nowhere", executor=None)
+    with pytest.raises(SystemExit):
+        main(["diagnose", "nowhere", "--dask", "tcp://host:8786"])
+    assert "is called --workers now; write --workers tcp://host:8786" in capsys.readouterr().err

@@ -131,7 +131,8 @@ def build_site(out: Path) -> Path:
 
 def draw_pictures() -> None:
     """The pictures of the pages, from a quick identification of the shipped campaign."""
-    from bayes_iwan.report import loops_figure, slip_density_figure
+    from bayes_iwan.report.identification.law_figures import slip_density_figure
+    from bayes_iwan.report.identification.loops import loops_figure
 
     run = bi.identify(GUIDE.parents[1] / "data" / "rope_spring", quick=True, seed=1, progress=False)
     (GUIDE / "pictures").mkdir(exist_ok=True)

@@ -7,8 +7,6 @@ import logging
 import re
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, TextIO
 
@@ -70,6 +68,20 @@ def seed(text: str) -> int:
     return value
 
 
+def number_or_address(text: str) -> int | str:
+    """--workers: a number of processes, or where a Dask scheduler listens."""
+    try:
+        return int(text)
+    except ValueError:
+        if "://" in text:
+            return text
+    raise argparse.ArgumentTypeError(f"{text} is neither a number of processes nor an address (tcp://host:port)")
+
+
+def former_dask(text: str) -> None:
+    raise argparse.ArgumentTypeError(f"is called --workers now; write --workers {text}")
+
+
 CAMPAIGN = argument("campaign", metavar="CAMPAIGN", help="a campaign folder")
 OUT = argument(
     "--out",
@@ -79,17 +91,22 @@ OUT = argument(
 OVERWRITE = argument(
     "--overwrite", action="store_true", help="write over the finished results of another campaign in that folder"
 )
-DASK = argument(
-    "--dask",
-    metavar="ADDRESS",
-    help="work on a Dask cluster whose scheduler is at ADDRESS (tcp://host:port) and whose workers see the same "
-    "folders; needs bayes-iwan[dask]",
-)
-#: where pieces of work run; :func:`executor_of` opens what they say
-ELSEWHERE = (
-    argument("--workers", metavar="N", type=int, default=1, help="processes, one core each (default: 1)"),
-    DASK,
-)
+
+
+def workers(default: str = "1") -> tuple[Argument, Argument]:
+    """Where pieces of work run, and the option of before; default : in words."""
+    return (
+        argument(
+            "--workers",
+            metavar="N|ADDRESS",
+            type=number_or_address,
+            help=f"processes, one core each (default: {default}), or tcp://host:port of a Dask scheduler whose workers "
+            "see the same folders (needs bayes-iwan[dask])",
+        ),
+        argument("--dask", type=former_dask, help=argparse.SUPPRESS),
+    )
+
+
 SIMULATOR = argument(
     "--simulator",
     metavar="FILE",
@@ -97,10 +114,3 @@ SIMULATOR = argument(
 )
 CONFIG = argument("--config", metavar="FILE", help="TOML file with what differs from the defaults")
 SEED = argument("--seed", metavar="N", type=seed, default=0, help="seed of all random numbers (default: 0)")
-
-
-def executor_of(args: argparse.Namespace) -> AbstractContextManager[Executor | None]:
-    """The executor that --workers and --dask ask for, open within a `with`."""
-    from bayes_iwan.executors import opened
-
-    return opened(args.workers, args.dask)

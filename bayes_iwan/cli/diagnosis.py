@@ -7,7 +7,6 @@ import argparse
 from bayes_iwan.cli.command import (
     CAMPAIGN,
     CONFIG,
-    DASK,
     OUT,
     OVERWRITE,
     SEED,
@@ -15,6 +14,7 @@ from bayes_iwan.cli.command import (
     argument,
     command,
     say,
+    workers,
 )
 
 #: processes that work on one diagnosis where nobody says how many: rounds of refits have few pieces
@@ -38,13 +38,7 @@ WORKERS_MOST = 4
     argument("--effects", metavar="FILE", help="Python file with effects of your own; its code is run"),
     SIMULATOR,
     argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
-    argument(
-        "--workers",
-        metavar="N",
-        type=int,
-        help=f"processes, one core each (default: as many as there are cores, {WORKERS_MOST} at most)",
-    ),
-    DASK,
+    *workers(f"as many as there are cores, {WORKERS_MOST} at most"),
     examples=(
         "bayes-iwan diagnose campaign --out gap",
         "bayes-iwan diagnose campaign --quick",
@@ -56,10 +50,8 @@ def run_diagnose(args: argparse.Namespace) -> None:
 
     from bayes_iwan.executors import opened
 
-    workers = args.workers
-    if workers is None:
-        workers = 1 if args.dask else min(numba.get_num_threads(), WORKERS_MOST)
-    with opened(workers, args.dask, along=True, needs=("bayes_iwan.diagnosis.diagnosis",)) as executor:
+    asked = min(numba.get_num_threads(), WORKERS_MOST) if args.workers is None else args.workers
+    with opened(asked, along=True, needs=("bayes_iwan.diagnosis.diagnosis",)) as executor:
         from bayes_iwan import diagnose  # while the processes start
 
         found = diagnose(
@@ -72,7 +64,7 @@ def run_diagnose(args: argparse.Namespace) -> None:
             config=args.config,
             effects=args.effects or (),
             simulator=args.simulator,
-            executor=executor,
+            workers=executor,
         )
     say("\n".join(found.sentences()))
     say(f"results are in {args.out}; open {args.out}/diagnosis.html")

@@ -9,17 +9,15 @@ from pathlib import Path
 from bayes_iwan.cli.command import (
     CAMPAIGN,
     CONFIG,
-    DASK,
-    ELSEWHERE,
     OUT,
     OVERWRITE,
     SEED,
     SIMULATOR,
     argument,
     command,
-    executor_of,
     quoted,
     say,
+    workers,
 )
 
 #: processes that a posterior's chains go in, if they must go along its manifold
@@ -51,13 +49,7 @@ def going_on(args: argparse.Namespace, words: Sequence[str]) -> str:
     ),
     argument("--quick", action="store_true", help="optimum and Laplace intervals in seconds, not sampled"),
     SIMULATOR,
-    argument(
-        "--workers",
-        metavar="N",
-        type=int,
-        help=f"processes, one core each (default: {CHAINS_IN} where there are as many cores; 1 with --per-test)",
-    ),
-    DASK,
+    *workers(f"{CHAINS_IN} where there are as many cores; 1 with --per-test"),
     examples=(
         "bayes-iwan identify campaign --quick",
         "bayes-iwan identify campaign --out results --seed 1",
@@ -70,29 +62,24 @@ def run_identify(args: argparse.Namespace) -> int:
     import numba
 
     from bayes_iwan import Model, NotConverged, identify
-    from bayes_iwan.executors import opened
     from bayes_iwan.inference.results.held_out_frequencies import held_out_said
 
     warnings.simplefilter("ignore", NotConverged)  # said below
 
-    workers = args.workers
-    if workers is None:
-        workers = 1 if args.dask or args.per_test else min(numba.get_num_threads(), CHAINS_IN)
-    # one posterior's chains are this process's work too; single frequencies are that of the others
-    with opened(workers, args.dask, along=not args.per_test) as executor:
-        posterior = identify(
-            args.campaign,
-            args.out,
-            config=args.config,
-            seed=args.seed,
-            overwrite=args.overwrite,
-            per_test=args.per_test,
-            resume=args.resume,
-            keep_chains=args.keep_chains,
-            simulator=args.simulator,
-            quick=args.quick,
-            executor=executor,
-        )
+    default = min(numba.get_num_threads(), CHAINS_IN)
+    posterior = identify(
+        args.campaign,
+        args.out,
+        config=args.config,
+        seed=args.seed,
+        overwrite=args.overwrite,
+        per_test=args.per_test,
+        resume=args.resume,
+        keep_chains=args.keep_chains,
+        simulator=args.simulator,
+        quick=args.quick,
+        workers=args.workers if args.workers is not None else 1 if args.per_test else default,
+    )
     units = posterior.problem.units
     iwan = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N")
     wanted = iwan if isinstance(posterior.problem.model, Model) else posterior.problem.names
@@ -132,7 +119,7 @@ def run_identify(args: argparse.Namespace) -> int:
     ),
 )
 def run_report(args: argparse.Namespace) -> None:
-    from bayes_iwan.report import report_run
+    from bayes_iwan.report.identification.identification_page import report_run
 
     page = report_run(
         args.folder,
@@ -163,24 +150,23 @@ def run_report(args: argparse.Namespace) -> None:
         help="rank by single data held out (ArviZ "
         "LOO), by whole tests held out, or by the first where its Pareto k hold (auto)",
     ),
-    *ELSEWHERE,
+    *workers(),
     examples=("bayes-iwan compare campaign --out families",),
 )
 def run_compare(args: argparse.Namespace) -> None:
     from bayes_iwan import compare
 
-    with executor_of(args) as executor:
-        result = compare(
-            args.campaign,
-            args.out,
-            families=args.families,
-            config=args.config,
-            seed=args.seed,
-            overwrite=args.overwrite,
-            by=args.by,
-            simulator=args.simulator,
-            executor=executor,
-        )
+    result = compare(
+        args.campaign,
+        args.out,
+        families=args.families,
+        config=args.config,
+        seed=args.seed,
+        overwrite=args.overwrite,
+        by=args.by,
+        simulator=args.simulator,
+        workers=args.workers,
+    )
     say(str(result))
     say(f"results are in {args.out}; open {Path(args.out) / 'compare.html'}")
 
@@ -198,7 +184,7 @@ def run_compare(args: argparse.Namespace) -> None:
     CONFIG,
     argument("--keep-chains", action="store_true", help="keep every draw of every specimen (chains.ckpt)"),
     argument("--group", metavar="COLUMN", help="column of FOLDER/specimens.csv that names each specimen's lot"),
-    *ELSEWHERE,
+    *workers(),
     examples=(
         "bayes-iwan batch specimens --out population --quick",
         "bayes-iwan batch specimens --out population --diagnose --workers 4",
@@ -207,20 +193,19 @@ def run_compare(args: argparse.Namespace) -> None:
 def run_batch(args: argparse.Namespace) -> int:
     from bayes_iwan import batch
 
-    with executor_of(args) as executor:
-        result = batch(
-            args.folder,
-            args.out,
-            identify=args.identify or not args.diagnose,
-            diagnose=args.diagnose,
-            quick=args.quick,
-            seed=args.seed,
-            overwrite=args.overwrite,
-            config=args.config,
-            keep_chains=args.keep_chains,
-            group=args.group,
-            executor=executor,
-        )
+    result = batch(
+        args.folder,
+        args.out,
+        identify=args.identify or not args.diagnose,
+        diagnose=args.diagnose,
+        quick=args.quick,
+        seed=args.seed,
+        overwrite=args.overwrite,
+        config=args.config,
+        keep_chains=args.keep_chains,
+        group=args.group,
+        workers=args.workers,
+    )
     for name, reason in result.failures.items():
         say(f"failed: {name}: {reason}")
     for name, p in result.populations.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from bayes_iwan.cli.command import ELSEWHERE, SEED, argument, command, executor_of, say
+from bayes_iwan.cli.command import SEED, argument, command, say, workers
 
 DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld make` wrote")
 
@@ -19,21 +19,20 @@ DIRECTORY = argument("directory", metavar="DIR", help="folder that `withheld mak
     argument("--laws", choices=("catalogue", "other", "all"), default="all", help="laws of the causes (default: all)"),
     argument("--exclude-law", metavar="NAME:LAW", action="append", default=[], help="a law that is not drawn"),
     argument("--exclude-outside", metavar="NAME", action="append", default=[], help="an unlisted cause not drawn"),
-    *ELSEWHERE,
+    *workers(),
 )
 def run_make(args: argparse.Namespace) -> None:
     from bayes_iwan.withheld.sealed import make
 
-    with executor_of(args) as executor:
-        truth = make(
-            args.n,
-            args.out,
-            seed=args.seed,
-            laws=args.laws,
-            excluded_laws=args.exclude_law,
-            excluded_outside=args.exclude_outside,
-            executor=executor,
-        )
+    truth = make(
+        args.n,
+        args.out,
+        seed=args.seed,
+        laws=args.laws,
+        excluded_laws=args.exclude_law,
+        excluded_outside=args.exclude_outside,
+        workers=args.workers,
+    )
     say(f"truths are in {truth}; keep them apart")
 
 
@@ -44,10 +43,10 @@ def run_make(args: argparse.Namespace) -> None:
     SEED,
     argument("--out", metavar="DIR", help="folder for the answers (default: DIR/answers)"),
     argument("--quick", action="store_true", help="stop at refits and an approximate evidence"),
-    *ELSEWHERE,
+    *workers(),
 )
 def run_answer(args: argparse.Namespace) -> None:
-    from bayes_iwan.diagnosis.answer.diagnosis_json import diagnose_case
+    from bayes_iwan.diagnosis.diagnosis import diagnose_case
     from bayes_iwan.files import owned
     from bayes_iwan.withheld.answering import answer
     from bayes_iwan.withheld.confinement import available
@@ -55,8 +54,8 @@ def run_answer(args: argparse.Namespace) -> None:
     if not available():
         say("this machine cannot close the truths to the answering processes (it has no Landlock)")
     out = args.out or os.path.join(args.directory, "answers")
-    with owned(out), executor_of(args) as executor:
-        path = answer(args.directory, diagnose_case, out=out, seed=args.seed, quick=args.quick, executor=executor)
+    with owned(out):
+        path = answer(args.directory, diagnose_case, out=out, seed=args.seed, quick=args.quick, workers=args.workers)
     say(f"answers are in {path}")
 
 
@@ -73,7 +72,7 @@ def run_answer(args: argparse.Namespace) -> None:
     argument("--allow-effects-file", action="store_true", help="run the code of the Python files that answers name"),
 )
 def run_score(args: argparse.Namespace) -> None:
-    from bayes_iwan.report.withheld.scores import write_score
+    from bayes_iwan.report.withheld_scores import write_score
 
     say(
         write_score(

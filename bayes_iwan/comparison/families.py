@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
 from html import escape
 
@@ -79,9 +78,7 @@ FAMILIES: dict[str, Family] = {
         Family("constant_stiffness", "element stiffness constant", ModelSettings(stiffness="constant")),
         Family("bouc_wen", "Bouc–Wen", simulator=OTHER_MODELS["bouc_wen"]),
         Family(
-            "generalized_bouc_wen",
-            "generalized Bouc–Wen, asymmetric",
-            simulator=OTHER_MODELS["generalized_bouc_wen"],
+            "generalized_bouc_wen", "generalized Bouc–Wen, asymmetric", simulator=OTHER_MODELS["generalized_bouc_wen"]
         ),
     )
 }
@@ -243,7 +240,7 @@ def compare_families(
     seed: int = 0,
     by: str = "auto",
     simulator: Simulator | str | os.PathLike[str] | None = None,
-    executor: Executor | None = None,
+    workers: executors.Workers = None,
     progress: bool = True,
 ) -> Comparison:
     """Fit the named families (default: all) to a campaign and rank them.
@@ -252,7 +249,7 @@ def compare_families(
     its [search] and [sampling] tables replace :data:`SHORT` where given. by : "loo" ranks by ArviZ's
     leave-one-datum-out density, "tests" by whole tests held out, "auto" by the first if its Pareto k hold for every
     family, else by the second. simulator : a model of your own that is compared too, or the Python file that defines it
-    (its code is run). executor : from :func:`bayes_iwan.executors.opened`, to fit families side by side.
+    (its code is run). workers : that fit families side by side (:data:`bayes_iwan.executors.Workers`).
     Raises CompareError for unknown families or rankings.
     """
     own = load_simulator(simulator) if isinstance(simulator, str | os.PathLike) else simulator
@@ -281,7 +278,7 @@ def compare_families(
         {n: known[n] for n in names},
         _entry,
         common,
-        executor=executor,
+        workers=workers,
         what="comparing",
         unit="family",
         progress=progress,

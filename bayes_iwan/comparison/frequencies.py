@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.identify import identify_problem
+from bayes_iwan.inference.results.held_out_frequencies import by_frequency
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import ResultsError, load
 from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.setup.priors import Z_LIMIT
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import quantities
-from bayes_iwan.inference.setup.same_frequency import by_frequency
 from bayes_iwan.inference.setup.settings import IdentifySettings, SamplingSettings, SearchSettings
 
 #: settings of the short runs for one frequency alone; results of `identify(..., per_test=True)` come first

@@ -11,11 +11,31 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.comparison.weights import TRUSTED, smoothed_log_weights
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.likelihood import make_likelihood
 from bayes_iwan.inference.setup.problem import Problem
+
+#: Pareto's k below which importance weights may be trusted
+TRUSTED = 0.7
+
+
+def smoothed_log_weights(log_w: Array) -> tuple[Array, Array]:
+    """ArviZ's Pareto-smoothed log weights (…, n), their exponentials summing to one, and Pareto's k (…,).
+
+    Vehtari, Simpson, Gelman, Yao & Gabry, Pareto smoothed importance sampling, J. Machine Learning Research 25 (2024).
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # ArviZ announces on import what it will change
+        try:
+            from arviz import psislw
+        except ImportError:  # from 1.0: of log-likelihoods, so of the negated weights
+            from arviz_stats.base import array_stats
+
+            smoothed, k = array_stats.psislw(-log_w)
+        else:
+            smoothed, k = psislw(log_w)
+    return np.asarray(smoothed) - logsumexp(smoothed, axis=-1, keepdims=True), np.asarray(k, dtype=float)
 
 
 @dataclass(frozen=True)
@@ -41,10 +61,7 @@ def psis_loo(log_likelihood: Array) -> Loo:
         warnings.simplefilter("ignore")  # it warns of each high k; they are handed on in pareto_k
         import arviz as az
 
-        groups = {
-            "log_likelihood": {"y": log_likelihood},
-            "posterior": {"unused": np.zeros(log_likelihood.shape[:2])},
-        }
+        groups = {"log_likelihood": {"y": log_likelihood}, "posterior": {"unused": np.zeros(log_likelihood.shape[:2])}}
         try:
             data = az.from_dict(posterior=groups["posterior"], log_likelihood=groups["log_likelihood"])  # up to 0.23
         except TypeError:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.comparison.weights import TRUSTED, smoothed_log_weights
+from bayes_iwan.comparison.loo import TRUSTED, smoothed_log_weights
 from bayes_iwan.inference.results.population import Population, SpecimenDraws
 
 #: effective draws below which shrunk quantiles are not given

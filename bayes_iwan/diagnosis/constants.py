@@ -65,7 +65,7 @@ OTHER_SETS: Final = 2
 #: strengths that differ by so many prior standard deviations are still called the same: nature's law is not quite ours
 LOOSE: Final = 0.2
 
-# ---- numbers that no cause has (assessment/plausible_values.py)
+# ---- numbers that no cause has (assessment/indicators.py)
 
 #: prior standard deviations beyond which a number is not plausible
 LARGEST_SCORE: Final = 4.0

@@ -5,21 +5,22 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
-from html import escape
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm.auto import tqdm
 
-from bayes_iwan.arrays import Array, wrapped
+from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
-from bayes_iwan.campaign.loops.clipping import Limit, limits_of_loops
+from bayes_iwan.campaign.loops.clipping import limits_of_loops
+from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
 from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
-from bayes_iwan.diagnosis.answer.gap_location import Located, ProgressListener, located
-from bayes_iwan.diagnosis.answer.imitation import Edge, Imitation, edges_of, imitations
-from bayes_iwan.diagnosis.answer.localisation import Where, where
+from bayes_iwan.diagnosis.answer.imitation import edges_of, imitations
+from bayes_iwan.diagnosis.answer.localisation import Located, ProgressListener, located, where
 from bayes_iwan.diagnosis.answer.next_test import TESTABLE_NATS, NextTest, next_test, visible_nats
+from bayes_iwan.diagnosis.answer.result import Diagnosis, EffectParameter, Moved
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
 from bayes_iwan.diagnosis.assessment.assessed_search import Weighed, weighed
 from bayes_iwan.diagnosis.assessment.budget import (
@@ -32,22 +33,23 @@ from bayes_iwan.diagnosis.assessment.budget import (
     unexplained_share,
 )
 from bayes_iwan.diagnosis.assessment.calibration import Calibration, calibration
-from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling, sampled_fit
+from bayes_iwan.diagnosis.assessment.sampled_fit import sampled_fit
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
 from bayes_iwan.diagnosis.constants import MOST_EFFECTS
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit, base_model
-from bayes_iwan.diagnosis.fits.gap_size import GapSize
-from bayes_iwan.diagnosis.fits.residuals import Residual, residual_of
+from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.fitted_sets import Report, silent
 from bayes_iwan.diagnosis.search.model_search import search
 from bayes_iwan.diagnosis.search.search_result import Search
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
+from bayes_iwan.effects.catalogue import load_effects
 from bayes_iwan.effects.conditions import conditions_of
-from bayes_iwan.effects.own_effects import load_effects
 from bayes_iwan.effects.paper_stages import missing_terms
 from bayes_iwan.errors import InputError
+from bayes_iwan.executors import Workers, opened
+from bayes_iwan.former_names import refuse_former_options
 from bayes_iwan.inference.setup.config import Config, ConfigError, diagnose_settings_of
 from bayes_iwan.inference.setup.loop_scales import Scales, scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings
@@ -62,123 +64,15 @@ BASES: dict[str, ModelSettings] = {
     "no_speed": ModelSettings(normal_force="hunt_crossley_no_speed"),
     "classical": ModelSettings(normal_force="constant", stiffness="constant"),
 }
+#: what processes that refit import as they start
+NEEDS = (__name__,)
 #: draws behind the intervals of an effect's parameters
 DRAWS = 2000
 #: a cause whose probability lies between these is still in question
 OPEN = (0.1, 0.9)
 
 
-@dataclass(frozen=True)
-class EffectParameter:
-    """A parameter of an effect: mean, standard deviation, 5 and 95 % quantiles, unit."""
-
-    mean: float
-    sd: float
-    q05: float
-    q95: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class Moved:
-    """A parameter of the specimen without and with the named causes in the model; sd of the difference, unit."""
-
-    before: float
-    after: float
-    sd: float
-    unit: str
-
-
-@dataclass(frozen=True, repr=False)
-class Diagnosis:
-    """What the model misses, as a budget of named causes and an unexplained part.
-
-    Attributes
-    ----------
-    verdict
-        the headline: its kind, the named causes and the probability of each effect.
-    budget
-        the gap as a sum: before, each cause's share, the unexplained part; RMS in N and shares with 90 % intervals.
-    before, residual, where
-        gap, residual and place of what the base model misses.
-    after_residual
-        the residual with all named causes.
-    parameters
-        of each named effect, as reported: mean, sd, 5 and 95 % quantiles, unit.
-    moved
-        the specimen's own parameters without and with the causes.
-    not_testable
-        effects that these tests would not have shown at their usual size.
-    expected_nats
-        ln evidence that each effect of usual size would have, by name.
-    imitations
-        dependences that a freedom of the base and an effect explain, and which of these the tests tell apart.
-    edges
-        base parameters far from what their priors hold plausible.
-    clipped
-        where a channel was limited by its amplifier, as far as the fitted tests tell.
-    needs_clock
-        effects that were omitted because the records have no clock.
-    next_test
-        the test that would settle what is open, None where nothing is.
-    sampling
-        quality of the draws behind the named effects' numbers; None where they are Laplace's approximation, by
-        `quick` or since nothing is named.
-    found
-        what stands behind all this.
-    """
-
-    campaign: Campaign
-    seed: int
-    quick: bool
-    settings: DiagnoseSettings
-    data: GapData
-    found: Weighed
-    verdict: Verdict
-    budget: GapBudget
-    before: GapSize
-    residual: Residual
-    where: Where
-    after_residual: Residual
-    parameters: dict[str, dict[str, EffectParameter]]
-    moved: dict[str, Moved]
-    not_testable: tuple[str, ...]
-    expected_nats: dict[str, float]
-    imitations: tuple[Imitation, ...]
-    edges: tuple[Edge, ...]
-    clipped: tuple[Limit, ...]
-    needs_clock: tuple[str, ...]
-    next_test: NextTest | None
-    sampling: Sampling | None
-
-    def __repr__(self) -> str:
-        return "\n".join((f"diagnosis of {self.campaign.name}:", *(wrapped(f"  {s}") for s in self.sentences())))
-
-    def _repr_html_(self) -> str:
-        said = "".join(f"<li>{escape(s)}</li>" for s in self.sentences())
-        return f"<p>diagnosis of {escape(self.campaign.name)}</p><ul>{said}</ul>"
-
-    def to_dict(self) -> dict[str, Any]:
-        """What `diagnosis.json` holds."""
-        from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict
-
-        return to_dict(self)
-
-    def sentences(self) -> list[str]:
-        """The answer in plain words."""
-        return list(self.to_dict()["sentences"])
-
-    @property
-    def search(self) -> Search:
-        """All fits behind the diagnosis."""
-        return self.found.search
-
-    @property
-    def fit(self) -> Fit:
-        """The model with all named causes (the base where none is named)."""
-        return self.after_residual.fit
-
-
+@refuse_former_options
 def diagnose_loops(
     campaign: Campaign,
     loops: Sequence[Loop],
@@ -190,7 +84,7 @@ def diagnose_loops(
     simulator: Simulator | None = None,
     constants: Calibration | None = None,
     report: Report = silent,
-    executor: Executor | None = None,
+    workers: Workers = None,
     listener: ProgressListener | None = None,
 ) -> Diagnosis:
     """Diagnose averaged loops. The answer does not depend on how many processes or threads there are.
@@ -201,7 +95,7 @@ def diagnose_loops(
         where they are from: its name and units.
     loops
         tests with role "held-out" are not fitted, only predicted.
-    seed, quick, simulator, executor
+    seed, quick, simulator, workers
         as for :func:`bayes_iwan.diagnose`.
     settings
         the base model and its priors.
@@ -238,7 +132,8 @@ def diagnose_loops(
     held_out = [x for x in loops if x.role == "held-out"]
     if not fitted:
         raise InputError('no test is left to fit: every test has role = "held-out"')
-    with linear_algebra().limit(limits=1):  # with more threads sums are rounded otherwise, and a search ends elsewhere
+    # with more threads sums are rounded otherwise, and a search ends elsewhere
+    with opened(workers, along=True, needs=NEEDS) as executor, linear_algebra().limit(limits=1):
         data = gap_data(fitted)
         search = searched(data, settings, seed, extra, simulator, report, executor)
         listener.searched()
@@ -457,7 +352,7 @@ def diagnose_campaign(
     effects: Sequence[type[Effect]] | str | os.PathLike[str] = (),
     simulator: Simulator | str | os.PathLike[str] | None = None,
     progress: bool = True,
-    executor: Executor | None = None,
+    workers: Workers = None,
     listener: ProgressListener | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign, or its folder.
@@ -480,8 +375,13 @@ def diagnose_campaign(
             extra=extra,
             simulator=model,
             report=bar,
-            executor=executor,
+            workers=workers,
             listener=listener,
         )
     finally:
         bar.close()
+
+
+def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, Any]:
+    """Diagnose and write `diagnosis.json` and `fits.json` only: what the withheld protocol asks for."""
+    return write_answer(diagnose_campaign(campaign, seed=seed, quick=quick), Path(out))

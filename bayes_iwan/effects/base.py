@@ -6,7 +6,8 @@ the file to `bayes-iwan diagnose --effects FILE` (`analyses/own_effect.py` is an
 
 Priors of strengths are not in physical units: a strength is given the prior share of the friction force that it moves
 (:data:`TYPICAL_SHARE`), and turned into the effect's own unit on the fitted base model
-(:mod:`bayes_iwan.diagnosis.search.strength`). So no effect is favoured because its unit happens to suit the specimen.
+(:mod:`bayes_iwan.diagnosis.search.fitted_sets`). So no effect is favoured because its unit happens to suit the
+specimen.
 
 Nature follows no one's formula. So an effect's law is a family: extra parameters, with priors about the classical law,
 span what the literature uses and what lies between; where one number cannot, several classes share one `name`. The
@@ -27,9 +28,8 @@ from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.errors import InputError
 from bayes_iwan.models import Motion
-from bayes_iwan.models.distinct import for_distinct
 from bayes_iwan.models.kernels.pointwise import speeds_of_change
-from bayes_iwan.models.parameter import Distribution, Parameter
+from bayes_iwan.models.parameter import Distribution, Parameter, for_distinct
 from bayes_iwan.models.scales import Scales
 from bayes_iwan.models.simulator import INNER, OUTER
 
@@ -103,7 +103,7 @@ class Effect:
         files of the fitted tests, for effects with a parameter of their own in each.
     strength_value
         median size of the strength, in its unit, for a typical share of the friction force; None until
-        :func:`bayes_iwan.diagnosis.search.strength.calibrated` has found it on a fitted base model.
+        :func:`bayes_iwan.diagnosis.search.fitted_sets.calibrated` has found it on a fitted base model.
 
     Attributes
     ----------

@@ -1,7 +1,8 @@
-"""The catalogue: every effect by name, its variants, and strengths brought to the fitted specimen's scale."""
+"""The catalogue: every effect by name and its laws, those of a user's own file too."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 
 from bayes_iwan.effects import along_record, friction, lag, measuring_chain, model_form, mounting, specimen
@@ -11,6 +12,7 @@ from bayes_iwan.effects.empirical_patterns import EFFECTS as WITHOUT_CAUSE
 from bayes_iwan.effects.paper_stages import missing_terms
 from bayes_iwan.models import Simulator
 from bayes_iwan.models.simulator import OUTER, offered
+from bayes_iwan.models.user_file import classes_in
 
 #: what makes an effect from (scales, tests): its class, or one that knows the condition that it follows
 Maker = Callable[..., Effect]
@@ -76,3 +78,25 @@ def unlisted(simulator: Simulator) -> tuple[type[Effect], ...]:
 def ordered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Effects in the order in which the signal meets them."""
     return tuple(sorted(effects, key=lambda e: e.order))
+
+
+def load_effects(path: str | os.PathLike[str]) -> tuple[type[Effect], ...]:
+    """The Effect subclasses defined in a user's Python file. Raises EffectError naming the file and the fix."""
+    found = classes_in(path, Effect, EffectError)
+    if not found:
+        raise EffectError(f"{path}: defines no subclass of bayes_iwan.effects.Effect")
+    for effect in found:
+        missing = [n for n in ("name", "strength", "physics", "reference", "signature") if not hasattr(effect, n)]
+        if effect.first_guess is Effect.first_guess:
+            missing.append("first_guess")
+        if missing:
+            raise EffectError(f"{path}: {effect.__name__} lacks {', '.join(missing)}")
+        if not (isinstance(effect.name, str) and effect.name.isidentifier()):
+            raise EffectError(f"{path}: {effect.__name__}.name = {effect.name!r} must be one word, as a variable's")
+        if not (
+            isinstance(effect.strength, tuple)
+            and len(effect.strength) == 4
+            and all(isinstance(x, str) for x in effect.strength)
+        ):
+            raise EffectError(f"{path}: {effect.__name__}.strength must be four texts: name, symbol, unit, description")
+    return found

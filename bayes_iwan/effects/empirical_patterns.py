@@ -9,11 +9,11 @@ in a few parameters how such gaps run; a named effect has to beat them too, and 
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, moved_by
-from bayes_iwan.models.kernels.lagging import lagging
+from bayes_iwan.effects.law_families import lognormal
+from bayes_iwan.models.kernels.relaxing import lagging
 
 
 class SpeedSquared(Effect):
@@ -47,7 +47,7 @@ class BreakAway(Effect):
         a = self.scales.length_mm
         return {
             "slide_mm": ExtraParameter(
-                "ℓ", "mm", "way over which it wears off", stats.lognorm(s=0.8, scale=0.3 * a), 0.01 * a, 10.0 * a
+                "ℓ", "mm", "way over which it wears off", lognormal(0.3 * a, 0.8), 0.01 * a, 10.0 * a
             )
         }
 
@@ -86,7 +86,7 @@ class LaggingForce(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "path_N": ExtraParameter(
-                "ℓ", "N", "force over which it gives way", stats.lognorm(s=1.0, scale=0.3 * self.scales.force_N)
+                "ℓ", "N", "force over which it gives way", lognormal(0.3 * self.scales.force_N, 1.0)
             )
         }
 
@@ -114,7 +114,7 @@ class LaggingReading(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "path_mm": ExtraParameter(
-                "ℓ", "mm", "way over which it gives way", stats.lognorm(s=1.0, scale=0.1 * self.scales.length_mm)
+                "ℓ", "mm", "way over which it gives way", lognormal(0.1 * self.scales.length_mm, 1.0)
             )
         }
 

@@ -3,18 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
-from bayes_iwan.effects.law_families import (
-    about,
-    falling,
-    growing,
-    lost_within,
-    over_block,
-    power_of,
-)
+from bayes_iwan.effects.law_families import about, falling, growing, lognormal, lost_within, over_block, power_of
 
 
 class _OfSlipSpeed(Effect):
@@ -30,10 +22,7 @@ class _OfSlipSpeed(Effect):
         radian_s = 1e-3 * self.scales.length_mm / self.scales.speed_m_s
         return {
             "memory_s": ExtraParameter(
-                "τ",
-                "s",
-                "time in which friction follows a change of slip speed",
-                stats.lognorm(s=1.2, scale=0.2 * radian_s),
+                "τ", "s", "time in which friction follows a change of slip speed", lognormal(0.2 * radian_s, 1.2)
             )
         }
 
@@ -71,17 +60,14 @@ class StribeckWeakening(_OfSlipSpeed):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "v_s_m_s": ExtraParameter(
-                "v_s",
-                "m/s",
-                "slip speed over which the friction falls",
-                stats.lognorm(s=0.9, scale=0.2 * self.scales.speed_m_s),
+                "v_s", "m/s", "slip speed over which the friction falls", lognormal(0.2 * self.scales.speed_m_s, 0.9)
             ),
             **self.memory(),
             "exponent": ExtraParameter(
-                "δ", "-", "exponent of the speed", stats.lognorm(s=0.4, scale=1.0), 0.3, 1.0 / 0.3, scan=False
+                "δ", "-", "exponent of the speed", lognormal(1.0, 0.4), 0.3, 1.0 / 0.3, scan=False
             ),
             "tail": ExtraParameter(
-                "q", "-", "0: exponential, 1: Lorentzian for δ = 2", stats.lognorm(s=1.5, scale=0.05), scan=False
+                "q", "-", "0: exponential, 1: Lorentzian for δ = 2", lognormal(0.05, 1.5), scan=False
             ),
         }
 
@@ -118,10 +104,7 @@ class RateStrengthening(_OfSlipSpeed):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "v0_m_s": ExtraParameter(
-                "v₀",
-                "m/s",
-                "speed below which the friction is constant",
-                stats.lognorm(s=1.2, scale=0.05 * self.scales.speed_m_s),
+                "v₀", "m/s", "speed below which the friction is constant", lognormal(0.05 * self.scales.speed_m_s, 1.2)
             ),
             **self.memory(),
             "power": ExtraParameter("q", "-", "0: logarithm, 1: proportional", about(0.0, 0.3), -0.9, 0.9, scan=False),
@@ -164,14 +147,12 @@ class FrictionFade(Effect):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "cycles": ExtraParameter(
-                "n₀", "-", "cycles over which it fades", stats.lognorm(s=1.0, scale=15.0), 0.5, 2000.0
-            ),
+            "cycles": ExtraParameter("n₀", "-", "cycles over which it fades", lognormal(15.0, 1.0), 0.5, 2000.0),
             "tail": ExtraParameter(
-                "q", "-", "0: exponential, 1: hyperbolic, large: logarithm", stats.lognorm(s=1.8, scale=0.1), scan=False
+                "q", "-", "0: exponential, 1: hyperbolic, large: logarithm", lognormal(0.1, 1.8), scan=False
             ),
             "recovery": ExtraParameter(
-                "r", "-", "pace of the recovery over that of the fade", stats.lognorm(s=1.8, scale=0.01), scan=False
+                "r", "-", "pace of the recovery over that of the fade", lognormal(0.01, 1.8), scan=False
             ),
             "by_stroke": ExtraParameter(
                 "m", "-", "power of the amplitude in the pace", about(0.0, 0.7), -3.0, 3.0, scan=False
@@ -235,11 +216,9 @@ class SpringSoftening(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         cycle_s = 2e-3 * np.pi * self.scales.length_mm / self.scales.speed_m_s
         return {
-            "tau_s": ExtraParameter(
-                "τ", "s", "time over which they soften", stats.lognorm(s=1.0, scale=15.0 * cycle_s)
-            ),
+            "tau_s": ExtraParameter("τ", "s", "time over which they soften", lognormal(15.0 * cycle_s, 1.0)),
             "tail": ExtraParameter(
-                "q", "-", "0: exponential, 1: hyperbolic, large: logarithm", stats.lognorm(s=1.8, scale=0.1), scan=False
+                "q", "-", "0: exponential, 1: hyperbolic, large: logarithm", lognormal(0.1, 1.8), scan=False
             ),
             "by_cycles": ExtraParameter("m", "-", "0: by time, 1: by cycles", about(0.0, 0.6), -2.5, 2.5, scan=False),
             "by_power": ExtraParameter(
@@ -312,11 +291,7 @@ class DirectionDependentNormalForce(DirectionDependentFriction):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "v0_m_s": ExtraParameter(
-                "v₀",
-                "m/s",
-                "speed over which it turns over",
-                stats.lognorm(s=0.8, scale=0.15 * self.scales.speed_m_s),
-                scan=False,
+                "v₀", "m/s", "speed over which it turns over", lognormal(0.15 * self.scales.speed_m_s, 0.8), scan=False
             )
         }
 

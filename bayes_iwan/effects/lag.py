@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
-from bayes_iwan.effects.law_families import about, decay_over_block
+from bayes_iwan.effects.law_families import about, decay_over_block, lognormal
 from bayes_iwan.models.kernels.relaxing import relaxed
 
 
@@ -75,9 +74,7 @@ class NormalForceLagFromStart(NormalForceLag):
             "slow_share": ExtraParameter(
                 "s", "-", "share of the normal force that follows slowly", about(0.0, 0.3), 0.0, 0.95, scan=False
             ),
-            "slow_ratio": ExtraParameter(
-                "ρ", "-", "the slow part's time over τ", stats.lognorm(s=1.0, scale=5.0), 1.0, 200.0
-            ),
+            "slow_ratio": ExtraParameter("ρ", "-", "the slow part's time over τ", lognormal(5.0, 1.0), 1.0, 200.0),
             **super().extra_parameters(),
         }
 

@@ -20,6 +20,11 @@ def about(value: float, sd: float):
     return stats.norm(loc=value, scale=sd)
 
 
+def lognormal(median: float, spread: float):
+    """A log-normal prior: its median, ×/÷ e^spread at one standard deviation."""
+    return stats.lognorm(s=spread, scale=median)
+
+
 def falling(x: Array, tail: Array) -> Array:
     """(1 + q x)^(−1/q), x ≥ 0: e^(−x) at q → 0, 1/(1 + x) at q = 1, all but logarithmic for large q; for q < 0 it
     reaches zero at x = 1/|q| (Tsallis' q-exponential)."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
-from bayes_iwan.effects.law_families import about, decay_over_block, power_of
+from bayes_iwan.effects.law_families import about, decay_over_block, lognormal, power_of
 
 
 class ChannelDelay(Effect):
@@ -57,13 +56,7 @@ def _highpass(f: Array, corner_hz: Array, second: Array, kept: Array) -> np.ndar
 
 def _second(sd: float) -> ExtraParameter:
     return ExtraParameter(
-        "q",
-        "-",
-        "0: first order, ¼: two equal poles, ½: Butterworth of order 2",
-        about(0.0, sd),
-        -0.7,
-        0.7,
-        scan=False,
+        "q", "-", "0: first order, ¼: two equal poles, ½: Butterworth of order 2", about(0.0, sd), -0.7, 0.7, scan=False
     )
 
 
@@ -167,7 +160,7 @@ class ForceHighpassFromStart(ForceHighpass):
             **super().extra_parameters(),
             "held_cycles": ExtraParameter(
                 "n₀", "-", "cycles before the record since which the mean force was held",
-                stats.lognorm(s=0.8, scale=6.0), 0.0, 200.0, scan=False,
+                lognormal(6.0, 0.8), 0.0, 200.0, scan=False,
             ),
             "held_share": ExtraParameter(
                 "m", "-", "that mean force over the model's", about(1.0, 0.5), -2.0, 4.0, scan=False
@@ -244,11 +237,7 @@ class SteepLowpass(ForceLowpass):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         # a droop of its own is what makes it a filter: without one nothing tells it from a delay
-        return {
-            "droop": ExtraParameter(
-                "κ", "-", "droop over that of a first order", stats.lognorm(s=0.8, scale=0.3), 0.0, 1.0
-            )
-        }
+        return {"droop": ExtraParameter("κ", "-", "droop over that of a first order", lognormal(0.3, 0.8), 0.0, 1.0)}
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         tau, droop = self.get(parameter_values, "tau_s"), self.get(parameter_values, "droop")
@@ -286,7 +275,7 @@ class ForceClipping(Effect):
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
             "softness": ExtraParameter(
-                "s", "-", "0: hard, ½: soft saturation", stats.lognorm(s=1.0, scale=0.03), 2e-3, 1.0, scan=False
+                "s", "-", "0: hard, ½: soft saturation", lognormal(0.03, 1.0), 2e-3, 1.0, scan=False
             ),
             "unequal": ExtraParameter(
                 "b", "-", "0: both signs limited alike; else an offset range", about(0.0, 0.2), -1.0, 1.0, scan=False

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, filtered
-from bayes_iwan.effects.law_families import about, power_of
+from bayes_iwan.effects.law_families import about, lognormal, power_of
 
 
 class ViscousDamping(Effect):
@@ -39,14 +38,12 @@ class ViscousDamping(Effect):
 
     def extra_parameters(self) -> dict[str, ExtraParameter]:
         return {
-            "exponent": ExtraParameter(
-                "p", "-", "power of the speed", stats.lognorm(s=0.25, scale=1.0), 0.3, 1.65, scan=False
-            ),
+            "exponent": ExtraParameter("p", "-", "power of the speed", lognormal(1.0, 0.25), 0.3, 1.65, scan=False),
             "thinning_m_s": ExtraParameter(
                 "v₁",
                 "m/s",
                 "speed from which the power holds, below it the force is proportional to the speed",
-                stats.lognorm(s=1.5, scale=0.1 * self.scales.speed_m_s),
+                lognormal(0.1 * self.scales.speed_m_s, 1.5),
                 scan=False,
             ),
             "one_way": ExtraParameter(
@@ -92,12 +89,7 @@ class MaxwellBranch(Effect):
         radian_s = 1e-3 * self.scales.length_mm / self.scales.speed_m_s
         return {
             "tau_s": ExtraParameter(
-                "τ",
-                "s",
-                "relaxation time",
-                stats.lognorm(s=1.2, scale=1.5 * radian_s),
-                0.02 * radian_s,
-                150.0 * radian_s,
+                "τ", "s", "relaxation time", lognormal(1.5 * radian_s, 1.2), 0.02 * radian_s, 150.0 * radian_s
             ),
             "spread": ExtraParameter(
                 "a",
@@ -146,10 +138,10 @@ class MovingMass(Effect):
         top_hz = 1e3 * self.scales.speed_m_s / (2.0 * np.pi * self.scales.length_mm)
         return {
             "period_s": ExtraParameter(
-                "1/f_m", "s", "natural period of the mass on its mount", stats.lognorm(s=1.1, scale=0.07 / top_hz)
+                "1/f_m", "s", "natural period of the mass on its mount", lognormal(0.07 / top_hz, 1.1)
             ),
             "damping": ExtraParameter(
-                "ζ", "-", "damping ratio of the mount", stats.lognorm(s=0.8, scale=0.12), 0.0, 1.0, scan=False
+                "ζ", "-", "damping ratio of the mount", lognormal(0.12, 0.8), 0.0, 1.0, scan=False
             ),
         }
 
@@ -244,13 +236,7 @@ class TrilinearStiffness(CubicStiffness):
         return {
             "knee": ExtraParameter("x₀", "-", "where the slope changes, over ℓ", about(0.5, 0.25), 0.05, 0.95),
             "width": ExtraParameter(
-                "w",
-                "-",
-                "half width of the change of slope, over ℓ",
-                stats.lognorm(s=0.7, scale=0.1),
-                0.01,
-                0.6,
-                scan=False,
+                "w", "-", "half width of the change of slope, over ℓ", lognormal(0.1, 0.7), 0.01, 0.6, scan=False
             ),
         }
 
@@ -293,18 +279,13 @@ class _Contact(Effect):
         a = self.scales.length_mm
         return {
             "clearance_mm": ExtraParameter(
-                "g",
-                "mm",
-                "displacement at which contact begins",
-                stats.lognorm(s=0.35, scale=0.75 * a),
-                0.02 * a,
-                0.99 * a,
+                "g", "mm", "displacement at which contact begins", lognormal(0.75 * a, 0.35), 0.02 * a, 0.99 * a
             ),
             "exponent": ExtraParameter(
                 "e",
                 "-",
                 "exponent of the contact: 1 a spring, 3/2 round bodies",
-                stats.lognorm(s=0.22, scale=1.2),
+                lognormal(1.2, 0.22),
                 0.8,
                 2.5,
                 scan=False,
@@ -313,7 +294,7 @@ class _Contact(Effect):
                 "λ",
                 "s/m",
                 "loss of the contact: its force grows by λ times the speed into it",
-                stats.lognorm(s=1.2, scale=0.1 / self.scales.speed_m_s),
+                lognormal(0.1 / self.scales.speed_m_s, 1.2),
                 scan=False,
             ),
         }

@@ -23,7 +23,7 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model
 
 if TYPE_CHECKING:
-    from bayes_iwan.diagnosis.diagnosis import Diagnosis
+    from bayes_iwan.diagnosis.answer.result import Diagnosis
     from bayes_iwan.diagnosis.fits.evidence import Fit
 
 TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")

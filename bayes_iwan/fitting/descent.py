@@ -15,7 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.fitting.least_squares import BatchResiduals, Counted, damped_steps, half_square, jacobian_of
+from bayes_iwan.fitting.least_squares import (
+    LADDER,
+    LEAST_DAMPING,
+    MOST_DAMPING,
+    STEP,
+    BatchResiduals,
+    Counted,
+    damped_steps,
+    half_square,
+    jacobian_of,
+)
 
 #: a start has arrived if its linear model promises no more nats than this, or two steps in a row gained no more
 ENOUGH = 0.1
@@ -32,10 +42,6 @@ STRAIGHT, CURVED = 0.75, 0.75
 #: a start behind the best is given up, after FEW iterations, if CATCH times what it will gain, its gains falling off as
 #: they last did, does not catch up
 CATCH, FEW = 3.0, 4
-#: damping factors tried together, as multiples of the current one
-LADDER = np.array([1e-2, 1e-1, 1.0, 10.0])
-#: most rows in one call
-CHUNK = 4096
 
 
 @dataclass(frozen=True)
@@ -55,12 +61,7 @@ class Descent:
 
 
 def descend(
-    residuals: BatchResiduals,
-    starts: Array,
-    box: Array,
-    iterations: int,
-    step: float = 1e-6,
-    known: Array | None = None,
+    residuals: BatchResiduals, starts: Array, box: Array, iterations: int, known: Array | None = None
 ) -> Descent:
     """Lower ½‖residuals(x)‖² from every start, all in lock-step.
 
@@ -72,15 +73,13 @@ def descend(
         (starts, ndim), clipped into the box (ndim, 2); variables are of the order of one.
     iterations
         at most so many steps of each start.
-    step
-        of the forward differences.
     known
         (m, ndim) the Jacobian at the first start, where it is at hand.
     """
     lower, upper = box.T
     x = np.clip(np.asarray(starts, dtype=float), lower, upper)
     n, ndim = x.shape
-    call = Counted(residuals, ndim, CHUNK)
+    call = Counted(residuals)
     r = call(x)
     cost = half_square(r)
     alive, arrived = np.isfinite(cost), np.zeros(n, dtype=bool)
@@ -98,7 +97,7 @@ def descend(
             break
         renew = active[stale[active]]
         if renew.size:
-            h = step * np.maximum(np.abs(x[renew]), 1.0)
+            h = STEP * np.maximum(np.abs(x[renew]), 1.0)
             jacobian[renew] = jacobian_of(call, x[renew], r[renew], lower, upper, h, central=False)
             stale[renew] = False
         column[active] = np.maximum(column[active], np.linalg.norm(jacobian[active], axis=1))
@@ -146,7 +145,7 @@ def descend(
         x[some], r[some], cost[some] = trial[won, best], new_r[won, best], new_cost[won, best]
         damping[some] *= LADDER[best]
         damping[active[~won]] *= MORE  # where nothing has moved the Jacobian is as good as it was
-        np.clip(damping, 1e-14, 1e12, out=damping)
+        np.clip(damping, LEAST_DAMPING, MOST_DAMPING, out=damping)
         stale[some] = True
         idle[active] = np.where(gain > ENOUGH, 0, idle[active] + 1)
         done = idle[active] >= np.where(won, 2, IN_VAIN)

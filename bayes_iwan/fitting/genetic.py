@@ -6,7 +6,6 @@ does not exist.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +18,15 @@ from bayes_iwan.errors import InputError
 
 BatchObjective = Callable[[Array], Array]
 
+#: members that survive unchanged
+ELITE = 4
+#: the search ends when over so many generations the best objective fell by less than this share of itself, or of its
+#: distance to the median if that is less
+STALL, STALL_TOLERANCE = 60, 1e-4
+#: probability and distribution index of simulated binary crossover (Deb & Agrawal 1995), and index of polynomial
+#: mutation (Deb & Goyal 1996), one number a child on average
+CROSSOVER, CROSSOVER_INDEX, MUTATION_INDEX = 0.9, 5.0, 20.0
+
 
 class SearchError(InputError):
     """The bounds or the objective cannot be searched."""
@@ -30,7 +38,7 @@ class GlobalOptimum:
 
     x is the best vector of all, objective its value; first and population hold the first and the last population,
     sorted from best to worst; best and median are the history, one value a generation; stopped says which rule ended
-    the search ("stall", "evaluations" or "time").
+    the search ("stall" or "evaluations").
     """
 
     seed: int
@@ -52,13 +60,6 @@ def genetic_search(
     seed: int,
     members: int = 200,
     max_evaluations: int = 60_000,
-    stall: int = 60,
-    stall_tolerance: float = 1e-4,
-    budget_s: float | None = None,
-    crossover: float = 0.9,
-    crossover_index: float = 5.0,
-    mutation_index: float = 20.0,
-    elite: int = 4,
     progress: bool = True,
 ) -> GlobalOptimum:
     """Minimise `objective` in a box by a real-coded genetic algorithm.
@@ -73,15 +74,8 @@ def genetic_search(
         (n, ndim), within the bounds: the best `members` of these are the first population.
     members
         size of the population.
-    stall, stall_tolerance
-        stop when the best objective fell by less than this share of itself (or by less
-        than this share of its distance to the median, if that is less) over so many generations.
-    max_evaluations, budget_s
-        other ends; time is only looked at between generations.
-    crossover, crossover_index
-        probability and distribution index of simulated binary crossover (Deb &
-        Agrawal 1995); mutation_index : that of polynomial mutation (Deb & Goyal 1996), one number a child on
-        average. elite : members that survive unchanged.
+    max_evaluations
+        the search ends before it would ask for more.
 
     Raises
     ------
@@ -92,7 +86,6 @@ def genetic_search(
     ndim = len(lower)
     rng = np.random.default_rng(seed)
     call = _Objective(objective, ndim)
-    began = time.monotonic()
 
     x = np.asarray(first, float)
     f = call(x)
@@ -107,22 +100,19 @@ def genetic_search(
     best, median = [f[0]], [np.median(f)]
     stopped = "evaluations"
     with tqdm(total=max_evaluations, desc="genetic search", disable=None if progress else True) as bar:
-        while call.count + members - elite <= max_evaluations:
-            children = _offspring(x, members - elite, lower, upper, rng, crossover, crossover_index, mutation_index)
+        while call.count + members - ELITE <= max_evaluations:
+            children = _offspring(x, members - ELITE, lower, upper, rng)
             g = call(children)
-            x = np.concatenate([x[:elite], children])
-            f = np.concatenate([f[:elite], g])
+            x = np.concatenate([x[:ELITE], children])
+            f = np.concatenate([f[:ELITE], g])
             order = np.argsort(f, kind="stable")
             x, f = x[order], f[order]
             best.append(f[0])
             median.append(np.median(f))
-            bar.update(members - elite)
+            bar.update(members - ELITE)
             bar.set_postfix(best=f"{f[0]:.5g}", refresh=False)
-            if _stalled(best, median, stall, stall_tolerance):
+            if _stalled(best, median):
                 stopped = "stall"
-                break
-            if budget_s is not None and time.monotonic() - began > budget_s:
-                stopped = "time"
                 break
     return GlobalOptimum(
         seed=seed,
@@ -158,16 +148,7 @@ def _box(bounds: ArrayLike) -> tuple[Array, Array]:
     return box[:, 0], box[:, 1]
 
 
-def _offspring(
-    x: Array,
-    n: int,
-    lower: Array,
-    upper: Array,
-    rng: np.random.Generator,
-    crossover: float,
-    crossover_index: float,
-    mutation_index: float,
-) -> Array:
+def _offspring(x: Array, n: int, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
     """(n, ndim) children of members x sorted from best to worst: tournament, SBX, polynomial mutation."""
     members, ndim = x.shape
     pairs = -(-n // 2)
@@ -176,15 +157,15 @@ def _offspring(
     a, b = x[parents[0]], x[parents[1]]
 
     u = rng.random((pairs, ndim))
-    power = 1.0 / (crossover_index + 1.0)
+    power = 1.0 / (CROSSOVER_INDEX + 1.0)
     spread = np.where(u <= 0.5, (2 * u) ** power, (2 * np.maximum(1 - u, 1e-16)) ** -power)
-    mixed = (rng.random((pairs, 1)) < crossover) & (rng.random((pairs, ndim)) < 0.5)
+    mixed = (rng.random((pairs, 1)) < CROSSOVER) & (rng.random((pairs, ndim)) < 0.5)
     spread = np.where(mixed, spread, 1.0)
     middle, half = 0.5 * (a + b), 0.5 * (a - b)
     children = np.concatenate([middle + spread * half, middle - spread * half])[:n]
 
     u = rng.random(children.shape)
-    power = 1.0 / (mutation_index + 1.0)
+    power = 1.0 / (MUTATION_INDEX + 1.0)
     shift = np.where(u < 0.5, (2 * u) ** power - 1.0, 1.0 - (2 * (1 - u)) ** power)
     hit = rng.random(children.shape) < 1.0 / ndim
     children = children + np.where(hit, shift * (upper - lower), 0.0)
@@ -194,9 +175,9 @@ def _offspring(
     return lower + np.where(folded > width, 2 * width - folded, folded)
 
 
-def _stalled(best: Sequence[float], median: Sequence[float], stall: int, tolerance: float) -> bool:
-    if len(best) <= stall:
+def _stalled(best: Sequence[float], median: Sequence[float]) -> bool:
+    if len(best) <= STALL:
         return False
-    fell = best[-1 - stall] - best[-1]
+    fell = best[-1 - STALL] - best[-1]
     spread = median[-1] - best[-1]
-    return bool(fell <= tolerance * min(abs(best[-1]), spread) or spread <= 1e-12 * abs(best[-1]))
+    return bool(fell <= STALL_TOLERANCE * min(abs(best[-1]), spread) or spread <= 1e-12 * abs(best[-1]))

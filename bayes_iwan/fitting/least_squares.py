@@ -18,10 +18,17 @@ from bayes_iwan.errors import InputError
 
 BatchResiduals = Callable[[Array], Array]
 
-# Damping factors tried together in every iteration, as multiples of the current one. A Jacobian costs ndim
-# evaluations, so four trial steps are cheap, and the best of four saves whole iterations in curved residuals.
-_DAMPING_LADDER = np.array([1e-2, 1e-1, 1.0, 10.0])
-_DAMPING_LEAST, _DAMPING_MOST = 1e-14, 1e12
+#: damping factors tried together in every iteration, as multiples of the current one: a Jacobian costs ndim
+#: evaluations, so four trial steps are cheap, and the best of four saves whole iterations in curved residuals
+LADDER = np.array([1e-2, 1e-1, 1.0, 10.0])
+LEAST_DAMPING, MOST_DAMPING = 1e-14, 1e12
+#: relative change of x, and cosine between the residual and any free column of the Jacobian, below which a start has
+#: converged
+TOLERANCE = 1e-9
+#: finite-difference step over max(|x|, a typical change of it)
+STEP = 1e-6
+#: most rows in one call
+CHUNK = 4096
 
 CONVERGED_COST = 1
 CONVERGED_STEP = 2
@@ -50,7 +57,6 @@ class LeastSquaresFit:
     jacobian: Array  # (starts, m, ndim)
     at_bound: NDArray[np.bool_]  # (starts, ndim)
     status: NDArray[np.int64]  # (starts,)
-    n_iterations: int
     n_evaluations: int
 
     @property
@@ -63,14 +69,13 @@ class LeastSquaresFit:
         """Index of the start that ended with the lowest cost."""
         return int(np.argmin(self.cost))
 
-    def covariance(self, start: int | None = None) -> Array:
-        """(ndim, ndim) covariance (JᵀJ)⁺ at one optimum (default: the best).
+    def covariance(self) -> Array:
+        """(ndim, ndim) covariance (JᵀJ)⁺ at the best optimum.
 
         It is right when the residuals are in units of their noise. Numbers on a bound and directions that the
         residuals do not see (singular values below 1e-10 of the largest) are omitted: variance 0.
         """
-        k = self.best if start is None else start
-        jacobian = np.where(self.at_bound[k], 0.0, self.jacobian[k])
+        jacobian = np.where(self.at_bound[self.best], 0.0, self.jacobian[self.best])
         _, s, vt = np.linalg.svd(jacobian, full_matrices=False)
         inverse = np.where(s > 1e-10 * s.max(initial=0.0), 1.0 / np.where(s > 0, s, 1.0), 0.0)
         return (vt.T * inverse**2) @ vt
@@ -82,13 +87,7 @@ def least_squares_batch(
     bounds: ArrayLike | None = None,
     *,
     max_iterations: int = 200,
-    ftol: float = 1e-9,
-    xtol: float = 1e-9,
-    gtol: float = 1e-9,
-    step: float = 1e-6,
-    x_scale: ArrayLike | None = None,
-    offsets: ArrayLike | None = None,
-    chunk: int = 4096,
+    ftol: float = TOLERANCE,
 ) -> LeastSquaresFit:
     """Minimise ½‖residuals(x)‖² within box bounds from every start, all starts in lock-step.
 
@@ -101,19 +100,8 @@ def least_squares_batch(
         (starts, ndim) or (ndim,); clipped into the bounds.
     bounds
         (ndim, 2) lower and upper, ±inf allowed; None for no bounds.
-    ftol, xtol, gtol
-        relative change of the cost, relative change of x, and cosine between the residual and
-        any free column of the Jacobian, below which a start has converged.
-    step
-        finite-difference step, relative to max(|x|, x_scale).
-    x_scale
-        (ndim,) size of a typical change of each variable; default 1 or the box's width, if less.
-    offsets
-        (starts, m), added to the residuals of each start: with standard normal ones, residuals in units of
-        their noise and a row for each prior, every fit is a draw of an approximate posterior ("randomise, then
-        optimise", Bardsley et al. 2014), exact for linear residuals. They are part of `cost` and `residuals`.
-    chunk
-        most rows given to `residuals` in one call.
+    ftol
+        relative change of the cost below which a start has converged.
 
     Raises
     ------
@@ -126,18 +114,14 @@ def least_squares_batch(
     descending and central ones at the end and where forward ones no longer find a way down.
     """
     x, lower, upper = _check(starts, bounds)
-    scale = _typical(x_scale, lower, upper)
-    call = Counted(residuals, x.shape[1], chunk)
+    scale = np.minimum(1.0, upper - lower)  # a typical change of each variable
+    call = Counted(residuals)
     n_starts, ndim = x.shape
 
     def h(at: Array, central: bool) -> Array:  # steps that balance truncation and rounding
-        return (step ** (2 / 3) if central else step) * np.maximum(np.abs(at), scale)
+        return (STEP ** (2 / 3) if central else STEP) * np.maximum(np.abs(at), scale)
 
-    r = call(x)
-    add = np.zeros((n_starts, 1)) if offsets is None else np.asarray(offsets, dtype=float)
-    if offsets is not None and add.shape != r.shape:
-        raise LeastSquaresError(f"offsets must have the residuals' shape {r.shape}, not {add.shape}")
-    r = r + add
+    r = call(x).copy()
     cost = half_square(r)
     status = np.where(np.isfinite(cost), OUT_OF_ITERATIONS, BAD_START).astype(np.int64)
     damping = np.full(n_starts, 1e-3)
@@ -147,8 +131,7 @@ def least_squares_batch(
     jacobian = np.zeros((n_starts, r.shape[1], ndim))
     stale = np.ones(n_starts, dtype=bool)
     last_central = np.zeros(n_starts, dtype=bool)  # whether the Jacobian held is a central one at x
-    iteration = 0
-    for iteration in range(1, max_iterations + 1):  # noqa: B007 - reported after the loop
+    for _ in range(max_iterations):
         active = np.flatnonzero(status == OUT_OF_ITERATIONS)
         if active.size == 0:
             break
@@ -156,9 +139,8 @@ def least_squares_batch(
         for want_central in (False, True):
             some = renew[central[renew] == want_central]
             if some.size:
-                jacobian[some] = jacobian_of(
-                    call, x[some], r[some] - add[some], lower, upper, h(x[some], want_central), want_central
-                )
+                steps = h(x[some], want_central)
+                jacobian[some] = jacobian_of(call, x[some], r[some], lower, upper, steps, want_central)
                 last_central[some] = want_central
         stale[active] = False
         norms = np.linalg.norm(jacobian[active], axis=1)
@@ -169,12 +151,12 @@ def least_squares_batch(
         held = ((x[active] <= lower) & (gradient > 0)) | ((x[active] >= upper) & (gradient < 0))
         free_gradient = np.where(held, 0.0, np.abs(gradient))
         cosine = free_gradient / np.maximum(norms * np.sqrt(2 * cost[active])[:, None], 1e-300)
-        flat = (cosine.max(axis=1) < gtol) | (cost[active] == 0)
+        flat = (cosine.max(axis=1) < TOLERANCE) | (cost[active] == 0)
         status[active[flat]] = CONVERGED_GRADIENT
 
-        trial_x, predicted = _trial_steps(jacobian[active], r[active], x[active], d, damping[active], lower, upper)
-        n_trials = len(_DAMPING_LADDER)
-        trial_r = call(trial_x.reshape(-1, ndim)).reshape(active.size, n_trials, -1) + add[active, None, :]
+        lam = damping[active, None] * LADDER
+        trial_x, predicted, _ = damped_steps(jacobian[active], r[active], x[active], d, lam, lower, upper)
+        trial_r = call(trial_x.reshape(-1, ndim)).reshape(active.size, len(LADDER), -1)
         trial_cost = half_square(trial_r)
         pick = np.argmin(np.where(np.isfinite(trial_cost), trial_cost, np.inf), axis=1)
         rows = np.arange(active.size)
@@ -188,15 +170,15 @@ def least_squares_batch(
         moved = np.max(np.abs(new_x - x[active]) / np.maximum(np.abs(x[active]), scale), axis=1)
         won = active[better]
         x[won], r[won], cost[won] = new_x[better], trial_r[rows, pick][better], new_cost[better]
-        damping[won] *= _DAMPING_LADDER[pick[better]]
+        damping[won] *= LADDER[pick[better]]
         stale[won] = True
         lost = active[~better & ~flat]
         damping[lost] *= 1e3
-        np.clip(damping, _DAMPING_LEAST, _DAMPING_MOST, out=damping)
+        np.clip(damping, LEAST_DAMPING, MOST_DAMPING, out=damping)
 
         # Forward differences have an error of the order of the step: before calling a start converged, and
         # after a miss, go on with central ones.
-        tiny = better & ((small_gain & small_promise) | (moved < xtol))
+        tiny = better & ((small_gain & small_promise) | (moved < TOLERANCE))
         miss = ~better & ~flat
         failures[active] = np.where(miss | tiny, failures[active] + 1, 0)
         first = (miss | tiny) & ~last_central[active]
@@ -204,14 +186,14 @@ def least_squares_batch(
         stale[active[first]] = True
         damping[active[first & miss]] /= 1e3
         settled = tiny & ~first & (failures[active] >= 2)
-        status[active[settled]] = np.where(moved[settled] < xtol, CONVERGED_STEP, CONVERGED_COST)
+        status[active[settled]] = np.where(moved[settled] < TOLERANCE, CONVERGED_STEP, CONVERGED_COST)
         hopeless = miss & ~first & (small_promise | (failures[active] >= 6))
         status[active[hopeless]] = np.where(small_promise[hopeless], CONVERGED_COST, CONVERGED_STEP)
 
     good = np.flatnonzero(np.isfinite(cost))
     left = good[~last_central[good] | stale[good]]
     if left.size:
-        jacobian[left] = jacobian_of(call, x[left], r[left] - add[left], lower, upper, h(x[left], True), True)
+        jacobian[left] = jacobian_of(call, x[left], r[left], lower, upper, h(x[left], True), True)
     return LeastSquaresFit(
         x=x,
         cost=cost,
@@ -219,21 +201,20 @@ def least_squares_batch(
         jacobian=jacobian,
         at_bound=(x <= lower) | (x >= upper),
         status=status,
-        n_iterations=iteration,
         n_evaluations=call.count,
     )
 
 
 class Counted:
-    """The residual function in pieces of at most `chunk` rows, its shape checked, its rows counted."""
+    """The residual function in pieces of at most CHUNK rows, its shape checked, its rows counted."""
 
-    def __init__(self, function: BatchResiduals, ndim: int, chunk: int) -> None:
-        self.function, self.ndim, self.chunk, self.count = function, ndim, chunk, 0
+    def __init__(self, function: BatchResiduals) -> None:
+        self.function, self.count = function, 0
 
     def __call__(self, x: Array) -> Array:
         parts = []
-        for begin in range(0, len(x), self.chunk):
-            part = x[begin : begin + self.chunk]
+        for begin in range(0, len(x), CHUNK):
+            part = x[begin : begin + CHUNK]
             out = np.asarray(self.function(part), dtype=float)
             if out.ndim != 2 or len(out) != len(part):
                 raise LeastSquaresError(
@@ -253,15 +234,6 @@ def _check(starts: ArrayLike, bounds: ArrayLike | None) -> tuple[Array, Array, A
     if box.shape != (ndim, 2) or not (box[:, 0] < box[:, 1]).all():
         raise LeastSquaresError(f"bounds must be ({ndim}, 2) with lower < upper, not {box.shape}")
     return np.clip(x, box[:, 0], box[:, 1]), box[:, 0], box[:, 1]
-
-
-def _typical(x_scale: ArrayLike | None, lower: Array, upper: Array) -> Array:
-    if x_scale is None:
-        return np.minimum(1.0, upper - lower)
-    scale = np.broadcast_to(np.asarray(x_scale, dtype=float), lower.shape)
-    if not (scale > 0).all():
-        raise LeastSquaresError("x_scale must be positive")
-    return scale
 
 
 def half_square(r: Array) -> Array:
@@ -304,14 +276,6 @@ def jacobian_of(call: Counted, x: Array, r: Array, lower: Array, upper: Array, h
     if blocked.size and not central:
         jacobian[blocked] = jacobian_of(call, x[blocked], r[blocked], lower, upper, h[blocked], True)
     return jacobian
-
-
-def _trial_steps(
-    jacobian: Array, r: Array, x: Array, d: Array, damping: Array, lower: Array, upper: Array
-) -> tuple[Array, Array]:
-    """Damped steps from each x: (n, ladder, ndim) points in the box and (n, ladder) gains they promise."""
-    trial, predicted, _ = damped_steps(jacobian, r, x, d, damping[:, None] * _DAMPING_LADDER, lower, upper)
-    return trial, predicted
 
 
 def damped_steps(

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_iwan import executors
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.errors import InputError
+from bayes_iwan.executors import Workers
 from bayes_iwan.inference.identify import identify_problem
 from bayes_iwan.inference.results import run_files
+from bayes_iwan.inference.results.held_out_frequencies import by_frequency
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.inference.setup.same_frequency import by_frequency
 from bayes_iwan.inference.setup.settings import IdentifySettings
 from bayes_iwan.models import Scales, Simulator
 from bayes_iwan.models.user_file import load_simulator
@@ -39,21 +39,16 @@ class _Alone:
 
 
 def identify_frequencies(
-    joint: Posterior,
-    out: Path,
-    *,
-    resume: bool = False,
-    progress: bool = True,
-    executor: Executor | None = None,
+    joint: Posterior, out: Path, *, resume: bool = False, progress: bool = True, workers: Workers = None
 ) -> None:
     """Identify each frequency of a joint posterior's fitted tests alone, on its scales, into out/per_test.
 
-    executor : from :func:`bayes_iwan.executors.opened`, to identify them side by side.
+    workers : that identify them side by side (:data:`bayes_iwan.executors.Workers`).
     Raises FrequencyError, and KeyboardInterrupt where Ctrl-C ended a run: what it had drawn is kept, `resume` goes on
     from it.
     """
     simulator = None if joint.simulator_file else joint.problem.model
-    here = executor is None
+    here = workers is None or workers == 1
     shared = _Alone(
         joint.settings, joint.problem.scales, simulator, joint.simulator_file, joint.campaign, joint.seed, out, resume,
         progress and here,
@@ -63,7 +58,7 @@ def identify_frequencies(
         pieces,
         _one_frequency,
         shared,
-        executor=executor,
+        workers=workers,
         what="per test",
         unit="frequency",
         progress=progress and not here,

@@ -10,15 +10,17 @@ import importlib.metadata
 import os
 import platform
 import time
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
-from dataclasses import asdict, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bayes_iwan.campaign import Campaign, Loop, read_campaign
+from bayes_iwan.executors import Workers, opened
+from bayes_iwan.former_names import refuse_former_options
 from bayes_iwan.inference.results import run_files
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
@@ -26,9 +28,8 @@ from bayes_iwan.inference.setup.config import Config, ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
-from bayes_iwan.inference.solving.approximation import approximate_draws
 from bayes_iwan.inference.solving.between_tests import stretched
-from bayes_iwan.inference.solving.chains import Run, sampled
+from bayes_iwan.inference.solving.chains import Run, approximate_draws, sampled
 from bayes_iwan.inference.solving.point import Point, find_point, rivals
 from bayes_iwan.models import Simulator
 from bayes_iwan.models.user_file import load_simulator
@@ -47,38 +48,20 @@ def identify_campaign(
     out: str | os.PathLike[str] | None = None,
     *,
     config: Config = None,
-    seed: int = 0,
-    resume: bool = False,
-    progress: bool = True,
     simulator: Simulator | str | os.PathLike[str] | None = None,
-    quick: bool = False,
-    executor: Executor | None = None,
+    **options: Any,
 ) -> Posterior:
     """The joint posterior of all the campaign's tests that are not held out.
 
-    campaign : a campaign, or its folder. config : a TOML file, or its tables as a mapping (:mod:`.config`).
-    out : folder for summary.csv, posterior.nc, point.json and the checkpoint chains.ckpt; None writes nothing.
-    resume : go on from a checkpoint.
-    simulator : a model of your own in the place of the Iwan model, or the Python file that defines it.
-    quick : the most probable point and a normal approximation about it, in seconds, instead of sampling.
-    executor : from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
+    campaign : a campaign, or its folder. out : folder for summary.csv, posterior.nc, point.json and the checkpoint
+    chains.ckpt; None writes nothing. config, simulator and all else as for :func:`identify_loops`.
 
     Raises CampaignError, ConfigError, ParameterError, ModelError, CheckpointError: all InputErrors of one line.
     """
     settings = _settings_for(config, simulator)
-    campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
-    posterior = identify_loops(
-        campaign.loops(**asdict(settings.loops)),
-        config=settings,
-        seed=seed,
-        campaign=campaign,
-        out=out,
-        resume=resume,
-        progress=progress,
-        simulator=simulator,
-        quick=quick,
-        executor=executor,
-    )
+    read = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    loops = read.loops(**asdict(settings.loops))
+    posterior = identify_loops(loops, config=settings, campaign=read, out=out, simulator=simulator, **options)
     if out is not None:
         run_files.write(posterior, Path(out))
     return posterior
@@ -88,6 +71,7 @@ def _settings_for(config: Config, simulator: object) -> IdentifySettings:
     return settings_of(config, {} if simulator is None else {"model": "since a simulator replaces the Iwan model"})
 
 
+@refuse_former_options
 def identify_loops(
     loops: Sequence[Loop],
     *,
@@ -99,7 +83,7 @@ def identify_loops(
     progress: bool = True,
     simulator: Simulator | str | os.PathLike[str] | None = None,
     quick: bool = False,
-    executor: Executor | None = None,
+    workers: Workers = None,
 ) -> Posterior:
     """The joint posterior of averaged loops of any origin; nothing but the checkpoint is written.
 
@@ -107,7 +91,7 @@ def identify_loops(
     ----------
     loops
         of :attr:`bayes_iwan.Check.loops`, say; those with role "held-out" are not fitted.
-    config, seed, resume, progress, simulator, quick, executor
+    config, seed, resume, progress, simulator, quick, workers
         as for :func:`bayes_iwan.identify`.
     campaign
         where the loops are from, for what is written of them.
@@ -153,10 +137,11 @@ def identify_loops(
         progress=progress,
         simulator_file=simulator_file,
         quick=quick,
-        executor=executor,
+        workers=workers,
     )
 
 
+@refuse_former_options
 def identify_problem(
     problem: Problem,
     seed: int,
@@ -169,7 +154,7 @@ def identify_problem(
     progress: bool = True,
     simulator_file: str = "",
     quick: bool = False,
-    executor: Executor | None = None,
+    workers: Workers = None,
 ) -> Posterior:
     """The posterior of a problem, from loops of any origin; nothing but the checkpoint is written.
 
@@ -193,8 +178,8 @@ def identify_problem(
         show a bar.
     quick
         a normal approximation instead of sampling.
-    executor
-        from :func:`bayes_iwan.executors.opened`, for chains in several processes; the draws are the same.
+    workers
+        as for :func:`bayes_iwan.identify`.
 
     Returns
     -------
@@ -222,18 +207,22 @@ def identify_problem(
     # threads do nothing for such small matrices but wait for each other, and would round sums in another order
     with threadpool_limits(limits=1, user_api="blas"):
         point = find_point(problem, seed, search, progress)
-        if quick:
-            found = _approximation(problem, point, settings, seed, campaign, loops, time.monotonic() - began)
-            return replace(found, simulator_file=simulator_file)
-        checkpoint = None if out is None else Path(out) / CHECKPOINT
         located = time.monotonic()
+        made = functools.partial(
+            Posterior, problem=problem, campaign=campaign, loops=problem.loops if loops is None else tuple(loops),
+            point=point, seed=seed, settings=settings, versions=versions(), simulator_file=simulator_file,
+        )  # fmt: skip
+        if quick:
+            return _approximation(made, problem, point, settings, seed, located - began)
+        checkpoint = None if out is None else Path(out) / CHECKPOINT
         origin = _origin(settings.search, simulator_file)
-        chains = sampled(problem, point, settings.sampling, Run(seed, checkpoint, origin, resume, progress, executor))
+        with opened(workers, along=True) as executor:
+            how = Run(seed, checkpoint, origin, resume, progress, executor)
+            chains = sampled(problem, point, settings.sampling, how)
     if chains.draws.shape[1] == 0:  # Ctrl-C in warm-up: the checkpoint is all there is
         raise KeyboardInterrupt
-    timings = {"point_s": located - began, "sampling_s": time.monotonic() - located}
-    found = _posterior(problem, chains, point, settings, seed, campaign, loops, timings)
-    return replace(found, simulator_file=simulator_file)
+    timings = {"point_s": located - began, "sampling_s": time.monotonic() - located, "steps": float(chains.n_steps)}
+    return _posterior(made, problem, chains, point, settings, timings)
 
 
 class NotConverged(UserWarning):
@@ -241,12 +230,11 @@ class NotConverged(UserWarning):
 
 
 def _approximation(
+    made: Callable[..., Posterior],
     problem: Problem,
     point: Point,
     settings: IdentifySettings,
     seed: int,
-    campaign: Campaign | None,
-    loops: Sequence[Loop] | None,
     seconds: float,
 ) -> Posterior:
     """A posterior of the normal approximation, four chains of independent draws."""
@@ -257,21 +245,13 @@ def _approximation(
         stretch = float(factors[-1])
     log_prob = problem.log_prob(z)
     possible = np.resize(np.flatnonzero(np.isfinite(log_prob)), QUICK_DRAWS)  # a simulator may have no force there
-    z, log_prob = z[possible], log_prob[possible]
-    return Posterior(
-        problem=problem,
-        campaign=campaign,
-        loops=problem.loops if loops is None else tuple(loops),
-        z=z.reshape(4, -1, problem.ndim),
-        log_prob=log_prob.reshape(4, -1),
+    return made(
+        z=z[possible].reshape(4, -1, problem.ndim),
+        log_prob=log_prob[possible].reshape(4, -1),
         walkers=1,
         thin=1,
-        point=point,
-        seed=seed,
         converged=False,
         message="quick: a normal approximation about the most probable points, not sampled",
-        settings=settings,
-        versions=versions(),
         timings={"point_s": seconds, "sampling_s": 0.0, "steps": 0.0},
         convergence=(),
         stop=Stop.QUICK,
@@ -280,13 +260,11 @@ def _approximation(
 
 
 def _posterior(
+    made: Callable[..., Posterior],
     problem: Problem,
     chains: Chains,
     point: Point,
     settings: IdentifySettings,
-    seed: int,
-    campaign: Campaign | None,
-    loops: Sequence[Loop] | None,
     timings: Mapping[str, float],
 ) -> Posterior:
     """The draws thinned to about as many as were asked for, and the diagnostics of the whole run beside them."""
@@ -302,32 +280,18 @@ def _posterior(
         z, stretch = flat.reshape(z.shape), float(factors[-1])
         log_prob = problem.log_prob(flat).reshape(log_prob.shape)
     c = chains.convergence
-    rows = (
-        ()
-        if c is None
-        else tuple(
-            ConvergenceRow(name, float(c.ess_bulk[i]), float(c.ess_tail[i]), float(c.r_hat[i]), float(c.tau_steps[i]))
-            for i, name in enumerate(c.names)
-        )
-    )
-    return Posterior(
-        problem=problem,
-        campaign=campaign,
-        loops=problem.loops if loops is None else tuple(loops),
+    diagnostics = () if c is None else zip(c.names, c.ess_bulk, c.ess_tail, c.r_hat, c.tau_steps)
+    return made(
         z=z,
         log_prob=log_prob,
         walkers=walkers,
         independent=chains.independent,
         thin=every,
-        point=point,
-        seed=seed,
         converged=chains.converged,
         message=chains.message,
         stop=chains.stop,
-        settings=settings,
-        versions=versions(),
-        timings=dict(timings) | {"steps": float(chains.n_steps)},
-        convergence=rows,
+        timings=timings,
+        convergence=tuple(ConvergenceRow(name, *map(float, row)) for name, *row in diagnostics),
         stretch=stretch,
     )
 

@@ -93,10 +93,7 @@ class Motion:
     def moved(self, displacement_mm: Array, velocity_m_s: Array, acceleration_m_s2: Array) -> Motion:
         """The same tests with another specimen motion, draw by draw."""
         return replace(
-            self,
-            displacement_mm=displacement_mm,
-            velocity_m_s=velocity_m_s,
-            acceleration_m_s2=acceleration_m_s2,
+            self, displacement_mm=displacement_mm, velocity_m_s=velocity_m_s, acceleration_m_s2=acceleration_m_s2
         )
 
 

@@ -7,7 +7,7 @@ z is the scaled logarithm.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.errors import InputError
 
 #: z is cut here: Φ(−z) keeps full relative precision far beyond, but no prior is meant that far out
@@ -199,3 +199,17 @@ def _score_within(z: Array, below: Array | float, above: Array | float, inside: 
     lower = low < 0.5
     tail = special.ndtri(np.where(lower, low, above + special.ndtr(-z) * inside))
     return np.where(lower, tail, -tail)
+
+
+def for_distinct(
+    law: Callable[[ParameterValues], Array], names: Iterable[str], parameter_values: ParameterValues
+) -> Array:
+    """law(parameter_values), (draws, …), asked once of draws that agree, to the bit, in all these parameters, which
+    are all that it reads."""
+    seen: dict[bytes, int] = {}
+    rows = np.stack([parameter_values[n] for n in names], axis=1)
+    which = [seen.setdefault(row.tobytes(), len(seen)) for row in rows]
+    if len(seen) == len(which):
+        return law(parameter_values)
+    first = np.unique(which, return_index=True)[1]
+    return law({n: v[first] for n, v in parameter_values.items()})[which]

@@ -20,9 +20,8 @@ from scipy import stats
 from bayes_iwan import former_names
 from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.errors import InputError
-from bayes_iwan.models.distinct import for_distinct
 from bayes_iwan.models.motion import Motion
-from bayes_iwan.models.parameter import Parameter
+from bayes_iwan.models.parameter import Parameter, for_distinct
 from bayes_iwan.models.scales import Scales
 
 #: stages that every simulator has, in the order of the signal, and those inside it that it may offer

@@ -9,12 +9,6 @@ from typing import Any
 
 from bayes_iwan.inference.results.posterior import Posterior
 
-#: functions of :mod:`bayes_iwan.report.plot` that take a posterior
-NAMES = (
-    *("autocorrelation", "corner", "frequencies", "loo_pit", "loop", "loops", "normal_force", "paper_corner"),
-    *("parameters", "regions", "residuals", "slip_forces", "stiffness", "total_and_friction", "traces", "trends"),
-)
-
 
 class PosteriorPlots:
     """`posterior.plot.loops()` for `bi.plot.loops(posterior)`, and so for every plot of a posterior."""
@@ -23,18 +17,22 @@ class PosteriorPlots:
         self._posterior = posterior
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        if name not in NAMES:
-            near = difflib.get_close_matches(name, NAMES, 1)
-            raise AttributeError(f"no plot {name!r}; " + (f"did you mean {near[0]!r}?" if near else repr(self)))
+        if name.startswith("_"):
+            raise AttributeError(name)
         from bayes_iwan.report import plot  # matplotlib takes a second: not before something is drawn
 
+        if name not in plot.OF_POSTERIOR:
+            near = difflib.get_close_matches(name, plot.OF_POSTERIOR, 1)
+            raise AttributeError(f"no plot {name!r}; " + (f"did you mean {near[0]!r}?" if near else repr(self)))
         return partial(getattr(plot, name), self._posterior)
 
     def __dir__(self) -> list[str]:
-        return list(NAMES)
+        from bayes_iwan.report import plot
+
+        return list(plot.OF_POSTERIOR)
 
     def __repr__(self) -> str:
-        return f"plots: {', '.join(NAMES)}"
+        return f"plots: {', '.join(dir(self))}"
 
 
 def _register(kind: type, name: str, accessor: type) -> None:

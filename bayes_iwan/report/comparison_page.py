@@ -9,10 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.families import Comparison
-from bayes_iwan.report.page import Page, Section
-from bayes_iwan.report.provenance import provenance
-from bayes_iwan.report.style import BLUE, ORANGE, house_style, styled, subplots
-from bayes_iwan.report.table import Table
+from bayes_iwan.report.page import Cell, Page, Section, Table, provenance
+from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, styled, subplots
 
 
 @styled
@@ -65,77 +63,36 @@ def tests_figure(comparison: Comparison) -> Figure:
     figure, axes = subplots(1, 1, 7.6, 0.36 * len(entries) + 1.4)
     ax = axes[0, 0]
     reach = max(float(np.quantile(np.abs(table), 0.9)), 1.0)
-    ax.pcolormesh(
-        np.arange(len(files) + 1),
-        np.arange(len(entries) + 1),
-        table,
-        cmap="PuOr",
-        vmin=-reach,
-        vmax=reach,
-        edgecolors="white",
-        linewidth=1.0,
-        alpha=0.6,
-    )
-    for i in range(len(entries)):
-        for j in range(len(files)):
-            ax.text(
-                j + 0.5,
-                i + 0.5,
-                f"{table[i, j]:+.1f}".replace("-", "−") if i else "0",
-                ha="center",
-                va="center",
-                fontsize=7.5,
-            )
-    ax.set_xticks(np.arange(len(files)) + 0.5, files, rotation=30, ha="right")
-    ax.set_yticks(np.arange(len(entries)) + 0.5, [e.family.label for e in entries])
-    ax.set_ylim(len(entries), 0)
-    ax.grid(visible=False)
-    ax.tick_params(length=0)
-    for side in ax.spines.values():
-        side.set_visible(False)
+    texts = [[f"{x:+.1f}".replace("-", "−") if i else "0" for x in row] for i, row in enumerate(table)]
+    labels = [e.family.label for e in entries]
+    numbered_cells(ax, table, texts, labels, files, cmap="PuOr", vmin=-reach, vmax=reach, alpha=0.6)
+    ax.set_xticks(ax.get_xticks(), files, rotation=30, ha="right")
     return figure
 
 
 def comparison_table(comparison: Comparison) -> Table:
     """The ranking for compare.csv."""
-    columns = (
-        "rank",
-        "family",
-        "label",
-        "ranked_by",
-        "elpd",
-        "elpd_se",
-        "difference",
-        "difference_se",
-        "elpd_loo",
-        "loo_pareto_k_holds",
-        "elpd_held_out_tests",
-        "residual_share",
-        "parameters",
-        "seconds",
-        "converged",
-    )
-    rows = tuple(
-        (
-            i + 1,
-            r.name,
-            r.label,
-            comparison.by,
-            r.elpd,
-            r.elpd_se,
-            r.difference,
-            r.difference_se,
-            r.loo,
-            r.loo_holds,
-            r.held_out,
-            r.residual_share,
-            r.parameters,
-            r.seconds,
-            r.converged,
-        )
-        for i, r in enumerate(comparison.rows())
-    )
-    return Table("compare", "Model families ranked", columns, rows)
+    rows: list[dict[str, Cell]] = [
+        {
+            "rank": i,
+            "family": r.name,
+            "label": r.label,
+            "ranked_by": comparison.by,
+            "elpd": r.elpd,
+            "elpd_se": r.elpd_se,
+            "difference": r.difference,
+            "difference_se": r.difference_se,
+            "elpd_loo": r.loo,
+            "loo_pareto_k_holds": r.loo_holds,
+            "elpd_held_out_tests": r.held_out,
+            "residual_share": r.residual_share,
+            "parameters": r.parameters,
+            "seconds": r.seconds,
+            "converged": r.converged,
+        }
+        for i, r in enumerate(comparison.rows(), start=1)
+    ]
+    return Table("compare", "Model families ranked", tuple(rows[0]), tuple(tuple(row.values()) for row in rows))
 
 
 #: standard errors of a difference, and the difference itself, below which nothing is decided

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.wording import title
-from bayes_iwan.diagnosis.diagnosis import Diagnosis
 from bayes_iwan.diagnosis.fits.data import predicted
 from bayes_iwan.models.simulator import straight_part
 from bayes_iwan.report.identification.loops import test_name

@@ -1,23 +1,28 @@
-"""A page that stands alone: sections of text, figures and tables in one HTML file that asks nothing of a network."""
+"""A page that stands alone: text, figures and tables in one HTML file; and tables as CSV files have them."""
 
 from __future__ import annotations
 
 import base64
+import csv
 import hashlib
+import io
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from bayes_iwan import __version__
+from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.files import write_whole
-from bayes_iwan.report.provenance import Provenance
 from bayes_iwan.report.rendering import Order, Rendered, Renderer
 from bayes_iwan.report.style import relabel
 
@@ -63,11 +68,7 @@ class Picture:
             picture = Markup(f'<img alt="{escape(self.order.alt)}" src="data:image/png;base64,{data}">')
         width = self.figure.get_size_inches()[0]
         return template(
-            "figure.html",
-            picture=picture,
-            caption=self.caption,
-            file=self.name,
-            width=round(PIXELS * width),
+            "figure.html", picture=picture, caption=self.caption, file=self.name, width=round(PIXELS * width)
         )
 
 
@@ -119,6 +120,11 @@ class Section:
     def heading_below(self, text: str) -> Section:
         self.body.append(Markup(f"<h3>{escape(text)}</h3>"))
         return self
+
+    def bullets(self, texts: Sequence[str | Markup]) -> Section:
+        """A list of sentences, a line each."""
+        items = Markup("").join(Markup("<li>{}</li>").format(self._said(x)) for x in texts)
+        return self.html(Markup("<ul>{}</ul>").format(items))
 
     def html(self, markup: Markup) -> Section:
         self.body.append(markup)
@@ -263,3 +269,73 @@ class Page:
             if picture.order.name in pdfs:
                 write_whole(folder / f"{name}.pdf", pdfs[picture.order.name])
         return write_whole(path, self.html(path.stem).translate(_CONTROL))
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What stands below a page's title.
+
+    date : when the page was written, local time; version : of the package; seed : of all random numbers, None where
+    none were drawn. folder : name of the campaign's folder, without where it lies, for pages go to customers; files :
+    of it that were read; source : as it states itself; counted : what the files are.
+    """
+
+    date: str
+    version: str
+    seed: int | None
+    folder: str
+    files: tuple[str, ...]
+    source: str = ""
+    counted: str = "file"
+
+    def said(self) -> str:
+        """One line."""
+        seed = "" if self.seed is None else f", seed {self.seed}"
+        files = f" ({len(self.files)} {self.counted}{'s' if len(self.files) != 1 else ''})" if self.files else ""
+        return f"{self.date} · bayes-iwan {self.version}{seed} · from {self.folder}{files}"
+
+
+def provenance(campaign: Campaign | None, seed: int | None = None) -> Provenance:
+    """That of a page about one campaign; None for loops that came from no folder."""
+    if campaign is None:
+        return replace(of_folder(".", seed), folder="loops in memory")
+    files = ("campaign.toml", *(test.file for test in campaign.tests))
+    return of_folder(campaign.path, seed, files, campaign.source)
+
+
+def of_folder(folder: str | Path, seed: int | None = None, files: Sequence[str] = (), source: str = "") -> Provenance:
+    """That of a page about files in a folder."""
+    date = f"{datetime.now().astimezone():%Y-%m-%d %H:%M %Z}"
+    return Provenance(date, __version__, seed, Path(folder).absolute().name, tuple(files), source)
+
+
+#: what a row holds
+Cell = str | float | None
+Rows = tuple[tuple[Cell, ...], ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of a table as text or numbers; `name` is the CSV file's, numbers keep full precision there and
+    what is not a number is an empty cell."""
+
+    name: str
+    caption: str
+    columns: tuple[str, ...]
+    rows: Rows
+
+    def csv(self) -> str:
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows(
+            [("" if np.isnan(x) else f"{x:.9g}") if isinstance(x, float) else x for x in row] for row in self.rows
+        )
+        return out.getvalue()
+
+    def in_units(self, units: Units) -> Table:
+        """The table with a campaign's own units in its columns' names and in its texts."""
+        return replace(self, columns=units.everywhere(self.columns), rows=units.everywhere(self.rows))
+
+    def write_csv(self, folder: str | os.PathLike[str]) -> Path:
+        return write_whole(Path(folder) / f"{self.name}.csv", self.csv())

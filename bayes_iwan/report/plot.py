@@ -15,43 +15,27 @@ import difflib
 
 from matplotlib.figure import Figure
 
-from bayes_iwan.diagnosis.diagnosis import Diagnosis
+from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.report import accessors as accessors  # `posterior.plot` as well
 from bayes_iwan.report.batch.specimens import Batch
 from bayes_iwan.report.comparison_page import ranking_figure
 from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
 from bayes_iwan.report.identification.checks import loo_pit_figure, regions_figure
 from bayes_iwan.report.identification.law_figures import normal_force_figure, slip_density_figure, stiffness_figure
 from bayes_iwan.report.identification.loops import frequencies_figure, loops_figure, paper_fig3, residuals_figure
-from bayes_iwan.report.identification.marginals import identifiable_corner, paper_corner, prior_posterior_figure
+from bayes_iwan.report.identification.marginals import identifiable_corner, prior_posterior_figure
+from bayes_iwan.report.identification.marginals import paper_corner as paper_corner
 from bayes_iwan.report.identification.sampling import tau_figure, traces_figure
 from bayes_iwan.report.identification.trends import trends_figure
 from bayes_iwan.report.style import save, styled
 
-__all__ = [
-    "autocorrelation",
-    "corner",
-    "frequencies",
-    "gap",
-    "loo_pit",
-    "loop",
-    "loops",
-    "normal_force",
-    "paper_corner",
-    "parameters",
-    "ranking",
-    "regions",
-    "residuals",
-    "save",
-    "slip_forces",
-    "specimens",
-    "stiffness",
-    "total_and_friction",
-    "traces",
-    "trends",
-]
+#: functions of a posterior, which are its methods too: `posterior.plot.loops()`
+OF_POSTERIOR = (
+    *("autocorrelation", "corner", "frequencies", "loo_pit", "loop", "loops", "normal_force", "paper_corner"),
+    *("parameters", "regions", "residuals", "slip_forces", "stiffness", "total_and_friction", "traces", "trends"),
+)
+__all__ = [*OF_POSTERIOR, "gap", "ranking", "save", "specimens"]
 
 loops, residuals, frequencies = loops_figure, residuals_figure, frequencies_figure
 total_and_friction, trends = paper_fig3, trends_figure

@@ -234,6 +234,31 @@ def band(
         axes.plot(x, np.median(draws, axis=0), color=color, linestyle=line, label=label)
 
 
+def numbered_cells(
+    axes: Axes,
+    values: Array,
+    texts: Sequence[Sequence[str]],
+    rows: Sequence[str],
+    columns: Sequence[str],
+    bold: NDArray[np.bool_] | None = None,
+    **mesh: Any,
+) -> None:
+    """A table of coloured cells (rows, columns) with a text in each, rows from the top down; bold : which of them."""
+    n, m = values.shape
+    axes.pcolormesh(np.arange(m + 1), np.arange(n + 1), values, edgecolors="white", linewidth=1.0, **mesh)
+    for i, row in enumerate(texts):
+        for j, text in enumerate(row):
+            weight = "bold" if bold is not None and bold[i, j] else "normal"
+            axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=7.5, weight=weight)
+    axes.set_xticks(np.arange(m) + 0.5, columns)
+    axes.set_yticks(np.arange(n) + 0.5, rows)
+    axes.set_ylim(n, 0)
+    axes.grid(visible=False)
+    axes.tick_params(length=0)
+    for side in axes.spines.values():
+        side.set_visible(False)
+
+
 def literal(figure: Figure) -> Figure:
     """The figure with every text that is no formula, though it has dollar signs, shown as it stands.
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.sampling.convergence import Convergence
@@ -50,12 +49,5 @@ class Chains:
 
     def flat(self, n: int | None = None) -> Array:
         """(n, ndim) draws spread evenly over all ensembles, steps and walkers; all of them by default."""
-        return self.draws.reshape(-1, self.draws.shape[-1])[self._even(n)]
-
-    def flat_quantities(self, n: int | None = None) -> Array:
-        """(n, len(quantity_names)) the quantities of the draws that `flat(n)` returns."""
-        return self.quantities.reshape(-1, self.quantities.shape[-1])[self._even(n)]
-
-    def _even(self, n: int | None) -> NDArray[np.int64]:
-        total = int(np.prod(self.draws.shape[:3]))
-        return np.arange(total) if n is None or n >= total else np.linspace(0, total - 1, n).round().astype(int)
+        flat = self.draws.reshape(-1, self.draws.shape[-1])
+        return flat if n is None or n >= len(flat) else flat[np.linspace(0, len(flat) - 1, n).round().astype(int)]

@@ -131,12 +131,6 @@ def ess_tail(x: Array) -> float:
     return min(_ess((halves <= q).astype(float)) for q in np.quantile(halves, [0.05, 0.95]))
 
 
-def ess_mean(x: Array) -> float:
-    """Effective sample size for the plain mean of x (ensembles, steps, walkers)."""
-    halves = _halves(x)
-    return _ess(halves) if _usable(halves) else np.nan
-
-
 def longest_autocorrelation_time(x: Array) -> float:
     """The walkers' autocorrelation time or that of the ensembles' means, whichever is longer, in stored steps."""
     return max(autocorrelation_time(x), autocorrelation_time(x.mean(axis=2, keepdims=True)))

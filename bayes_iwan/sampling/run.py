@@ -12,15 +12,12 @@ wherever a block is computed. Block by block they go into a checkpoint; a run th
 
 from __future__ import annotations
 
-import copy
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import emcee
 import numpy as np
 from emcee.moves import Move, StretchMove
 from numpy.typing import NDArray
@@ -28,6 +25,7 @@ from tqdm.auto import tqdm
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.executors import Rounds
+from bayes_iwan.sampling.blocks import Advanced, Checked, Piece, Schedule, advanced, generator
 from bayes_iwan.sampling.chains import Chains, Stop
 from bayes_iwan.sampling.checkpoint import Checkpoint, CheckpointError, Snapshot, not_ours
 from bayes_iwan.sampling.convergence import Convergence, convergence_of
@@ -49,9 +47,6 @@ _LEAST_JUMPS = 0.01  # acceptance below which independent proposals do not pay
 #: autocorrelation times that each independent walker takes at least
 LEAST_TAUS = 10.0
 FIRST_CHECK = 100
-
-#: moves with their weights, and how many steps of a block they are used for, one entry after the other
-Schedule = Sequence[tuple[Sequence[tuple[Move, float]], int]]
 
 
 def sample(
@@ -98,45 +93,6 @@ def taus_of_each(taus: float) -> float:
     return min(taus, max(LEAST_TAUS, taus / WALKERS))
 
 
-@dataclass(frozen=True)
-class Piece:
-    """Walkers that advance together, z (n, ndim) and ln p there (n,), and the seed of their block."""
-
-    z: Array
-    log_prob: Array
-    seed: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Advanced:
-    """z (steps, n, ndim) and ln p (steps, n) after each step; of each entry of the schedule the share accepted."""
-
-    z: Array
-    log_prob: Array
-    accepted: tuple[float, ...]
-
-
-def advanced(shared: tuple[BatchFunction, Schedule], piece: Piece) -> Advanced:
-    """A block of steps by emcee."""
-    log_prob, schedule = shared
-    state = emcee.State(piece.z, log_prob=piece.log_prob, random_state=generator(piece.seed).get_state())
-    z, level, accepted = [], [], []
-    for moves, steps in schedule:
-        own = [(copy.copy(move), weight) for move, weight in moves]
-        sampler = emcee.EnsembleSampler(*piece.z.shape, log_prob, moves=own, vectorize=True)
-        sampler.log_prob_fn = log_prob  # emcee's wrapper prints a traceback on Ctrl-C
-        *_, state = sampler.sample(state, iterations=steps, skip_initial_state_check=True)
-        z.append(sampler.get_chain())
-        level.append(sampler.get_log_prob())
-        accepted.append(float(np.mean(sampler.acceptance_fraction)))
-    return Advanced(np.concatenate(z), np.concatenate(level), tuple(accepted))
-
-
-def generator(seed: Sequence[int]) -> np.random.RandomState:
-    """Random numbers as emcee takes them, of their own for each seed."""
-    return np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
-
-
 class EnsembleRun:
     """All walkers, the schedule of their moves, and how many blocks of steps they have taken."""
 
@@ -150,7 +106,7 @@ class EnsembleRun:
         n_walkers: int,
         executor: Executor | None,
     ) -> None:
-        self.log_prob_of = _Checked(log_prob)
+        self.log_prob_of = Checked(log_prob)
         self.target, self.plan, self._executor = target, plan, executor
         self.n_ensembles, self.n_walkers = n_ensembles, max(n_walkers, 2 * target.ndim + 2)
         if n_ensembles < 2:
@@ -396,19 +352,3 @@ def _entries(manifold: ManifoldMove, jumps: NestedMove | None) -> list[tuple[Seq
     if jumps is None:
         return [([(manifold, 1.0)], BLOCK)]
     return [([(manifold, 1.0)], BLOCK - _JUMPS), ([(jumps, 1.0)], _JUMPS)]
-
-
-@dataclass(frozen=True)
-class _Checked:
-    """A log-probability whose shape and values are checked."""
-
-    function: Callable[[Array], Array]
-
-    def __call__(self, z: Array) -> Array:
-        values = np.asarray(self.function(z), dtype=float)
-        if values.shape != (len(z),):
-            raise SamplingError(f"log_prob(z) returned shape {values.shape} for z of shape {z.shape}; it must be (n,)")
-        if np.isnan(values).any() or np.isposinf(values).any():
-            bad = z[np.isnan(values) | np.isposinf(values)][0]
-            raise SamplingError(f"log_prob is NaN or +inf at z = {np.array2string(bad)}; it must be -inf there")
-        return values

@@ -23,7 +23,6 @@ CATALOGUE: tuple[str, ...] = tuple(k.name for k in KINDS.values() if k.listed)
 OUTSIDE: tuple[str, ...] = tuple(k.name for k in KINDS.values() if not k.listed)
 #: what faults from outside the catalogue have in common, by their names
 FAMILY: dict[str, str] = {k.name: k.family for k in KINDS.values() if not k.listed}
-MAIN_PARAMETER: dict[str, str] = {k.name: k.main for k in KINDS.values()}
 #: which laws are drawn: the one that the catalogue has too, any but that one, or all alike
 LAWS = ("catalogue", "other", "all")
 

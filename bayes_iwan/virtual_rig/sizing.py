@@ -12,16 +12,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.virtual_rig.fault import Fault, Surroundings
 from bayes_iwan.virtual_rig.faults import KINDS, acting, complete, drawn, laws_of
-from bayes_iwan.virtual_rig.simulate import (
-    COARSE,
-    PlannedTest,
-    RigMotion,
-    RigRun,
-    Setup,
-    move,
-    observe,
-    simulate_tests,
-)
+from bayes_iwan.virtual_rig.simulate import COARSE, PlannedTest, RigMotion, RigRun, Setup, move, observe, simulate_tests
 from bayes_iwan.virtual_rig.specimen import RigError, Specimen
 
 #: a specimen's tests without any fault: what faults are compared with, the records, and the motion behind them

@@ -61,11 +61,7 @@ class Specimen:
 
     def scaled(self, stiffness: float) -> Specimen:
         """The same specimen with both springs multiplied by `stiffness` (a remount, a warm rope)."""
-        return replace(
-            self,
-            parallel_N_mm=stiffness * self.parallel_N_mm,
-            contact_N_mm=stiffness * self.contact_N_mm,
-        )
+        return replace(self, parallel_N_mm=stiffness * self.parallel_N_mm, contact_N_mm=stiffness * self.contact_N_mm)
 
     def summary(self) -> dict[str, Any]:
         """What a truth file says of it; the slip forces as deciles of φ (N, at rest, per unit share)."""
@@ -138,10 +134,7 @@ def _draw_slip_forces(rng: np.random.Generator, p: Array) -> tuple[str, Array]:
 
 
 def draw_specimen(
-    rng: np.random.Generator,
-    amplitudes_mm: tuple[float, float],
-    speed_m_s: float,
-    n_sliders: int = 150,
+    rng: np.random.Generator, amplitudes_mm: tuple[float, float], speed_m_s: float, n_sliders: int = 150
 ) -> Specimen:
     """A specimen at random around Table 1, whose friction shows at the amplitudes it will be tested at.
 

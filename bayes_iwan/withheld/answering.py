@@ -10,12 +10,11 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bayes_iwan.executors import Failure, finished
+from bayes_iwan.executors import Failure, Workers, finished
 from bayes_iwan.files import clear, write_json
 from bayes_iwan.withheld import confinement
 from bayes_iwan.withheld.sealed import WithheldError, case_names, commitments, read_json, truth_folder
@@ -65,13 +64,13 @@ def answer(
     out: Path | str | None = None,
     seed: int = 0,
     quick: bool = False,
-    executor: Executor | None = None,
+    workers: Workers = None,
     only: Sequence[str] | None = None,
 ) -> Path:
     """Diagnose every case of a withheld folder; go on where an earlier run stopped.
 
     Parameters: `diagnose(campaign, out, seed, quick)`, a function of a module, writes `out/diagnosis.json`. `out`, by
-    default `directory/answers`. `executor` answers cases side by side. `only`, some case names.
+    default `directory/answers`. `workers` answer cases side by side. `only`, some case names.
 
     Each case gets a seed of its own that depends on `seed` and its name alone, and a process of its own. Where the
     machine has Landlock, that process reads Python, its libraries and this one campaign, and writes to this case's
@@ -112,7 +111,7 @@ def answer(
     save()
     todo = {n: n for n in only or names if n not in answers}
     task = _Task(_module_of(diagnose), diagnose.__qualname__, directory.resolve(), out.resolve(), seed, quick)
-    for name, result in finished(todo, _answer_one, task, executor=executor, what="answering", unit="case"):
+    for name, result in finished(todo, _answer_one, task, workers=workers, what="answering", unit="case"):
         if isinstance(result, Failure):
             failed[name] = str(result)
         else:

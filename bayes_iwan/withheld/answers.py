@@ -38,7 +38,7 @@ class Named:
 class Answer:
     """A verdict: its kind, the causes it names, whether it says that a cause is unknown, and marginal probabilities.
 
-    `unexplained` is that share of the gap with its interval, nan where not said; `one_of` effects of which one is said
+    `unexplained` is that share of the gap, nan where not said; `one_of` effects of which one is said
     to contribute, though it cannot be said which.
     """
 
@@ -46,8 +46,6 @@ class Answer:
     causes: tuple[Named, ...]
     unknown_cause: bool
     unexplained: float
-    unexplained_low: float
-    unexplained_high: float
     probabilities: Mapping[str, float]
     one_of: tuple[frozenset[str], ...] = ()
 
@@ -102,15 +100,11 @@ def _second(name: str, answer: Mapping[str, Any], probabilities: Mapping[str, fl
         refused = "a cause's probability is not in 0 to 1"
     if refused:
         raise WithheldError(f"the answer to {name} is refused: {refused}")
-    left = answer.get("unexplained") or {}
-    low, high = left.get("interval") or (float("nan"), float("nan"))
     return Answer(
         kind,
         causes,
         unknown,
-        json_number(left.get("share")),
-        json_number(low),
-        json_number(high),
+        json_number((answer.get("unexplained") or {}).get("share")),
         probabilities,
         tuple(frozenset(map(str, some["names"])) for some in verdict.get("one_of") or ()),
     )
@@ -145,4 +139,4 @@ def _first(name: str, verdict: Mapping[str, Any], probabilities: dict[str, float
     kind = "explained" if causes else str(cause)
     marginal = {k: p for k, p in probabilities.items() if k != "unknown"}
     marginal |= {"none": probabilities.get("none", 0.0), "unknown_cause": probabilities.get("unknown", 0.0)}
-    return Answer(kind, causes, cause == "unknown", nothing, nothing, nothing, marginal)
+    return Answer(kind, causes, cause == "unknown", nothing, marginal)

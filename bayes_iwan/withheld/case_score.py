@@ -14,7 +14,7 @@ from bayes_iwan.withheld.truths import Truth
 
 LOWEST_PROBABILITY = 1e-3  # an answer of 0 that comes true costs −ln of this, not infinity
 #: what stands for a missing answer: nothing is named, every probability is a coin's
-SILENT = Answer("none", (), False, float("nan"), float("nan"), float("nan"), {})
+SILENT = Answer("none", (), False, float("nan"), {})
 
 
 @dataclass(frozen=True)

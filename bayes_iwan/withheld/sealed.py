@@ -32,7 +32,6 @@ import json
 import re
 import secrets
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,7 +41,7 @@ import numpy as np
 from bayes_iwan import former_names
 from bayes_iwan.campaign import write_campaign
 from bayes_iwan.errors import InputError
-from bayes_iwan.executors import Failure, finished
+from bayes_iwan.executors import Failure, Workers, finished
 from bayes_iwan.files import write_json
 from bayes_iwan.virtual_rig import cases as rig_cases
 from bayes_iwan.withheld.true_gaps import by_name, removed, true_gaps_N
@@ -149,13 +148,13 @@ def make(
     laws: str = "all",
     excluded_laws: Sequence[str] = (),
     excluded_outside: Sequence[str] = (),
-    executor: Executor | None = None,
+    workers: Workers = None,
 ) -> Path:
     """Draw `n` cases, write their campaigns to `out` and seal their truths beside it.
 
     Parameters: `seed`, for development cases alone: it makes them again, and they are marked as not sealed; without it
     everything follows from 256 bits of the system's entropy. `kinds`, one a case, in place of the random mix; `laws`,
-    `excluded_laws` and `excluded_outside` as in `rig.cases.draw_case`. `executor` makes cases side by side. Returns
+    `excluded_laws` and `excluded_outside` as in `rig.cases.draw_case`. `workers` make cases side by side. Returns
     the path of the truth file. Raises `WithheldError` if either folder exists already.
     """
     out = Path(out)
@@ -172,7 +171,7 @@ def make(
     entropy = secrets.token_hex(32) if seed is None else f"seed {seed}"
     draws = _Draws(entropy, out, apart / "sealed", laws, tuple(excluded_laws), tuple(excluded_outside))
     truths: dict[str, dict[str, Any]] = {}
-    for name, truth in finished(pieces, _make_one, draws, executor=executor, what="making cases", unit="case"):
+    for name, truth in finished(pieces, _make_one, draws, workers=workers, what="making cases", unit="case"):
         if isinstance(truth, Failure):
             raise WithheldError(f"{name} could not be made: {truth}")
         truths[name] = truth

@@ -7,7 +7,7 @@ import pytest
 
 from bayes_iwan.campaign.loops.averaging import TRUSTED_BAND
 from bayes_iwan.diagnosis.fits.data import MAINS_HZ, TREND_HARMONICS, gap_data, predicted
-from bayes_iwan.diagnosis.fits.evidence import base_problem, extended
+from bayes_iwan.diagnosis.fits.evidence import base_problem
 from bayes_iwan.effects.along_record import ForceDrift, ForceDriftByTest, MainsInterference
 from bayes_iwan.inference.setup.loop_scales import scales_of
 
@@ -236,7 +236,7 @@ def files(data):
 def difference(effect, parameter_values, data, kit):
     """What the effect adds to harmonics, trends and lines at these numbers."""
     base = base_problem(data, kit.settings, scales_of(data.loops))
-    problem = extended(base, [effect])
+    problem = base.with_effects([effect])
     z = np.zeros((2, problem.ndim))
     for name, value in parameter_values.items():
         at = problem.names.index(name)

@@ -10,7 +10,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from bayes_iwan.campaign import read_campaign, write_campaign
-from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict, write_answer
+from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict, write_answer
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS, SavedFitsError, find_shares
 from bayes_iwan.diagnosis.answer.wording import strength
 from bayes_iwan.diagnosis.assessment.budget import Kind
@@ -18,7 +18,7 @@ from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
 from bayes_iwan.diagnosis.diagnosis import BASES, _parameters, diagnose_loops
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.fits.evidence import base_problem, extended, fit_model, in_newtons
+from bayes_iwan.diagnosis.fits.evidence import base_problem, fit_model, in_newtons
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.effects.base import EffectError
@@ -190,7 +190,7 @@ def test_a_fade_is_told_as_what_is_lost_within_the_records(kit):
 
     loops = kit.made_up(kit.specimen_force, [(10.0, 0.9)], cycles=n, noise_N=0.02, extra=extra).loops(**kit.small)
     data, scales = gap_data(loops), scales_of(loops)
-    problem = extended(base_problem(data, kit.settings, scales), [FrictionFade(scales)])
+    problem = base_problem(data, kit.settings, scales).with_effects([FrictionFade(scales)])
     fit = fit_model(data, problem, np.zeros((1, problem.ndim)))
     told = _parameters(fit, data, np.random.default_rng(0))["friction_fade"]
     name, lost = next(iter(told.items()))
@@ -334,7 +334,7 @@ def test_classical_base_names_the_term_that_it_lacks(classical):
     slope = next(e for e in d["effects"] if e["name"] == "varying_normal_force")["parameters"]["slope"]
     scale = classical.found.search.scales.length_mm / 0.9  # the kit's reference length is 0.9 mm
     assert slope["mean"] == pytest.approx(0.35 * scale**0.8, abs=4 * slope["sd"] + 0.05)
-    assert "varying_normal_force" in effects_described(classical.found)
+    assert "varying_normal_force" in classical.found.search.effects
 
 
 def test_bases_are_models(kit):

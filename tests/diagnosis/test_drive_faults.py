@@ -6,6 +6,7 @@ all of them); here it is seen that a diagnosis refuses them too, and what it say
 
 from dataclasses import replace
 
+import drives as dr
 import pytest
 
 from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
@@ -14,7 +15,6 @@ from bayes_iwan.diagnosis.assessment.budget import Kind
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
 from bayes_iwan.diagnosis.diagnosis import diagnose_campaign, diagnose_loops
-from bayes_iwan.virtual_rig import drive as dr
 from bayes_iwan.virtual_rig.simulate import Setup, with_noise
 from bayes_iwan.virtual_rig.specimen import paper_specimen
 

@@ -13,12 +13,12 @@ from bayes_iwan.diagnosis.constants import LARGE_DISCREPANCY
 from bayes_iwan.diagnosis.fits import evidence
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.discrepancy_size import BETWEEN, LENGTHS, SHARES, Discrepancy, DiscrepancySize, Linear
-from bayes_iwan.diagnosis.fits.evidence import _distinct, _grid, extended, fit_model, in_newtons, predicting
+from bayes_iwan.diagnosis.fits.evidence import _distinct, _grid, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N
-from bayes_iwan.diagnosis.search.strength import calibrated
+from bayes_iwan.diagnosis.search.fitted_sets import calibrated
 from bayes_iwan.effects import catalogue
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -136,7 +136,7 @@ def test_idle_evolving_effect_costs_what_the_steady_model_pays(name, kit):
     """A steady model misses all trends and lines; an evolving one that is switched off misses the same."""
     found = kit.diagnosed(None).search
     effect = found.effects[name][0]
-    problem = extended(found.base.problem, [effect])
+    problem = found.base.problem.with_effects([effect])
     rows, steady = Rows(found.data, problem), Rows(found.data, found.base.problem)
     z = np.zeros((1, problem.ndim))
     z[0, [problem.names.index(n) for n in found.base.problem.names]] = found.base.z
@@ -154,7 +154,7 @@ def test_idle_evolving_effect_costs_what_the_steady_model_pays(name, kit):
 def test_evolving_effect_that_is_not_there_loses_a_few_nats(name, most, kit):
     found = kit.diagnosed(None).search
     effect = found.effects[name][0]
-    problem = extended(found.base.problem, [effect])
+    problem = found.base.problem.with_effects([effect])
     start = np.zeros((1, problem.ndim))
     start[0, [problem.names.index(n) for n in found.base.problem.names]] = found.base.z
     start[0, problem.names.index(effect.strength_name)] = 0.0 if effect.signed else -1.6
@@ -207,7 +207,7 @@ def test_a_discrepancy_that_is_the_same_at_every_frequency_does_not_hide_what_di
         monkeypatch.setattr(evidence, "BETWEEN", ways)
         base = fit_base(data, kit.settings, scales, np.random.default_rng(0))
         mass = calibrated(catalogue.variants()["moving_mass"][0], scales, data, base.problem, base.z)
-        problem = extended(base.problem, [mass])
+        problem = base.problem.with_effects([mass])
         start = np.zeros(problem.ndim)
         start[[problem.names.index(n) for n in base.problem.names]] = base.z
         gain[len(ways)] = fit_model(data, problem, start[None]).log_evidence - base.log_evidence

@@ -9,7 +9,6 @@ from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.assessment.indicators import _chosen_share, ranked_by_training
 from bayes_iwan.diagnosis.constants import EFFECT_NATS
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.fits.evidence import extended
 from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, for_loops, refitted
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
 from bayes_iwan.effects.along_record import MainsInterference
@@ -47,7 +46,7 @@ def test_refit_to_some_tests_stays_near_the_whole_fit(kit):
 def test_hums_numbers_go_with_their_tests(kit):
     found = kit.diagnosed("channel_delay").search
     files = tuple(x.file for x in found.data.loops)
-    problem = extended(found.base.problem, [MainsInterference(found.scales, files)])
+    problem = found.base.problem.with_effects([MainsInterference(found.scales, files)])
     few = gap_data(found.data.loops[1:3])
     hums = [
         n for n in for_loops(problem, few.loops, few).names if n.startswith("mains_interference") and "third" not in n

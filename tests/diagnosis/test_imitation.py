@@ -9,8 +9,8 @@ from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.diagnosis.answer.imitation import FREEDOMS, edges_of, imitations
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search.base_fit import fit_base
+from bayes_iwan.diagnosis.search.fitted_sets import calibrated
 from bayes_iwan.diagnosis.search.search_result import Search
-from bayes_iwan.diagnosis.search.strength import calibrated
 from bayes_iwan.effects import catalogue
 from bayes_iwan.inference.setup.loop_scales import scales_of
 

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_iwan.diagnosis.assessment.plausible_values import implausible, of_time, replaced
+from bayes_iwan.diagnosis.assessment.indicators import implausible, of_time, replaced
 from bayes_iwan.diagnosis.constants import CLOCK_SPREAD, LARGEST_SCORE, LONGEST_PERIODS
-from bayes_iwan.diagnosis.fits.evidence import base_problem, extended
+from bayes_iwan.diagnosis.fits.evidence import base_problem
 from bayes_iwan.effects import catalogue
 
 
@@ -18,7 +18,7 @@ def data_of(kit, *hz):
 
 def fit_with(kit, data, effect, **values):
     """A fit of the base with an effect whose numbers have these values, by short name."""
-    problem = extended(base_problem(data, kit.settings, kit.scales), [effect])
+    problem = base_problem(data, kit.settings, kit.scales).with_effects([effect])
     z = np.zeros(problem.ndim)
     for name, value in values.items():
         at = problem.names.index(f"{effect.name}.{name}")

@@ -10,16 +10,14 @@ from bayes_iwan.campaign import Campaign
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Kind
 from bayes_iwan.diagnosis.diagnosis import diagnose_loops
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.fits.evidence import extended
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.search import model_search as searching
 from bayes_iwan.diagnosis.search import refits
 from bayes_iwan.diagnosis.search.base_fit import fit_base, gap_rms_N, has_gap, newton_nats, sound_gap_N
 from bayes_iwan.diagnosis.search.candidates import candidate, start_points, stepped_on, weighed_alike
-from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, silent
+from bayes_iwan.diagnosis.search.fitted_sets import FittedSets, calibrated, silent
 from bayes_iwan.diagnosis.search.model_search import SINGLE_MOST, fit_singles, grow, search
 from bayes_iwan.diagnosis.search.search_result import LAST
-from bayes_iwan.diagnosis.search.strength import calibrated
 from bayes_iwan.effects import catalogue
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.effects.mounting import RigCompliance
@@ -245,14 +243,14 @@ def test_what_acts_along_the_record_is_refitted_where_the_gap_is_there_whatever_
 
 def test_strengths_are_brought_to_the_specimens_scale(kit):
     """At its median strength an effect moves the prior share of the friction force."""
-    from bayes_iwan.diagnosis.search.strength import friction_rms_N
+    from bayes_iwan.diagnosis.search.fitted_sets import friction_rms_N
     from bayes_iwan.effects.base import TYPICAL_SHARE
     from bayes_iwan.inference.setup.loop_error import harmonics_of
 
     found = kit.diagnosed(None).search
     for name in ("viscous_damping", "moving_mass", "cubic_stiffness", "stribeck_weakening", "channel_delay"):
         effect = found.effects[name][0]
-        problem = extended(found.base.problem, [effect])
+        problem = found.base.problem.with_effects([effect])
         values = {n: v for n, v in problem.prior.values(np.zeros((1, problem.ndim))).items()}
         values |= found.base.problem.prior.values(found.base.z[None])
         values[effect.strength_name] = np.array([effect.strength_value])
@@ -268,7 +266,7 @@ def test_strengths_are_brought_to_the_specimens_scale(kit):
 def test_start_points_keep_the_smaller_models_numbers(kit):
     found = kit.diagnosed(None).search
     effect = found.effects["maxwell_branch"][0]
-    problem = extended(found.base.problem, [effect])
+    problem = found.base.problem.with_effects([effect])
     points = start_points(effect, problem, found.base.z[None], found.base.problem.names)
     at = [problem.names.index(n) for n in found.base.problem.names]
     np.testing.assert_array_equal(points[:, at], np.tile(found.base.z, (len(points), 1)))
@@ -278,7 +276,7 @@ def test_start_points_keep_the_smaller_models_numbers(kit):
 def test_residual_rows_of_an_extended_model_begin_with_the_smaller_ones(kit):
     found = kit.diagnosed(None).search
     steady = Rows(found.data, found.base.problem).discrepancy
-    evolving = Rows(found.data, extended(found.base.problem, found.effects["force_drift"][:1])).discrepancy
+    evolving = Rows(found.data, found.base.problem.with_effects(found.effects["force_drift"][:1])).discrepancy
     assert len(evolving.eigen) > len(steady.eigen) and not steady.changing.any()
     np.testing.assert_array_equal(evolving.eigen[: len(steady.eigen)], steady.eigen)
 
@@ -367,7 +365,7 @@ def test_a_set_that_only_scores_together_is_found_from_either_effect(kit, monkey
 
     def fit(*names):
         effects = tuple(found.effects[n][0] for n in names)
-        return replace(found.fits[frozenset()], problem=extended(found.fits[frozenset()].problem, effects))
+        return replace(found.fits[frozenset()], problem=found.fits[frozenset()].problem.with_effects(effects))
 
     def add(some, smaller, instead_of=None):
         for one in some:

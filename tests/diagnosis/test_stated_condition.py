@@ -9,7 +9,7 @@ import pytest
 
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.search.base_fit import fit_base
-from bayes_iwan.diagnosis.search.strength import calibrated
+from bayes_iwan.diagnosis.search.fitted_sets import calibrated
 from bayes_iwan.effects.conditions import conditions_of, following
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings, ModelSettings

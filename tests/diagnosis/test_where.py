@@ -11,7 +11,7 @@ from bayes_iwan.campaign import Record, average
 from bayes_iwan.diagnosis.answer.gap_findings import pictures, where_json, where_sentences
 from bayes_iwan.diagnosis.answer.localisation import where
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.fits.evidence import extended, fit_model
+from bayes_iwan.diagnosis.fits.evidence import fit_model
 from bayes_iwan.diagnosis.fits.gap_size import gap_size, shrink
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.diagnosis.search.base_fit import fit_base
@@ -206,7 +206,7 @@ def test_small_misfits_of_the_typical_size_are_false_alarms_in_one_of_twenty_at_
 def test_a_named_cause_shrinks_the_gap_and_another_set_of_tests_is_refused(viscous):
     data, base = viscous
     effect = ViscousDamping(base.problem.scales)
-    problem = extended(base.problem, (effect,))
+    problem = base.problem.with_effects((effect,))
     start = np.zeros((1, problem.ndim))
     start[0, [problem.names.index(n) for n in base.problem.names]] = base.z
     fit = fit_model(data, problem, start)

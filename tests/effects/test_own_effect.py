@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.effects.base import Effect, EffectError
-from bayes_iwan.effects.catalogue import variants
-from bayes_iwan.effects.own_effects import load_effects
+from bayes_iwan.effects.catalogue import load_effects, variants
 from bayes_iwan.inference.setup.loop_scales import Scales
 from bayes_iwan.models import Model, sine_motion
 from bayes_iwan.models.simulator import recorded_force

@@ -81,22 +81,6 @@ def test_starts_do_not_depend_on_their_neighbours():
     np.testing.assert_allclose(together.x, alone, atol=1e-7)
 
 
-def test_randomised_residuals_of_a_linear_model_give_posterior_draws():
-    rng = np.random.default_rng(4)
-    design = rng.standard_normal((6, 2))
-    data = design @ [1.0, -1.0]
-
-    def residuals(x):  # six data of unit noise, and a unit normal prior for each number
-        return np.concatenate([data - x @ design.T, x], axis=1)
-
-    fit = least_squares_batch(residuals, np.zeros((4000, 2)), offsets=rng.standard_normal((4000, 8)))
-    precision = design.T @ design + np.eye(2)
-    mean = np.linalg.solve(precision, design.T @ data)
-    z = (fit.x - mean) @ np.linalg.cholesky(precision)
-    np.testing.assert_allclose(z.mean(axis=0), 0, atol=0.06)
-    np.testing.assert_allclose(np.cov(z.T), np.eye(2), atol=0.09)
-
-
 @pytest.mark.parametrize(
     "starts, bounds, words",
     [([[0.0, np.nan]], None, "finite"), ([[0.0, 0.0]], [[0, 1]], "bounds"), ([[0.0, 0.0]], [[1, 0], [0, 1]], "bounds")],

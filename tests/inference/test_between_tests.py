@@ -7,9 +7,8 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.inference.solving.approximation import approximate_draws
 from bayes_iwan.inference.solving.between_tests import stretched
-from bayes_iwan.inference.solving.chains import least_squares_of
+from bayes_iwan.inference.solving.chains import approximate_draws, least_squares_of
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.sampling.moves.manifold import Manifold
 

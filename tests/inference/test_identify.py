@@ -11,12 +11,13 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.campaign import write_campaign
-from bayes_iwan.inference.each_frequency import FrequencyError, by_frequency, identify_frequencies
+from bayes_iwan.inference.each_frequency import FrequencyError, identify_frequencies
 from bayes_iwan.inference.identify import (
     identify_campaign,
     identify_problem,
 )
 from bayes_iwan.inference.results import run_files
+from bayes_iwan.inference.results.held_out_frequencies import by_frequency
 from bayes_iwan.inference.results.netcdf import read_netcdf, write_netcdf
 from bayes_iwan.inference.results.run_files import ResultsError
 from bayes_iwan.inference.setup.config import ConfigError, settings_of
@@ -249,7 +250,7 @@ def test_each_frequency_alone(run, tmp_path):
     identify_frequencies(joint, tmp_path, progress=False)
     with ThreadPoolExecutor(1) as executor:  # the same wherever it runs
         some = replace(joint, loops=groups["f15Hz"])
-        identify_frequencies(some, tmp_path / "elsewhere", progress=False, executor=executor)
+        identify_frequencies(some, tmp_path / "elsewhere", progress=False, workers=executor)
     one, other = (f / "per_test" / "f15Hz" / "summary.csv" for f in (tmp_path, tmp_path / "elsewhere"))
     assert one.read_bytes() == other.read_bytes()
     for name in ("f10Hz", "f15Hz"):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_iwan.models.distinct import for_distinct
 from bayes_iwan.models.kernels import pointwise
+from bayes_iwan.models.parameter import for_distinct
 
 
 def test_a_law_is_asked_once_of_draws_that_agree():

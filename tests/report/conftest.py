@@ -123,8 +123,8 @@ def wandering():
 @pytest.fixture(scope="session")
 def page(posterior, tmp_path_factory):
     """The folder of a report, with report.html and report.pdf in it."""
-    from bayes_iwan.report import identification_report
     from bayes_iwan.report.browser import find_browser
+    from bayes_iwan.report.identification.identification_page import identification_report
 
     out = tmp_path_factory.mktemp("report")
     identification_report(posterior, out, pdf=find_browser() is not None)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.models import sine_motion
-from bayes_iwan.report import predict
+from bayes_iwan.report.identification.predictive import predict
 
 
 def script(name):

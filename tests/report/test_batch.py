@@ -14,7 +14,6 @@ from types import SimpleNamespace
 import pytest
 
 import bayes_iwan
-from bayes_iwan import executors
 from bayes_iwan.report.batch import batch_run as room
 from bayes_iwan.report.batch.batch_run import BatchError, batch
 
@@ -150,12 +149,10 @@ def test_nothing_to_do_is_said(tmp_path, folder):
 
 RUN = """
 import json, sys
-from bayes_iwan import executors
 from bayes_iwan.report.batch.batch_run import batch
 
 if __name__ == "__main__":
-    with executors.opened(2) as executor:
-        batch(sys.argv[1], sys.argv[2], config=json.loads(sys.argv[3]), seed=3, progress=False, executor=executor)
+    batch(sys.argv[1], sys.argv[2], config=json.loads(sys.argv[3]), seed=3, progress=False, workers=2)
 """
 
 
@@ -213,17 +210,7 @@ def test_a_diagnosis_of_each(folder, tmp_path, monkeypatch):
         return SimpleNamespace(to_dict=lambda: answer)
 
     monkeypatch.setattr(room, "write_diagnosis", diagnosed)
-    with executors.opened(1) as executor:
-        result = batch(
-            folder,
-            tmp_path / "out",
-            identify=False,
-            diagnose=True,
-            quick=True,
-            seed=5,
-            progress=False,
-            executor=executor,
-        )
+    result = batch(folder, tmp_path / "out", identify=False, diagnose=True, quick=True, seed=5, progress=False)
     assert [(x.cause, x.second_cause, x.probability) for x in result.finished] == list(said.values())
     assert list(result.failures) == ["broken <b>"]  # no verdict for it: a KeyError is listed like any other
     page = (tmp_path / "out" / "batch.html").read_text()

@@ -8,8 +8,8 @@ import re
 import pytest
 from pypdf import PdfReader
 
-from bayes_iwan.report import predict
 from bayes_iwan.report.browser import print_pdf
+from bayes_iwan.report.identification.predictive import predict
 
 from .layout import BROWSER, NO_BROWSER, run_browser, unescaped
 

@@ -14,20 +14,19 @@ import pytest
 import bayes_iwan as bi
 from bayes_iwan.campaign.loops.clipping import limits_of_loops
 from bayes_iwan.campaign.recording.units import Units
-from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict
 from bayes_iwan.diagnosis.answer.gap_findings import GapPictures
-from bayes_iwan.diagnosis.answer.gap_location import Located
-from bayes_iwan.diagnosis.answer.localisation import Statistic
+from bayes_iwan.diagnosis.answer.localisation import Located, Statistic
+from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.assessment.budget import Kind, OneOf
 from bayes_iwan.diagnosis.assessment.sampled_fit import Sampling
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import ALONG
-from bayes_iwan.files import RECORD, finite
-from bayes_iwan.report.diagnosis import budget_figures, diagnosis_files, gap_figures
+from bayes_iwan.files import RECORD
+from bayes_iwan.report.diagnosis import budget_figures, diagnosis_files, diagnosis_page, gap_figures
 from bayes_iwan.report.diagnosis.diagnosis_files import diagnosis_figures
 from bayes_iwan.report.diagnosis.diagnosis_page import write_diagnosis_page
-from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.page import provenance
 from bayes_iwan.report.rendering import Batch, Renderer
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
@@ -90,15 +89,13 @@ def figures(found):
 
 
 def answer(found, kind=None, **rest):
-    """What `diagnosis.json` holds; with `kind` as if the verdict had been another, with other figures of the rest."""
+    """A diagnosis as if the verdict had been another, with other figures of what is unexplained."""
     if kind is not None:
         causes = () if kind == "unknown" else found.verdict.causes
         flagged = kind in ("partly_explained", "unknown")
         verdict = replace(found.verdict, kind=Kind(kind), causes=causes, unknown_cause=flagged)
         found = replace(found, verdict=verdict, moved={} if kind == "unknown" else found.moved)
-    return finite(
-        to_dict(replace(found, budget=replace(found.budget, unexplained=replace(found.budget.unexplained, **rest))))
-    )
+    return replace(found, budget=replace(found.budget, unexplained=replace(found.budget.unexplained, **rest)))
 
 
 class Parts(HTMLParser):
@@ -159,35 +156,28 @@ def percent(cell):
     return float(cell.removesuffix(" %").replace("−", "-"))
 
 
-def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures):
-    d = answer(found) | {"campaign": "a <rope> & spring"}
-    d["where"]["sentences"] = ["It grows with <frequency>."]
+def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures, monkeypatch):
+    monkeypatch.setattr(diagnosis_page, "where_sentences", lambda where: ["It grows with <frequency>."])
+    odd = replace(found, campaign=replace(found.campaign, name="a <rope> & spring"))
     made = provenance(found.campaign, found.seed)
-    page = write_diagnosis_page(d, figures, tmp_path / "diagnosis.html", effects_described(found), made=made)
-    text, parts = read(page)
+    text, parts = read(write_diagnosis_page(odd, figures, tmp_path / "diagnosis.html", made))
     assert parts.outside == [] and parts.open == []
     assert len(parts.ids) == len(set(parts.ids))
     assert parts.headings[:3] == ["Answer", "Where the model misses", "Which cause"]
-    said = text.index("<br>".join(html.escape(s, quote=False).replace("'", "&#39;") for s in d["sentences"]))
+    said = text.index("<br>".join(html.escape(s, quote=False).replace("'", "&#39;") for s in odd.sentences()))
     assert said < text.index("<svg") < text.index("It grows with")  # sentences, then one picture, then the rest
     assert "a &lt;rope&gt; &amp; spring" in text and "<rope>" not in text and "<frequency>" not in text
-    damping = d["effects"][0]["parameters"]["c_N_s_mm"]
-    for told in (
-        f"{damping['mean']:.3g}",
-        "seed 1",
-        f"{d['where']['statistics']} statistics",
-        "displacement channel",
-        "Remedy",
-    ):
+    damping = found.parameters["viscous_damping"]["c_N_s_mm"].mean
+    for told in (f"{damping:.3g}", "seed 1", f"{found.where.count} statistics", "displacement channel", "Remedy"):
         assert told in text, told
     assert text.count("<svg") == len(figures)
     assert set(figures) >= {"headline", "budget", "shares", "moved", "before_after", "probabilities"}
 
 
 def test_the_gap_stands_as_a_sum(tmp_path, found):
-    d = answer(found)
-    nothing_known = dict.fromkeys(("log_evidence_alone", "shrink", "shrink_held_out", "strength_differs_by"))
-    d["considered"] = [{"name": "channel_delay", "probability": 0.2, **nothing_known}]
+    own = found.verdict.probabilities
+    probabilities = own | dict.fromkeys(found.search.effects, 0.0) | {"viscous_damping": own["viscous_damping"]}
+    d = replace(found, verdict=replace(found.verdict, probabilities=probabilities | {"channel_delay": 0.2}))
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     *causes, rest = rows_of(text, "The gap as a sum")
     assert [row[0] for row in causes] == ["viscous damping"] and rest[0] == "unexplained"
@@ -210,9 +200,9 @@ def test_a_rest_without_a_name_is_said_with_where_it_sits(tmp_path, found):
 
 @pytest.mark.parametrize("kind, mark", [("none", "good"), ("unknown", "warning")])
 def test_page_without_a_named_cause(tmp_path, found, nothing, kind, mark):
-    d = answer(replace(nothing, edges=(), imitations=())) if kind == "none" else answer(found, kind)
-    d["next_test"] = None
-    assert d["verdict"]["kind"] == kind
+    d = replace(nothing, edges=(), imitations=()) if kind == "none" else answer(found, kind)
+    d = replace(d, next_test=None)
+    assert d.verdict.kind == kind
     text, parts = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     assert parts.open == [] and "No effect is named" in text and "No further test would separate" in text
     assert re.search(r'<p class="(good|note|warning)">', text)[1] == mark
@@ -224,9 +214,9 @@ def test_what_the_numbers_rest_on_is_said(tmp_path, found):
     """A quick run, draws that converged, and draws that did not: on the page, and the last among the sentences."""
 
     def said(sampling):
-        d = finite(to_dict(replace(found, sampling=sampling)))
+        d = replace(found, sampling=sampling)
         text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
-        return html.unescape(text), " ".join(d["sentences"])
+        return html.unescape(text), " ".join(d.sentences())
 
     page, sentences = said(None)
     assert "a quick run draws no samples" in page and "draws behind" not in sentences
@@ -240,23 +230,17 @@ def test_what_the_numbers_rest_on_is_said(tmp_path, found):
 
 
 def test_a_bench_advice_comes_before_a_test_that_would_not_help(tmp_path, found):
-    d = answer(found)
-    d["next_test"] = {
-        "frequency_hz": 40.0,
-        "amplitude_mm": 1.0,
-        "cycles": 20,
-        "separates": ["viscous_damping", "channel_delay"],
-        "expected_log_odds": 0.4,
-        "bench": "one common signal into both channels",
-    }
+    bench = "one common signal into both channels"
+    d = replace(found, next_test=NextTest(40.0, 1.0, 20, ("viscous_damping", "channel_delay"), 0.4, bench))
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     assert text.index("one common signal") < text.index("No loop test separates")
 
 
 def test_unknown_numbers_read_as_a_dash(tmp_path, found):
-    d = answer(found)
-    d["verdict"]["causes"][0] |= {"share_held_out": None, "share_held_out_interval": None}
-    d["effects"][0]["parameters"]["c_N_s_mm"]["sd"] = None
+    numbers = found.parameters["viscous_damping"]
+    parameters = {"viscous_damping": numbers | {"c_N_s_mm": replace(numbers["c_N_s_mm"], sd=float("nan"))}}
+    causes = (replace(found.verdict.causes[0], held_out=None),)
+    d = replace(found, verdict=replace(found.verdict, causes=causes), parameters=parameters)
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
     assert rows_of(text, "The gap as a sum")[0][4:6] == ["–", "–"]
     assert "None" not in re.sub(r"“None”", "", text)
@@ -424,6 +408,6 @@ def test_many_tests_and_single_blocks_draw():
 
 
 def test_figure_files(tmp_path, found, figures, figure_files):
-    write_diagnosis_page(answer(found), {"moved": figures["moved"]}, tmp_path / "diagnosis.html")
+    write_diagnosis_page(found, {"moved": figures["moved"]}, tmp_path / "diagnosis.html")
     assert sorted(x.name for x in (tmp_path / "figures").iterdir()) == ["diagnosis_moved.pdf", "diagnosis_moved.png"]
     assert (tmp_path / "figures" / "diagnosis_moved.png").read_bytes()[:4] == b"\x89PNG"

@@ -12,7 +12,7 @@ from bayes_iwan.comparison import frequencies as per_frequency
 from bayes_iwan.comparison import loo
 from bayes_iwan.comparison.families import SHORT, CompareError, compare_families
 from bayes_iwan.comparison.frequencies import compare_frequencies
-from bayes_iwan.comparison.weights import smoothed_log_weights
+from bayes_iwan.comparison.loo import smoothed_log_weights
 from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.report.comparison_page import comparison_report, ranking_figure
 from bayes_iwan.report.identification.by_frequency import frequencies_table, wander_figure, wander_rows

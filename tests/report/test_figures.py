@@ -11,10 +11,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from bayes_iwan import report
 from bayes_iwan.comparison.frequencies import compare_frequencies
-from bayes_iwan.report.identification import law_figures, loops, marginals, sampling, trends
+from bayes_iwan.report.identification import checks, law_figures, loops, marginals, sampling, trends
 from bayes_iwan.report.identification.by_frequency import alone_loops_figure
+from bayes_iwan.report.identification.predictive import predict
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import save
 
@@ -34,8 +34,8 @@ FIGURES = {
     "trends": trends.trends_figure,
     "traces": sampling.traces_figure,
     "tau": sampling.tau_figure,
-    "regions": report.regions_figure,
-    "LOO-PIT": report.loo_pit_figure,
+    "regions": checks.regions_figure,
+    "LOO-PIT": checks.loo_pit_figure,
 }
 
 
@@ -96,7 +96,7 @@ def test_texts_stay_on_the_picture(drawn):
 
 
 def test_bands_hold_the_measured_loop(posterior):
-    p = report.predict(posterior, n=400)
+    p = predict(posterior, n=400)
     low, high = np.quantile(p.loop_N, [0.05, 0.95], axis=0)
     inside = np.mean((p.measured_N >= low) & (p.measured_N <= high))
     assert inside > 0.75  # the band counts an unknown place of rest (ZERO_FLOOR), which made loops do not have
@@ -105,7 +105,7 @@ def test_bands_hold_the_measured_loop(posterior):
 
 
 def test_replicates_have_no_unresolvable_harmonics(posterior):
-    p = report.predict(posterior, n=50)
+    p = predict(posterior, n=50)
     noise = np.abs(np.fft.rfft(p.loop_N - p.force_N, axis=-1))
     for t, loop in enumerate(p.loops):
         resolved = np.isfinite(loop.noise_N[: noise.shape[2]])

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 import bayes_iwan as bi
-from bayes_iwan.report import identification_report
 from bayes_iwan.report.batch.batch_page import write_batch_page
 from bayes_iwan.report.batch.specimens import Finished, Quantity, summarised
 from bayes_iwan.report.browser import BrowserError, find_browser, print_pdf
+from bayes_iwan.report.identification.identification_page import identification_report
 from bayes_iwan.report.inspection.inspect_page import inspect_to
-from bayes_iwan.report.page import Page
-from bayes_iwan.report.provenance import of_folder
+from bayes_iwan.report.page import Page, of_folder
 
 from .layout import BROWSER, NO_BROWSER, WIDTHS, cut_elements, torn
 

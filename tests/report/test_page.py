@@ -17,8 +17,8 @@ from markupsafe import Markup
 from pypdf import PdfReader
 
 from bayes_iwan.inference.results.remarks import searches_said
-from bayes_iwan.report import latex_table
 from bayes_iwan.report.identification.marginals import reported
+from bayes_iwan.report.identification.tables import latex_table
 from bayes_iwan.report.page import Page
 from bayes_iwan.report.style import save, subplots
 

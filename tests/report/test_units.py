@@ -17,11 +17,10 @@ from bayes_iwan.comparison.families import FAMILIES, Comparison, Entry
 from bayes_iwan.comparison.loo import Loo
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
-from bayes_iwan.report import comparison_report
 from bayes_iwan.report.batch import batch_run, specimens
 from bayes_iwan.report.batch.batch_page import write_batch_page
-from bayes_iwan.report.page import Page
-from bayes_iwan.report.provenance import of_folder
+from bayes_iwan.report.comparison_page import comparison_report
+from bayes_iwan.report.page import Page, of_folder
 from bayes_iwan.report.style import relabel
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")

@@ -10,7 +10,6 @@ from bayes_iwan.sampling.convergence import (
     autocorrelation_time,
     convergence_of,
     ess_bulk,
-    ess_mean,
     ess_tail,
     longest_autocorrelation_time,
     r_hat,
@@ -78,7 +77,7 @@ def test_ess_is_the_variance_of_the_mean_over_repeated_runs_even_with_walkers_th
         common = autoregressive(phi, (4, 400, 1), rng)
         x = np.sqrt(1 - shared) * own + np.sqrt(shared) * common
         means.append(x.mean())
-        claimed.append(ess_mean(x))
+        claimed.append(ess_bulk(x))
     true = 1.0 / np.var(means)
     assert np.median(claimed) == pytest.approx(true, rel=0.25)
     independent = 4 * 400 * 8 * (1 - phi) / (1 + phi)

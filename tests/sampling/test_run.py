@@ -65,7 +65,7 @@ def test_a_run_ends_by_itself_with_the_right_moments():
     z = chains.flat()
     np.testing.assert_allclose([np.mean(z[:, i] ** k) for i in (0, 1) for k in (1, 2)], moments, atol=0.03)
     np.testing.assert_allclose(chains.log_prob.reshape(-1), log_prob(z), rtol=1e-9)
-    np.testing.assert_array_equal(chains.flat_quantities(50), chains.flat(50) ** 2)
+    np.testing.assert_array_equal(chains.quantities, chains.draws**2)
     again = sample(target_ess=1500, **squares)
     np.testing.assert_array_equal(again.draws, chains.draws)
     assert (sample(seed=2, max_steps=25).draws[0, 0] != chains.draws[0, 0]).any()

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
+import drives as dr
 import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError, average, read_campaign, split, write_campaign
-from bayes_iwan.virtual_rig import drive as dr
 from bayes_iwan.virtual_rig.simulate import Setup, with_noise
 from bayes_iwan.virtual_rig.specimen import RigError, paper_specimen
 

@@ -8,11 +8,11 @@ import pytest
 
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.diagnosis.fits.data import gap_data, predicted
-from bayes_iwan.diagnosis.fits.evidence import base_problem, extended, fit_model
+from bayes_iwan.diagnosis.fits.evidence import base_problem, fit_model
 from bayes_iwan.effects import catalogue
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
-from bayes_iwan.virtual_rig.faults import CATALOGUE, KINDS, MAIN_PARAMETER
+from bayes_iwan.virtual_rig.faults import CATALOGUE, KINDS
 from bayes_iwan.virtual_rig.simulate import PlannedTest, Setup, records, simulate_tests
 from bayes_iwan.virtual_rig.sizing import size_fault
 from bayes_iwan.virtual_rig.specimen import paper_specimen
@@ -68,7 +68,7 @@ def test_same_names_and_same_main_numbers():
     assert set(CATALOGUE) == set(effects)
     for name, variants in effects.items():
         strength = {kind.strength[0] for kind in variants}
-        assert MAIN_PARAMETER[name] in strength or name in STRENGTH, name
+        assert KINDS[name].main in strength or name in STRENGTH, name
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
@@ -88,9 +88,9 @@ def test_one_number_moves_the_force_alike(sound, name):
 def compared(kind, fault, sound, faulty, rig):
     """Cosine and ratio of the change that a variant of the effect predicts to the change on the rig."""
     _, data, scales, base = sound
-    main = STRENGTH.get(fault.name, float)(fault.parameters[MAIN_PARAMETER[fault.name]])
+    main = STRENGTH.get(fault.name, float)(fault.parameters[KINDS[fault.name].main])
     effect = kind(scales, tuple(x.file for x in faulty.loops), abs(main))
-    problem = extended(base_problem(faulty, DiagnoseSettings(), scales), (effect,))
+    problem = base_problem(faulty, DiagnoseSettings(), scales).with_effects((effect,))
     values = {f"{fault.name}.{own}": v for own, v in fault.parameters.items()} | {effect.strength_name: main}
     values |= CLASSICAL | mains_by_test(fault, faulty)
     z = np.zeros(problem.ndim)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from bayes_iwan.report.withheld import score_figures
+from bayes_iwan.report import withheld_scores
 from bayes_iwan.virtual_rig.faults import CATALOGUE, KINDS, OUTSIDE
 from bayes_iwan.withheld import scoring
 from bayes_iwan.withheld.answers import read_answer
@@ -320,7 +320,7 @@ def test_table_and_json_say_the_same(varied):
 def test_figures_are_drawn_in_full_and_without_cases(varied):
     empty = scoring.score_answers({"a": truth("none")}, {"a": answer(none=0.9)})
     for score in (varied, empty):
-        for figure in score_figures.figures(score).values():
+        for figure in withheld_scores.figures(score).values():
             FigureCanvasAgg(figure).draw()
-    left, _ = score_figures.accuracy_figure(varied).axes
+    left, _ = withheld_scores.accuracy_figure(varied).axes
     assert len(left.containers) == 10  # five bins, named and in a set

@@ -12,7 +12,7 @@ import pytest
 from bayes_iwan.campaign import read_campaign
 from bayes_iwan.diagnosis.answer.saved_fits import SCHEMA, find_shares
 from bayes_iwan.inference.setup.loop_scales import Scales
-from bayes_iwan.report.withheld import scores
+from bayes_iwan.report import withheld_scores
 from bayes_iwan.virtual_rig import cases as rig_cases
 from bayes_iwan.virtual_rig.simulate import simulate_test
 from bayes_iwan.withheld import confinement, scoring, sealed
@@ -101,7 +101,7 @@ def test_a_case_follows_from_the_published_entropy(made):
 def test_development_cases_follow_from_their_seed_and_are_marked(tmp_path):
     with ThreadPoolExecutor(1) as executor:
         paths = [
-            sealed.make(1, tmp_path / name, seed=5, kinds=["single"], laws="other", executor=run)
+            sealed.make(1, tmp_path / name, seed=5, kinds=["single"], laws="other", workers=run)
             for name, run in (("a", executor), ("b", None))
         ]
     a, b = (sealed.read_truths(path)["case_01"] for path in paths)
@@ -213,7 +213,7 @@ def test_answers_to_another_set_are_not_gone_on_with(made, tmp_path):
 def test_neither_truth_nor_other_cases_can_be_read_while_answering(made, tmp_path):
     folder, truth = made
     with ThreadPoolExecutor(1) as executor:
-        path = answer(folder, answerers.spies, out=tmp_path, only=["case_02"], executor=executor)
+        path = answer(folder, answerers.spies, out=tmp_path, only=["case_02"], workers=executor)
     content = json.loads(path.read_text())
     assert content["confined"] is True and not content["failed"]
     assert content["answers"]["case_02"]["got"] == []
@@ -273,9 +273,9 @@ def test_shares_on_sealed_tests_are_found_and_foreign_code_is_not_run_unasked(ma
     assert asked == [] and "--allow-effects-file): case_02" in refused.table()
     fits = tmp_path / "case_02" / "fits.json"
     fits.write_text(json.dumps({"effects_file": None, "simulator_file": "mine.py"}))
-    assert "--allow-effects-file): case_02" in scores.write_score(folder, truth, answers=answers)
+    assert "--allow-effects-file): case_02" in withheld_scores.write_score(folder, truth, answers=answers)
     with pytest.raises(ValueError, match="not fits of this version"):  # it is asked to run them, and gets so far
-        scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
+        withheld_scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
     fit = {"effects": [], "names": ["kp_N_mm"], "z": [0.1], "covariance": [[1.0]]}
     fit |= {"share": 0.0, "length": 0.1, "along": 0.1, "spectrum": [1.0], "along_spectrum": [1.0]}
     fit |= {"between": [0.8, 0.5, 0.3]}
@@ -283,7 +283,7 @@ def test_shares_on_sealed_tests_are_found_and_foreign_code_is_not_run_unasked(ma
     stored = {"schema": SCHEMA, "effects_file": "mine.py", "simulator_file": None, "config": {}, "scales": scales}
     fits.write_text(json.dumps(stored | {"fits": {"base": fit}}))
     with pytest.raises(ValueError, match=r"mine\.py: no such file"):
-        scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
+        withheld_scores.write_score(folder, truth, answers=answers, allow_effects_file=True)
     with pytest.raises(ValueError, match="not run unasked"):
         find_shares(fits.parent, truth.parent / "sealed" / "case_02")
     score = scoring.score(folder, truth, answers=answers, find_shrink=find_shrink, allow_effects_file=True)

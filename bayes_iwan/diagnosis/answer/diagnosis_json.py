@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from bayes_iwan.diagnosis.answer.gap_findings import where_json
+from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.saved_fits import write_fits
 from bayes_iwan.diagnosis.answer.sentences import colour, not_excluded, remedy, sentences
 from bayes_iwan.diagnosis.answer.wording import physics_of_pattern
 from bayes_iwan.diagnosis.assessment.budget import Cause, Share
-from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
 from bayes_iwan.diagnosis.fits.gap_size import ceiling_N
-from bayes_iwan.effects.base import Effect
 from bayes_iwan.files import finite, write_json
 from bayes_iwan.models.user_file import file_of
 
@@ -81,7 +80,7 @@ def to_dict(d: Diagnosis) -> dict[str, Any]:
             "after_share": b.after.share,
             "shrink": 1.0 - left.value,
             "shrink_interval": [1.0 - left.high, 1.0 - left.low],
-            "ceiling_shrink": 1.0 - ceiling_N(d.residual) / b.before.rms_N if b.before.rms_N > 0.0 else 0.0,
+            "ceiling_shrink": ceiling_shrink(d),
             "noise_rms_N": b.before.noise_N,
             "residual_rms_N": b.before.residual_N,
             "averaged_loop_rms_N": d.before.loop.rms_N,
@@ -148,7 +147,7 @@ def _effect(d: Diagnosis, c: Cause) -> dict[str, Any]:
 
 def _considered(d: Diagnosis) -> list[dict[str, Any]]:
     """Effects that are not named and not out of the question, the likeliest first; and why they are not named."""
-    places = {f.name: f for f in d.found.alone}
+    places = {f.name: f for f in d.found.figures}
     out = []
     for name in not_excluded(d):
         f = places.get(name)
@@ -166,19 +165,10 @@ def _considered(d: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def effects_described(d: Diagnosis) -> dict[str, dict[str, Any]]:
-    """What every effect is, by name: physics, reference, signature, look-alikes, bench test."""
-    return {n: _about(some[0]) for n, some in d.search.effects.items()}
-
-
-def _about(effect: Effect) -> dict[str, Any]:
-    return {
-        "physics": effect.physics,
-        "reference": effect.reference,
-        "signature": effect.signature,
-        "look_alikes": list(effect.look_alikes),
-        "bench": effect.bench,
-    }
+def ceiling_shrink(d: Diagnosis) -> float:
+    """Share of the gap that a smooth discrepancy of any shape would remove: no effect can remove more."""
+    before_N = d.budget.before.rms_N
+    return 1.0 - ceiling_N(d.residual) / before_N if before_N > 0.0 else 0.0
 
 
 def write_answer(d: Diagnosis, out: Path) -> dict[str, Any]:
@@ -192,8 +182,3 @@ def write_answer(d: Diagnosis, out: Path) -> dict[str, Any]:
     write_fits(out / "fits.json", named, d.search.scales, d.settings, effects, None if model is None else str(model))
     write_json(out / "diagnosis.json", answer)
     return answer
-
-
-def diagnose_case(campaign: str | Path, out: str | Path, seed: int = 0, quick: bool = False) -> dict[str, Any]:
-    """Diagnose and write `diagnosis.json` and `fits.json` only: what the withheld protocol asks for."""
-    return write_answer(diagnose_campaign(campaign, seed=seed, quick=quick), Path(out))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,30 +42,14 @@ def where_sentences(where: Where) -> list[str]:
             f"Nothing stands out: none of {where.count} statistics is larger than noise, the parameters' uncertainty "
             "and the usual small discrepancy of a sound specimen."
         ]
-    return [
-        *out,
-        f"Each finding is significant at 5 %, corrected for {where.count} statistics.",
-    ]
+    return [*out, f"Each finding is significant at 5 %, corrected for {where.count} statistics."]
 
 
 def where_json(where: Where, size: GapSize) -> dict[str, Any]:
     """The "where" of a diagnosis as plain numbers."""
-    kinds = {
-        k: where.of(k)
-        for k in (
-            "test",
-            "trend",
-            "region",
-            "frequency",
-            "amplitude",
-            "parity",
-            "mean",
-            "record",
-            "mains",
-            "in phase",
-            "quadrature",
-        )
-    }
+    kinds: defaultdict[str, list[Statistic]] = defaultdict(list)
+    for statistic in where.statistics:
+        kinds[statistic.kind].append(statistic)
     tests = []
     for t, name in enumerate(where.files):
         g, found = size.tests[t], kinds["test"][t].significant or kinds["trend"][t].significant

@@ -16,7 +16,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.diagnosis.answer.next_test import NextTest, next_test
 from bayes_iwan.diagnosis.fits.data import GapData
-from bayes_iwan.diagnosis.fits.evidence import Fit, FitError, base_problem, extended, fit_model
+from bayes_iwan.diagnosis.fits.evidence import Fit, FitError, base_problem, fit_model
 from bayes_iwan.diagnosis.search.base_fit import cheapest, quick_gap_N
 from bayes_iwan.diagnosis.search.candidates import LAWS_MOST, on_top, start_points
 from bayes_iwan.diagnosis.search.search_result import Search
@@ -198,7 +198,7 @@ def _neutral(search: Search, free: Fit, freedom: Freedom) -> Fit | None:
     """The model of a fit with a freedom of the base at its neutral value."""
     fixed = {n: ParameterChange(fixed=v) for n, v in freedom.neutral.items()}
     settings = replace(search.settings, parameters={**search.settings.parameters, **fixed})
-    problem = extended(base_problem(search.data, settings, search.scales, free.problem.model), free.effects)
+    problem = base_problem(search.data, settings, search.scales, free.problem.model).with_effects(free.effects)
     at = [free.problem.names.index(n) for n in problem.names]
     return _fitted(search.data, problem, free.z[None, at], _near(problem.prior, free.z[at]))
 

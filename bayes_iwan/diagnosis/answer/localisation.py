@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from bayes_iwan.arrays import Array, brief
+from bayes_iwan.campaign import Campaign
 from bayes_iwan.diagnosis.answer.growth_laws import GrowthLaw, LawSearch
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.fits.data import MAINS_HZ, TREND_HARMONICS
 from bayes_iwan.diagnosis.fits.discrepancy_size import LENGTHS
-from bayes_iwan.diagnosis.fits.gap_size import LEVEL
-from bayes_iwan.diagnosis.fits.residuals import ALONG, LOOP, MAINS, MEAN, Residual
+from bayes_iwan.diagnosis.fits.evidence import in_newtons
+from bayes_iwan.diagnosis.fits.gap_size import LEVEL, GapSize, gap_size
+from bayes_iwan.diagnosis.fits.residuals import ALONG, LOOP, MAINS, MEAN, Residual, residual_of
+from bayes_iwan.diagnosis.search.search_result import Search
 from bayes_iwan.inference.setup.loop_error import harmonics_of
 from bayes_iwan.models import Model
 from bayes_iwan.models.simulator import inner_effects
@@ -338,3 +341,30 @@ def _change(residual: Residual, turn: np.ndarray) -> Array:
             if order:
                 out[t, 2] = change.imag
     return out
+
+
+@dataclass(frozen=True)
+class Located:
+    """What the base model misses: residual of its fit where it misses least, its size and its place."""
+
+    campaign: Campaign
+    residual: Residual
+    size: GapSize
+    where: Where
+
+
+def located(campaign: Campaign, search: Search, seed: int) -> Located:
+    """The gap of a finished search's base."""
+    residual = residual_of(search.data, in_newtons(search.data, search.base))
+    return Located(campaign, residual, gap_size(residual, seed), where(residual, seed))
+
+
+class ProgressListener:
+    """Called at a diagnosis' stages, so that others can begin on what is known: what is drawn of the gap needs no
+    verdict. This one does nothing."""
+
+    def searched(self) -> None:
+        """No other process has anything left to do."""
+
+    def located(self, found: Located) -> None:
+        """The gap is known; causes are weighed next."""

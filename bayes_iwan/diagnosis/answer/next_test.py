@@ -13,7 +13,7 @@ from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.fits.data import GapData
 from bayes_iwan.diagnosis.fits.discrepancy_size import DiscrepancySize
-from bayes_iwan.diagnosis.fits.evidence import Fit, extended
+from bayes_iwan.diagnosis.fits.evidence import Fit
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.search.base_fit import quick_gap_N
@@ -51,7 +51,7 @@ def visible_nats(data: GapData, base: Fit, effects: Mapping[str, tuple[Effect, .
     for name, some in effects.items():
         best = 0.0
         for effect in some:
-            problem = extended(base.problem, ordered((*base.effects, effect)))
+            problem = base.problem.with_effects(ordered((*base.effects, effect)))
             rows = Rows(data, problem, base.size.between)
             own = [problem.names.index(p.name) for p in effect.parameters if p.name in problem.names]
             at = [problem.names.index(n) for n in base.problem.names]

@@ -16,14 +16,13 @@ from bayes_iwan.campaign import read_campaign
 from bayes_iwan.diagnosis.assessment.budget import shares_of
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.discrepancy_size import Discrepancy, DiscrepancySize, Linear
-from bayes_iwan.diagnosis.fits.evidence import Fit, base_model, base_problem, extended
+from bayes_iwan.diagnosis.fits.evidence import Fit, base_model, base_problem
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import residual_of
 from bayes_iwan.effects import conditions
 from bayes_iwan.effects.base import Effect, EffectError
-from bayes_iwan.effects.catalogue import UNLISTED, ordered, variants
+from bayes_iwan.effects.catalogue import UNLISTED, load_effects, ordered, variants
 from bayes_iwan.effects.conditions import FollowsCondition
-from bayes_iwan.effects.own_effects import load_effects
 from bayes_iwan.errors import InputError
 from bayes_iwan.files import write_json
 from bayes_iwan.inference.setup.config import diagnose_settings_of
@@ -183,7 +182,11 @@ def find_shares(
         raise SavedFitsError(f"{path}: names a Python file, which is not run unasked: {own}")
     data = gap_data(read_campaign(held_out_campaign).loops(**LOOPS))
     try:
-        gap = {k: _gap_N(data, rebuilt(stored, f, data)) for k, f in stored.fits.items()}
+        power_N2 = {
+            k: gap_power_N2(residual_of(data, rebuilt(stored, f, data), refitted=False)).mean()
+            for k, f in stored.fits.items()
+        }
+        gap = {k: float(np.sqrt(max(float(x), 0.0))) for k, x in power_N2.items()}
         whole, before = max(gap, key=len), gap[frozenset()]
         if before <= 0.0 or not whole:
             return None, {}
@@ -193,10 +196,6 @@ def find_shares(
     except Exception as error:  # a file that somebody has changed breaks whatever is made of it, in any way
         raise _damaged(path, error) from None
     return 1.0 - gap[whole] / before, parts
-
-
-def _gap_N(data: GapData, fit: Fit) -> float:
-    return float(np.sqrt(max(float(gap_power_N2(residual_of(data, fit, refitted=False)).mean()), 0.0)))
 
 
 def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
@@ -212,12 +211,12 @@ def rebuilt(stored: SavedFits, one: SavedFit, data: GapData) -> Fit:
             raise EffectError(f"fits.json names the effect {spec.name!r}, which is not in the catalogue")
         more = {} if spec.condition is None else {"condition": spec.condition, "values": spec.values}
         effects.append(classes[spec.class_name](scales, files, spec.strength_value, **more))
-    problem = extended(base_problem(data, stored.settings, scales, simulator), ordered(effects))
+    problem = base_problem(data, stored.settings, scales, simulator).with_effects(ordered(effects))
     keep = [n for n in problem.names if n in one.names]
     if len(keep) != len(
         problem.names
     ):  # parameters of single tests (of mains interference: its phases) predict nothing elsewhere
-        problem = extended(problem, [e for e in effects if all(p.name in keep for p in e.parameters)])
+        problem = problem.with_effects([e for e in effects if all(p.name in keep for p in e.parameters)])
     at = [one.names.index(n) for n in problem.names]
     z, covariance = one.z[at], one.covariance[np.ix_(at, at)]
     none = Discrepancy(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from bayes_iwan.campaign.loops.clipping import Limit
-from bayes_iwan.diagnosis.answer.imitation import Edge, Imitation
+from bayes_iwan.diagnosis.answer.imitation import Imitation
 from bayes_iwan.diagnosis.answer.next_test import NextTest
+from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.wording import (
     MOST_NAMES,
     capital,
@@ -23,9 +21,6 @@ from bayes_iwan.diagnosis.answer.wording import (
 )
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Cause, Kind
 from bayes_iwan.diagnosis.fits.held_out_tests import parted
-
-if TYPE_CHECKING:
-    from bayes_iwan.diagnosis.diagnosis import Diagnosis
 
 #: probability above which an effect that is not named is listed, and above which the text must name it
 LISTED, MUST_NAME = 0.02, 0.5
@@ -92,7 +87,8 @@ def _clipped(d: Diagnosis) -> list[str]:
     if not limits:
         return []
     files = list(dict.fromkeys(x.file for x in limits))
-    which = ", ".join(f"{f} at {_level(limits, f)}" for f in files[:MOST_NAMES])
+    level = {x.file: x.level for x in reversed(limits)}
+    which = ", ".join(f"{f} at {force(level[f])}" for f in files[:MOST_NAMES])
     return [
         f"The force may be clipped in {len(files)} of {len(d.data.loops)} tests ({which}"
         f"{' …' if len(files) > MOST_NAMES else ''}). If so, slip forces come out too small. Raise the force range and "
@@ -100,18 +96,13 @@ def _clipped(d: Diagnosis) -> list[str]:
     ]
 
 
-def _level(limits: list[Limit], file: str) -> str:
-    return force(next(x.level for x in limits if x.file == file))
-
-
 def _kind(d: Diagnosis) -> list[str]:
     """The verdict in a sentence, where no cause is named; and what of a gap may be the drive's."""
     v = d.verdict
     if v.kind is Kind.DRIVE:
         return [
-            f"The cause cannot be found: {_cornered(d)}. Sound channels, which filter what turns at once, leave a "
-            "gap of "
-            f"up to {percent(v.corners_gap)} of the friction force with such a drive."
+            f"The cause cannot be found: {_cornered(d)}. Sound channels, which filter what turns at once, leave a gap "
+            f"of up to {percent(v.corners_gap)} of the friction force with such a drive."
         ]
     out = []
     if v.cornered and v.kind is not Kind.NONE:
@@ -280,17 +271,15 @@ def _edges(d: Diagnosis) -> list[str]:
     """Base parameters far from what their priors hold plausible."""
     if not d.edges:
         return []
-    some = ", ".join(map(_edge, d.edges[:EDGES_SAID]))
+    unit = {x.name: "" if x.unit in ("-", "") else f" {x.unit}" for x in d.edges}
+    some = ", ".join(
+        f"{x.name} = {plain(x.value)}{unit[x.name]} ({x.deviations:+.1f} prior sd)" for x in d.edges[:EDGES_SAID]
+    )
     more = f" and {len(d.edges) - EDGES_SAID} more" if len(d.edges) > EDGES_SAID else ""
     return [
         f"Far from plausible in the base model: {some}{more}. Widen the prior, or look for an effect that it stands "
         "for."
     ]
-
-
-def _edge(x: Edge) -> str:
-    unit = "" if x.unit in ("-", "") else f" {x.unit}"
-    return f"{x.name} = {plain(x.value)}{unit} ({x.deviations:+.1f} prior sd)"
 
 
 def _no_clock(d: Diagnosis) -> list[str]:

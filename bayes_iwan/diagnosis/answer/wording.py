@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -62,8 +62,10 @@ def few(names: Sequence[str], last: str = "or") -> str:
     return f"{', '.join(map(title, names[:MOST_NAMES]))} {last} {more} other{'s' if more > 1 else ''}"
 
 
-def force(newton: float) -> str:
-    """A force to three digits in kN, N or mN."""
+def force(newton: float | None) -> str:
+    """A force to three digits in kN, N or mN; a dash for what is not known."""
+    if newton is None or newton != newton:
+        return "–"
     size = abs(newton)
     if size == 0.0 or size >= 1e6:
         return f"{newton:.3g} N" if size == 0.0 else f"{newton / 1e3:,.0f} kN"
@@ -71,17 +73,26 @@ def force(newton: float) -> str:
     return f"{plain(newton / scale)} {unit}"
 
 
-def plain(x: float, digits: int = 3) -> str:
-    """A number to so many digits without an exponent."""
+def plain(x: float | None, digits: int = 3) -> str:
+    """A number to so many digits without an exponent; a dash for what is not known."""
+    if x is None or x != x:
+        return "–"
     if x == 0.0 or not np.isfinite(x):
         return f"{x:g}"
     return np.format_float_positional(float(f"{x:.{digits}g}"), trim="-")
 
 
-def percent(share: float) -> str:
-    """A share in percent: two digits below a tenth."""
+def percent(share: float | None) -> str:
+    """A share in percent: two digits below a tenth; a dash for what is not known."""
+    if share is None or share != share:
+        return "–"
     text = f"{100 * share:.2g}" if 0.001 <= abs(share) < 0.0995 else f"{100 * share:.0f}"
     return ("0" if text == "-0" else text) + " %"
+
+
+def interval(pair: Sequence[float] | None, said: Callable[[float], str]) -> str:
+    """Both ends of an interval, or a dash."""
+    return "–" if not pair else f"{said(pair[0])} to {said(pair[1])}"
 
 
 def probability(p: float) -> str:

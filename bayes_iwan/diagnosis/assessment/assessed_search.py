@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_iwan.diagnosis.assessment.indicators import Figures, compared_sets, figures_of
-from bayes_iwan.diagnosis.fits.evidence import Fit, extended, fit_model, in_newtons, predicting
+from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_size
 from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, held_out_gaps
 from bayes_iwan.diagnosis.fits.residuals import residual_of
@@ -55,7 +55,7 @@ class Models:
 
     def _refitted(self, names: Names) -> Fit:
         larger = min((f for k, f in self.search.fits.items() if names < k), key=lambda f: len(f.names))
-        problem = extended(larger.problem, [e for e in larger.effects if e.name in names])
+        problem = larger.problem.with_effects([e for e in larger.effects if e.name in names])
         return fit_model(self.search.data, problem, np.array([part(larger, problem)]), 20)
 
 
@@ -80,11 +80,6 @@ class Weighed:
     def asked(self) -> Names:
         """The best set."""
         return frozenset(self.search.chosen)
-
-    @property
-    def alone(self) -> tuple[Figures, ...]:
-        """The figures as they are reported."""
-        return self.figures
 
     @property
     def fits(self) -> Mapping[Names, Fit]:

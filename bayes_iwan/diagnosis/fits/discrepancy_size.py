@@ -194,6 +194,12 @@ def _by_order(square, precision, order, out):
                 out[s, order[m], v] += square[s, m] * precision[s, m, v]
 
 
+def normal_equations(jacobian: Array, residual: Array, z: Array) -> tuple[Array, Array]:
+    """Those of a Gauss–Newton step d that lowers |r − J d|² + |z + d|²: b = Jᵀr − z (ndim,) and P = JᵀJ + 1; d = P⁻¹b,
+    the sum falls by b·d."""
+    return jacobian.T @ residual - z, jacobian.T @ jacobian + np.eye(len(z))
+
+
 @dataclass(frozen=True)
 class Stepped:
     """A linear model's best points at several sizes of the discrepancy: ln evidence (sizes,), z (sizes, ndim) and its

@@ -127,11 +127,6 @@ def base_problem(
     return make_problem(data.loops, chosen, model, scales)
 
 
-def extended(problem: Problem, effects: Sequence[Effect]) -> Problem:
-    """The same problem with these effects and no others."""
-    return problem.with_effects(effects)
-
-
 def fit_model(data: GapData, problem: Problem, starts: Array, iterations: int = 40) -> Fit:
     """Fit a model from all starts, tabulate its evidence over the discrepancy's grid, refit at the best point, until
     neither the model nor the discrepancy moves any more.
@@ -187,12 +182,7 @@ def in_newtons(data: GapData, fit: Fit, iterations: int = NEWTON_STEPS, smaller:
     theirs = [own | dict(zip(f.problem.names, f.z)) for f in smaller]
     starts = [fit.z, *fit.optima[:NEWTON_STARTS], *(np.array([z[n] for n in own]) for z in theirs)]
     size = newton_size(fit.discrepancy_share[0])
-    return fit if fit.size == size else _beside(data, fit, size, starts, iterations, fit.linear)
-
-
-def refitted_in_newtons(data: GapData, fit: Fit, starts: Sequence[Array]) -> Fit:
-    """The model of a fit to other data of the same tests, where it misses these least in newtons."""
-    return _beside(data, fit, newton_size(fit.discrepancy_share[0]), starts, NEWTON_STEPS, None)
+    return fit if fit.size == size else beside(data, fit, size, starts, iterations, fit.linear)
 
 
 def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
@@ -202,11 +192,16 @@ def predicting(data: GapData, fit: Fit, nearest: Fit) -> Fit:
     alike = size.share == nearest.size.share and not any(e.evolving for e in fit.effects)
     if alike or fit.size == size:
         return nearest if alike else fit
-    return _beside(data, fit, size, [fit.z, nearest.z], NEWTON_STEPS, fit.linear)
+    return beside(data, fit, size, [fit.z, nearest.z], NEWTON_STEPS, fit.linear)
 
 
-def _beside(
-    data: GapData, fit: Fit, size: DiscrepancySize, starts: Sequence[Array], iterations: int, known: Linear | None
+def beside(
+    data: GapData,
+    fit: Fit,
+    size: DiscrepancySize,
+    starts: Sequence[Array],
+    iterations: int,
+    known: Linear | None = None,
 ) -> Fit:
     """A fit's model refitted beside a discrepancy of a size. known : the fit's linear model, where it is of these
     data."""

@@ -13,9 +13,8 @@ from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.constants import LOOSE
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
-from bayes_iwan.diagnosis.fits.evidence import Fit
+from bayes_iwan.diagnosis.fits.evidence import Fit, beside
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
-from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.fits.residuals import ALONG, residual_of
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.threads import alongside
@@ -65,19 +64,8 @@ def for_loops(problem: Problem, loops: Sequence[Loop], data: GapData) -> Problem
 def refitted(fit: Fit, data: GapData) -> Fit:
     """A fit's model refitted to some of its tests from its own optimum, beside a discrepancy of the same size."""
     problem = for_loops(fit.problem, data.loops, data)
-    rows = Rows(data, problem, fit.size.between)
     at = [fit.problem.names.index(n) for n in problem.names]
-    found = rows.fit(fit.z[None, at], fit.size, ITERATIONS)
-    linear = rows.linear(found.x[0])
-    _, precision, _ = linear.step(fit.size)
-    return replace(
-        fit,
-        problem=problem,
-        z=linear.z,
-        covariance=np.asarray(np.linalg.inv(precision)),
-        optima=linear.z[None],
-        linear=linear,
-    )
+    return beside(data, replace(fit, problem=problem), fit.size, [fit.z[at]], ITERATIONS)
 
 
 def held_out_gaps(fits: Sequence[Fit], data: GapData, extra: Sequence[Loop] = ()) -> tuple[HeldOut, ...]:

@@ -11,8 +11,8 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.constants import LAWS_MOST
 from bayes_iwan.diagnosis.fits.data import GapData, predicted
-from bayes_iwan.diagnosis.fits.discrepancy_size import FIRST, DiscrepancySize
-from bayes_iwan.diagnosis.fits.evidence import Fit, extended, newton_size
+from bayes_iwan.diagnosis.fits.discrepancy_size import FIRST, DiscrepancySize, normal_equations
+from bayes_iwan.diagnosis.fits.evidence import Fit, newton_size
 from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
 from bayes_iwan.effects.base import Effect
@@ -58,7 +58,7 @@ def leading(some: Sequence[Candidate]) -> list[Candidate]:
 
 def on_top(smaller: Fit, effect: Effect) -> Problem:
     """The problem of a fit with one effect more."""
-    return extended(smaller.problem, ordered((*smaller.effects, effect)))
+    return smaller.problem.with_effects(ordered((*smaller.effects, effect)))
 
 
 def weighed_alike(data: GapData, fit: Fit) -> Fit:
@@ -181,8 +181,8 @@ def stepped_on(
         j[:, own] = (residual - rows.residual(tried) / sd).T / STEP  # residual = measured − predicted
         if not np.all(np.isfinite(j)):
             return point, np.inf
-        b = j.T @ residual - point  # minimise |r − J d|² + |z + d|²
-        step = np.linalg.solve(j.T @ j + np.eye(len(point)), b)
+        b, precision = normal_equations(j, residual, point)
+        step = np.linalg.solve(precision, b)
         moved = point + np.clip(step, -LONGEST, LONGEST)
         left = rows.residual(moved[None])[0] / sd
     cost = float(left @ left + moved @ moved)
@@ -195,8 +195,7 @@ def stepped(rows: Rows, point: Array, smaller: Fit, size: DiscrepancySize) -> fl
     linear = rows.linear(point)
     sd = rows.sd(size)
     j, r = linear.jacobian / sd[:, None], linear.residual / sd
-    b = j.T @ r - point
-    precision = j.T @ j + np.eye(len(point))
+    b, precision = normal_equations(j, r, point)
     after = r @ r + point @ point - b @ np.linalg.solve(precision, b)
     mine = smaller.linear.jacobian / np.sqrt(smaller.linear.variance(size))[:, None]
     occam = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(mine.T @ mine + np.eye(mine.shape[1]))[1]
@@ -208,8 +207,8 @@ def _cost(rows: Rows, smaller: Fit, size: DiscrepancySize) -> float:
     gain: at another size of the discrepancy than its own it is not at its optimum."""
     sd = np.sqrt(smaller.linear.variance(size))
     mine, j = smaller.linear.residual / sd, smaller.linear.jacobian / sd[:, None]
-    b = j.T @ mine - smaller.z
-    own = b @ np.linalg.solve(j.T @ j + np.eye(len(b)), b)
+    b, precision = normal_equations(j, mine, smaller.z)
+    own = b @ np.linalg.solve(precision, b)
     theirs = Rows(rows.data, smaller.problem, rows.between)
     steady = 0.0 if theirs.evolving or not rows.evolving else theirs.layout.steady_cost(size)
     return 0.5 * float(mine @ mine + smaller.z @ smaller.z - own) + steady

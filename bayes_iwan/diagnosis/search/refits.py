@@ -12,7 +12,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.fits.data import GapData
-from bayes_iwan.diagnosis.fits.evidence import Fit, FitError, extended, fit_model
+from bayes_iwan.diagnosis.fits.evidence import Fit, FitError, fit_model
 from bayes_iwan.diagnosis.search.base_fit import cheapest
 from bayes_iwan.diagnosis.search.candidates import Candidate, candidate, on_top, weighed_alike
 from bayes_iwan.effects.base import Effect
@@ -49,7 +49,7 @@ class _Common:
 
     def problem(self, places: Sequence[int]) -> Problem:
         """The base with the effects at these places of all."""
-        return extended(self.base, [self.effects[i] for i in places])
+        return self.base.with_effects([self.effects[i] for i in places])
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.inference.results.predictions import resolved
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
-from bayes_iwan.inference.setup.same_frequency import by_frequency
-from bayes_iwan.inference.solving.approximation import approximate_draws
+from bayes_iwan.inference.solving.chains import approximate_draws
 from bayes_iwan.inference.solving.point import most_probable
 from bayes_iwan.models.motion import motion_of
 
@@ -45,6 +45,15 @@ class HeldOutFrequency:
     def holds(self) -> bool:
         """Whether the 90 % bands hold about what they say."""
         return self.points_90 >= HELD
+
+
+def by_frequency(loops: Sequence[Loop]) -> dict[str, tuple[Loop, ...]]:
+    """Fitted loops grouped by frequency, by names such as f10Hz (of the lowest in it), lowest first; within a group in
+    the campaign's order."""
+    fitted = [x for x in loops if x.role != "held-out"]
+    parts = groups_of([x.frequency_hz for x in fitted]) if fitted else []
+    lowest = {min(fitted[i].frequency_hz for i in part): part for part in parts}
+    return {f"f{low:.4g}Hz": tuple(fitted[i] for i in sorted(part)) for low, part in sorted(lowest.items())}
 
 
 def held_out_frequencies(problem: Problem, optima: Array, seed: int = 0) -> tuple[HeldOutFrequency, ...]:

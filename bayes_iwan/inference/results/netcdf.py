@@ -23,7 +23,6 @@ from bayes_iwan.inference.results.predictions import replicated
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
-from bayes_iwan.inference.setup.settings import IdentifySettings
 from bayes_iwan.inference.solving.point import Point
 from bayes_iwan.models import Scales
 from bayes_iwan.sampling.chains import Stop
@@ -218,7 +217,7 @@ def _point_of(plain: Mapping[str, Any]) -> Point:
 @dataclass(frozen=True)
 class Stored:
     """What posterior.nc holds: draws by name and log_prob (chains, draws), how to make its problem again, and what
-    :class:`bayes_iwan.inference.results.posterior.Posterior` says of a run."""
+    :class:`bayes_iwan.inference.results.posterior.Posterior` says of a run, by its fields."""
 
     draws: dict[str, Array]
     log_prob: Array
@@ -227,20 +226,7 @@ class Stored:
     loops: tuple[str, ...]
     scales: Scales
     fingerprint: dict[str, str]
-    settings: IdentifySettings
-    walkers: int
-    independent: bool
-    stretch: float
-    thin: int
-    point: Point
-    seed: int
-    converged: bool
-    message: str
-    stop: Stop
-    versions: dict[str, str]
-    timings: dict[str, float]
-    convergence: tuple[ConvergenceRow, ...]
-    simulator_file: str
+    run: dict[str, Any]
 
 
 def read_netcdf(path: Path) -> Stored:
@@ -262,20 +248,22 @@ def read_netcdf(path: Path) -> Stored:
         loops=tuple(loops),
         scales=Scales(**json.loads(stored["scales"])),
         fingerprint=fingerprint,
-        settings=settings_of(former_names.config_of(json.loads(stored["config"]))),
-        walkers=int(stored["walkers"]),
-        independent=bool(stored.get("independent", 0)),
-        stretch=float(stored.get("stretch", 1.0)),
-        thin=int(stored["thin"]),
-        point=_point_of(json.loads(stored["point"])),
-        seed=int(stored["seed"]),
-        converged=bool(stored["converged"]),
-        message=str(stored["message"]),
-        stop=Stop[str(stored["stop"])],
-        versions=dict(json.loads(stored["versions"])),
-        timings=dict(json.loads(stored["timings"])),
-        convergence=tuple(_row(row) for row in json.loads(stored["convergence"])),
-        simulator_file=str(stored.get("simulator_file", "")),
+        run={
+            "settings": settings_of(former_names.config_of(json.loads(stored["config"]))),
+            "walkers": int(stored["walkers"]),
+            "independent": bool(stored.get("independent", 0)),
+            "stretch": float(stored.get("stretch", 1.0)),
+            "thin": int(stored["thin"]),
+            "point": _point_of(json.loads(stored["point"])),
+            "seed": int(stored["seed"]),
+            "converged": bool(stored["converged"]),
+            "message": str(stored["message"]),
+            "stop": Stop[str(stored["stop"])],
+            "versions": dict(json.loads(stored["versions"])),
+            "timings": dict(json.loads(stored["timings"])),
+            "convergence": tuple(_row(row) for row in json.loads(stored["convergence"])),
+            "simulator_file": str(stored.get("simulator_file", "")),
+        },
     )
 
 

@@ -50,10 +50,9 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
         least = residual_size(posterior.problem, posterior.point.goal_z[None])
         if least.gap_N < LESS * residual.gap_N:
             out.append(
-                f"The point that minimises Eq. (8) (eq8_minimum in point.json) misses it by "
-                f"{100 * least.gap_share:.2g} % only. The "
-                "likelihood takes what no values of the model can fit as its discrepancy, and fits what is "
-                "left; where you need a force rather than parameters, take that point."
+                "The point that minimises Eq. (8) (eq8_minimum in point.json) misses it by "
+                f"{100 * least.gap_share:.2g} % only. The likelihood takes what no values of the model can fit as its "
+                "discrepancy, and fits what is left; where you need a force rather than parameters, take that point."
             )
     if not all(x.holds for x in posterior.held_out):
         out.append(held_out_said(posterior.held_out))

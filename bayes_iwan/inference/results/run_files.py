@@ -151,7 +151,7 @@ def load(
     where = campaign or _campaign_of(Path(folder), stored)
     if not where:
         raise ResultsError(f"{path}: its loops came from no campaign folder, so it cannot be loaded without them")
-    file = stored.simulator_file
+    file = stored.run["simulator_file"]
     if file and simulator is None:
         raise ResultsError(
             f"{path}: was made with the simulator in {file}, a Python file that is not run unasked; name it "
@@ -160,7 +160,7 @@ def load(
     if isinstance(simulator, str | os.PathLike):
         file, simulator = str(Path(simulator).resolve()), load_simulator(simulator)
     source = read_campaign(where)
-    every = {x.file: x for x in source.loops(**asdict(stored.settings.loops))}
+    every = {x.file: x for x in source.loops(**asdict(stored.run["settings"].loops))}
     if missing := [name for name in stored.loops if name not in every]:
         raise ResultsError(f"{path}: the campaign {where} no longer has {missing[0]}; name the right campaign")
     loops = tuple(every[name] for name in stored.loops)
@@ -174,20 +174,7 @@ def load(
         loops=loops,
         z=z,
         log_prob=stored.log_prob,
-        walkers=stored.walkers,
-        independent=stored.independent,
-        stretch=stored.stretch,
-        thin=stored.thin,
-        point=stored.point,
-        seed=stored.seed,
-        converged=stored.converged,
-        message=stored.message,
-        settings=stored.settings,
-        versions=stored.versions,
-        timings=stored.timings,
-        convergence=stored.convergence,
-        simulator_file=file,
-        stop=stored.stop,
+        **(stored.run | {"simulator_file": file}),
     )
 
 
@@ -204,7 +191,7 @@ def _line(error: Exception) -> str:
 
 
 def _same_problem(path: Path, loops: tuple[Loop, ...], stored: Stored, simulator: Simulator | None) -> Problem:
-    problem = make_problem(loops, stored.settings, simulator, stored.scales)
+    problem = make_problem(loops, stored.run["settings"], simulator, stored.scales)
     now = problem.fingerprint()
     for part in now:
         if stored.fingerprint.get(part) != now[part]:

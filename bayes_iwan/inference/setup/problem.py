@@ -24,14 +24,7 @@ from bayes_iwan.inference.setup.settings import ModelSettings
 from bayes_iwan.models import Model, ModelError, Motion, Scales, Simulator
 from bayes_iwan.models.motion import motion_of
 from bayes_iwan.models.parameter import Z_LIMIT
-from bayes_iwan.models.simulator import (
-    FORCE_ZERO,
-    OUTER,
-    force_zero,
-    inner_effects,
-    offered,
-    recorded_force,
-)
+from bayes_iwan.models.simulator import FORCE_ZERO, OUTER, force_zero, inner_effects, offered, recorded_force
 
 #: samples of a loop that a proposal needs; with 64 it is as good as with 128
 COARSE_SAMPLES = 64
@@ -192,13 +185,6 @@ class Problem:
         whitened = self.likelihood.rows(self.measured_N - self.force(parameter_values), parameter_values)
         return np.concatenate([whitened, np.atleast_2d(z)], axis=1)
 
-    def whitening(self, z: Array) -> Array:
-        """W (tests·samples, m): residuals times it are the whitened ones with the noise of z (1, ndim)."""
-        tests, samples = self.measured_N.shape
-        unit = np.eye(tests * samples).reshape(-1, tests, samples)
-        parameter_values = {name: np.repeat(x, len(unit)) for name, x in self.parameter_values(z).items()}
-        return self.likelihood.rows(unit, parameter_values)
-
     def coarser(self) -> Problem:
         """The same problem on every other sample of its loops, itself where they have fewer than 128."""
         if self.motion.samples < 2 * COARSE_SAMPLES:
@@ -254,10 +240,7 @@ class Problem:
 
 
 def make_problem(
-    loops: Sequence[Loop],
-    config: Config = None,
-    simulator: Simulator | None = None,
-    scales: Scales | None = None,
+    loops: Sequence[Loop], config: Config = None, simulator: Simulator | None = None, scales: Scales | None = None
 ) -> Problem:
     """A problem from the loops whose role is not "held-out".
 

@@ -17,8 +17,7 @@ from bayes_iwan.models.iwan_parameters import default_parameters
 from bayes_iwan.report.batch.specimens import Batch, Finished
 from bayes_iwan.report.identification.marginals import number
 from bayes_iwan.report.identification.summary import QUANTILES
-from bayes_iwan.report.page import Page, Section
-from bayes_iwan.report.provenance import Provenance
+from bayes_iwan.report.page import Page, Provenance, Section
 from bayes_iwan.report.style import MEASURED, MODEL, ORANGE, house_style, styled, subplots
 
 #: specimens that are named along the axis; of more, every n-th is
@@ -163,13 +162,7 @@ def _values(page: Page, result: Batch) -> None:
     if not names:
         return
     ranked = {x.name: x for x in result.unusual}
-    head = [
-        "specimen",
-        *([result.group] if result.group else []),
-        "distance",
-        "gap (%)",
-        *map(result.label, names),
-    ]
+    head = ["specimen", *([result.group] if result.group else []), "distance", "gap (%)", *map(result.label, names)]
     rows = []
     for x in result.finished:
         odd = ranked.get(x.name)

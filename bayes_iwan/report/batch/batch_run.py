@@ -16,7 +16,6 @@ import json
 import os
 import time
 from collections.abc import Mapping
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ import bayes_iwan
 from bayes_iwan import executors
 from bayes_iwan.arrays import Array
 from bayes_iwan.files import finite, results_folder, write_whole
+from bayes_iwan.former_names import refuse_former_options
 from bayes_iwan.inference.results.population import DRAWS
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.config import NOISE, Config, settings_of
@@ -37,8 +37,7 @@ from bayes_iwan.report.batch.batch_sheet import write_sheet
 from bayes_iwan.report.batch.specimens import Batch, BatchError, Finished, Quantity, lots_of, summarised
 from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
 from bayes_iwan.report.identification.marginals import identifiable
-from bayes_iwan.report.provenance import of_folder
-from bayes_iwan.report.table import Cell, Table
+from bayes_iwan.report.page import Cell, Table, of_folder
 from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.sampling.checkpoint import CheckpointError
 
@@ -59,6 +58,7 @@ class Job:
     keep_chains: bool
 
 
+@refuse_former_options
 def batch(
     folder: str | os.PathLike[str],
     out: str | os.PathLike[str],
@@ -71,7 +71,7 @@ def batch(
     keep_chains: bool = False,
     group: str | None = None,
     overwrite: bool = False,
-    executor: Executor | None = None,
+    workers: executors.Workers = None,
     progress: bool = True,
 ) -> Batch:
     """Identify or diagnose (or both) every campaign in a folder, and summarise across them.
@@ -101,8 +101,8 @@ def batch(
         shrunk towards the others of their lot.
     overwrite
         write over finished results of another folder's specimens.
-    executor
-        from :func:`bayes_iwan.executors.opened`.
+    workers
+        as for :func:`bayes_iwan.identify`: specimens are run side by side.
     progress
         show a bar.
 
@@ -139,7 +139,7 @@ def batch(
     with results_folder(out, "batch", source, overwrite=overwrite) as there:
         job = Job(source, there / "specimens", identify, diagnose, quick, seed, settings, keep_chains)
         pieces = {name: name for name in names}
-        done = executors.run(pieces, _one, job, executor=executor, what="batch", unit="specimen", progress=progress)
+        done = executors.run(pieces, _one, job, workers=workers, what="batch", unit="specimen", progress=progress)
         failures = {n: str(x) for n, x in done.items() if isinstance(x, executors.Failure)}
         finished = tuple(_read(job, n) for n in names if n not in failures)
         result = summarised(finished, failures, seed, group or "", lots)

@@ -15,7 +15,7 @@ from bayes_iwan.comparison.shrinkage import Shrunk, shrunk
 from bayes_iwan.comparison.unusual import Unusual, rank_unusual
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.population import Population, SpecimenDraws, population
-from bayes_iwan.report.table import Cell, Table
+from bayes_iwan.report.page import Cell, Table
 
 
 class BatchError(InputError):

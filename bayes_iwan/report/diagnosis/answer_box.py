@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import astuple
 
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from bayes_iwan.diagnosis.answer.wording import few, title
-from bayes_iwan.report.diagnosis.cells import percent, percent_range
+from bayes_iwan.diagnosis.answer.diagnosis_json import FITTED
+from bayes_iwan.diagnosis.answer.result import Diagnosis
+from bayes_iwan.diagnosis.answer.sentences import colour, sentences
+from bayes_iwan.diagnosis.answer.wording import few, interval, percent, title
+from bayes_iwan.diagnosis.assessment.budget import Cause, Share
 from bayes_iwan.report.page import Section
 
 _WORDS = (
@@ -88,8 +91,7 @@ CAPTIONS = {
     ),
     "moved": (
         "Change of the specimen's own parameters once the named effects are in the model. Long stems: these had "
-        "changed "
-        "to imitate them.",
+        "changed to imitate them.",
         "Change of each parameter in standard deviations",
     ),
 }
@@ -102,23 +104,30 @@ def put_figures(section: Section, figures: Mapping[str, Figure], *names: str) ->
             section.figure(figures[name], *CAPTIONS[name], name=name)
 
 
-def diagnosis_answer(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
+def diagnosis_answer(section: Section, found: Diagnosis, figures: Mapping[str, Figure]) -> None:
     """The verdict in words, the waterfall, the gap as a sum, where the unexplained part sits, and the words that
     follow."""
-    section.note(Markup("<br>").join(d["sentences"]), d["verdict"]["colour"])
+    verdict, unexplained = found.verdict, found.budget.unexplained
+    section.note(Markup("<br>").join(sentences(found)), colour(found))
     put_figures(section, figures, *(("headline",) if "headline" in figures else ("gap_loops",)))
-    if d["verdict"]["causes"]:
+    if verdict.causes:
+        left = "unexplained" + (", cause unknown" if verdict.unknown_cause else "")
+        rest = (left, f"{unexplained.probability:.2f}", *_share(unexplained.share), "", "", "")
         section.table(
             ("part of the gap", "probability", "share", "90 % interval", "on held-out tests", "90 % interval",
              "tied with"),
-            [*map(_cause, d["verdict"]["causes"]), _unexplained(d)],
+            [*map(_cause, verdict.causes), rest],
             "The gap as a sum",
         )  # fmt: skip
         section.table(
             ("effect", "on", "with all", "without it", "it alone", "tests", "overlap", "law, down", "law, up"),
-            [_gaps(c) for c in d["verdict"]["causes"]],
+            [
+                (title(c.name), c.held_out_by or FITTED, *map(percent, (c.gaps.with_all, c.gaps.without, c.gaps.alone)),
+                 *map(percent, astuple(c.vague)))
+                for c in verdict.causes
+            ],
             "Three gaps an effect, and what makes its share vague",
-        )
+        )  # fmt: skip
         section.text(
             "Every figure is a part of the model's own gap, which is 100 %. With all: what is left with all named "
             "effects in the model; without it: with all the others; it alone: with no other. An effect that matters "
@@ -127,33 +136,16 @@ def diagnosis_answer(section: Section, d: Mapping[str, Any], figures: Mapping[st
             "is not quite nature's (down: it removes less on held-out tests; up: the unexplained part may be its "
             "own). The root of the sum of their squares is the interval's half width."
         )
-    where = d["unexplained"]["where"] if d["verdict"]["unknown_cause"] else []
-    if where:
-        section.heading_below("Where the unexplained part sits")
-        section.html(Markup("<ul>{}</ul>").format(Markup("").join(Markup("<li>{}</li>").format(x) for x in where)))
+    if unexplained.where and verdict.unknown_cause:
+        section.heading_below("Where the unexplained part sits").bullets(unexplained.where)
     section.heading_below("Words and symbols of this page")
     section.symbols(_WORDS)
 
 
-def _cause(c: Mapping[str, Any]) -> tuple[str, ...]:
-    return (
-        title(c["name"]),
-        f"{c['probability']:.2f}",
-        percent(c["share"]),
-        percent_range(c["share_interval"]),
-        percent(c["share_held_out"]),
-        percent_range(c["share_held_out_interval"]),
-        few(c["tied_with"]) if c["tied_with"] else "–",
-    )
+def _share(share: Share | None) -> tuple[str, str]:
+    return ("–", "–") if share is None else (percent(share.value), interval((share.low, share.high), percent))
 
 
-def _gaps(c: Mapping[str, Any]) -> tuple[str, ...]:
-    gaps, vague = c["gaps"], c["share_vague"]
-    left = (percent(gaps[k]) for k in ("with_all", "without", "alone"))
-    return (title(c["name"]), gaps["on"], *left, *map(percent, vague.values()))
-
-
-def _unexplained(d: Mapping[str, Any]) -> tuple[str, ...]:
-    left = d["unexplained"]
-    name = "unexplained" + (", cause unknown" if d["verdict"]["unknown_cause"] else "")
-    return name, f"{left['probability']:.2f}", percent(left["share"]), percent_range(left["interval"]), "", "", ""
+def _cause(c: Cause) -> tuple[str, ...]:
+    tied = few(c.tied_with) if c.tied_with else "–"
+    return title(c.name), f"{c.probability:.2f}", *_share(c.share), *_share(c.held_out), tied

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_iwan.arrays import Array
+from bayes_iwan.diagnosis.answer.result import Moved
 from bayes_iwan.diagnosis.answer.wording import title
 from bayes_iwan.diagnosis.assessment.budget import NAMED, GapBudget, OneOf
-from bayes_iwan.diagnosis.diagnosis import Moved
 from bayes_iwan.report.diagnosis.gap_figures import panels
 from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, Shown, styled, subplots
 
@@ -160,11 +160,7 @@ def shares_figure(budget: GapBudget) -> Figure:
 
 
 @styled
-def probabilities_figure(
-    probabilities: Mapping[str, float],
-    named: Sequence[str] = (),
-    most: int = 10,
-) -> Figure:
+def probabilities_figure(probabilities: Mapping[str, float], named: Sequence[str] = (), most: int = 10) -> Figure:
     """Probability that each effect contributes, that none does, and that the unexplained part has a cause without a
     name."""
     ranked = sorted(probabilities.items(), key=lambda x: -x[1])
@@ -176,14 +172,7 @@ def probabilities_figure(
     y = np.arange(len(keep))[::-1]
     for k, (name, p) in zip(y, keep):
         colour = {"none": GREEN, "unknown": ORANGE, "drive": ORANGE}.get(name, BLUE if name in named else PRIOR)
-        ax.barh(
-            k,
-            p,
-            0.68,
-            color=colour,
-            alpha=0.85,
-            edgecolor="white",
-        )
+        ax.barh(k, p, 0.68, color=colour, alpha=0.85, edgecolor="white")
         ax.annotate(
             f"{p:.2f}" if p >= 0.005 else "< 0.01",
             (p, k),
@@ -202,28 +191,16 @@ def probabilities_figure(
 
 
 @styled
-def before_after_figure(names: Sequence[str], before_N: Array, after_N: Array, expected_N: Array, cause: str) -> Figure:
-    """Residual along the cycle with the base model and with the cause in it, (T, n); grey: a right model."""
-    figure, axes = panels(len(names), height=1.7)
-    phase = np.arange(before_N.shape[1]) / before_N.shape[1]
-    for t, ax in enumerate(axes):
-        ax.fill_between(
-            phase,
-            -2 * expected_N[t],
-            2 * expected_N[t],
-            color="#D9D9D9",
-            linewidth=0,
-            label="a right model leaves (2 sd)",
-        )
-        ax.plot(phase, before_N[t], color=RED, linestyle=(0, (5, 1.5)), label="model alone")
-        ax.plot(phase, after_N[t], color=BLUE, label=f"with {cause}")
-        ax.set_title(names[t], loc="left")
-        ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
+def before_after_figure(shown: Sequence[CycleResidual], causes: str) -> Figure:
+    """Residual along the cycle of every test with the base model and with the causes in it; grey: a right model."""
+    figure, axes = panels(len(shown), height=1.7)
+    for ax, one in zip(axes, shown):
+        _cycle_residual(ax, one, causes)
+        ax.set_title(one.name, loc="left")
         ax.locator_params(axis="y", nbins=4)
     figure.supxlabel("phase of the cycle (0: upward through the middle)", fontsize=9)
     figure.supylabel("measured − model (N)", fontsize=9)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 

@@ -10,23 +10,28 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.folders.folder import folder_of
-from bayes_iwan.diagnosis.answer.diagnosis_json import effects_described, to_dict, write_answer
-from bayes_iwan.diagnosis.answer.gap_findings import GapPictures, pictures
-from bayes_iwan.diagnosis.answer.gap_location import Located, ProgressListener
-from bayes_iwan.diagnosis.answer.localisation import along_cycle, of_blocks, right_model_of_blocks
+from bayes_iwan.diagnosis.answer.diagnosis_json import write_answer
+from bayes_iwan.diagnosis.answer.gap_findings import pictures
+from bayes_iwan.diagnosis.answer.localisation import (
+    Located,
+    ProgressListener,
+    along_cycle,
+    of_blocks,
+    right_model_of_blocks,
+)
+from bayes_iwan.diagnosis.answer.result import Diagnosis
 from bayes_iwan.diagnosis.answer.wording import listed
-from bayes_iwan.diagnosis.diagnosis import Diagnosis, diagnose_campaign
+from bayes_iwan.diagnosis.diagnosis import diagnose_campaign
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
 from bayes_iwan.diagnosis.fits.residuals import ALONG
-from bayes_iwan.files import clear, finite, results_folder
+from bayes_iwan.files import clear, results_folder
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis.budget_figures import CycleResidual
 from bayes_iwan.report.diagnosis.diagnosis_page import order_ahead, write_diagnosis_page
 from bayes_iwan.report.effect_loops import effect_viewer_data
-from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.page import provenance
 from bayes_iwan.report.rendering import Renderer, shared
 from bayes_iwan.report.style import house_style, relabel
 
@@ -60,31 +65,21 @@ def diagnosis_figures(found: Diagnosis, ahead: Mapping[str, Figure] | None = Non
     verdict, budget = found.verdict, found.budget
     out["budget"] = budget_figures.budget_figure(budget, verdict.one_of)
     out["probabilities"] = budget_figures.probabilities_figure(verdict.probabilities, verdict.names)
-    after, causes = None, ""
+    causes = listed(verdict.names) if 0 < len(verdict.names) < 3 else "all named causes" if verdict.names else ""
+    after = along_cycle(found.after_residual, found.after_residual.value) if verdict.causes else None
+    average = [
+        CycleResidual(name, drawn.residual_N[t], None if after is None else after[t], drawn.expected_N[t])
+        for t, name in enumerate(drawn.names)
+    ]
     if verdict.causes:
-        causes = listed(verdict.names) if len(verdict.names) < 3 else "all named causes"
-        after = along_cycle(found.after_residual, found.after_residual.value)
-        out["before_after"] = budget_figures.before_after_figure(
-            drawn.names, drawn.residual_N, after, drawn.expected_N, causes
-        )
+        out["before_after"] = budget_figures.before_after_figure(average, causes)
         out["moved"] = budget_figures.moved_figure(found.moved)
         out["shares"] = budget_figures.shares_figure(budget)
-    shown = _changing(found, drawn.names) or (_average(drawn, after),)
+    shown = _changing(found, drawn.names) or (average[int(np.argmax(drawn.gap_N))],)
     out["headline"] = budget_figures.headline_figure(budget, shown, causes, verdict.one_of)
     for figure in out.values():
         relabel(figure, found.campaign.units)
     return out
-
-
-def _average(drawn: GapPictures, after_N: Array | None) -> CycleResidual:
-    """Residual along the average cycle of the test where most is."""
-    worst = int(np.argmax(drawn.gap_N))
-    return CycleResidual(
-        drawn.names[worst],
-        drawn.residual_N[worst],
-        None if after_N is None else after_N[worst],
-        drawn.expected_N[worst],
-    )
 
 
 def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[CycleResidual, ...]:
@@ -107,11 +102,7 @@ def _changing(found: Diagnosis, names: Sequence[str]) -> tuple[CycleResidual, ..
 
 
 def write_diagnosis(
-    campaign: Campaign | str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    *,
-    overwrite: bool = False,
-    **options: Any,
+    campaign: Campaign | str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False, **options: Any
 ) -> Diagnosis:
     """Diagnose a campaign and write everything into `out`; options as for
     :func:`bayes_iwan.diagnosis.diagnosis.diagnose_campaign`."""
@@ -132,16 +123,13 @@ def write_found(found: Diagnosis, out: Path, overwrite: bool = False) -> Path:
 
 @house_style()
 def _write(found: Diagnosis, folder: Path, ahead: Ahead) -> Path:
-    answer, figures = finite(to_dict(found)), diagnosis_figures(found, ahead.figures)
+    figures = diagnosis_figures(found, ahead.figures)
     clear(folder, "diagnosis.json", "diagnosis.html", "fits.json")
     page = write_diagnosis_page(
-        answer,
+        found,
         figures,
         folder / "diagnosis.html",
-        effects_described(found),
-        found.campaign.units,
         provenance(found.campaign, found.seed),
-        {p.name: p.description for p in found.fit.problem.prior.free},
         ahead.renderer,
         effect_viewer_data(found) if found.verdict.causes else None,
     )

@@ -7,16 +7,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from bayes_iwan.campaign.recording.units import Units
-from bayes_iwan.diagnosis.answer.wording import few, listed, plain, title
+from bayes_iwan.diagnosis.answer.diagnosis_json import INVISIBLE, ceiling_shrink
+from bayes_iwan.diagnosis.answer.gap_findings import where_sentences
+from bayes_iwan.diagnosis.answer.result import Diagnosis
+from bayes_iwan.diagnosis.answer.sentences import not_excluded, remedy
+from bayes_iwan.diagnosis.answer.wording import few, force, interval, listed, percent, plain, title
+from bayes_iwan.diagnosis.assessment.budget import Kind
+from bayes_iwan.diagnosis.fits.gap_size import Gap
 from bayes_iwan.report.diagnosis.answer_box import diagnosis_answer, put_figures
-from bayes_iwan.report.diagnosis.cells import digits, force_range, newton, percent
 from bayes_iwan.report.identification.viewer import add_viewer
-from bayes_iwan.report.page import Page, Section
-from bayes_iwan.report.provenance import Provenance
+from bayes_iwan.report.page import Page, Provenance, Section
 from bayes_iwan.report.rendering import Renderer
 
 #: heading of the section that shows the gap whatever its causes, and its figures
@@ -30,202 +33,157 @@ def order_ahead(figures: Mapping[str, Figure], units: Units, renderer: Renderer)
 
 
 def write_diagnosis_page(
-    diagnosis: Mapping[str, Any],
+    found: Diagnosis,
     figures: Mapping[str, Figure],
     path: str | os.PathLike[str],
-    about: Mapping[str, Mapping[str, Any]] | None = None,
-    units: Units | None = None,
     made: Provenance | None = None,
-    meanings: Mapping[str, str] | None = None,
     renderer: Renderer | None = None,
     viewer: dict[str, Any] | None = None,
 ) -> Path:
     """Write the page; whole or not at all.
 
-    diagnosis : what `diagnosis.json` holds; figures : by name (see `CAPTIONS`), those missing are omitted; about :
-    by effect, what it is: physics, signature, reference, bench. units : of the campaign; made : from
-    what and when; meanings : of the specimen's parameters, by name. viewer : of
+    figures : by name (see `CAPTIONS`), those missing are omitted; made : from what and when; viewer : of
     :func:`bayes_iwan.report.effect_loops.effect_viewer_data`.
     """
-    d, about = diagnosis, about or {}
     page = Page(
-        f"Diagnosis: {d.get('campaign', 'campaign')}",
+        f"Diagnosis: {found.campaign.name}",
         "What the model misses, what makes it, what is left and the next test",
         "Every number here is in diagnosis.json.",
-        units,
+        found.campaign.units,
         made,
         renderer,
     )
-    diagnosis_answer(page.section("Answer"), d, figures)
-    _where(page.section(WHERE), d, figures)
-    _which(page.section("Which cause"), d, figures, about)
+    diagnosis_answer(page.section("Answer"), found, figures)
+    _where(page.section(WHERE), found, figures)
+    _which(page.section("Which cause"), found, figures)
     how_far = page.section("How far the gap shrinks")
-    _how_far(how_far, d, figures)
+    _how_far(how_far, found, figures)
     if viewer is not None:
         add_viewer(page, how_far, viewer)
-    _moved(page.section("How the identified parameters moved"), d, figures, meanings or {})
-    _next(page.section("What these tests cannot tell"), d, about)
-    _settings(page.section("Settings and definitions"), d)
+    _moved(page.section("How the identified parameters moved"), found, figures)
+    _next(page.section("What these tests cannot tell"), found)
+    _settings(page.section("Settings and definitions"), found)
     return page.write(path)
 
 
-def _where(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
-    gap, w = d["gap"], d["where"]
-    found = w.get("sentences", [])
-    if found:
-        items = Markup("").join(Markup("<li>{}</li>").format(x) for x in found)
-        section.html(Markup("<ul>{}</ul>").format(items))
+def _yes(yes: bool) -> str:
+    return "yes" if yes else "no"
+
+
+def _where(section: Section, found: Diagnosis, figures: Mapping[str, Figure]) -> None:
+    w, clock = found.where, found.campaign.clock
+    section.bullets(where_sentences(w))
     put_figures(section, figures, *(n for n in WHERE_FIGURES if "headline" in figures or n != "gap_loops"))
-    clock = d.get("clock", True)
-    frequencies = [f"{t['frequency_hz']:.3g}" if clock else "" for t in w["tests"]]
-    whole = {"rms": gap["before_rms_N"], "interval": gap["before_interval_N"], "share": gap["before_share"]}
-    rows = [("all tests", "", "", newton(whole["rms"]), force_range(whole["interval"]), percent(whole["share"]), "")]
+
+    def size(gap: Gap) -> tuple[str, str, str]:
+        return force(gap.rms_N), interval((gap.low_N, gap.high_N), force), percent(gap.share)
+
+    rows = [("all tests", "", "", *size(found.budget.before), "")]
+    stands_out = [x.significant or y.significant for x, y in zip(w.of("test"), w.of("trend"))]
     rows += [
-        (
-            t["file"],
-            f,
-            f"{t['amplitude_mm']:.3g}",
-            newton(t["gap_rms_N"]),
-            force_range(t.get("interval_N")),
-            percent(t["share"]),
-            "yes" if t["significant"] else "no",
-        )
-        for t, f in zip(w["tests"], frequencies)
+        (file, f"{f:.3g}", f"{a:.3g}", *size(gap), _yes(out))
+        for file, f, a, gap, out in zip(w.files, w.frequency_hz, w.amplitude_mm, found.before.tests, stands_out)
     ]
     head = ("test", "frequency, Hz", "amplitude, mm", "gap (RMS)", "90 % interval", "share of friction", "stands out")
     shown = [tuple(row) if clock else (row[0], *row[2:]) for row in (head, *rows)]
     section.table(shown[0], shown[1:], "The gap of each test", fold=len(rows) > 16)
     section.table(
         ("part of the loop", "gap (RMS)", "share of the gap", "share of the time", "stands out"),
-        [
-            (
-                r["region"],
-                newton(r["gap_rms_N"]),
-                percent(r["share_of_gap"]),
-                percent(r.get("share_of_time")),
-                "yes" if r["significant"] else "no",
-            )
-            for r in w["regions"]
-        ],
+        [(x.name, force(x.gap_N), percent(x.share), percent(x.time), _yes(x.significant)) for x in w.of("region")],
         "Parts of the loop",
         fold=True,
     )
     section.table(
         ("harmonic", "with displacement", "with velocity", "stands out"),
         [
-            (
-                str(h["order"]),
-                newton(h["in_phase_N"]),
-                newton(h["quadrature_N"]),
-                "yes" if h["significant"] else "no",
-            )
-            for h in w["harmonics"]
+            (str(order), force(p.gap_N), force(q.gap_N), _yes(p.significant or q.significant))
+            for order, (p, q) in enumerate(zip(w.of("in phase"), w.of("quadrature")), start=1)
         ],
         "Harmonics of the residual (RMS over tests)",
         fold=True,
     )
 
 
-def _which(
-    section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure], about: Mapping[str, Mapping[str, Any]]
-) -> None:
+def _which(section: Section, found: Diagnosis, figures: Mapping[str, Figure]) -> None:
     put_figures(section, figures, "probabilities")
-    if d["effects"]:
-        _sampled(section, d)
-    for effect in d["effects"]:
-        name = effect["name"]
-        cause = next(c for c in d["verdict"]["causes"] if c["name"] == name)
-        section.heading_below(title(name))
-        described = about.get(name, {})
-        section.text(*(described[k] for k in ("physics",) if described.get(k)))
-        if cause["law"]:
-            section.text(f"Law that fits best: {cause['law']}.")
-        if described.get("signature"):
-            section.text(f"In the loops: {described['signature']}.")
-        rows = [
-            (
-                p,
-                digits(v["mean"]),
-                digits(v["sd"]),
-                f"{digits(v['q05'])} to {digits(v['q95'])}",
-                v["unit"],
-            )
-            for p, v in effect["parameters"].items()
-        ]
+    verdict = found.verdict
+    if verdict.causes:
+        _sampled(section, found)
+    else:
+        section.text("No effect is named.")
+    for cause in verdict.causes:
+        effect, f = found.search.effects[cause.name][0], cause.figures
+        section.heading_below(title(cause.name)).text(effect.physics)
+        if cause.law:
+            section.text(f"Law that fits best: {cause.law}.")
+        section.text(f"In the loops: {effect.signature}.")
         section.table(
             ("parameter", "mean", "sd", "90 % interval", "unit"),
-            rows,
-            f"{title(name)}: fitted together with the specimen's own parameters",
+            [
+                (name, plain(x.mean, 4), plain(x.sd, 4), f"{plain(x.q05, 4)} to {plain(x.q95, 4)}", x.unit)
+                for name, x in found.parameters[cause.name].items()
+            ],
+            f"{title(cause.name)}: fitted together with the specimen's own parameters",
         )
         section.text(
-            f"It gains {effect['log_evidence']:.0f} nats over the model without it and leads the next effect of "
-            f"another kind by {effect['lead']:.0f}; fitted on halves of the tests its strength differs by "
-            f"{effect['strength_differs_by']:.1f} standard deviations."
+            f"It gains {f.gain:.0f} nats over the model without it and leads the next effect of another kind by "
+            f"{f.lead:.0f}; fitted on halves of the tests its strength differs by {f.differs:.1f} standard deviations."
         )
-        if effect.get("remedy"):
-            section.text(f"Remedy: {effect['remedy']}")
-        if described.get("reference"):
-            section.text(f"Source: {described['reference']}.")
-    if not d["effects"]:
-        section.text("No effect is named.")
-    for one in d["verdict"].get("one_of") or []:
+        if said := remedy(found, cause.name):
+            section.text(f"Remedy: {said}")
+        section.text(f"Source: {effect.reference}.")
+    for one in verdict.one_of:
         section.text(
-            f"One of {few(one['names'])} contributes (probability {one['probability']:.2f}) and removes "
-            f"{percent(one['share'])} of the gap. Each of them alone is too improbable to be named."
+            f"One of {few(one.names)} contributes (probability {one.probability:.2f}) and removes {percent(one.share)} "
+            "of the gap. Each of them alone is too improbable to be named."
         )
-    rows = [
-        (
-            title(c["name"]),
-            f"{c['probability']:.2f}",
-            percent(c["shrink"]),
-            percent(c["shrink_held_out"]),
-            "–" if c["strength_differs_by"] is None else f"{c['strength_differs_by']:.1f}",
-        )
-        for c in d["considered"]
-    ]
-    if rows:
+    places = {f.name: f for f in found.found.figures}
+    considered = []
+    for name in not_excluded(found):
+        x = places.get(name)
+        cells = ("–",) * 3 if x is None else (percent(x.fitted), percent(x.held_out), f"{x.differs:.1f}")
+        considered.append((title(name), f"{verdict.probabilities[name]:.2f}", *cells))
+    if considered:
         section.table(
             ("effect", "probability", "shrink", "on held-out tests", "strength differs by (sd)"),
-            rows,
+            considered,
             "Considered, not named",
         )
-    if d["failed"]:
-        section.table(("effect", "why"), [(title(n), w) for n, w in d["failed"].items()], "Effects that failed")
+    if failed := found.search.failed:
+        section.table(("effect", "why"), [(title(n), why) for n, why in failed.items()], "Effects that failed")
 
 
-def _sampled(section: Section, d: Mapping[str, Any]) -> None:
+def _sampled(section: Section, found: Diagnosis) -> None:
     """What the numbers of the effects come from."""
-    sampling = d.get("sampling")
-    if sampling is None:
+    s = found.sampling
+    if s is None:
         section.text("Their numbers are the optimum's with Laplace's approximation: a quick run draws no samples.")
         return
-    quality = "" if sampling["least_ess"] is None else f" At least {sampling['least_ess']:.0f} effective draws"
-    quality += "" if sampling["worst_r_hat"] is None else f", R-hat at most {sampling['worst_r_hat']:.3f}."
-    if sampling["converged"]:
+    quality = "" if s.least_ess is None else f" At least {s.least_ess:.0f} effective draws"
+    quality += "" if s.worst_r_hat is None else f", R-hat at most {s.worst_r_hat:.3f}."
+    if s.converged:
         section.text(f"Their numbers are from draws of the posterior, converged.{quality}")
     else:
         section.note(
-            f"The draws behind their numbers have not converged, so take their intervals with care: "
-            f"{sampling['message'].removeprefix('not converged: ')}.{quality}",
+            "The draws behind their numbers have not converged, so take their intervals with care: "
+            f"{s.message.removeprefix('not converged: ')}.{quality}",
             "warning",
         )
 
 
-def _how_far(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]) -> None:
-    gap = d["gap"]
+def _how_far(section: Section, found: Diagnosis, figures: Mapping[str, Figure]) -> None:
+    b = found.budget
     section.text(
-        f"The gap is {newton(gap['before_rms_N'])} RMS without and {newton(gap['after_rms_N'])} with all named "
-        "effects. "
-        "On the tests that it was fitted to an effect seems better than it is. The held-out tests count. "
-        f"A smooth discrepancy of any shape would remove {100 * gap['ceiling_shrink']:.0f} % of the gap. No effect "
-        "can be "
-        "expected to remove more."
+        f"The gap is {force(b.before.rms_N)} RMS without and {force(b.after.rms_N)} with all named effects. On the "
+        "tests that it was fitted to an effect seems better than it is. The held-out tests count. A smooth discrepancy "
+        f"of any shape would remove {100 * ceiling_shrink(found):.0f} % of the gap. No effect can be expected to "
+        "remove more."
     )
     put_figures(section, figures, "budget", "shares", "before_after")
 
 
-def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure], meanings: Mapping[str, str]) -> None:
-    if not d["moved"]:
+def _moved(section: Section, found: Diagnosis, figures: Mapping[str, Figure]) -> None:
+    if not found.moved:
         section.text("No effect is named, so the identified values stay as they are.")
         return
     section.text(
@@ -233,43 +191,30 @@ def _moved(section: Section, d: Mapping[str, Any], figures: Mapping[str, Figure]
         "without and with the effects."
     )
     put_figures(section, figures, "moved")
+    meanings = {p.name: p.description for p in found.fit.problem.prior.free}
     section.table(
         ("parameter", "without", "with", "sd", "unit", "what it is"),
         [
-            (
-                n,
-                digits(m["before"]),
-                digits(m["after"]),
-                digits(m["sd"]),
-                m["unit"],
-                meanings.get(n, "–"),
-            )
-            for n, m in d["moved"].items()
+            (n, plain(m.before, 4), plain(m.after, 4), plain(m.sd, 4), m.unit, meanings.get(n, "–"))
+            for n, m in found.moved.items()
         ],
         "Identified parameters without and with the named effects",
     )
 
 
-def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[str, Any]]) -> None:
-    verdict, following = d["verdict"], d["next_test"]
+def _next(section: Section, found: Diagnosis) -> None:
+    verdict, following = found.verdict, found.next_test
     section.heading_below("Cannot be described apart")
-    tied = [c for c in verdict["causes"] if c["tied_with"]]
-    some = verdict.get("one_of") or []
+    tied, some = [c for c in verdict.causes if c.tied_with], verdict.one_of
     section.text(
-        *(f"These tests do not separate {title(c['name'])} from {listed(c['tied_with'])}." for c in tied),
-        *(f"One of {listed(x['names'], 'or')} contributes; these tests cannot tell which." for x in some),
+        *(f"These tests do not separate {title(c.name)} from {listed(c.tied_with)}." for c in tied),
+        *(f"One of {listed(x.names, 'or')} contributes; these tests cannot tell which." for x in some),
         *(() if tied or some else ("No other effect explains these tests nearly as well as a named one.",)),
     )
     rows = [
-        (
-            x["what"],
-            title(e["name"]),
-            "yes" if e["name"] in x["tied"] else "no",
-            percent(x["without"]),
-            percent(e["share"]),
-        )
-        for x in d["imitations"]
-        for e in x["explanations"]
+        (x.what, title(e.name), _yes(e.name in x.tied), percent(x.without), percent(e.share))
+        for x in found.imitations
+        for e in x.explanations
     ]
     if rows:
         section.table(
@@ -277,78 +222,63 @@ def _next(section: Section, d: Mapping[str, Any], about: Mapping[str, Mapping[st
             rows,
             "What the base model's own freedoms can imitate",
         )
-    far = [
-        (x["name"], digits(x["value"]), x["unit"], f"{x['deviations']:+.1f}", x["prior"])
-        for x in d["far_from_plausible"]
-    ]
-    if far:
+    if found.edges:
         section.table(
             ("parameter", "value", "unit", "prior sd from the median", "prior"),
-            far,
+            [(x.name, plain(x.value, 4), x.unit, f"{x.deviations:+.1f}", x.prior) for x in found.edges],
             "Base parameters far from plausible",
         )
     section.heading_below("Next test")
-    if verdict["kind"] == "drive":
+    if verdict.kind is Kind.DRIVE:
         section.note("Run these tests again with sines.")
     elif following is None:
         section.text("No further test would separate these effects better.")
     else:
-        pair = " from ".join(title(x) for x in following["separates"])
-        at = following["frequency_hz"]
-        test = "" if at is None else f"{plain(at)} Hz at "
-        test += f"{plain(following['amplitude_mm'])} mm"
-        test += f" for {following['cycles']} cycles" if following.get("cycles") else ""
-        odds = f"{following['expected_log_odds']:.1f} expected log odds (5 is strong evidence)"
-        if following.get("bench"):
-            section.note(f"At the bench: {following['bench']}.")
+        pair = " from ".join(title(x) for x in following.separates)
+        at = "" if following.frequency_hz is None else f"{plain(following.frequency_hz)} Hz at "
+        test = f"{at}{plain(following.amplitude_mm)} mm for {following.cycles} cycles"
+        odds = f"{following.expected_log_odds:.1f} expected log odds (5 is strong evidence)"
+        if following.bench:
+            section.note(f"At the bench: {following.bench}.")
             section.text(f"No loop test separates {pair} well; the best would be {test}, with {odds}.")
         else:
             section.note(f"Run {test}: it separates {pair}, with {odds}.")
     section.heading_below("Not testable with these data")
-    hidden, clocked = verdict["not_testable"], verdict["needs_clock"]
-    if clocked:
-        section.text(f"Without a clock nothing can be said of: {listed(clocked)}.")
+    if found.needs_clock:
+        section.text(f"Without a clock nothing can be said of: {listed(found.needs_clock)}.")
     section.text(
-        f"Had one of these been there, these tests would not have shown it: {listed(hidden)}. They are not ruled out."
-        if hidden
+        f"Had one of these been there, these tests would not have shown it: {listed(found.not_testable)}. They are not "
+        "ruled out."
+        if found.not_testable
         else "Every effect of the catalogue would have shown at its usual size."
     )
-    section.heading_below("What no loop test can see")
-    section.note(
-        d.get("cannot_be_seen")
-        or "A gain error of the displacement channel is absorbed whole by the "
-        "stiffnesses: no loop test can see it. Check the sensor against a known displacement.",
-        "warning",
-    )
-    asked = {n for c in verdict["causes"] for n in (c["name"], *c["tied_with"])}
-    asked |= {n for x in some for n in x["names"]}
-    benches = [(title(n), a["bench"]) for n, a in about.items() if a.get("bench") and n in asked]
-    if benches:
+    section.heading_below("What no loop test can see").note(INVISIBLE, "warning")
+    asked = {n for c in verdict.causes for n in (c.name, *c.tied_with)} | {n for x in some for n in x.names}
+    effects = {n: laws[0] for n, laws in found.search.effects.items() if n in asked}
+    if benches := [(title(n), e.bench) for n, e in effects.items() if e.bench]:
         section.table(("effect", "what on the bench would show it"), benches, "At the bench")
 
 
-def _settings(section: Section, d: Mapping[str, Any]) -> None:
-    gap = d["gap"]
+def _settings(section: Section, found: Diagnosis) -> None:
+    whole, parts = found.budget.before, found.before
     section.text(
         "Residual: measured − predicted force. Gap: its RMS with the records' own repeatability taken off, so "
         "that a perfect model reads zero within its interval; as a share it is divided by the RMS friction "
         "force. The mean force of a test is omitted: it depends on the rest position, which a dynamic "
         "displacement channel does not tell.",
-        "A part “stands out” when its gap is significant at 5 %, corrected for "
-        f"{d['where'].get('statistics', 'all')} statistics.",
+        f"A part “stands out” when its gap is significant at 5 %, corrected for {found.where.count} statistics.",
     )
-    rows = [("seed", str(d["seed"])), ("quick run", "yes" if d.get("quick") else "no")]
+    rows = [("seed", str(found.seed)), ("quick run", _yes(found.quick))]
     rows += [
-        (label, newton(gap[key]))
-        for key, label in (
-            ("residual_rms_N", "residual, RMS, noise included"),
-            ("noise_rms_N", "noise, RMS"),
-            ("averaged_loop_rms_N", "gap in the averaged loops"),
-            ("along_record_rms_N", "gap along the records"),
-            ("mains_rms_N", "gap by mains interference"),
-            ("mean_force_rms_N", "gap of the mean forces (not counted)"),
+        (label, force(size_N))
+        for label, size_N in (
+            ("residual, RMS, noise included", whole.residual_N),
+            ("noise, RMS", whole.noise_N),
+            ("gap in the averaged loops", parts.loop.rms_N),
+            ("gap along the records", parts.along.rms_N),
+            ("gap by mains interference", parts.mains.rms_N),
+            ("gap of the mean forces (not counted)", parts.mean.rms_N),
         )
-        if gap.get(key) is not None
     ]
-    rows += [(f"model: {k}", str(v)) for k, v in (d.get("base") or {}).items()]
+    rows += [(f"model: {k}", str(v)) for k, v in found.settings.as_dict()["model"].items()]
     section.table(("setting", "value"), rows, "Settings")

@@ -1,8 +1,4 @@
-"""Figures of the gap itself: where it is and how it grows. All take plain arrays.
-
-Arguments named as in `bayes_iwan.diagnosis.answer.gap_findings.pictures`: T tests, n samples a cycle, phase 0 the
-upward crossing.
-"""
+"""Figures of the gap itself: where it is and how it grows, T tests, n samples a cycle, phase 0 the upward crossing."""
 
 from __future__ import annotations
 
@@ -16,9 +12,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.answer.gap_findings import GapPictures
 from bayes_iwan.diagnosis.answer.localisation import Statistic
@@ -40,21 +34,13 @@ def panels(count: int, width: float = 2.5, height: float = 2.2) -> tuple[Figure,
     return figure, flat[:count]
 
 
-def _strength(residual: Array) -> float:
-    return max(float(np.quantile(np.abs(residual), 0.995)), 1e-12)
-
-
 @styled
-def gap_loops_figure(
-    names: Sequence[str],
-    displacement_mm: Array,
-    force_N: Array,
-    residual_N: Array,
-    shares: Sequence[float] | None = None,
-) -> Figure:
+def gap_loops_figure(p: GapPictures) -> Figure:
     """Every test's measured loop, its colour and thickness telling what the model misses there; (T, n) arrays."""
+    names, displacement_mm, force_N, residual_N = p.names, p.displacement_mm, p.force_N, p.residual_N
+    shares = p.gap_N / p.friction_N
     figure, axes = panels(len(names))
-    limit = _strength(residual_N)
+    limit = max(float(np.quantile(np.abs(residual_N), 0.995)), 1e-12)
     norm = TwoSlopeNorm(0.0, -limit, limit)
     colours = colormaps[_DIVERGING]
     for t, ax in enumerate(axes):
@@ -70,28 +56,23 @@ def gap_loops_figure(
             linewidths=0.8 + 4.0 * np.minimum(np.abs(between) / limit, 1.0),
         )
         ax.add_collection(lines)
-        share = "" if shares is None else f": {_percent(shares[t])}"
-        ax.set_title(f"{names[t]}{share}", loc="left")
+        ax.set_title(f"{names[t]}: {_percent(shares[t])}", loc="left")
         ax.locator_params(nbins=4)
     figure.supxlabel("displacement (mm)", fontsize=9)
     figure.supylabel("measured force (N)", fontsize=9)
-    bar = figure.colorbar(_mappable(norm), ax=axes, shrink=0.8, pad=0.02)
+    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axes, shrink=0.8, pad=0.02)
     bar.set_label("measured − model (N)")
     return figure
 
 
-def _mappable(norm: TwoSlopeNorm) -> ScalarMappable:
-    return ScalarMappable(norm, colormaps[_DIVERGING])
-
-
 @styled
-def gap_map_figure(
-    names: Sequence[str], residual_N: Array, expected_N: Array, displacement_mm: Array, sticking: Array | None = None
-) -> Figure:
+def gap_map_figure(p: GapPictures) -> Figure:
     """Residual along the cycle (across) in each test (down), in units of what a right model would leave.
 
     Above: the displacement. sticking (T, n) marks where half of the elements have begun to slip.
     """
+    names, residual_N, expected_N, sticking = p.names, p.residual_N, p.expected_N, p.sticking
+    displacement_mm = p.displacement_mm
     tests, n = residual_N.shape
     ratio = residual_N / np.maximum(expected_N, 1e-12)
     limit = max(4.0, float(np.quantile(np.abs(ratio), 0.98)))
@@ -125,11 +106,13 @@ def gap_map_figure(
 
 
 @styled
-def gap_harmonics_figure(names: Sequence[str], in_phase_N: Array, quadrature_N: Array, expected_N: Array) -> Figure:
+def gap_harmonics_figure(p: GapPictures) -> Figure:
     """Residual harmonics of every test in step with displacement and velocity, (T, orders + 1), order 0 omitted.
 
     Grey: what a right model would leave, twice its standard deviation.
     """
+    names, in_phase_N, quadrature_N = p.names, p.in_phase_N, p.quadrature_N
+    expected_N = p.expected_harmonic_N
     orders = np.arange(1, in_phase_N.shape[1])
     figure, axes = subplots(1, 2, 7.4, 3.3, sharey=True)
     offsets = np.linspace(-0.34, 0.34, len(names))
@@ -164,17 +147,11 @@ def gap_harmonics_figure(names: Sequence[str], in_phase_N: Array, quadrature_N: 
 
 
 @styled
-def gap_growth_figure(
-    frequency_hz: Array,
-    amplitude_mm: Array,
-    gap_N: Array,
-    low_N: Array,
-    high_N: Array,
-    significant: NDArray[np.bool_] | None = None,
-) -> Figure:
+def gap_growth_figure(p: GapPictures) -> Figure:
     """The gap of each test against frequency and against amplitude, with 90 % intervals (T,); open: no finding."""
+    gap_N, low_N, high_N, found = p.gap_N, p.gap_low_N, p.gap_high_N, p.significant
+    frequency_hz, amplitude_mm = p.frequency_hz, p.amplitude_mm
     figure, axes = subplots(1, 2, 7.0, 3.2, sharey=True)
-    found = np.ones(len(gap_N), dtype=bool) if significant is None else np.asarray(significant)
     floor = max(float(np.min(np.where(gap_N > 0, gap_N, np.inf))), 1e-9) if np.any(gap_N > 0) else 1e-6
     pairs = (
         (axes[0, 0], frequency_hz, amplitude_mm, "frequency (Hz)", "mm"),
@@ -228,14 +205,9 @@ def _nominal(value: float) -> float:
 
 
 @styled
-def gap_cycles_figure(
-    names: Sequence[str],
-    cycle: Sequence[Array],
-    along_N: Sequence[Array],
-    low_N: Sequence[Array],
-    high_N: Sequence[Array],
-) -> Figure:
+def gap_cycles_figure(p: GapPictures) -> Figure:
     """The gap block by block along each record, with 90 % intervals; a missing cause that evolves shows as a slope."""
+    names, cycle, along_N, low_N, high_N = p.names, p.cycle, p.along_N, p.along_low_N, p.along_high_N
     figure, axes = subplots(1, 1, 6.4, 3.3)
     ax = axes[0, 0]
     shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
@@ -272,19 +244,15 @@ def gap_regions_figure(regions: Sequence[Statistic]) -> Figure:
 def figures_of_gap(p: GapPictures) -> dict[str, Figure]:
     """All figures of the gap itself, by name, from :func:`bayes_iwan.diagnosis.answer.gap_findings.pictures`."""
     out = {
-        "gap_loops": gap_loops_figure(
-            p.names, p.displacement_mm, p.force_N, p.residual_N, list(p.gap_N / p.friction_N)
-        ),
-        "gap_map": gap_map_figure(p.names, p.residual_N, p.expected_N, p.displacement_mm, p.sticking),
+        "gap_loops": gap_loops_figure(p),
+        "gap_map": gap_map_figure(p),
         "gap_regions": gap_regions_figure(p.regions),
-        "gap_harmonics": gap_harmonics_figure(p.names, p.in_phase_N, p.quadrature_N, p.expected_harmonic_N),
+        "gap_harmonics": gap_harmonics_figure(p),
     }
     if p.clock:
-        out["gap_growth"] = gap_growth_figure(
-            p.frequency_hz, p.amplitude_mm, p.gap_N, p.gap_low_N, p.gap_high_N, p.significant
-        )
+        out["gap_growth"] = gap_growth_figure(p)
     if any(len(x) > 1 for x in p.cycle):
-        out["gap_cycles"] = gap_cycles_figure(p.names, p.cycle, p.along_N, p.along_low_N, p.along_high_N)
+        out["gap_cycles"] = gap_cycles_figure(p)
     return out
 
 

@@ -15,8 +15,8 @@ from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.marginals import interval, number, symbol_of
 from bayes_iwan.report.identification.tables import spread
+from bayes_iwan.report.page import Cell, Table
 from bayes_iwan.report.style import BLACK, GREEN, MODEL, RED, band, styled, subplots, ticked
-from bayes_iwan.report.table import Cell, Table
 
 
 def _draws(posterior: Posterior, name: str) -> Array:

@@ -12,13 +12,13 @@ from scipy import special
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
-from bayes_iwan.comparison.weights import smoothed_log_weights
+from bayes_iwan.comparison.loo import smoothed_log_weights
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.setup.discrepancy import Correlated
 from bayes_iwan.inference.setup.likelihood import Independent
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
-from bayes_iwan.report.style import BLUE, ORANGE, RED, styled, subplots
+from bayes_iwan.report.style import BLUE, ORANGE, RED, numbered_cells, styled, subplots
 
 REGIONS = (
     "after lower\nreversal",
@@ -77,36 +77,9 @@ def regions_figure(posterior: Posterior, checks: RegionChecks | None = None) -> 
     colours = LinearSegmentedColormap.from_list(
         "p", [(0.0, RED), (0.05, ORANGE), (0.12, "#FFFFFF"), (0.88, "#FFFFFF"), (1.0, BLUE)]
     )
-    ax.pcolormesh(
-        np.arange(len(REGIONS) + 1),
-        np.arange(n + 1),
-        checks.p_value,
-        cmap=colours,
-        vmin=0,
-        vmax=1,
-        edgecolors="white",
-        linewidth=1.0,
-        alpha=0.55,
-    )
-    for t in range(n):
-        for r in range(len(REGIONS)):
-            value = checks.p_value[t, r]
-            ax.text(
-                r + 0.5,
-                t + 0.5,
-                f"{value:.2f}" if value >= 0.01 else "< 0.01",
-                ha="center",
-                va="center",
-                fontsize=7.5,
-                weight="bold" if value < 0.05 or value > 0.95 else "normal",
-            )
-    ax.set_xticks(np.arange(len(REGIONS)) + 0.5, REGIONS)
-    ax.set_yticks(np.arange(n) + 0.5, [test_name(x) for x in checks.loops])
-    ax.set_ylim(n, 0)
-    ax.grid(visible=False)
-    ax.tick_params(length=0)
-    for side in ax.spines.values():
-        side.set_visible(False)
+    p, tests = checks.p_value, [test_name(x) for x in checks.loops]
+    texts, bold = [[f"{x:.2f}" if x >= 0.01 else "< 0.01" for x in row] for row in p], (p < 0.05) | (p > 0.95)
+    numbered_cells(ax, p, texts, tests, REGIONS, bold, cmap=colours, vmin=0, vmax=1, alpha=0.55)
     ax.set_title("chance that the model's own loops miss by more than the measured one", loc="left")
     return figure
 

@@ -22,8 +22,7 @@ from bayes_iwan.report.identification.predictive import Predictive, predict
 from bayes_iwan.report.identification.summary import determined, identification_answer
 from bayes_iwan.report.identification.viewer import add_viewer, viewer_data
 from bayes_iwan.report.identification.where_gap import DISAGREE, findings, regions_finding
-from bayes_iwan.report.page import Page, Section
-from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.page import Page, Section, provenance
 from bayes_iwan.report.rendering import shared
 from bayes_iwan.report.style import house_style
 
@@ -60,7 +59,9 @@ def identification_report(
     page = Page(
         f"{what} of {posterior.name}",
         _subtitle(posterior),
-        _footer(posterior),
+        "The numbers of this page are in summary.csv and tables/, its draws in posterior.nc. Made with "
+        + ", ".join(f"{k} {v}" for k, v in posterior.versions.items())
+        + ".",
         posterior.problem.units,
         provenance(posterior.campaign, posterior.seed),
         shared(busy=55),
@@ -120,11 +121,6 @@ def _subtitle(posterior: Posterior) -> str:
         f"likelihood: {posterior.problem.likelihood.name}",
     ]
     return " · ".join(x for x in parts if x)
-
-
-def _footer(posterior: Posterior) -> str:
-    versions = ", ".join(f"{k} {v}" for k, v in posterior.versions.items())
-    return f"The numbers of this page are in summary.csv and tables/, its draws in posterior.nc. Made with {versions}."
 
 
 def _loops(page: Page, posterior: Posterior, p: Predictive) -> None:
@@ -214,8 +210,8 @@ def _frequencies(section: Section, found: Frequencies, out: Path) -> None:
     )
     section.table(
         *by_frequency.wander_rows(found),
-        "Quantities from all tests and from each frequency alone: median "
-        "and 90 % interval" + (" (~: quick estimates)" if missing else ""),
+        "Quantities from all tests and from each frequency alone: median and 90 % interval"
+        + (" (~: quick estimates)" if missing else ""),
     )
     if found.alone:
         section.figure(
@@ -282,17 +278,15 @@ def _checks(section: Section, posterior: Posterior, result: checks.RegionChecks,
     section.note(finding.text, "good" if finding.good else "warning")
     section.figure(
         checks.regions_figure(posterior, result),
-        "Posterior predictive p-values by test and part of the loop. Orange and bold: the model misses "
-        "there by more than noise and the admitted smooth discrepancy explain. Blue: by less than "
-        "expected.",
+        "Posterior predictive p-values by test and part of the loop. Orange and bold: the model misses there by more "
+        "than noise and the admitted smooth discrepancy explain. Blue: by less than expected.",
         "A table of p-values, tests by six loop regions.",
         name="regions",
     )
     section.figure(
         checks.loo_pit_figure(posterior),
-        "Leave-one-out probability integral transform of the likelihood's data, mean forces left aside. "
-        "Within the grey bands the predictive distribution is calibrated; a hump means too wide, a trough "
-        "too narrow intervals.",
+        "Leave-one-out probability integral transform of the likelihood's data, mean forces left aside. Within the "
+        "grey bands the predictive distribution is calibrated; a hump means too wide, a trough too narrow intervals.",
         "Histogram of LOO-PIT values and their distribution function less the uniform one.",
         name="loo_pit",
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from markupsafe import Markup, escape
 
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
@@ -35,11 +34,7 @@ _OF_CONTACTS = (*QUANTILES, ("α", "relative normal force: that of the contacts 
 
 
 def identification_answer(
-    section: Section,
-    posterior: Posterior,
-    loops: Sequence[LoopRow],
-    p: Predictive,
-    found: Sequence[Finding],
+    section: Section, posterior: Posterior, loops: Sequence[LoopRow], p: Predictive, found: Sequence[Finding]
 ) -> None:
     """What the checks found, a picture, stiffness, friction, damping and residual with their intervals; what is not
     known."""
@@ -85,8 +80,7 @@ def identification_answer(
     )
     section.text("bayes-iwan diagnose says whether the gap has a cause.")
     section.heading_below("What is not known")
-    items = Markup("").join(Markup("<li>{}</li>").format(section.units.said(x)) for x in _open(posterior))
-    section.html(Markup("<ul>{}</ul>").format(items))
+    section.bullets(_open(posterior))
     tests_read = () if posterior.campaign is None else posterior.campaign.tests
     warnings = [(x.file, w) for x in tests_read for w in x.warnings]
     if warnings:
@@ -123,7 +117,7 @@ def _range_row(title: str, unit: str, tests: Sequence[Compared]) -> tuple[str, s
     return title, value, f"measured; predicted {number(low, spread)} to {number(high, spread)}{unit}"
 
 
-def _open(posterior: Posterior) -> list[Markup]:
+def _open(posterior: Posterior) -> list[str]:
     """What these loops leave open, a line each."""
     out = []
     shrunk = contraction(posterior.flat_z(4000))
@@ -136,7 +130,7 @@ def _open(posterior: Posterior) -> list[Markup]:
     if loose:
         out.append("Not determined one by one (posterior about as wide as the prior): " + "; ".join(loose) + ".")
     out += [f"{symbol_of(posterior, name)}: {why}" for name, why in posterior.extrapolated.items()]
-    return [escape(x) for x in (*out, *_NOT_VISIBLE)]
+    return [*out, *_NOT_VISIBLE]
 
 
 def determined(section: Section, posterior: Posterior) -> None:
@@ -151,21 +145,16 @@ def determined(section: Section, posterior: Posterior) -> None:
     )
     section.figure(
         marginals.prior_posterior_figure(posterior),
-        "Each sampled parameter against its prior. Grey: the prior's 50 and 90 % intervals; blue: the "
-        "posterior's; red with an open circle: hardly determined (contraction below 0.5). Contraction is "
-        "one minus the posterior's variance over the prior's, on the prior's scale. The numbers at the right are those "
-        "of summary.csv.",
+        "Each sampled parameter against its prior. Grey: the prior's 50 and 90 % intervals; blue: the posterior's; red "
+        "with an open circle: hardly determined (contraction below 0.5). Contraction is one minus the posterior's "
+        "variance over the prior's, on the prior's scale. The numbers at the right are those of summary.csv.",
         "Point and interval of every sampled parameter on the scale of its prior, with median, 90 % interval "
         "and contraction; the same numbers are in the table of parameters.",
         name="parameters",
     )
     draws, labels = marginals.identifiable(posterior)
     rows = [
-        (
-            labels[n],
-            *reported(posterior, n),
-            posterior.extrapolated.get(n, "reached by the loops"),
-        )
+        (labels[n], *reported(posterior, n), posterior.extrapolated.get(n, "reached by the loops"))
         for n in draws
         if n in posterior.quantities()
     ]

@@ -17,7 +17,7 @@ from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
 from bayes_iwan.report.identification.marginals import contraction, paper_symbol, reported
-from bayes_iwan.report.table import Cell, Rows, Table
+from bayes_iwan.report.page import Cell, Rows, Table
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
@@ -52,16 +52,7 @@ def parameters_table(posterior: Posterior) -> Table:
         )
         for p, c in zip(prior.free, shrunk)
     )
-    columns = (
-        "name",
-        "symbol",
-        "unit",
-        "description",
-        *_STATISTICS,
-        "eq8_minimum",
-        "prior",
-        "contraction",
-    )
+    columns = ("name", "symbol", "unit", "description", *_STATISTICS, "eq8_minimum", "prior", "contraction")
     return Table("parameters", "Sampled parameters", columns, rows)
 
 
@@ -74,12 +65,7 @@ def paper_table(posterior: Posterior) -> Table:
 def quantities_table(posterior: Posterior) -> Table:
     """Everything the posterior reports, the paper's parameters too."""
     rows: Rows = tuple(
-        (
-            name,
-            q.unit,
-            *spread(np.asarray(q.values, dtype=float)),
-            posterior.extrapolated.get(name, ""),
-        )
+        (name, q.unit, *spread(np.asarray(q.values, dtype=float)), posterior.extrapolated.get(name, ""))
         for name, q in posterior.quantities().items()
     )
     columns = ("name", "unit", *_STATISTICS, "reach")

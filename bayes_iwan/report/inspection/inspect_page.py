@@ -14,8 +14,7 @@ from bayes_iwan.campaign.folders.inspect import LEVEL, Inspection, inspect_loop
 from bayes_iwan.campaign.timing.accelerometer import STATED
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.inspection import inspect_figures as figures
-from bayes_iwan.report.page import Page, Section
-from bayes_iwan.report.provenance import provenance
+from bayes_iwan.report.page import Page, Section, provenance
 from bayes_iwan.report.style import house_style
 
 LEGEND = (
@@ -119,8 +118,7 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
         "trends",
         figures.trends(tests, units),
         f"Bars are {100 * LEVEL:.0f} % intervals from the scatter of the cycles; they are often smaller than the "
-        "marks. "
-        "Stiffness that falls with amplitude is slip.",
+        "marks. Stiffness that falls with amplitude is slip.",
         "Energy lost a cycle, equivalent stiffness and loss factor against amplitude.",
         f"Three panels against amplitude{', one line a frequency' if campaign.clock else ''}.",
     )
@@ -138,8 +136,7 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
         "drift",
         figures.drift(tests, units),
         "Where force or energy move and the displacement does not, the specimen or the force channel changed; where "
-        "the "
-        "displacement moves, the drive did.",
+        "the displacement moves, the drive did.",
         "Amplitude of displacement and force, and energy, of each cycle against their medians.",
         "One panel a test: three lines against the number of the cycle.",
     )
@@ -148,8 +145,7 @@ def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Pa
         "drive",
         figures.drive(tests, units),
         "Harmonics of the displacement that stand above its noise. The model is driven with the motion as it was, so a "
-        "distorted drive does no harm; "
-        "formulas for sines would.",
+        "distorted drive does no harm; formulas for sines would.",
         "Harmonics of the displacement over its fundamental.",
         "Lines of the share of each harmonic, one a test.",
     )

@@ -1,17 +1,23 @@
-"""Figures of a scored set of answers, each a function that returns a matplotlib figure."""
+"""A scored set of answers as files: table, JSON and figures."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayes_iwan.diagnosis.answer.saved_fits import find_shares
+from bayes_iwan.files import write_whole
+from bayes_iwan.report.style import save
 from bayes_iwan.withheld.case_score import CaseScore
 from bayes_iwan.withheld.estimates import Estimate, binned
 from bayes_iwan.withheld.metrics import SHARE_POINTS, confusion, reliability
-from bayes_iwan.withheld.scoring import Score
+from bayes_iwan.withheld.scoring import Score, score
 
 _BLUE, _ORANGE, _GREY = "#2266aa", "#cc6611", "#888888"
 
@@ -142,3 +148,38 @@ def figures(score: Score) -> dict[str, Figure]:
         "accuracy": accuracy_figure(score),
         "shares": share_figure(score),
     }
+
+
+def _share(folder: Path, sealed: Path, cause: str, *, allow_own_files: bool) -> float | None:
+    return find_shares(folder, sealed, allow_own_files=allow_own_files)[1].get(cause)
+
+
+def write_score(
+    directory: str | Path,
+    truth: str | Path,
+    *,
+    answers: str | Path | None = None,
+    out: str | Path | None = None,
+    allow_effects_file: bool = False,
+    excluded: Sequence[str] = (),
+) -> str:
+    """Check the seals, score, write `score.txt`, `score.json` and figures into `out` if given; returns the table and,
+    case by case, what was true and what was said."""
+    result = score(
+        directory,
+        truth,
+        answers=answers,
+        find_shrink=partial(_share, allow_own_files=allow_effects_file),
+        allow_effects_file=allow_effects_file,
+        excluded=excluded,
+    )
+    table = result.table() + "\n\n" + result.case_table()
+    if out is not None:
+        folder = Path(out)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_whole(folder / "score.txt", table + "\n")
+        write_whole(folder / "score.json", json.dumps(result.as_dict(), indent=1) + "\n")
+        for name, figure in figures(result).items():
+            for kind in ("png", "svg"):
+                save(figure, folder / f"{name}.{kind}")
+    return table
