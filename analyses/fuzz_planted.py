@@ -152,13 +152,13 @@ def stamps(table: Table, rng: Rng) -> Table:
 def rounded_time(table: Table, rng: Rng) -> Table:
     """Times rounded to some digits, beside a stated rate."""
     digits = int(rng.integers(1, 4))
-    table = preamble(table, rng)
-    lines = [*table.how["above"][:2], f"Sample rate: {table.rate_hz:g} Hz"]  # type: ignore[index]
+    lines = ["Rig 3", f"Sample rate: {table.rate_hz:g} Hz"]
     return replace(table, time_s=np.round(table.time_s, digits), how={**table.how, "above": lines})
 
 
 def no_time(table: Table, rng: Rng) -> Table:
-    return replace(preamble(table, rng), how={**table.how, "no time": True})
+    above = [f"Sample rate: {table.rate_hz:g} Hz"] if rng.random() < 0.7 else ["Rig 3"]
+    return replace(table, how={**table.how, "above": above, "no time": True})
 
 
 def late(table: Table, rng: Rng) -> Table:
@@ -244,6 +244,8 @@ def runs_glued(table: Table, rng: Rng) -> Table:
 
 def record_fault(table: Table, rng: Rng) -> Table:
     fault = FAULTS[rng.integers(len(FAULTS))]
+    if not np.median(np.diff(table.time_s)) > 0:
+        return table  # rounded to more than a step
     a, b = table.get(0), table.get(1)
     record = Record("a.csv", table.frequency_hz, 1.0, "fit", {}, table.time_s, a.values, b.values)
     with np.errstate(all="ignore"):

@@ -25,6 +25,8 @@ def whole_period(time_s: Array, displacement: Array, times: Array) -> float | No
     cycles = np.interp(places, time_s, displacement)
     if np.mean(np.diff(cycles, axis=0) ** 2) < UNLIKE**2 * 2 * np.var(cycles):
         return None
+    if _unlike(time_s, displacement, float(np.median(np.diff(times)))) < UNLIKE:
+        return None  # a cycle ends at each crossing but a few: a spike or a dropout made those
     for m in range(2, min(MOST, times.size - 1) + 1):
         lag = float(np.median(times[m:] - times[:-m]))
         if 2 * lag > span * 1.001 + 2 * float(np.median(np.diff(time_s))):

@@ -99,14 +99,14 @@ class Style:
         return [cell.strip().strip('"').strip() for cell in cells]
 
     def numbers(self, cells: Sequence[str]) -> int:
-        """How many numbers a row of the table has: 0 for what is no row."""
+        """How many more numbers than texts a row of the table has: 0 for what is no row."""
         n = others = 0
         for cell in cells:
             if self.is_number(cell) or cell.lower() in OVER or cell.lower() in UNDER:
                 n += 1
             elif cell not in MISSING and not is_stamp(cell):
                 others += 1
-        return n if others < n else 0
+        return max(n - others, 0)
 
 
 def decoded(file: str, raw: bytes, encoding: str | None) -> tuple[str, str]:
