@@ -365,6 +365,23 @@ def test_a_held_channel_is_said_and_put_on_time(signal, times):
 
 
 @form
+@given(signals(), st.floats(0.2, 0.9))
+def test_codes_at_both_ends_of_the_range_are_no_force(signal, level):
+    """Found by fuzz_planted.py (seed 2, 64): they were, since each hid the other."""
+    rate, x, f = signal
+    limit = level * np.abs(f).max()
+    coded = np.where(np.abs(f) > limit, np.sign(f) * 999999.0, f)
+
+    def write(folder):
+        rows = "".join(f"{k / rate:.7f};{a:.7f};{b:.6f}\n" for k, (a, b) in enumerate(zip(x, coded)))
+        (folder / "a.csv").write_text("Time [s];Weg [mm];Kraft [N]\n" + rows)
+        return folder / "a.csv"
+
+    record = back_or_said(write, "lost to gaps")
+    assert record is None or np.abs(record.force_N).max() <= limit + 1e-6
+
+
+@form
 @given(signals(), st.sampled_from(["9.91E+37", "9.9E37", "∞", "1.#INF", "OL", "999999"]), st.integers(1, 4))
 def test_overrange_is_missing_and_said(signal, code, wide):
     rate, x, f = signal

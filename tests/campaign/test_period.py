@@ -51,6 +51,15 @@ def recorded(wave, cycles, noise=0.002):
     return Record("a.csv", BASE, 1.0, "fit", {}, np.arange(n) / RATE, u, force + 20 * noise * rng.standard_normal(n))
 
 
+@pytest.mark.parametrize("value", [0.9, 3.0])
+def test_a_spike_makes_no_two_cycles_of_one(value):
+    """Found by fuzz_planted.py (seed 1, 1147): a bit that flipped gave half the frequency and twice the energy."""
+    record = recorded(lambda p: np.sin(TAU * p), 11.4)
+    record.displacement_mm[1880] = value * -np.sign(record.displacement_mm[1880])
+    _, loop = check_record(record)
+    assert loop.frequency_hz == pytest.approx(BASE, rel=1e-3)
+
+
 @pytest.mark.parametrize("name", WAVES)
 def test_a_periodic_drive_is_a_test(name):
     record, loop = check_record(recorded(WAVES[name], 12.0))

@@ -76,4 +76,6 @@ def _one(pieces: Sequence[Recording]) -> Recording:
         )
     first = pieces[0]
     others = ", ".join(x.where if x.file != first.file else repr(x.part) for x in pieces[1:])
-    return Recording(first.file, "", tuple(channels), (*first.notes, f"joined with {others}"), first.rate_hz)
+    notes = (*first.notes, f"joined with {others}")
+    warnings = tuple(dict.fromkeys(w for x in pieces for w in x.warnings))
+    return Recording(first.file, "", tuple(channels), notes, first.rate_hz, warnings)

@@ -41,7 +41,8 @@ class Recording:
     """The channels that were recorded together: a file, or one of several parts of it.
 
     file : for messages. part : name of the part, "" where the file is one. notes : what was dropped or guessed.
-    rate_hz : as the lines above a table state it, beside whatever time column there is.
+    rate_hz : as the lines above a table state it, beside whatever time column there is. warnings : what is wrong with
+    the file, for who reads the test.
     """
 
     file: str
@@ -49,6 +50,7 @@ class Recording:
     channels: tuple[Channel, ...]
     notes: tuple[str, ...] = ()
     rate_hz: float | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def where(self) -> str:

@@ -270,7 +270,7 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
 def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool) -> list[ImportedTest]:
     where = recording.where
     said = [f"{where} ({'; '.join(recording.notes)}): {found.motion.values.size} samples"]
-    warnings: tuple[str, ...] = ()
+    warnings = recording.warnings
     codes: tuple[str, ...] = ()
     series: list[Series] = []
     in_units: list[str] = []
