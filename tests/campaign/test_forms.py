@@ -377,8 +377,10 @@ def test_codes_at_both_ends_of_the_range_are_no_force(signal, level):
         (folder / "a.csv").write_text("Time [s];Weg [mm];Kraft [N]\n" + rows)
         return folder / "a.csv"
 
-    record = back_or_said(write, "lost to gaps")
-    assert record is None or np.abs(record.force_N).max() <= limit + 1e-6
+    try:
+        assert np.abs(back(write).force_N).max() <= limit + 1e-6
+    except CampaignError as error:  # too little is left
+        assert "a code, dropped" in str(error) or "samples that are numbers" in str(error)
 
 
 @form
