@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import math
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -15,6 +14,7 @@ from bayes_iwan.campaign.importing.unit_texts import split_name
 from bayes_iwan.campaign.recording.records import CampaignError
 
 FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal
+RATES_HZ = 1e-6, 1e12  # of samples: beyond it, none was stated
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def channel(
     heading = f"{name} ({unit.strip()})" if unit.strip() else name
     if not unit.strip():
         name, unit = split_name(name)
-    if rate_hz is not None and not (math.isfinite(rate_hz) and rate_hz > 0):
+    if rate_hz is not None and not RATES_HZ[0] < rate_hz < RATES_HZ[1]:
         rate_hz = None
     return Channel(name, unit.strip(), values.astype(float), rate_hz, start_s, group, heading)
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayes_iwan.campaign.importing.formats.stamps import is_stamp
+from bayes_iwan.campaign.importing.recordings import RATES_HZ
 from bayes_iwan.campaign.importing.unit_texts import decimal_point, is_unit
 from bayes_iwan.campaign.recording.records import CampaignError
 
@@ -263,6 +264,7 @@ def stated_rate(lines: Sequence[str]) -> float | None:
             if not turn and unit in _SECONDS | {"s": 1.0, "sec": 1.0}:
                 turn, table = True, _SECONDS
             value *= table.get(unit, 1.0)
-            if 0 < value < 1e12:
-                found.add(float(f"{1 / value if turn else value:.9g}"))
+            rate = 1 / value if turn and value else value
+            if RATES_HZ[0] < rate < RATES_HZ[1]:
+                found.add(float(f"{rate:.9g}"))
     return found.pop() if len(found) == 1 else None
