@@ -43,6 +43,7 @@ _RATE = Question(
     "There is neither a time channel (--time NAME) nor a sample rate (none where rows have no clock, as of a "
     "quasi-static test).",
 )  # fmt: skip
+_WHOLE = "The time {!r} goes up by whole numbers ({:g} a row) and states no unit: is it s, ms or us?"
 _ROWS = (
     "The time {!r} goes up by one a row: is that a clock of 1 Hz (1), or a count of rows, which no frequency is read "
     "from (none)?"
@@ -262,6 +263,8 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             steps = np.diff(time.values)
             if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
                 return [Question("--sample-rate", "", "1 or none", _ROWS.format(time.name))]
+            if not recipe.units.get("time", time.unit) and (steps >= 1.0).all() and (steps == np.rint(steps)).all():
+                return [Question("--unit", "time", "ms", _WHOLE.format(time.name, float(np.median(steps))))]
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
                 return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
     return []

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from bayes_iwan.campaign.importing.formats.stamps import is_stamp
 from bayes_iwan.campaign.importing.recordings import RATES_HZ
-from bayes_iwan.campaign.importing.unit_texts import decimal_point, is_unit
+from bayes_iwan.campaign.importing.unit_texts import decimal_point, is_unit, role_of
 from bayes_iwan.campaign.recording.records import CampaignError
 
 MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "#N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
@@ -230,13 +230,20 @@ def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) 
         fitting.append([c.lstrip("#").strip() for c in cells])
     if not fitting:
         return [], []
-    units = [any(cells) and all(is_unit(c) or _scale(c, style) for c in cells) for cells in fitting]
-    units = [is_row and not all(map(style.is_number, cells)) for is_row, cells in zip(units, fitting)]
+    units = [_is_units(cells, style) for cells in fitting]
     if len(fitting) > 1 and units[0]:
         return fitting[1], _bare(fitting[0])
     if len(fitting) > 1 and units[1]:
         return fitting[0], _bare(fitting[1])  # units above names
     return fitting[0], (fitting[0] if units[0] else [])
+
+
+def _is_units(cells: Sequence[str], style: Style) -> bool:
+    """Whether a row is one of units; of many cells a few may be what no unit is (segments, gpm)."""
+    others = sum(not (is_unit(c) or _scale(c, style)) for c in cells)
+    if others:
+        return 3 * others <= len(cells) and sum(role_of(c) is not None for c in cells) > 1
+    return any(cells) and not all(map(style.is_number, cells))
 
 
 def _scale(cell: str, style: Style) -> bool:
