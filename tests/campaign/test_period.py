@@ -93,6 +93,20 @@ def test_a_staircase_gives_a_test_a_level(cycles, one_speed):
     assert [p.amplitude_mm for p in pieces] == pytest.approx([0.5, 1.0, 1.5, 2.0, 3.0], rel=0.01) and not dropped
 
 
+@pytest.mark.parametrize("cycles, pause_s", [(2, 0.0), (3, 0.5), (4, 1.7)])
+def test_a_staircase_of_small_levels_and_with_pauses_between_them(cycles, pause_s):
+    """Five levels from a fifth of the largest on were a drift; pauses were a sweep in frequency."""
+    rng = np.random.default_rng(1)
+    sizes = (0.2, 0.4, 0.6, 0.8, 1.0)
+    parts = [[a * np.sin(TAU * np.arange(cycles * 100) / 100), np.zeros(round(500 * pause_s))] for a in sizes]
+    u = np.concatenate([x for part in parts for x in part])
+    noisy = u + 2e-4 * rng.standard_normal(u.size)
+    pieces, _ = split_levels(Record("s.csv", 1.0, 1.0, "fit", {}, np.arange(u.size) / 500.0, noisy, slider(u)))
+    assert [p.amplitude_mm for p in pieces] == pytest.approx(sizes, rel=0.01)
+    assert [p.frequency_hz for p in pieces] == pytest.approx([5.0] * 5, rel=0.02)
+    assert all(len(p.time_s) >= (cycles - 1) * 99 for p in pieces)
+
+
 @pytest.mark.parametrize("amplitudes", [0.0, 0.9, 2.0, 6.0, -3.0])
 def test_a_straight_drift_is_taken_off(amplitudes):
     record = recorded(lambda p: np.sin(TAU * p), 20.3)

@@ -17,7 +17,7 @@ FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal
 RATES_HZ = 1e-6, 1e12  # of samples: beyond it, none was stated
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Channel:
     """One signal as it stands in the file.
 
@@ -36,7 +36,7 @@ class Channel:
     heading: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """The channels that were recorded together: a file, or one of several parts of it.
 

@@ -13,8 +13,8 @@ from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 CUT = (
-    "the TDMS file ends before its data do (cut off, or damaged): what is there was read; copy or export it again where "
-    "the recorder did not simply stop"
+    "the TDMS file ends before its data do (cut off, or damaged): what is there was read; copy or export it again "
+    "unless the recorder simply stopped"
 )
 
 

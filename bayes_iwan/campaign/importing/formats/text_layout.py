@@ -22,8 +22,8 @@ SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", r"\s+
 NAMED = {"tab": "\t", "tabs": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "blank": r"\s+", "blanks": r"\s+"}
 NAMED |= {"space": r"\s+", "spaces": r"\s+", "bar": "|"}
 MARKS = {  # digits are matched in one way only: a cell of 60,000 of them would take minutes otherwise
-    ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?"),
-    ",": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?"),
+    ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?"),
+    ",": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?"),
 }
 THOUSANDS = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}([, '’\u00a0\u202f]\d{3})+(\.\d*)?"),
@@ -220,14 +220,14 @@ def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) 
         return names, next((cells for cells in below if all(is_unit(c) for c in cells)), [])
     fitting: list[list[str]] = []
     for line in reversed([line for line in lines if line.strip()]):
-        cells = style.cells(line)
+        cells = style.cells(re.sub(r"^\s*(#|//|%|!)\s*", "", line))
         if len(cells) == width + 1 and re.fullmatch(
             r"\W*(units?|einheit(en)?|unit[ée]s?|names?|channels?)\W*", cells[0], re.I
         ):
             cells = cells[1:]
         if len(cells) < width or (len(fitting) and len(cells) < len(fitting[0]) - 1):
             break
-        fitting.append([c.lstrip("#").strip() for c in cells])
+        fitting.append(cells)
     if not fitting:
         return [], []
     units = [_is_units(cells, style) for cells in fitting]
