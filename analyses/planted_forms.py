@@ -227,7 +227,8 @@ def write_uff(path: Path, table: Table, rng: Rng) -> Path:
         clock = table.time_s if c.times_s is None else c.times_s
         data = {
             "type": 58, "binary": int(rng.integers(2)), "func_type": 1, "rsp_node": k, "rsp_dir": 3, "ref_node": 0,
-            "ref_dir": 0, "rsp_ent_name": "NONE", "id1": "run", "data": c.values, "x": clock, "abscissa_spacing": int(even),
+            "ref_dir": 0, "rsp_ent_name": "NONE", "id1": "run", "data": c.values, "x": clock,
+            "abscissa_spacing": int(even),
             "abscissa_spec_data_type": 17, "ordinate_spec_data_type": 8, "orddenom_spec_data_type": 0,
             "ordinate_axis_lab": c.name, "ordinate_axis_units_lab": c.unit or "NONE", "ord_data_type": 4,
             "abscissa_inc": 1 / table.rate_hz if even else 0.0, "abscissa_min": float(clock[0]),
