@@ -26,6 +26,7 @@ SIGMAS = 3.0  # standard errors: what is less is noise
 REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
 LATE = 0.3  # below minus this the delay is so long that no loop is left to identify
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
+AT_TURN = 0.002  # of the stroke: nearer to its end the displacement turns, or is held
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
@@ -234,8 +235,9 @@ def _angle(loop: Loop) -> list[str]:
         return [
             f"{what}. Stiffness and slip forces take the delay up: `diagnose` searches for it, a calibration settles it"
         ]
-    top, bottom = int(np.argmax(loop.displacement_mm)), int(np.argmin(loop.displacement_mm))
-    fallen = (loop.force_N.max() - loop.force_N[top] + loop.force_N[bottom] - loop.force_N.min()) / 2
+    u, force, near = loop.displacement_mm, loop.force_N, AT_TURN * float(np.ptp(loop.displacement_mm))
+    at_top, at_bottom = force[u >= u.max() - near].max(), force[u <= u.min() + near].min()
+    fallen = (force.max() - at_top + at_bottom - force.min()) / 2
     scatter = float(np.median(loop.force_scatter_N)) / math.sqrt(loop.n_cycles)
     height = max(float(np.ptp(loop.force_N)), 1e-300)
     if fallen <= max(TURNED * height, SIGMAS * scatter):
@@ -247,11 +249,16 @@ def _angle(loop: Loop) -> list[str]:
 
 
 def _loss(loop: Loop) -> tuple[float, float]:
-    """How much of the force moves with the velocity and with the displacement: sine and cosine of a loss angle."""
+    """How much of the force moves with the velocity and with the displacement: sine and cosine of a loss angle.
+
+    The velocity is that of the displacement's grid: at a corner the true one is of neither sign, and a spring's force
+    times it does not add up to nothing.
+    """
     force = loop.force_N - loop.force_N.mean()
 
     def along(motion: Array) -> float:
         size = float(np.std(force) * np.std(motion))
         return float(np.mean(force * motion)) / size if size > 0 else 0.0
 
-    return along(loop.velocity_m_s), along(loop.displacement_mm)
+    u = loop.displacement_mm
+    return along(np.roll(u, -1) - np.roll(u, 1)), along(u)
