@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from bayes_iwan.arrays import wrapped
 from bayes_iwan.inference.results.posterior import Posterior
 
 #: functions of :mod:`bayes_iwan.report.plot` that take a posterior
@@ -34,7 +35,7 @@ class PosteriorPlots:
         return list(NAMES)
 
     def __repr__(self) -> str:
-        return f"plots: {', '.join(NAMES)}"
+        return wrapped(f"plots: {', '.join(NAMES)}")
 
 
 def _register(kind: type, name: str, accessor: type) -> None:

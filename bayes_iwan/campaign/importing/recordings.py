@@ -9,7 +9,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.importing.unit_texts import split_name
 from bayes_iwan.campaign.recording.records import CampaignError
 
@@ -35,6 +35,8 @@ class Channel:
     group: str = ""
     heading: str = ""
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -51,6 +53,8 @@ class Recording:
     notes: tuple[str, ...] = ()
     rate_hz: float | None = None
     warnings: tuple[str, ...] = ()
+
+    __repr__ = brief
 
     @property
     def where(self) -> str:

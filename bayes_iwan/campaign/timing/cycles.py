@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.records import CampaignError
 from bayes_iwan.campaign.timing.harmonics import evaluate, fit, inverse_grams, project
 from bayes_iwan.campaign.timing.period import period_marks, short_period, whole_period
@@ -52,6 +52,8 @@ class Cut:
     run_out: int
     gap_cycles: int
     late: float = 0.0
+
+    __repr__ = brief
 
     @property
     def index(self) -> np.ndarray:

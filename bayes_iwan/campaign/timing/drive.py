@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.cycles import HYSTERESIS, crossings, cycle_shapes, phase_between
 from bayes_iwan.campaign.timing.period import period_marks, whole_period
@@ -58,6 +58,8 @@ class Drive:
     levels: tuple[Level, ...]
     kind: str
     rests_s: tuple[tuple[float, float], ...] = ()
+
+    __repr__ = brief
 
 
 def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST) -> Drive | None:
