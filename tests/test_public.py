@@ -256,7 +256,9 @@ def test_reprs_fit_a_screen(kind):
     made = {
         "scales": lambda: Scales(*np.random.default_rng(1).random(6)),
         "settings": settings_of,
-        "loop": lambda: bi.campaign.average(Record("a.csv", 2.0, 1.0, "fit", {}, t, np.sin(12.6 * t), np.cos(12.6 * t))),
+        "loop": lambda: bi.campaign.average(
+            Record("a.csv", 2.0, 1.0, "fit", {}, t, np.sin(12.6 * t), np.cos(12.6 * t))
+        ),
         "arrays": lambda: cut_cycles("a", t, np.sin(12.6 * t)),
     }[kind]()
     lines = repr(made).splitlines()

@@ -111,7 +111,7 @@ def test_a_staircase_of_small_levels_and_with_pauses_between_them(cycles, pause_
 def test_a_straight_drift_is_taken_off(amplitudes):
     record = recorded(lambda p: np.sin(TAU * p), 20.3)
     line = amplitudes * record.time_s / record.time_s[-1]
-    level, said = without_drift(record.time_s, record.displacement_mm + line)
+    level, _, said = without_drift(record.time_s, record.displacement_mm + line)
     assert bool(said) == (amplitudes != 0.0)
     np.testing.assert_allclose(level - level.mean(), record.displacement_mm - record.displacement_mm.mean(), atol=0.01)
 

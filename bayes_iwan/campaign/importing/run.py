@@ -328,7 +328,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         warnings += more_warnings
     level = motion_values
     if found.role == "displacement":
-        level, drift = without_drift(time_s, motion_values)
+        level, _, drift = without_drift(time_s, motion_values)
         if split and drift:  # levels are found by crossings, which a drift moves; else it is for who reads the campaign
             motion_values, warnings = level, (*warnings, *drift)
     record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units, recipe.clock)
@@ -376,7 +376,7 @@ def _alike(a: Channel, b: Channel) -> bool:
 
 def _named(record: Record) -> Record:
     """The record with the frequency and amplitude that it shows, rounded to what names a test."""
-    level, _ = without_drift(record.time_s, record.displacement_mm)
+    level, _, _ = without_drift(record.time_s, record.displacement_mm)
     if not record.clock:
         record = replace(record, time_s=cycles_as_time(record.file, level))
     found = average(replace(record, displacement_mm=level), n_phase=64, n_harmonics=8, n_blocks=1)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.importing.clocks import counted_on, on_rate
+from bayes_iwan.campaign.importing.clocks import counted_on
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.unit_texts import converted, decimal_point
-from bayes_iwan.campaign.loops.checks import check_epoch
+from bayes_iwan.campaign.loops.checks import check_epoch, on_grid_of_rate
 from bayes_iwan.campaign.recording.records import CampaignError
 
 DAY_NUMBERS = (30_000.0, 60_000.0), (715_000.0, 750_000.0)  # of the years 1982 to 2053, by Excel and by MATLAB
@@ -69,7 +69,7 @@ def times_of(
             from_file = None
     rate: float | None = asked or from_file
     if rate is not None:
-        time = on_rate(time, rate)
+        time = on_grid_of_rate(time, rate)
     start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())
     check_epoch(where, start, "Say --unit time=ms")
     if not (np.diff(time[np.isfinite(time)]) > 0).all():

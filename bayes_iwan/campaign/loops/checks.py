@@ -14,9 +14,10 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop, average
-from bayes_iwan.campaign.loops.drift import level_record, without_line
+from bayes_iwan.campaign.loops.drift import level_record
 from bayes_iwan.campaign.loops.steadiness import disturbances, when
 from bayes_iwan.campaign.recording.records import CampaignError, Record
+from bayes_iwan.campaign.timing.displacement_drift import COARSE, without_drift
 from bayes_iwan.campaign.timing.drive import assess_drive, refuse_unsteady
 
 NOMINAL_TOLERANCE = 0.10
@@ -33,10 +34,15 @@ EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
 
 
 def on_grid_of_rate(time: Array, rate: float) -> Array:
-    """The exact sample times where the column is only a rounded copy of them (it may then even repeat)."""
-    exact = time[0] + np.arange(time.size) / rate
-    rounded = (np.diff(time) >= 0).all() and np.abs(time - exact).max() < 0.75 / rate
-    return exact if rounded else time
+    """The exact times of samples at `rate` where the column (n,) is a rounded copy of them (it may then repeat)."""
+    steps, off = np.diff(time), time - time[0] - np.arange(time.size) / rate
+    if not (steps >= 0).all() or not (steps > 0).any():
+        return time
+    if (steps == 0).any():  # rounded to more than a step: within one unit of its last place
+        rounded = np.ptp(off) <= 1.01 * float(steps[steps > 0].min())
+    else:
+        rounded = float(np.abs(off).max()) < 0.75 / rate
+    return time - off if rounded else time
 
 
 def check_epoch(file: str, start_s: float, fix: str) -> None:
@@ -99,7 +105,9 @@ def check_record(record: Record) -> tuple[Record, Loop]:
 
     Returns the record with its warnings completed, and its loop for what tests say of each other.
     """
-    record, line_mm = without_line(record)
+    # cycles cannot be counted on a large drift; what is left of it, and what is smaller, is looked at below
+    level, line_mm, _ = without_drift(record.time_s, record.displacement_mm, COARSE)
+    record = replace(record, displacement_mm=level)
     refuse_unsteady(record.file, assess_drive(record.time_s, record.displacement_mm), record.clock)
     loop = average(record, n_blocks=1)
     record, drifts = level_record(record, loop, line_mm)

@@ -104,7 +104,7 @@ def where_json(where: Where, size: GapSize) -> dict[str, Any]:
         "parity": [_statistic(x, "parity") for x in kinds["parity"]],
         "mean": _statistic(kinds["mean"][0], "what"),
         "along_record": [_statistic(x, "what") for x in kinds["record"]],
-        "mains": [_statistic(x, "line") for x in kinds["mains"]],
+        "mains": [_statistic(x, "line") for x in kinds["mains"]] if where.clock else [],
         "laws": [
             {
                 "order": x.order,
