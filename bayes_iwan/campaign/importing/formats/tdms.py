@@ -36,9 +36,9 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
                 groups.setdefault(group, []).append(one)
     except Exception as error:  # a damaged file makes npTDMS fail in many ways
         raise CampaignError(f"{file}: cannot be read as TDMS ({shown(str(error))}); copy or export it again") from None
-    one = len(groups) == 1
+    alone = len(groups) == 1
     return [
-        Recording(file, "" if one else name, tuple(c), (f"TDMS, group {name!r}" if one else "TDMS",), warnings=cut)
+        Recording(file, "" if alone else name, tuple(c), (f"TDMS, group {name!r}" if alone else "TDMS",), warnings=cut)
         for name, c in groups.items()
     ]
 
