@@ -155,8 +155,8 @@ def card_of(
         unexplained_N=unexplained[0],
         unexplained_share=unexplained[1],
         discretisation=f"slip forces are continuous, not discretised; at most {MAX_PIECES} pieces of memory. From the "
-        "forward model: below 0.1 % of the friction force (RMS) and of the energy at 20 steps a cycle of the highest "
-        "frequency and more (analyses/export_round_trip.py)",
+        "forward model: below 0.1 % of the friction force (RMS) and of the energy at 20 steps a cycle and more "
+        "(analyses/export_round_trip.py)",
         step=f"a twentieth of the shortest cycle in the motion, or less; each is divided by {substeps(device)} inside",
     )
 

@@ -35,8 +35,8 @@ class PredictionError(InputError):
 class Prediction:
     """Loops that were predicted, with what the posterior knows of them.
 
-    frequency_hz (None without a clock), amplitude_mm : (loops,); displacement_mm : (loops, samples); force_N : (draws, loops, samples), the
-    model's alone, without noise; units : the campaign's, for what is printed; extrapolated : (loops,) why each is an
+    frequency_hz (None without a clock), amplitude_mm : (loops,); displacement_mm : (loops, samples); force_N : (draws,
+    loops, samples), the model's alone, without noise; units : the campaign's, for what is printed; extrapolated : (loops,) why each is an
     extrapolation, "" where it is none.
     """
 
@@ -120,8 +120,9 @@ def _beyond(problem: Problem, frequency_hz: float, amplitude_mm: float) -> str:
                 if swapped
                 else "; a motion of your own can still be given to posterior.problem.predict"
             )
+            at = f"{frequency_hz:g} Hz and " if "frequency" in tested else ""
             raise PredictionError(
-                f"{f'{frequency_hz:g} Hz and ' if 'frequency' in tested else ''}{amplitude_mm:g} {length} ({name} {value:.3g} {unit}) are beyond "
+                f"{at}{amplitude_mm:g} {length} ({name} {value:.3g} {unit}) are beyond "
                 f"{REFUSED:g} times what was tested ({name} {span}){hint}"
             )
         if name == "peak speed":
