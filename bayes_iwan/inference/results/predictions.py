@@ -36,8 +36,8 @@ class Prediction:
     """Loops that were predicted, with what the posterior knows of them.
 
     frequency_hz (None without a clock), amplitude_mm : (loops,); displacement_mm : (loops, samples); force_N : (draws,
-    loops, samples), the model's alone, without noise; units : the campaign's, for what is printed; extrapolated : (loops,) why each is an
-    extrapolation, "" where it is none.
+    loops, samples), the model's alone, without noise; units : the campaign's, for what is printed; extrapolated :
+    (loops,) why each is an extrapolation, "" where it is none.
     """
 
     frequency_hz: Array | None
