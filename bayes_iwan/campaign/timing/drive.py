@@ -28,7 +28,7 @@ SMALLEST, SMALLEST_SPLIT = 0.1, 0.03  # of the largest stroke: smaller ones are 
 SECOND = 5, 0.1  # cycles, and share of the record, from which a second level is a test of its own
 MAIN = 0.55  # share of the cycles at one level from which the others are run-in, run-out or a disturbance
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
-REST = 0.8  # of a usual cycle in which nothing moves: a pause
+PAUSE = 0.8  # of a usual cycle in which nothing moves: a pause
 FEWEST = 4  # cycles below which nothing is assessed
 
 
@@ -49,7 +49,7 @@ class Drive:
     start_s : (n + 1,) upward crossings; a cycle lies between two. frequency_hz, amplitude_mm : (n,); the amplitude is
     half the peak-to-peak, from each cycle's fundamental and the record's wave form.
     levels : amplitudes and frequencies that are held, in order; one for a steady drive.
-    kind : "steady", "levels", "drift" (a smooth change) or "unsteady" (neither). rests_s : start and end of pauses.
+    kind : "steady", "levels", "drift" (a smooth change) or "unsteady" (neither). pauses_s : start and end of pauses.
     """
 
     start_s: Array
@@ -57,7 +57,7 @@ class Drive:
     amplitude_mm: Array
     levels: tuple[Level, ...]
     kind: str
-    rests_s: tuple[tuple[float, float], ...] = ()
+    pauses_s: tuple[tuple[float, float], ...] = ()
 
     __repr__ = brief
 
@@ -74,12 +74,12 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
     noise = float(np.median(np.abs(np.diff(displacement, 2)))) * 1.4826 / np.sqrt(6)
     middle, hysteresis = (low + high) / 2, min(max(smallest, 8 * noise / half), HYSTERESIS)
     times = crossings(time_s, displacement, middle, half, hysteresis=hysteresis, ends=True)
-    rests = _rests(time_s, displacement - middle, hysteresis * half, times)
+    pauses = _pauses(time_s, displacement - middle, hysteresis * half, times)
     whole = whole_s = time_s
-    if rests:  # levels with pauses between them: seen without the pauses
+    if pauses:  # levels with pauses between them: seen without the pauses
         moving = np.ones(time_s.size, dtype=bool)
         time_s = time_s.copy()
-        for a, b in rests:
+        for a, b in pauses:
             moving[a:b] = False
             time_s[b:] -= whole_s[b] - whole_s[a]
         time_s, whole_s, displacement = time_s[moving], whole_s[moving], displacement[moving]
@@ -112,10 +112,10 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
             groups, kind = short, "levels"
     levels = [Level(a, b, *_middle(y[a:b])) for a, b in groups]
     starts = times + (np.interp(times, time_s, whole_s) - np.clip(times, time_s[0], time_s[-1]))
-    return Drive(starts, np.exp(y[:, 1]), size, tuple(levels), kind, tuple((whole[a], whole[b]) for a, b in rests))
+    return Drive(starts, np.exp(y[:, 1]), size, tuple(levels), kind, tuple((whole[a], whole[b]) for a, b in pauses))
 
 
-def _rests(time_s: Array, values: Array, small: float, times: Array) -> list[tuple[int, int]]:
+def _pauses(time_s: Array, values: Array, small: float, times: Array) -> list[tuple[int, int]]:
     """Where values (n,) stay within +-small for most of a usual cycle or longer: index of the first and past the last
     sample of each pause between parts that move."""
     if times.size < FEWEST:
@@ -125,7 +125,7 @@ def _rests(time_s: Array, values: Array, small: float, times: Array) -> list[tup
     runs = [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if 0 < a and b < values.size]
     out = []
     for a, b in runs:
-        if time_s[b] - time_s[a] > REST * period:
+        if time_s[b] - time_s[a] > PAUSE * period:
             off = np.abs(values[a:b] - np.median(values[a:b]))  # not the ways into the pause and out of it
             still = np.flatnonzero(off <= max(6 * 1.4826 * float(np.median(off)), 0.01 * small))
             out.append((a + int(still[0]), a + int(still[-1]) + 1))
@@ -249,7 +249,7 @@ def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
         # not a sample of the next level: a much larger one would hide this one's crossings
         first, last = drive.start_s[[level.first, level.last]]
         keep = (record.time_s >= first) & (record.time_s <= last)
-        for a, b in drive.rests_s:
+        for a, b in drive.pauses_s:
             keep &= (record.time_s < a) | (record.time_s >= b)
         out.append(
             replace(
