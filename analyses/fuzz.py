@@ -4,7 +4,7 @@
 
 Small sound files are made once (fuzz_readers.py), then their bytes are damaged and they are read as the commands read
 them. `--inputs` are shared out so that cheap readers get more. The readers run in forked processes whose memory may
-grow by ten times the file and 300 MB; an input has 10 s of processor time, and a minute of any. Beside the mutated
+grow by ten times the file and 300 MB; an input has 10 s of processor time, a minute outside Python. Beside the mutated
 bytes two readers get files whose checksums were made anew, as somebody would who wants to do harm.
 
 Counted: *refused* (an InputError, one line), *read*, and what must not be: *plain* (a bare
@@ -40,7 +40,8 @@ from fuzz_recordings import Reader, made_up_record, recording_readers
 WORDS = ("not run", "refused", "read", "plain", "lines", "traceback", "memory", "hang", "crash")
 NOT_RUN, REFUSED, READ, PLAIN, LINES, TRACEBACK, MEMORY, HANG, CRASH = range(len(WORDS))
 MEMORY_MB, TIMES_FILE = 300, 10
-PROCESSOR_S, WALL_S = 10, 60
+#: what is stuck outside Python sees no signal; a busy machine is no hang, so the clock on the wall has long patience
+PROCESSOR_S, STUCK_S, WALL_S = 10, 60, 1200
 #: inputs that one forked process reads
 BATCH = 4000
 #: seconds given to measuring a reader's speed, from which its share of the inputs follows
@@ -146,6 +147,15 @@ def in_fork(
         os._exit(70)
 
 
+def _processor_s(pid: int) -> float:
+    """Processor seconds that a process has used; 0 where it has ended."""
+    try:
+        user, system = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    except OSError:
+        return 0.0
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
 class Job:
     """A range of one reader's inputs, read by as many processes as die over it."""
 
@@ -161,7 +171,7 @@ class Job:
 
     def _start(self) -> None:
         self.begun_at = self.done = self._done()
-        self.at = time.monotonic()
+        self.at, self.used = time.monotonic(), 0.0
         self.pid = in_fork(*self.arguments)
 
     def _done(self) -> int:
@@ -180,11 +190,11 @@ class Job:
                 raise RuntimeError(f"{self.name}: its process ends ({status}) before it reads anything; see the log")
             self._start()
         elif (done := self._done()) != self.done:
-            self.done, self.at = done, time.monotonic()
-        elif time.monotonic() - self.at > WALL_S:
+            self.done, self.at, self.used = done, time.monotonic(), _processor_s(self.pid)
+        elif _processor_s(self.pid) - self.used > STUCK_S or time.monotonic() - self.at > WALL_S:
             os.kill(self.pid, signal.SIGKILL)
             os.waitpid(self.pid, 0)
-            self._told(f"no end after {WALL_S} s")
+            self._told(f"no end after {STUCK_S} s of work, or {WALL_S} s of any")
             self.codes[self.codes == CRASH] = HANG
             self._start()
         return False

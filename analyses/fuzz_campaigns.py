@@ -42,18 +42,18 @@ class Hang(BaseException):
 
 @contextlib.contextmanager
 def limited(seconds: int = LIMIT_S) -> Iterator[None]:
-    """Raise Hang in this process after so many seconds."""
+    """Raise Hang in this process after so many seconds of its own work."""
 
     def stop(*_: object) -> None:
         raise Hang
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.alarm(seconds)
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def changed(base: Loop, record: Record) -> bool:

@@ -232,6 +232,9 @@ def readers() -> dict[str, Reader]:
         settings = diagnose_settings_of(other)
         return base_problem(data, settings, scales, base_model(settings, scales))
 
+    # kernels that damaged files may ask for, compiled here: in the forks, on a busy machine, that looked like a hang
+    default = make_problem(loops, settings_of(None))
+    default.log_prob(default.prior.draw(np.random.default_rng(0), 4))
     data, scales = gap_data(loops), scales_of(loops)
     found = identify_campaign(
         campaign, config={**settings_of(write_whole("short.toml", CONFIG)).as_dict()}, seed=1, quick=True

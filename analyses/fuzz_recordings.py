@@ -5,6 +5,8 @@ All paths are relative to the working directory, so that several processes can d
 
 from __future__ import annotations
 
+import io
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +19,21 @@ from bayes_iwan.campaign.importing import Recipe, import_tests, read_recipe
 from bayes_iwan.files import write_whole
 
 Damage = Callable[[bytes, mutations.Rng], bytes]
+
+
+def resealed_zip(raw: bytes, rng: mutations.Rng) -> bytes:
+    """A workbook of which one part was damaged and packed again: the archive's checksums hold."""
+    with zipfile.ZipFile(io.BytesIO(raw)) as packed:
+        parts = {x.filename: packed.read(x) for x in packed.infolist()}
+    sheets = [name for name in parts if "sheet" in name and not name.startswith("_")]
+    name = sheets[rng.integers(len(sheets))] if rng.random() < 0.6 else list(parts)[rng.integers(len(parts))]
+    parts[name] = mutations.damaged(parts[name], rng)
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as packed:
+        for key, value in parts.items():
+            packed.writestr(zipfile.ZipInfo(key), value)
+    return out.getvalue()
+
 
 RECIPE = """
 sample_rate_hz = 640
@@ -132,5 +149,8 @@ def recording_readers(record: Record) -> dict[str, Reader]:
         # a WAV says neither names nor units
         said = Recipe(channels={"displacement": "1", "force": "2"}, units={"displacement": "4 mm", "force": "400 N"})
         recipe_of = said if name == "wav" else Recipe()
-        out[f"import {name}"] = Reader((path,), lambda path=path, r=recipe_of: import_tests([path], r))
+        read = lambda path=path, r=recipe_of: import_tests([path], r)  # noqa: E731
+        out[f"import {name}"] = Reader((path,), read)
+        if name == "excel":
+            out["import excel, resealed"] = Reader((path,), read, resealed_zip)
     return out

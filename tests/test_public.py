@@ -250,3 +250,25 @@ def test_an_option_of_before_is_refused_with_its_new_name(capsys):
     with pytest.raises(SystemExit):
         main(["diagnose", "nowhere", "--dask", "tcp://host:8786"])
     assert "is called --workers now; write --workers tcp://host:8786" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["scales", "settings", "loop", "arrays"])
+def test_reprs_fit_a_screen(kind):
+    """What a notebook shows of a dataclass: lines of 100 characters at most, arrays by their shape."""
+    from bayes_iwan.campaign.recording.records import Record
+    from bayes_iwan.campaign.timing.cycles import cut_cycles
+    from bayes_iwan.inference.setup.config import settings_of
+    from bayes_iwan.models.scales import Scales
+
+    t = np.arange(500) / 100
+    made = {
+        "scales": lambda: Scales(*np.random.default_rng(1).random(6)),
+        "settings": settings_of,
+        "loop": lambda: bi.campaign.average(
+            Record("a.csv", 2.0, 1.0, "fit", {}, t, np.sin(12.6 * t), np.cos(12.6 * t))
+        ),
+        "arrays": lambda: cut_cycles("a", t, np.sin(12.6 * t)),
+    }[kind]()
+    lines = repr(made).splitlines()
+    assert len(lines) < 40 and max(map(len, lines)) <= 100
+    assert kind != "arrays" or "array of float64 (500,)" in repr(made)

@@ -30,7 +30,7 @@ CITATION = (
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """The card as its JSON holds it; ranges are (least, largest)."""
+    """The card as its JSON holds it; ranges are (least, largest), those of frequency and speed None without a clock."""
 
     specimen: str
     description: str
@@ -44,8 +44,8 @@ class Card:
     units: dict[str, str]
     tests: int
     amplitude_mm: tuple[float, float]
-    frequency_hz: tuple[float, float]
-    speed_m_s: tuple[float, float]
+    frequency_hz: tuple[float, float] | None
+    speed_m_s: tuple[float, float] | None
     mean_displacement_mm: tuple[float, float]
     beyond: tuple[str, ...]
     amplitude: str
@@ -76,9 +76,10 @@ class Card:
             ("Model", f"{self.model}; {self.method}; set 0 is the point estimate, 1 to {self.draws} are draws"),
             ("Units", f"force in {force}, stretch in {self.units['stretch']}; parameters in {displacement}, {force}"),
             ("Tested", f"amplitude {between(self.amplitude_mm, displacement)}"),
-            ("", f"frequency {between(self.frequency_hz, 'Hz')}"),
-            ("", f"speed {between(self.speed_m_s, velocity)}; mean displacement "
-             f"{between(self.mean_displacement_mm, displacement)}, taken off: 0 is the tests' mean position"),
+            *([("", f"frequency {between(self.frequency_hz, 'Hz')}")] if self.frequency_hz else []),
+            *([("", f"speed {between(self.speed_m_s, velocity)}")] if self.speed_m_s else []),
+            ("", f"mean displacement {between(self.mean_displacement_mm, displacement)}, taken off: 0 is the tests' "
+             "mean position"),
             *(("Beyond" if i == 0 else "", text) for i, text in enumerate(self.beyond)),
             ("A of Eq. (11)", self.amplitude),
             ("Effects in", effects_text(self.effects)),
@@ -113,7 +114,7 @@ def card_of(
     unexplained: tuple[float, float],
 ) -> Card:
     """The card of a device from a problem's fitted tests; unexplained : RMS in N, and as a share of the friction's."""
-    loops, units = problem.loops, problem.units
+    loops, units, clock = problem.loops, problem.units, problem.loops[0].record.clock
 
     def span(values: Array) -> tuple[float, float]:
         return float(np.min(values)), float(np.max(values))
@@ -138,11 +139,14 @@ def card_of(
         },
         tests=len(loops),
         amplitude_mm=amplitude,
-        frequency_hz=span(problem.motion.frequency_hz),
-        speed_m_s=span(problem.motion.speed_m_s.max(axis=-1)),
+        frequency_hz=span(problem.motion.frequency_hz) if clock else None,
+        speed_m_s=span(problem.motion.speed_m_s.max(axis=-1)) if clock else None,
         mean_displacement_mm=span(np.array([x.offset_mm for x in loops])),
         beyond=(
-            "larger strokes, other frequencies and speeds: the laws go on as they are, untested",
+            "larger strokes, other frequencies and speeds: the laws go on as they are, untested"
+            if clock
+            else "larger strokes: the laws go on as they are, untested. Without a clock, nothing that depends on "
+            "speed was seen",
             f"slip forces end at {float(device.top_N[0]):.4g} {units.force}: with larger strokes all elements slip",
         ),
         amplitude=_amplitude(device, problem, z),
@@ -151,8 +155,8 @@ def card_of(
         unexplained_N=unexplained[0],
         unexplained_share=unexplained[1],
         discretisation=f"slip forces are continuous, not discretised; at most {MAX_PIECES} pieces of memory. From the "
-        "forward model: below 0.1 % of the friction force (RMS) and of the energy at 20 steps a cycle of the highest "
-        "frequency and more (analyses/export_round_trip.py)",
+        "forward model: below 0.1 % of the friction force (RMS) and of the energy at 20 steps a cycle and more "
+        "(analyses/export_round_trip.py)",
         step=f"a twentieth of the shortest cycle in the motion, or less; each is divided by {substeps(device)} inside",
     )
 

@@ -23,7 +23,7 @@ NAMES = ("isolator_opensees.py",)
 DISCRETISATION = (
     "slip forces are lumped into as many springs as a stated error of the backbone asks. From the forward model, on a "
     "motion that is straight between the solver's steps: below 0.1 % of the friction force (RMS) and of the energy at "
-    "20 steps a cycle of the highest frequency and more, with the default error (analyses/export_round_trip.py)"
+    "20 steps a cycle and more, with the default error (analyses/export_round_trip.py)"
 )
 STEP = (
     "a material sees displacements and no velocity, so it follows straight lines between the solver's steps and misses "

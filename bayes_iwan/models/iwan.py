@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.models import embedded_error, iwan_parameters, normal_force, slip_force, stiffness
 from bayes_iwan.models.kernels import sliders
 from bayes_iwan.models.motion import Motion
@@ -71,6 +71,8 @@ class Model(Simulator):
     normal_force: str = "hunt_crossley"
     stiffness: str = "saturating"
     embedded: bool = False
+
+    __repr__ = brief
 
     stages = frozenset(INNER)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bayes_iwan.arrays import brief
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -45,6 +47,8 @@ class Scales:
     slip_N: float  # largest dissipated energy / (4 amplitude): the mean slip force, were all to slip
     soft_N_mm: float  # secant stiffness of the largest amplitude
     stiff_N_mm: float  # stiffness after reversals, at least
+
+    __repr__ = brief
 
     @property
     def reference(self) -> Reference:

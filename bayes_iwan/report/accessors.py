@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from bayes_iwan.arrays import wrapped
 from bayes_iwan.inference.results.posterior import Posterior
 
 
@@ -32,7 +33,7 @@ class PosteriorPlots:
         return list(plot.OF_POSTERIOR)
 
     def __repr__(self) -> str:
-        return f"plots: {', '.join(dir(self))}"
+        return wrapped(f"plots: {', '.join(dir(self))}")
 
 
 def _register(kind: type, name: str, accessor: type) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bayes_iwan import __version__
+from bayes_iwan.arrays import wrapped
 
 SOFTWARE = f"bayes-iwan {__version__}"
 
@@ -26,7 +27,7 @@ _BIBTEX = f"""@software{{bayes_iwan,
 """
 
 _TEXT = f"""{SOFTWARE}: Bayesian identification of the generalized Iwan model and diagnosis of the sim-to-real gap.
-Model: M. Rajaei, H. Ahmadian, E. Tavakoli, Modeling and identification of nonlinear behavior of friction vibratory
+Model: M. Rajaei, H. Ahmadian, E. Tavakoli, Modeling and identification of nonlinear behavior of friction vibratory \
 separators using Iwan model.
 Sampler: D. Foreman-Mackey et al., emcee: The MCMC Hammer, PASP 125 (2013) 306, doi:10.1086/670067.
 Diagnostics: R. Kumar et al., ArviZ, J. Open Source Softw. 4(33) (2019) 1143, doi:10.21105/joss.01143."""
@@ -42,7 +43,7 @@ class Citation(str):
         return _BIBTEX
 
     def __repr__(self) -> str:
-        return str(self)
+        return "\n".join(map(wrapped, self.splitlines()))
 
 
 def cite() -> Citation:

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import rankdata
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.threads import alongside
 
 
@@ -42,6 +42,8 @@ class Convergence:
     ess_tail: Array
     tau_steps: Array
     n_steps: int
+
+    __repr__ = brief
 
     @property
     def worst_r_hat(self) -> float:

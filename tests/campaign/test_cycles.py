@@ -190,10 +190,17 @@ def test_a_gap_inside_one_cycle(record, force_harmonics):
         np.testing.assert_allclose(loop.harmonics_N[:6], force_harmonics, atol=1e-6)
 
 
-@pytest.mark.parametrize("n_cycles", [0.4, 1.4, 2.2])
+@pytest.mark.parametrize("n_cycles", [0.4, 1.4, 1.9])
 def test_too_few_cycles(record, n_cycles):
     with pytest.raises(CampaignError, match=r"test\.csv: .*at least two are needed"):
         average(record(n_cycles=n_cycles, start=0.5))
+
+
+@pytest.mark.parametrize("n_cycles, start", [(2.0, 0.25), (2.0, 0.6), (2.2, 0.5), (2.4, 0.1)])
+def test_two_cycles_are_counted_wherever_the_record_begins(record, force_harmonics, n_cycles, start):
+    loop = average(record(n_cycles=n_cycles, start=start))
+    assert loop.n_cycles == 2
+    np.testing.assert_allclose(loop.harmonics_N[:6], force_harmonics, atol=2e-3)
 
 
 def test_two_cycles_are_enough(record, force_harmonics):

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bayes_iwan.campaign import CampaignError
-from bayes_iwan.campaign.importing import Recipe, import_tests
+from bayes_iwan.campaign.importing import ImportAsks, Recipe, import_tests
 
 EXAMPLES = int(os.environ.get("BAYES_IWAN_EXAMPLES", "12"))
 form = settings(
@@ -365,6 +365,25 @@ def test_a_held_channel_is_said_and_put_on_time(signal, times):
 
 
 @form
+@given(signals(), st.floats(0.2, 0.9))
+def test_codes_at_both_ends_of_the_range_are_no_force(signal, level):
+    """Found by fuzz_planted.py (seed 2, 64): they were, since each hid the other."""
+    rate, x, f = signal
+    limit = level * np.abs(f).max()
+    coded = np.where(np.abs(f) > limit, np.sign(f) * 999999.0, f)
+
+    def write(folder):
+        rows = "".join(f"{k / rate:.7f};{a:.7f};{b:.6f}\n" for k, (a, b) in enumerate(zip(x, coded)))
+        (folder / "a.csv").write_text("Time [s];Weg [mm];Kraft [N]\n" + rows)
+        return folder / "a.csv"
+
+    try:
+        assert np.abs(back(write).force_N).max() <= limit + 1e-6
+    except CampaignError as error:  # too little is left
+        assert "a code, dropped" in str(error) or "samples that are numbers" in str(error)
+
+
+@form
 @given(signals(), st.sampled_from(["9.91E+37", "9.9E37", "∞", "1.#INF", "OL", "999999"]), st.integers(1, 4))
 def test_overrange_is_missing_and_said(signal, code, wide):
     rate, x, f = signal
@@ -383,3 +402,92 @@ def test_overrange_is_missing_and_said(signal, code, wide):
         return
     np.testing.assert_allclose(record.displacement_mm, x[~over], atol=1e-6)
     assert any("dropped" in w for w in record.warnings)
+
+
+def _table(folder, head, *columns, end=""):
+    rows = "\n".join(",".join(row) for row in zip(*columns))
+    (folder / "a.csv").write_text(f"{head}\n{rows}\n{end}")
+    return folder / "a.csv"
+
+
+def _digits(values, digits=7):
+    return [f"{v:.{digits}f}" for v in values]
+
+
+@form
+@given(signals(), st.sampled_from(["excel days", "matlab days", "units with a word", "fortran", "summary", "hash"]))
+def test_texts_of_odd_programs(signal, kind):
+    rate, x, f = signal
+    t = np.arange(x.size) / rate
+
+    def write(folder):
+        time, a, b = _digits(t), _digits(x), _digits(f)
+        if kind.endswith("days"):
+            time = _digits((45352.4 if kind == "excel days" else 739312.4) + t / 86400, 12)
+            return _table(folder, "Time,Weg (mm),Kraft (N)", time, a, b)
+        if kind == "units with a word":  # MTS counts segments
+            return _table(folder, "Time,Weg,Kraft,Axial Count\nSec,mm,N,segments", time, a, b, _digits(10 * t, 0))
+        if kind == "fortran":
+            a, b = ([f"{v:.9E}".replace("E", "D") for v in y] for y in (x, f))
+            return _table(folder, "t_s,Weg_mm,Kraft_N", time, a, b)
+        if kind == "summary":
+            end = f"\nMax,{x.max():.3f},{f.max():.3f}\nMin,{x.min():.3f},{f.min():.3f}\n"
+            return _table(folder, "Zeit [s],Weg [mm],Kraft [N]", time, a, b, end=end)
+        (folder / "a.csv").write_text(
+            f"# rig 3\n# fs: {rate:g}\n# Weg_mm Kraft_N\n" + "".join(f"{p} {q}\n" for p, q in zip(a, b))
+        )
+        return folder / "a.csv"
+
+    same(back(write), rate, x, f, time_digits=4 if kind.endswith("days") else 6)
+
+
+@form
+@given(signals(), st.sampled_from(["table", "units"]))
+def test_hdf5_of_python_programs(signal, kind):
+    import h5py
+
+    rate, x, f = signal
+    t = np.arange(x.size) / rate
+
+    def write(folder):
+        with h5py.File(folder / "a.h5", "w") as file:
+            if kind == "table":
+                rows = np.zeros(t.size, dtype=[("time_s", "f8"), ("weg_mm", "f8"), ("kraft_N", "f8")])
+                rows["time_s"], rows["weg_mm"], rows["kraft_N"] = t, x, f
+                file["run"] = rows
+            else:
+                for name, values, unit in (("time", t, "s"), ("weg", x, "mm"), ("kraft", f, "N")):
+                    file[name] = values
+                    file[name].attrs["units"] = unit
+        return folder / "a.h5"
+
+    same(back(write), rate, x, f, digits=9)
+
+
+def test_a_time_in_whole_numbers_without_a_unit_is_asked_of(tmp_path):
+    p = 2 * np.pi * np.arange(400) / 40
+    head = "Time,Weg (mm),Kraft (N)"
+    path = _table(tmp_path, head, [str(2 * k) for k in range(400)], _digits(np.sin(p)), _digits(np.sin(p + 0.4)))
+    with pytest.raises(ImportAsks, match="is it s, ms or us"):
+        import_tests([path])
+    (test,) = import_tests([path], Recipe(units={"time": "ms"}))
+    assert test.rate_hz == pytest.approx(500.0) or test.record.time_s[1] == pytest.approx(0.002)
+
+
+def test_two_files_of_one_channel_each_are_asked_of(tmp_path):
+    p = 2 * np.pi * np.arange(400) / 40
+    for name, head, y in (("laser_31", "Weg (mm)", np.sin(p)), ("hbm_32", "Kraft (N)", np.sin(p + 0.4))):
+        _table(tmp_path, f"Time (s),{head}", _digits(p / 10), _digits(y)).rename(tmp_path / f"{name}.csv")
+    files = sorted(tmp_path.iterdir())
+    with pytest.raises(ImportAsks, match="channels of one test") as asked:
+        import_tests(files)
+    assert asked.value.questions[0].option == "--join"
+    assert len(import_tests(files, join=True)) == 1
+
+
+def test_two_channels_of_one_name_and_unit_are_asked_of(tmp_path):
+    p = 2 * np.pi * np.arange(400) / 40
+    head = "Time (s),Disp (mm),Disp (mm),Force (N)"
+    path = _table(tmp_path, head, *map(_digits, (p / 10, np.sin(p), 0.5 * np.sin(p), np.sin(p + 0.4))))
+    with pytest.raises(ImportAsks, match=r"2: Disp .mm., 3: Disp"):
+        import_tests([path])

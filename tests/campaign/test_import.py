@@ -317,7 +317,7 @@ def test_recipe_file_and_what_is_said_over_it(tmp_path):
         ("[gains]\nforce = 'x'", "gain of force must be a number"),
         ("reverse = 'force'", "reverse must be a list"),
         ("reverse = ['time']", "unknown key 'time'"),
-        ("sample_rate_hz = -1", "positive number"),
+        ("sample_rate_hz = -1", "must be a number between"),
         ("channels = 3", r"must be a table \[channels\]"),
         ("[units]\nforce = 3", "must be text in quotes"),
         ("[text]\nheader_line = 'x'", "whole number"),

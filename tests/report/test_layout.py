@@ -80,7 +80,7 @@ def test_nothing_is_cut_at_any_width_nor_in_print(pages, tmp_path, name):
 
 @needs_browser
 @pytest.mark.skipif(not GUIDE.is_dir(), reason="the guide is not part of this installation")
-def test_no_page_of_the_guide_is_cut(tmp_path):
+def test_no_page_of_the_guide_is_cut_or_torn_in_print(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(GUIDE.parents[1])}
     words = [sys.executable, GUIDE / "build.py", "--out", tmp_path / "site"]
     subprocess.run(words, check=True, capture_output=True, env=environment)
@@ -89,6 +89,7 @@ def test_no_page_of_the_guide_is_cut(tmp_path):
     assert {p.name: cut_elements(p, tmp_path) for p in pages} == {
         p.name: {str(width): [] for width in WIDTHS} for p in pages
     }
+    assert {p.name: torn(p, print_pdf(p, tmp_path / f"{p.stem}.pdf")) for p in pages} == {p.name: [] for p in pages}
 
 
 @needs_browser

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_iwan.arrays import brief
 from bayes_iwan.campaign.importing.questions import Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
@@ -42,6 +43,8 @@ class Assigned:
     motion_time: Channel | None
     force_time: Channel | None
     notes: tuple[str, ...]
+
+    __repr__ = brief
 
 
 def named(name: str, role: str) -> bool:

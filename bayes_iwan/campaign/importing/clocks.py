@@ -59,18 +59,6 @@ def runs(time: Array) -> list[slice]:
     return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], time.size])]
 
 
-def on_rate(time: Array, rate: float) -> Array:
-    """The exact times of samples at `rate` where the column (n,) is only a rounded copy of them."""
-    steps, off = np.diff(time), time - time[0] - np.arange(time.size) / rate
-    if not (steps >= 0).all() or not (steps > 0).any():
-        return time
-    if (steps == 0).any():  # rounded to more than a step: within one unit of its last place
-        rounded = np.ptp(off) <= 1.01 * float(steps[steps > 0].min())
-    else:
-        rounded = float(np.abs(off).max()) < 0.75 / rate
-    return time - off if rounded else time
-
-
 def paired(motion: Series, force: Series, where: str) -> tuple[Array, Array, Array, tuple[str, ...]]:
     """Times (n,), motion (n,) and force (n,) at these, and what was done, each a warning.
 

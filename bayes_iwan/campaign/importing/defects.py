@@ -23,12 +23,12 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
         )
         values = np.where(over, np.nan, values)
     known = values[np.isfinite(values)]
-    for code in (known.max(), known.min()) if known.size > 16 else ():
-        others = known[known != code]
-        n = known.size - others.size
-        if 1 < n < 0.5 * known.size and others.size > 8:
-            middle, span = float(np.median(others)), float(np.ptp(others))
-            if span > 0 and abs(code - middle) > FAR * span:
+    codes = (known.max(), known.min()) if known.size > 16 else ()
+    others = known[~np.isin(known, codes)]  # the range may be passed at both ends
+    if others.size > 8 and (span := float(np.ptp(others))) > 0:
+        for code in dict.fromkeys(codes):
+            n = int(np.count_nonzero(known == code))
+            if n > 1 and abs(code - float(np.median(others))) > FAR * span:
                 notes.append(f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, dropped")
                 values = np.where(values == code, np.nan, values)
     return values, tuple(notes)

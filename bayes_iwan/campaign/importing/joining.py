@@ -8,9 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from bayes_iwan.campaign.importing.channels import WORDS, named, roles_held
+from bayes_iwan.campaign.importing.questions import ImportAsks, Question
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.recording.records import CampaignError
+
+#: words that name a sensor beside what it measures (load cell)
+SENSORS = r"cell|sensor|transducer|channel|signal|data|zelle|aufnehmer|kanal|messdose|capteur|sensore"
 
 
 def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) -> list[Recording]:
@@ -36,7 +40,23 @@ def joined(recordings: Sequence[Recording], recipe: Recipe, all_in_one: bool) ->
         if len(members) > 1 and whole:
             out[members[0]] = _one([pieces[k] for k in members])
             gone.update(members[1:])
+            for k in members:
+                held[k] = {"motion", "force"}
+    _ask_to_join(pieces, held)
     return [x for k, x in enumerate(out) if k not in gone]
+
+
+def _ask_to_join(pieces: Sequence[Recording], held: Sequence[set[str]]) -> None:
+    """Ask whether recordings that hold the motion alone and the force alone are one test."""
+    motions, forces = ([x for x, roles in zip(pieces, held) if roles == {role}] for role in ("motion", "force"))
+    if not motions or not forces:
+        return
+    said = f"{motions[0].where} holds the displacement alone, {forces[0].where} the force alone"
+    if len(pieces) == 2:
+        raise ImportAsks(motions[0].where, [Question("--join", "", "", f"{said}: are they channels of one test?")])
+    raise CampaignError(
+        f"{said}: name the files of one test alike (run1_disp, run1_force), or import each test alone with --join"
+    )
 
 
 def _by_file(recording: Recording) -> Recording:
@@ -54,7 +74,7 @@ def _stem(recording: Recording) -> str:
     """A file's name without the word that says what it holds."""
     stem = Path(recording.file).stem
     for role in ("displacement", "acceleration", "force"):
-        stem = re.sub(rf"(?<![^\W_])({WORDS[role]})(?![^\W\d_])", "", stem, flags=re.IGNORECASE)
+        stem = re.sub(rf"(?<![^\W_])({WORDS[role]}|{SENSORS})(?![^\W\d_])", "", stem, flags=re.IGNORECASE)
     return re.sub(r"[\W_]+", " ", stem).strip().lower()
 
 
@@ -76,4 +96,6 @@ def _one(pieces: Sequence[Recording]) -> Recording:
         )
     first = pieces[0]
     others = ", ".join(x.where if x.file != first.file else repr(x.part) for x in pieces[1:])
-    return Recording(first.file, "", tuple(channels), (*first.notes, f"joined with {others}"), first.rate_hz)
+    notes = (*first.notes, f"joined with {others}")
+    warnings = tuple(dict.fromkeys(w for x in pieces for w in x.warnings))
+    return Recording(first.file, "", tuple(channels), notes, first.rate_hz, warnings)

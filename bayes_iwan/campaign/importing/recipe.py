@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_iwan.campaign.importing.formats.text_layout import Layout
+from bayes_iwan.campaign.importing.recordings import RATES_HZ
 from bayes_iwan.campaign.importing.unit_texts import ROLES
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.stated import only, read_toml
@@ -68,9 +69,12 @@ class Recipe:
                 raise CampaignError(f"import: the gain of {role} must be a number other than 0, not {shown(gain)}")
         rate = self.sample_rate_hz
         if rate not in (None, NO_CLOCK) and (
-            not isinstance(rate, int | float) or isinstance(rate, bool) or not rate > 0
+            not isinstance(rate, int | float) or isinstance(rate, bool) or not RATES_HZ[0] < rate < RATES_HZ[1]
         ):
-            raise CampaignError(f'import: the sample rate must be a positive number or "none", not {shown(rate)}')
+            raise CampaignError(
+                f"import: the sample rate must be a number between {RATES_HZ[0]:g} and {RATES_HZ[1]:g} Hz or "
+                f'"none", not {shown(rate)}'
+            )
 
     @property
     def clock(self) -> bool:

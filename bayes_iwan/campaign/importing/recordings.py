@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import importlib
-import math
 from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.importing.unit_texts import split_name
 from bayes_iwan.campaign.recording.records import CampaignError
 
 FEWEST_SAMPLES = 16  # what is shorter is a note or a setting, not a signal
+RATES_HZ = 1e-6, 1e12  # of samples: beyond it, none was stated
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Channel:
     """One signal as it stands in the file.
 
@@ -35,13 +35,16 @@ class Channel:
     group: str = ""
     heading: str = ""
 
+    __repr__ = brief
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Recording:
     """The channels that were recorded together: a file, or one of several parts of it.
 
     file : for messages. part : name of the part, "" where the file is one. notes : what was dropped or guessed.
-    rate_hz : as the lines above a table state it, beside whatever time column there is.
+    rate_hz : as the lines above a table state it, beside whatever time column there is. warnings : what is wrong with
+    the file, for who reads the test.
     """
 
     file: str
@@ -49,6 +52,9 @@ class Recording:
     channels: tuple[Channel, ...]
     notes: tuple[str, ...] = ()
     rate_hz: float | None = None
+    warnings: tuple[str, ...] = ()
+
+    __repr__ = brief
 
     @property
     def where(self) -> str:
@@ -78,7 +84,7 @@ def channel(
     heading = f"{name} ({unit.strip()})" if unit.strip() else name
     if not unit.strip():
         name, unit = split_name(name)
-    if rate_hz is not None and not (math.isfinite(rate_hz) and rate_hz > 0):
+    if rate_hz is not None and not RATES_HZ[0] < rate_hz < RATES_HZ[1]:
         rate_hz = None
     return Channel(name, unit.strip(), values.astype(float), rate_hz, start_s, group, heading)
 

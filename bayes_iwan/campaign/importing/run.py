@@ -43,6 +43,7 @@ _RATE = Question(
     "There is neither a time channel (--time NAME) nor a sample rate (none where rows have no clock, as of a "
     "quasi-static test).",
 )  # fmt: skip
+_WHOLE = "The time {!r} goes up by whole numbers ({:g} a row) and states no unit: is it s, ms or us?"
 _ROWS = (
     "The time {!r} goes up by one a row: is that a clock of 1 Hz (1), or a count of rows, which no frequency is read "
     "from (none)?"
@@ -262,6 +263,8 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
             steps = np.diff(time.values)
             if (steps == 1.0).all() and recipe.units.get("time", time.unit) in ("", "s", "sec", "Sec", "SEC"):
                 return [Question("--sample-rate", "", "1 or none", _ROWS.format(time.name))]
+            if not recipe.units.get("time", time.unit) and (steps >= 1.0).all() and (steps == np.rint(steps)).all():
+                return [Question("--unit", "time", "ms", _WHOLE.format(time.name, float(np.median(steps))))]
             if (steps >= 0).all() and np.count_nonzero(steps == 0) > 0.02 * steps.size:
                 return [replace(_RATE, text=f"The time {time.name!r} repeats: it is rounded too far.")]
     return []
@@ -270,7 +273,7 @@ def _rate_missing(recording: Recording, recipe: Recipe, found: Assigned | None =
 def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool) -> list[ImportedTest]:
     where = recording.where
     said = [f"{where} ({'; '.join(recording.notes)}): {found.motion.values.size} samples"]
-    warnings: tuple[str, ...] = ()
+    warnings = recording.warnings
     codes: tuple[str, ...] = ()
     series: list[Series] = []
     in_units: list[str] = []
@@ -325,7 +328,7 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         warnings += more_warnings
     level = motion_values
     if found.role == "displacement":
-        level, drift = without_drift(time_s, motion_values)
+        level, _, drift = without_drift(time_s, motion_values)
         if split and drift:  # levels are found by crossings, which a drift moves; else it is for who reads the campaign
             motion_values, warnings = level, (*warnings, *drift)
     record = Record(file, 1.0, 1.0, "fit", {}, time_s, motion_values, force_values, warnings, units, recipe.clock)
@@ -373,7 +376,7 @@ def _alike(a: Channel, b: Channel) -> bool:
 
 def _named(record: Record) -> Record:
     """The record with the frequency and amplitude that it shows, rounded to what names a test."""
-    level, _ = without_drift(record.time_s, record.displacement_mm)
+    level, _, _ = without_drift(record.time_s, record.displacement_mm)
     if not record.clock:
         record = replace(record, time_s=cycles_as_time(record.file, level))
     found = average(replace(record, displacement_mm=level), n_phase=64, n_harmonics=8, n_blocks=1)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_iwan.arrays import Array
-from bayes_iwan.campaign.importing.clocks import counted_on, on_rate
+from bayes_iwan.campaign.importing.clocks import counted_on
 from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.unit_texts import converted, decimal_point
-from bayes_iwan.campaign.loops.checks import check_epoch
+from bayes_iwan.campaign.loops.checks import check_epoch, on_grid_of_rate
 from bayes_iwan.campaign.recording.records import CampaignError
 
+DAY_NUMBERS = (30_000.0, 60_000.0), (715_000.0, 750_000.0)  # of the years 1982 to 2053, by Excel and by MATLAB
 SAME_RATE = 1e-4  # two statements of a sample rate that differ by more contradict each other
 
 
@@ -54,8 +55,9 @@ def times_of(
         return np.arange(n) / known + (channel.start_s or 0.0), known, [f"time: {known:.9g} samples a second"]
     if clock.values.size != n:
         raise CampaignError(f"{where}: {clock.name!r} has {clock.values.size} samples, {channel.name!r} has {n}")
-    unit = recipe.units.get("time", clock.unit) or "s"
     raw, wrapped = counted_on(clock.values)
+    stated = recipe.units.get("time", clock.unit)
+    unit = stated or ("day" if _day_numbers(raw) else "s")
     time, _ = converted(raw, unit, "", "time", f"{where}: {clock.name!r}")
     lines = [f"time: {clock.name!r}: {wrapped}"] if wrapped else []
     if asked is None and from_file is not None and abs(_usual_rate(time) / from_file - 1) > 0.02:
@@ -67,7 +69,7 @@ def times_of(
             from_file = None
     rate: float | None = asked or from_file
     if rate is not None:
-        time = on_rate(time, rate)
+        time = on_grid_of_rate(time, rate)
     start = float(time[np.flatnonzero(np.isfinite(time))[:1]].sum())
     check_epoch(where, start, "Say --unit time=ms")
     if not (np.diff(time[np.isfinite(time)]) > 0).all():
@@ -79,7 +81,14 @@ def times_of(
         )
     shared = recording.rate_hz is None and channel.rate_hz is None and asked is None
     per_second = f"{_usual_rate(time):.6g} samples a second"
-    return time, None if shared else rate, [*lines, f"time: {clock.name!r} ({unit}), {per_second}"]
+    taken = unit if stated else f"no unit: taken for {unit}"
+    return time, None if shared else rate, [*lines, f"time: {clock.name!r} ({taken}), {per_second}"]
+
+
+def _day_numbers(time: Array) -> bool:
+    """Whether a time without a unit counts days, as Excel and MATLAB do: in seconds it would have a rate of MHz."""
+    start = float(np.nanmedian(time)) if np.isfinite(time).any() else 0.0
+    return any(low < start < high for low, high in DAY_NUMBERS) and _usual_rate(time) > 1e5
 
 
 def _usual_rate(time: Array) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.special import spherical_jn
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.corners import CORNERS_GAP, CORNERS_SAMPLES, LEAST_GAP, cornered_motion, has_corners
 from bayes_iwan.campaign.timing.cycles import Cut, cut_cycles
@@ -50,6 +50,8 @@ class Averager:
     inverses: Array
     n_harmonics: int
     shift: float = 0.0
+
+    __repr__ = brief
 
     @property
     def n_resolved(self) -> int:

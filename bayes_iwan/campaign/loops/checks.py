@@ -14,9 +14,10 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop, average
-from bayes_iwan.campaign.loops.drift import level_record, without_line
+from bayes_iwan.campaign.loops.drift import level_record
 from bayes_iwan.campaign.loops.steadiness import disturbances, when
 from bayes_iwan.campaign.recording.records import CampaignError, Record
+from bayes_iwan.campaign.timing.displacement_drift import COARSE, without_drift
 from bayes_iwan.campaign.timing.drive import assess_drive, refuse_unsteady
 
 NOMINAL_TOLERANCE = 0.10
@@ -26,16 +27,22 @@ SIGMAS = 3.0  # standard errors: what is less is noise
 REVERSED = 0.03  # sine of the loss angle below minus this means a reversed channel, if the force pulls back as well
 LATE = 0.3  # below minus this the delay is so long that no loop is left to identify
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
+AT_TURN = 0.002  # of the stroke: nearer to its end the displacement turns, or is held
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
 
 
 def on_grid_of_rate(time: Array, rate: float) -> Array:
-    """The exact sample times where the column is only a rounded copy of them (it may then even repeat)."""
-    exact = time[0] + np.arange(time.size) / rate
-    rounded = (np.diff(time) >= 0).all() and np.abs(time - exact).max() < 0.75 / rate
-    return exact if rounded else time
+    """The exact times of samples at `rate` where the column (n,) is a rounded copy of them (it may then repeat)."""
+    steps, off = np.diff(time), time - time[0] - np.arange(time.size) / rate
+    if not (steps >= 0).all() or not (steps > 0).any():
+        return time
+    if (steps == 0).any():  # rounded to more than a step: within one unit of its last place
+        rounded = np.ptp(off) <= 1.01 * float(steps[steps > 0].min())
+    else:
+        rounded = float(np.abs(off).max()) < 0.75 / rate
+    return time - off if rounded else time
 
 
 def check_epoch(file: str, start_s: float, fix: str) -> None:
@@ -98,7 +105,9 @@ def check_record(record: Record) -> tuple[Record, Loop]:
 
     Returns the record with its warnings completed, and its loop for what tests say of each other.
     """
-    record, line_mm = without_line(record)
+    # cycles cannot be counted on a large drift; what is left of it, and what is smaller, is looked at below
+    level, line_mm, _ = without_drift(record.time_s, record.displacement_mm, COARSE)
+    record = replace(record, displacement_mm=level)
     refuse_unsteady(record.file, assess_drive(record.time_s, record.displacement_mm), record.clock)
     loop = average(record, n_blocks=1)
     record, drifts = level_record(record, loop, line_mm)
@@ -234,8 +243,9 @@ def _angle(loop: Loop) -> list[str]:
         return [
             f"{what}. Stiffness and slip forces take the delay up: `diagnose` searches for it, a calibration settles it"
         ]
-    top, bottom = int(np.argmax(loop.displacement_mm)), int(np.argmin(loop.displacement_mm))
-    fallen = (loop.force_N.max() - loop.force_N[top] + loop.force_N[bottom] - loop.force_N.min()) / 2
+    u, force, near = loop.displacement_mm, loop.force_N, AT_TURN * float(np.ptp(loop.displacement_mm))
+    at_top, at_bottom = force[u >= u.max() - near].max(), force[u <= u.min() + near].min()
+    fallen = (force.max() - at_top + at_bottom - force.min()) / 2
     scatter = float(np.median(loop.force_scatter_N)) / math.sqrt(loop.n_cycles)
     height = max(float(np.ptp(loop.force_N)), 1e-300)
     if fallen <= max(TURNED * height, SIGMAS * scatter):
@@ -247,11 +257,16 @@ def _angle(loop: Loop) -> list[str]:
 
 
 def _loss(loop: Loop) -> tuple[float, float]:
-    """How much of the force moves with the velocity and with the displacement: sine and cosine of a loss angle."""
+    """How much of the force moves with the velocity and with the displacement: sine and cosine of a loss angle.
+
+    The velocity is that of the displacement's grid: at a corner the true one is of neither sign, and a spring's force
+    times it does not add up to nothing.
+    """
     force = loop.force_N - loop.force_N.mean()
 
     def along(motion: Array) -> float:
         size = float(np.std(force) * np.std(motion))
         return float(np.mean(force * motion)) / size if size > 0 else 0.0
 
-    return along(loop.velocity_m_s), along(loop.displacement_mm)
+    u = loop.displacement_mm
+    return along(np.roll(u, -1) - np.roll(u, 1)), along(u)

@@ -12,16 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.loops.averaging import Loop
 from bayes_iwan.campaign.loops.steadiness import cycles_of
 from bayes_iwan.campaign.recording.records import Record
 
-#: amplitudes of straight drift from which cycles cannot be counted before it is taken off, and the share of the
-#: one-period mean's variance that the line must explain
-COARSE, STRAIGHT = 0.5, 0.9
 #: a drift is said from so many standard errors on, and only where it is this share of the amplitude or the friction
 SIGMAS, CHANGES = 6.0, 0.01
 #: cycles from which a path may be a cubic, and those that a line needs
@@ -47,25 +43,6 @@ class Drift:
     force_N: tuple[float, float]
     slope_N_mm: float
     slope_error: float
-
-
-def without_line(record: Record) -> tuple[Record, float]:
-    """The record less a straight drift so large that its cycles could not be counted; the drift over the record, mm."""
-    u, time = record.displacement_mm, record.time_s
-    per_cycle = (time.size - 1) / max((time[-1] - time[0]) * record.frequency_hz, 1e-300)
-    width = int(np.rint(per_cycle))
-    if width < 2 or time.size < 3 * width:
-        return record, 0.0
-    inner = slice(width, time.size - width)
-    mean = uniform_filter1d(u, width, mode="nearest")[inner]
-    at = time[inner]
-    slope, start = np.polyfit(at - at[0], mean, 1)
-    off = mean - (start + slope * (at - at[0]))
-    drift = float(slope * (time[-1] - time[0]))
-    if abs(drift) < COARSE * record.amplitude_mm or np.var(off) > (1.0 - STRAIGHT) * np.var(mean):
-        return record, 0.0
-    centre = 0.5 * (time[0] + time[-1])
-    return replace(record, displacement_mm=u - slope * (time - centre)), drift
 
 
 def drift_of(loop: Loop, line_mm: float = 0.0) -> Drift | None:
@@ -116,7 +93,7 @@ def friction_N(loop: Loop) -> float:
 
 def level_record(record: Record, loop: Loop, line_mm: float) -> tuple[Record, list[str]]:
     """The record with the drift of its displacement taken off, and one line on its means and their drifts where that
-    is more than noise and changes anything. line_mm : what :func:`without_line` took off before."""
+    is more than noise and changes anything. line_mm : the straight drift taken off before."""
     drift = drift_of(loop, line_mm)
     if drift is None:
         return record, []

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.records import CampaignError
 from bayes_iwan.campaign.timing.harmonics import evaluate, fit, inverse_grams, project
-from bayes_iwan.campaign.timing.period import period_marks, whole_period
+from bayes_iwan.campaign.timing.period import period_marks, short_period, whole_period
 
 HYSTERESIS = 0.25  # of the amplitude: far above any usable noise, well inside any motion
 AT_END = 1.5  # steps that a crossing may lie beyond the first or last sample: a record cut at its crossings
@@ -52,6 +52,8 @@ class Cut:
     run_out: int
     gap_cycles: int
     late: float = 0.0
+
+    __repr__ = brief
 
     @property
     def index(self) -> np.ndarray:
@@ -202,6 +204,9 @@ def cut_cycles(file: str, time_s: Array, displacement: Array, force: Array | Non
         level = uniform_filter1d(signal, smooth, mode="nearest")
         times = crossings(time_s, level, middle, half)
         repeats = whole_period(time_s, displacement, times)
+        if times.size < 3:
+            down = crossings(time_s, level, middle, half, up=False)
+            repeats = short_period(time_s, displacement, times, down)
         if repeats is not None:
             times = period_marks(time_s, repeats)
         if times.size < 3:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.records import CampaignError, Record
 from bayes_iwan.campaign.timing.cycles import HYSTERESIS, crossings, cycle_shapes, phase_between
 from bayes_iwan.campaign.timing.period import period_marks, whole_period
@@ -28,6 +28,7 @@ SMALLEST, SMALLEST_SPLIT = 0.1, 0.03  # of the largest stroke: smaller ones are 
 SECOND = 5, 0.1  # cycles, and share of the record, from which a second level is a test of its own
 MAIN = 0.55  # share of the cycles at one level from which the others are run-in, run-out or a disturbance
 SMOOTH = 0.10  # change of amplitude or frequency over the record beyond which no one loop stands for it
+PAUSE = 0.8  # of a usual cycle in which nothing moves: a pause
 FEWEST = 4  # cycles below which nothing is assessed
 
 
@@ -48,7 +49,7 @@ class Drive:
     start_s : (n + 1,) upward crossings; a cycle lies between two. frequency_hz, amplitude_mm : (n,); the amplitude is
     half the peak-to-peak, from each cycle's fundamental and the record's wave form.
     levels : amplitudes and frequencies that are held, in order; one for a steady drive.
-    kind : "steady", "levels", "drift" (a smooth change) or "unsteady" (neither).
+    kind : "steady", "levels", "drift" (a smooth change) or "unsteady" (neither). pauses_s : start and end of pauses.
     """
 
     start_s: Array
@@ -56,6 +57,9 @@ class Drive:
     amplitude_mm: Array
     levels: tuple[Level, ...]
     kind: str
+    pauses_s: tuple[tuple[float, float], ...] = ()
+
+    __repr__ = brief
 
 
 def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST) -> Drive | None:
@@ -68,14 +72,19 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
     if not half > 0:
         return None
     noise = float(np.median(np.abs(np.diff(displacement, 2)))) * 1.4826 / np.sqrt(6)
-    times = crossings(
-        time_s,
-        displacement,
-        (low + high) / 2,
-        half,
-        hysteresis=min(max(smallest, 8 * noise / half), HYSTERESIS),
-        ends=True,
-    )
+    middle, hysteresis = (low + high) / 2, min(max(smallest, 8 * noise / half), HYSTERESIS)
+    times = crossings(time_s, displacement, middle, half, hysteresis=hysteresis, ends=True)
+    pauses = _pauses(time_s, displacement - middle, hysteresis * half, times)
+    whole = whole_s = time_s
+    if pauses:  # levels with pauses between them: seen without the pauses
+        moving = np.ones(time_s.size, dtype=bool)
+        time_s = time_s.copy()
+        for a, b in pauses:
+            moving[a:b] = False
+            time_s[b:] -= whole_s[b] - whole_s[a]
+        time_s, whole_s, displacement = time_s[moving], whole_s[moving], displacement[moving]
+        half = float(np.ptp(np.percentile(displacement, [0.5, 99.5]))) / 2
+        times = crossings(time_s, displacement, middle, half, hysteresis=hysteresis, ends=True)
     repeats = whole_period(time_s, displacement, times)
     if repeats is not None:
         times = period_marks(time_s, repeats)
@@ -97,11 +106,30 @@ def assess_drive(time_s: Array, displacement: Array, smallest: float = SMALLEST)
     if kind != "steady":
         fewest, share, steady = SHORT
         short = [(a, b) for a, b in _merged(y, segments, fewest) if np.median(np.ptp(y[a:b], axis=0)) < LEVEL]
-        within = sum(b - a for a, b in short if float(np.abs(np.diff(y[a:b], axis=0)).mean()) < steady)
+        stepped = y[:, np.ptp(y, axis=0) > LEVEL]  # what is the same throughout need not be steadier than that
+        within = sum(b - a for a, b in short if float(np.abs(np.diff(stepped[a:b], axis=0)).mean()) < steady)
         if len(short) > max(len(groups), 1) and within >= share * len(y):
             groups, kind = short, "levels"
     levels = [Level(a, b, *_middle(y[a:b])) for a, b in groups]
-    return Drive(times, np.exp(y[:, 1]), size, tuple(levels), kind)
+    starts = times + (np.interp(times, time_s, whole_s) - np.clip(times, time_s[0], time_s[-1]))
+    return Drive(starts, np.exp(y[:, 1]), size, tuple(levels), kind, tuple((whole[a], whole[b]) for a, b in pauses))
+
+
+def _pauses(time_s: Array, values: Array, small: float, times: Array) -> list[tuple[int, int]]:
+    """Where values (n,) stay within +-small for most of a usual cycle or longer: index of the first and past the last
+    sample of each pause between parts that move."""
+    if times.size < FEWEST:
+        return []
+    period = float(np.median(np.diff(times)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], np.abs(values) < small, [False]]).astype(int)))
+    runs = [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if 0 < a and b < values.size]
+    out = []
+    for a, b in runs:
+        if time_s[b] - time_s[a] > PAUSE * period:
+            off = np.abs(values[a:b] - np.median(values[a:b]))  # not the ways into the pause and out of it
+            still = np.flatnonzero(off <= max(6 * 1.4826 * float(np.median(off)), 0.01 * small))
+            out.append((a + int(still[0]), a + int(still[-1]) + 1))
+    return out
 
 
 def _middle(y: Array) -> tuple[float, float]:
@@ -221,6 +249,8 @@ def split_levels(record: Record) -> tuple[tuple[Record, ...], tuple[str, ...]]:
         # not a sample of the next level: a much larger one would hide this one's crossings
         first, last = drive.start_s[[level.first, level.last]]
         keep = (record.time_s >= first) & (record.time_s <= last)
+        for a, b in drive.pauses_s:
+            keep &= (record.time_s < a) | (record.time_s >= b)
         out.append(
             replace(
                 record,

@@ -25,22 +25,40 @@ def whole_period(time_s: Array, displacement: Array, times: Array) -> float | No
     cycles = np.interp(places, time_s, displacement)
     if np.mean(np.diff(cycles, axis=0) ** 2) < UNLIKE**2 * 2 * np.var(cycles):
         return None
+    if _unlike(time_s, displacement, float(np.median(np.diff(times)))) < UNLIKE:
+        return None  # a cycle ends at each crossing but a few: a spike or a dropout made those
     for m in range(2, min(MOST, times.size - 1) + 1):
         lag = float(np.median(times[m:] - times[:-m]))
         if 2 * lag > span * 1.001 + 2 * float(np.median(np.diff(time_s))):
             return None
-        lags = lag * (1 + np.linspace(-SEARCH, SEARCH, 41))
-        off = np.array([_unlike(time_s, displacement, x) for x in lags])
-        k = int(np.argmin(off))
-        if off[k] > ALIKE:
-            continue
-        for _ in range(3):  # finer around the best
-            width = lags[1] - lags[0]
-            lags = lags[k] + width * np.linspace(-1, 1, 21)
-            off = np.array([_unlike(time_s, displacement, x) for x in lags])
-            k = int(np.argmin(off))
-        return float(lags[k])
+        period, off = _best_lag(time_s, displacement, lag)
+        if off <= ALIKE:
+            return period
     return None
+
+
+def short_period(time_s: Array, displacement: Array, up: Array, down: Array) -> float | None:
+    """The period (s) of a motion (n,) of two periods or a little more that were not cut at its upward crossings; None
+    where there are not two. up, down : times of the crossings."""
+    steps = np.concatenate([np.diff(up), np.diff(down)])
+    if not steps.size or np.ptp(steps) > ALIKE * steps.min():
+        return None
+    period, off = _best_lag(time_s, displacement, float(np.mean(steps)))
+    step = float(np.median(np.diff(time_s)))
+    return period if off <= ALIKE and 2 * period <= time_s[-1] - time_s[0] + 1.01 * step else None
+
+
+def _best_lag(time_s: Array, values: Array, lag: float) -> tuple[float, float]:
+    """The lag near another one after which a signal (n,) is most like itself, and how unlike it is then."""
+    lags = lag * (1 + np.linspace(-SEARCH, SEARCH, 41))
+    for _ in range(4):  # finer each time
+        off = np.array([_unlike(time_s, values, x) for x in lags])
+        k = int(np.argmin(off))
+        best, width = (float(lags[k]), float(off[k])), lags[1] - lags[0]
+        if best[1] > ALIKE:
+            break
+        lags = lags[k] + width * np.linspace(-1, 1, 21)
+    return best
 
 
 def period_marks(time_s: Array, period: float) -> Array:

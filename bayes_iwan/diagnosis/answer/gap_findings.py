@@ -23,7 +23,7 @@ CONCENTRATED = 1.25
 LEAST_GAIN = 0.01
 #: a power whose interval is wider than this is not reported; nor then is the sign of what is missing
 OPEN = 2.0
-_ORDINALS = {1: "test frequency", 2: "second harmonic", 3: "third harmonic"}
+_ORDINALS = {1: "first harmonic", 2: "second harmonic", 3: "third harmonic"}
 
 
 def where_sentences(where: Where) -> list[str]:
@@ -89,7 +89,7 @@ def where_json(where: Where, size: GapSize) -> dict[str, Any]:
         "parity": [_statistic(x, "parity") for x in kinds["parity"]],
         "mean": _statistic(kinds["mean"][0], "what"),
         "along_record": [_statistic(x, "what") for x in kinds["record"]],
-        "mains": [_statistic(x, "line") for x in kinds["mains"]],
+        "mains": [_statistic(x, "line") for x in kinds["mains"]] if where.clock else [],
         "laws": [
             {
                 "order": x.order,
@@ -255,7 +255,7 @@ def _laws(w: Where) -> list[str]:
         )
         start = "After a refit of the model's own parameters, up to" if i == 0 else "Besides, up to"
         out.append(
-            f"{start} {force(_most(law, w))} is missing at the {_ordinal(law.order)}, {step}{meaning}"
+            f"{start} {force(_most(law, w))} is missing at the {_at(law.order, w.clock)}, {step}{meaning}"
             f"{'; it ' + grows if grows else ''}."
         )
     return out
@@ -268,12 +268,8 @@ def _most(law: GrowthLaw, w: Where) -> float:
     return abs(law.force_N) * float(np.max(f ** powers[0] * a ** powers[1]))
 
 
-def _at(order: int) -> str:
-    return "the test frequency" if order == 1 else f"the {_ordinal(order)}"
-
-
-def _ordinal(order: int) -> str:
-    return _ORDINALS.get(order, f"{order}th harmonic")
+def _at(order: int, clock: bool) -> str:
+    return "test frequency" if order == 1 and clock else _ORDINALS.get(order, f"{order}th harmonic")
 
 
 def _growth(what: str, power: tuple[float, float, float] | None) -> str:
@@ -300,7 +296,7 @@ def _harmonics(w: Where) -> list[str]:
         return []
     statistics.sort(key=lambda x: -x.share)
     parts = [
-        f"{percent(x.share)} at {_at(int(x.name))} in phase with "
+        f"{percent(x.share)} at the {_at(int(x.name), w.clock)} in phase with "
         f"{'displacement' if x.kind == 'in phase' else 'velocity'}"
         for x in statistics[:3]
     ]
@@ -330,10 +326,11 @@ def _record(w: Where) -> list[str]:
         return []
     use = trends or list(range(len(w.files)))
     change = np.sqrt(np.mean(w.change_N[use] ** 2, axis=0)) * np.sign(np.sum(w.change_N[use], axis=0))
+    first = _at(1, w.clock)
     names = (
         "the mean force",
-        "the test frequency's part in phase with displacement",
-        "the test frequency's part in phase with velocity",
+        f"the {first}'s part in phase with displacement",
+        f"the {first}'s part in phase with velocity",
     )
     parts = [
         f"{n} {'grows' if c > 0 else 'falls'} by {force(abs(c))}"

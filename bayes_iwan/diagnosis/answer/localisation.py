@@ -307,6 +307,7 @@ def regions(residual: Residual, displacement_mm: Array, sticking: Array | None) 
     rising, speed = velocity > 0.0, np.abs(velocity)
     slow, fast = np.quantile(speed, [1 / 3, 2 / 3])
     middle = (place >= END) & (place <= 1.0 - END)
+    clock = residual.data.loops[0].record.clock
     slip = {} if sticking is None else {"microslip": sticking >= GROSS, "gross slip": sticking < GROSS}
     return {
         "rising displacement": rising,
@@ -320,8 +321,7 @@ def regions(residual: Residual, displacement_mm: Array, sticking: Array | None) 
         "near the upper end": place > 1.0 - END,
         "near the lower end": place < END,
         **slip,
-        "lowest third of speeds": speed <= slow,
-        "highest third of speeds": speed > fast,
+        **({"lowest third of speeds": speed <= slow, "highest third of speeds": speed > fast} if clock else {}),
     }
 
 

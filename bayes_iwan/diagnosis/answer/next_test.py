@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign.recording.limits import RigLimits
 from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.fits.data import GapData
@@ -90,6 +90,8 @@ class NextTest:
     separates: tuple[str, str]
     expected_log_odds: float
     bench: str
+
+    __repr__ = brief
 
 
 def plans_of(data: GapData, fit: Fit, limits: RigLimits) -> list[tuple[float, float]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_iwan.arrays import brief
 from bayes_iwan.diagnosis.assessment.indicators import Figures, compared_sets, figures_of
 from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_size
@@ -75,6 +76,8 @@ class Weighed:
     models: Models
     held_out: tuple[HeldOut, ...]
     subharmonic: float
+
+    __repr__ = brief
 
     @property
     def asked(self) -> Names:

@@ -170,6 +170,8 @@ class Unexplained:
     resembles: str | None
     subharmonic: float
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True)
 class GapBudget:

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.campaign import Loop
 from bayes_iwan.diagnosis.constants import LINE_STANDS, TREND_FLOOR
 from bayes_iwan.diagnosis.fits.data_layout import Layout
@@ -66,6 +66,8 @@ class GapData:
     subharmonic: Array
     steady_motion: Motion
     block_motion: Motion
+
+    __repr__ = brief
 
     @property
     def tests(self) -> int:

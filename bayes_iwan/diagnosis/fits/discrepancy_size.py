@@ -21,7 +21,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_iwan.arrays import Array
+from bayes_iwan.arrays import Array, brief
 from bayes_iwan.diagnosis.constants import LARGE_DISCREPANCY, SPECTRUM_SD
 from bayes_iwan.inference.setup.spectrum import discrepancy_spectrum
 
@@ -59,6 +59,8 @@ class DiscrepancySize:
     spectrum: tuple[float, ...] = ()
     along_spectrum: tuple[float, ...] = ()
     between: Between = BETWEEN[0]
+
+    __repr__ = brief
 
     def factors(self, count: int) -> Array:
         """λ of the loops' first `count` harmonics, the mean's included."""
@@ -222,6 +224,8 @@ class Linear:
     jacobian: Array
     discrepancy: Discrepancy
     z: Array
+
+    __repr__ = brief
 
     def variance(self, size: DiscrepancySize) -> Array:
         """(m,) see :meth:`Discrepancy.variance`."""

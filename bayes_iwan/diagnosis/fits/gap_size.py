@@ -42,6 +42,8 @@ class Gap:
     noise_N: float
     residual_N: float
 
+    __repr__ = brief
+
     @property
     def resolved_share(self) -> float:
         """The share where its interval leaves zero out, else 0: what can be said to be there."""

@@ -279,14 +279,14 @@ class Posterior:
         return remarks(self)
 
     def predict(
-        self, frequency_hz: float | Array, amplitude_mm: float | Array, n: int = 400, samples: int = 128
+        self, frequency_hz: float | Array | None, amplitude_mm: float | Array, n: int = 400, samples: int = 128
     ) -> Prediction:
         """Loops at other frequencies and amplitudes, steady sines.
 
         Parameters
         ----------
         frequency_hz, amplitude_mm
-            one or several, broadcast against each other to (loops,).
+            one or several, broadcast against each other to (loops,); a frequency of None where the tests have no clock.
         n
             draws.
         samples

@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
+from bayes_iwan.campaign.folders.folder import WITHOUT_CLOCK_HZ
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.setup.discrepancy import Correlated
@@ -34,12 +35,12 @@ class PredictionError(InputError):
 class Prediction:
     """Loops that were predicted, with what the posterior knows of them.
 
-    frequency_hz, amplitude_mm : (loops,); displacement_mm : (loops, samples); force_N : (draws, loops, samples), the
-    model's alone, without noise; units : the campaign's, for what is printed; extrapolated : (loops,) why each is an
-    extrapolation, "" where it is none.
+    frequency_hz (None without a clock), amplitude_mm : (loops,); displacement_mm : (loops, samples); force_N : (draws,
+    loops, samples), the model's alone, without noise; units : the campaign's, for what is printed; extrapolated :
+    (loops,) why each is an extrapolation, "" where it is none.
     """
 
-    frequency_hz: Array
+    frequency_hz: Array | None
     amplitude_mm: Array
     displacement_mm: Array
     force_N: Array
@@ -53,21 +54,33 @@ class Prediction:
 
     def __repr__(self) -> str:
         low, _, high = self.band()
+        at = (
+            ["" for _ in self.amplitude_mm] if self.frequency_hz is None else [f"{f:g} Hz, " for f in self.frequency_hz]
+        )
         return "\n".join(
-            f"{f:g} Hz, {a:g} {self.units.displacement}: ±{0.5 * np.mean(high[i] - low[i]):.3g} {self.units.force} "
+            f"{at[i]}{a:g} {self.units.displacement}: ±{0.5 * np.mean(high[i] - low[i]):.3g} {self.units.force} "
             f"(90 %, mean along the loop){'; extrapolated: ' + self.extrapolated[i] if self.extrapolated[i] else ''}"
-            for i, (f, a) in enumerate(zip(self.frequency_hz, self.amplitude_mm))
+            for i, a in enumerate(self.amplitude_mm)
         )
 
 
 def predicted_at(
-    problem: Problem, z: Array, frequency_hz: float | Array, amplitude_mm: float | Array, samples: int
+    problem: Problem, z: Array, frequency_hz: float | Array | None, amplitude_mm: float | Array, samples: int
 ) -> Prediction:
     """Steady sines of (loops,) frequencies and amplitudes, broadcast against each other, by the draws z (draws, ndim).
 
     Warns Extrapolation where a test was at no such amplitude, peak speed or frequency. Raises PredictionError for what
-    is not positive, and for amplitudes or speeds of more than REFUSED times the largest tested.
+    is not positive, for amplitudes or speeds of more than REFUSED times the largest tested, and for a frequency where
+    the tests have no clock (it is None then).
     """
+    clock = problem.loops[0].record.clock
+    if clock == (frequency_hz is None):
+        raise PredictionError(
+            "frequency_hz is None: say the frequency of the loops"
+            if clock
+            else "the tests have no clock, so nothing is known of a frequency; give frequency_hz=None"
+        )
+    frequency_hz = WITHOUT_CLOCK_HZ if frequency_hz is None else frequency_hz
     f, a = np.broadcast_arrays(np.atleast_1d(frequency_hz).astype(float), np.asarray(amplitude_mm, dtype=float))
     for name, values in (("frequency_hz", f), ("amplitude_mm", a)):
         sound = np.isfinite(values) & (values > 0.0)
@@ -77,7 +90,9 @@ def predicted_at(
     for said in sorted({b for b in beyond if b}):
         warnings.warn(f"extrapolated: {said}", Extrapolation, stacklevel=3)
     motion = sine_motion(frequency_hz=f, amplitude_mm=a, samples=samples)
-    return Prediction(f, a, motion.displacement_mm[0], problem.predict(z, motion), problem.units, beyond)
+    return Prediction(
+        f if clock else None, a, motion.displacement_mm[0], problem.predict(z, motion), problem.units, beyond
+    )
 
 
 def _beyond(problem: Problem, frequency_hz: float, amplitude_mm: float) -> str:
@@ -88,13 +103,15 @@ def _beyond(problem: Problem, frequency_hz: float, amplitude_mm: float) -> str:
         "peak speed": (2.0 * np.pi * motion.frequency_hz * motion.amplitude_mm, f"{length}/s", MARGIN),
         "frequency": (motion.frequency_hz, "Hz", FREQUENCY_MARGIN),
     }
+    if not problem.loops[0].record.clock:
+        tested = {"amplitude": tested["amplitude"]}
     asked = (amplitude_mm, 2.0 * np.pi * frequency_hz * amplitude_mm, frequency_hz)
     said = []
     for (name, (values, unit, margin)), value in zip(tested.items(), asked):
         low, high = float(values.min()), float(values.max())
         span = f"{low:.3g} to {high:.3g} {unit}"
         if name != "frequency" and value > REFUSED * high:
-            swapped = all(
+            swapped = "frequency" in tested and all(
                 v.min() / m <= x <= v.max() * m
                 for (v, _, m), x in zip((tested["amplitude"], tested["frequency"]), (frequency_hz, amplitude_mm))
             )
@@ -103,8 +120,9 @@ def _beyond(problem: Problem, frequency_hz: float, amplitude_mm: float) -> str:
                 if swapped
                 else "; a motion of your own can still be given to posterior.problem.predict"
             )
+            at = f"{frequency_hz:g} Hz and " if "frequency" in tested else ""
             raise PredictionError(
-                f"{frequency_hz:g} Hz and {amplitude_mm:g} {length} ({name} {value:.3g} {unit}) are beyond "
+                f"{at}{amplitude_mm:g} {length} ({name} {value:.3g} {unit}) are beyond "
                 f"{REFUSED:g} times what was tested ({name} {span}){hint}"
             )
         if name == "peak speed":

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
+from bayes_iwan.arrays import brief
+
 
 @dataclass(frozen=True)
 class LoopSettings:
@@ -118,6 +120,8 @@ class SamplingSettings:
     draws: int = 4096
     between_tests: bool = True
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True)
 class PriorChoice:
@@ -190,6 +194,8 @@ class IdentifySettings:
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     parameters: Mapping[str, ParameterChange] = field(default_factory=dict)
 
+    __repr__ = brief
+
     def as_dict(self) -> dict[str, Any]:
         """Tables as a configuration file has them."""
         out = {f.name: asdict(getattr(self, f.name)) for f in fields(self) if f.name != "parameters"}
@@ -225,6 +231,8 @@ class DiagnoseSettings:
 
     model: ModelSettings = field(default_factory=ModelSettings)
     parameters: Mapping[str, ParameterChange] = field(default_factory=dict)
+
+    __repr__ = brief
 
     def as_dict(self) -> dict[str, Any]:
         """Tables as a configuration file has them; of the model what differs from the paper's."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from bayes_iwan.arrays import Array, ParameterValues
+from bayes_iwan.arrays import Array, ParameterValues, brief
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.setup.priors import Parameter
 
@@ -86,6 +86,8 @@ class OddEven(Spectrum):
             6.0,
         ),
     )
+
+    __repr__ = brief
 
     def variance(self, parameter_values: ParameterValues, count: int) -> Array:
         order = np.maximum(np.arange(count), 1)

@@ -49,9 +49,9 @@ def identification_report(
     convergence, tests = tables.convergence_rows(posterior), compared_loops(posterior, p)
     parameters, quantities = tables.parameters_table(posterior), tables.quantities_table(posterior)
     of_tests, of_chains = tables.loops_table(tests), tables.convergence_table(convergence)
-    of_held_out = tables.held_out_table(posterior.held_out)
+    of_held_out = [tables.held_out_table(posterior.held_out)] if posterior.held_out else []
     tables.write_tables(
-        [parameters, tables.paper_table(posterior), quantities, of_tests, of_chains, of_held_out],
+        [parameters, tables.paper_table(posterior), quantities, of_tests, of_chains, *of_held_out],
         posterior,
         out / "tables",
     )

@@ -6,7 +6,7 @@ Arrays inside structs, struct arrays and cells are channels named by the way to 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,7 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
 
     arrays: list[tuple[str, np.ndarray]] = []
     objects: set[str] = set()
+    units: dict[str, str] = {}
 
     def visit(name: str, item: Any, depth: int = 0) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#") or depth > DEEPEST:
@@ -70,9 +71,13 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
                 visit(below, inner, depth + 1)
         elif item.dtype.kind in "iuf" and kind not in ("char", "logical"):
             arrays.append((name, item[()].T))  # MATLAB writes columns first
+            unit = next((item.attrs[k] for k in ("unit", "units", "Unit", "Units") if k in item.attrs), "")
+            units[name] = unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
         elif item.dtype.names == ("real", "imag"):
             values = item[()].T
             arrays.append((name, values["real"] + 1j * values["imag"]))
+        elif item.dtype.names and item.ndim == 1:  # a table, as PyTables and pandas write it
+            arrays.extend((f"{name}.{field}", item[field]) for field in item.dtype.names)
 
     try:
         with h5py.File(path, "r") as source:
@@ -85,6 +90,7 @@ def read_hdf5(path: Path, file: str) -> list[Recording]:
         arrays,
         "MATLAB v7.3 or HDF5",
         f"it holds {held[:200]}; save numbers as vectors ({SAVE}), or save with -v7",
+        units,
     )
 
 
@@ -133,7 +139,9 @@ def _seconds(values: np.ndarray) -> np.ndarray:
     return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
 
 
-def _recordings(file: str, arrays: list[tuple[str, np.ndarray]], what: str, otherwise: str) -> list[Recording]:
+def _recordings(
+    file: str, arrays: list[tuple[str, np.ndarray]], what: str, otherwise: str, units: Mapping[str, str] | None = None
+) -> list[Recording]:
     channels: list[Channel | None] = []
     rate = None
     rates = [float(np.real(np.ravel(v)[0])) for k, v in arrays if np.size(v) == 1 and _leaf(k) in RATES]
@@ -148,7 +156,7 @@ def _recordings(file: str, arrays: list[tuple[str, np.ndarray]], what: str, othe
                 f"{file}: {name} is complex with an imaginary part; save real time histories, like real({name})"
             )
         if values.ndim == 1:
-            channels.append(channel(name, "", values, rate, None, group))
+            channels.append(channel(name, (units or {}).get(name, ""), values, rate, None, group))
         elif values.ndim == 2:
             columns = values if values.shape[0] >= values.shape[1] else values.T
             if columns.shape[1] <= MOST_COLUMNS:

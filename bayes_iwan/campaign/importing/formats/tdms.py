@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,20 @@ import numpy as np
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
+CUT = (
+    "the TDMS file ends before its data do (cut off, or damaged): what is there was read; copy or export it again "
+    "unless the recorder simply stopped"
+)
+
 
 def read_tdms(path: Path, file: str) -> list[Recording]:
     """One recording a group."""
     nptdms = library("nptdms", "npTDMS", file, "a TDMS file")
     try:
+        logging.getLogger("nptdms").setLevel(logging.ERROR)  # what it logs of a cut file is said below
         whole = nptdms.TdmsFile.read(path)
         sources = [(group.name, source) for group in whole.groups() for source in group.channels()]
+        cut = (CUT,) if whole.file_status.incomplete_final_segment else ()
         clock = _starts([source.properties for _, source in sources])
         groups: dict[str, list[Channel]] = {}
         for (group, source), start in zip(sources, clock):
@@ -28,9 +36,11 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
                 groups.setdefault(group, []).append(one)
     except Exception as error:  # a damaged file makes npTDMS fail in many ways
         raise CampaignError(f"{file}: cannot be read as TDMS ({shown(str(error))}); copy or export it again") from None
-    if len(groups) == 1:
-        return [Recording(file, "", tuple(c), (f"TDMS, group {name!r}",)) for name, c in groups.items()]
-    return [Recording(file, name, tuple(c), ("TDMS",)) for name, c in groups.items()]
+    alone = len(groups) == 1
+    return [
+        Recording(file, "" if alone else name, tuple(c), (f"TDMS, group {name!r}" if alone else "TDMS",), warnings=cut)
+        for name, c in groups.items()
+    ]
 
 
 def _starts(properties: list[Mapping[str, Any]]) -> list[float | None]:

@@ -31,6 +31,7 @@ from bayes_iwan.campaign.recording.records import CampaignError, shown
 from bayes_iwan.campaign.recording.table import read_bytes
 
 SAMPLE = 65536  # characters looked at from the start and from the end to find the layout
+SUMMARY = 20  # lines of words below a table at most
 SIDE = 0.9  # of a column's cells empty: remarks beside the table, not a signal
 
 
@@ -60,7 +61,9 @@ def _read(file: str, text: str, layout: Layout, part: str, how: str) -> list[Rec
         f"text: {SEPARATORS.get(style.separator, style.separator)}, decimal {style.decimal}, {how}, numbers from line "
     )
     start = len("\n".join(head[:first])) + (1 if first else 0)
-    body, remarks = _without_remarks(text[start:])
+    body, below = _without_summary(text[start:], style)
+    body, remarks = _without_remarks(body)
+    remarks = (*remarks, *below)
     table, notes = _numbers(file, body, style, max(width, len(names)), first)
     if table is not None:
         note = (said + str(first + 1), *notes, *remarks)
@@ -96,6 +99,21 @@ def _continued(tables: list[Recording]) -> list[Recording]:
                 continue
         out.append(x)
     return out
+
+
+def _without_summary(body: str, style: Style) -> tuple[str, tuple[str, ...]]:
+    """The body without the lines of words (Max; Min; Mean; end of file) that some programs write below a table, and a
+    word on them."""
+    lines = body.rstrip().split("\n")
+    if not style.is_number(style.cells(lines[0])[0]):
+        return body, ()
+    end = len(lines)
+    while end > max(len(lines) - SUMMARY, FEWEST_SAMPLES) and re.match(r"\s*(\"?[^\W\d_]{2}|$)", lines[end - 1]):
+        end -= 1
+    words = [style.cells(line)[0].lower() for line in lines[end:] if line.strip()]
+    if not words or any(w in OVER or w in UNDER or w in MISSING for w in words):
+        return body, ()
+    return "\n".join(lines[:end]) + "\n", (f"{len(words)} line(s) of words below the table dropped",)
 
 
 def _without_remarks(body: str) -> tuple[str, tuple[str, ...]]:
@@ -171,7 +189,7 @@ def _number(cell: object, style: Style) -> float | None:
         return float(cell) if cell is not None else np.nan  # type: ignore[arg-type]
     if style.is_number(cell):
         other = "," if style.decimal == "." else "."
-        return float(re.sub(rf"[{other} '’\u00a0\u202f]", "", cell).replace(",", "."))
+        return float(re.sub(rf"[{other} '’\u00a0\u202f]", "", cell).replace(",", ".").lower().replace("d", "e"))
     if cell in MISSING:
         return np.nan
     return np.inf if cell.lower() in OVER else -np.inf if cell.lower() in UNDER else None

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bayes_iwan.campaign.importing.formats.stamps import is_stamp
-from bayes_iwan.campaign.importing.unit_texts import decimal_point, is_unit
+from bayes_iwan.campaign.importing.recordings import RATES_HZ
+from bayes_iwan.campaign.importing.unit_texts import decimal_point, is_unit, role_of
 from bayes_iwan.campaign.recording.records import CampaignError
 
 MISSING = ["-", "--", "---", "NaN", "nan", "NAN", "", "#N/A", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "null", "n/a"]
@@ -21,8 +22,8 @@ SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", r"\s+
 NAMED = {"tab": "\t", "tabs": "\t", "\\t": "\t", "comma": ",", "semicolon": ";", "blank": r"\s+", "blanks": r"\s+"}
 NAMED |= {"space": r"\s+", "spaces": r"\s+", "bar": "|"}
 MARKS = {  # digits are matched in one way only: a cell of 60,000 of them would take minutes otherwise
-    ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?"),
-    ",": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?"),
+    ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?"),
+    ",": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?"),
 }
 THOUSANDS = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}([, '’\u00a0\u202f]\d{3})+(\.\d*)?"),
@@ -99,14 +100,14 @@ class Style:
         return [cell.strip().strip('"').strip() for cell in cells]
 
     def numbers(self, cells: Sequence[str]) -> int:
-        """How many numbers a row of the table has: 0 for what is no row."""
+        """How many more numbers than texts a row of the table has: 0 for what is no row."""
         n = others = 0
         for cell in cells:
             if self.is_number(cell) or cell.lower() in OVER or cell.lower() in UNDER:
                 n += 1
             elif cell not in MISSING and not is_stamp(cell):
                 others += 1
-        return n if others < n else 0
+        return max(n - others, 0)
 
 
 def decoded(file: str, raw: bytes, encoding: str | None) -> tuple[str, str]:
@@ -219,23 +220,30 @@ def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) 
         return names, next((cells for cells in below if all(is_unit(c) for c in cells)), [])
     fitting: list[list[str]] = []
     for line in reversed([line for line in lines if line.strip()]):
-        cells = style.cells(line)
+        cells = style.cells(re.sub(r"^\s*(#|//|%|!)\s*", "", line))
         if len(cells) == width + 1 and re.fullmatch(
             r"\W*(units?|einheit(en)?|unit[ée]s?|names?|channels?)\W*", cells[0], re.I
         ):
             cells = cells[1:]
         if len(cells) < width or (len(fitting) and len(cells) < len(fitting[0]) - 1):
             break
-        fitting.append([c.lstrip("#").strip() for c in cells])
+        fitting.append(cells)
     if not fitting:
         return [], []
-    units = [any(cells) and all(is_unit(c) or _scale(c, style) for c in cells) for cells in fitting]
-    units = [is_row and not all(map(style.is_number, cells)) for is_row, cells in zip(units, fitting)]
+    units = [_is_units(cells, style) for cells in fitting]
     if len(fitting) > 1 and units[0]:
         return fitting[1], _bare(fitting[0])
     if len(fitting) > 1 and units[1]:
         return fitting[0], _bare(fitting[1])  # units above names
     return fitting[0], (fitting[0] if units[0] else [])
+
+
+def _is_units(cells: Sequence[str], style: Style) -> bool:
+    """Whether a row is one of units; of many cells a few may be what no unit is (segments, gpm)."""
+    others = sum(not (is_unit(c) or _scale(c, style)) for c in cells)
+    if others:
+        return 3 * others <= len(cells) and sum(role_of(c) is not None for c in cells) > 1
+    return any(cells) and not all(map(style.is_number, cells))
 
 
 def _scale(cell: str, style: Style) -> bool:
@@ -263,6 +271,7 @@ def stated_rate(lines: Sequence[str]) -> float | None:
             if not turn and unit in _SECONDS | {"s": 1.0, "sec": 1.0}:
                 turn, table = True, _SECONDS
             value *= table.get(unit, 1.0)
-            if 0 < value < 1e12:
-                found.add(float(f"{1 / value if turn else value:.9g}"))
+            rate = 1 / value if turn and value else value
+            if RATES_HZ[0] < rate < RATES_HZ[1]:
+                found.add(float(f"{rate:.9g}"))
     return found.pop() if len(found) == 1 else None
