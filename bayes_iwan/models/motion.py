@@ -84,6 +84,13 @@ class Motion:
         """|u̇|, shaped as the velocity."""
         return np.abs(self.velocity_m_s)
 
+    @cached_property
+    def slope_mm(self) -> Array:
+        """Slope of the displacement in mm a sample, shaped as it; NaN for a record, whose samples may lie anywhere."""
+        per_sample = 1e3 / (self.frequency_hz * self.samples) if self.periodic else np.full(self.loops, np.nan)
+        slope = self.velocity_m_s * per_sample[:, None]
+        return np.ascontiguousarray(np.broadcast_to(slope, self.displacement_mm.shape))
+
     def of_draws(self, part: slice) -> Motion:
         """The motion of some draws only; itself where all draws share one motion."""
         if self.draws == 1:
