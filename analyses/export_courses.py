@@ -101,6 +101,7 @@ def forward(problem: Problem, values: ParameterValues, course: Course, fine: int
         cycle=np.zeros(1),
         test=np.zeros(1, dtype=np.int64),
         periodic=False,
+        step_s=t[1:2] - t[0],
     )
     values = {n: x for n, x in values.items() if n != FORCE_ZERO}
     effects = [e for e in problem.effects if not isinstance(e, OF_THE_RIG)]

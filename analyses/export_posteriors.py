@@ -3,9 +3,10 @@
     python analyses/export_posteriors.py --specimens 20 --seed 4401 --out runs
 
 Each specimen is drawn by the virtual rig and tested three times (10 Hz at 0.4 and 0.9 mm, 18 Hz at 0.6 mm, six cycles
-each). Two posteriors are sampled of each campaign with the default settings (R-hat 1.01, an effective size of 400): NN_varying
-with the default model, and NN_constant with a constant normal force and stiffness and without embedded model error, which
-OpenSees' springs can hold. Only the time a run may take is another (--budget, s). Folders that are there are kept.
+each). Two posteriors are sampled of each campaign by the default settings (R-hat 1.01, an effective size of 400):
+NN_constant with a constant normal force and stiffness and without embedded model error, which OpenSees' springs can
+hold, and NN_varying with the default model. Only the time that a run may take is another (--budget, s). Runs that are
+there are kept, interrupted ones go on.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from pathlib import Path
 import numpy as np
 
 import bayes_iwan as bi
-from bayes_iwan.inference.results import run_files
+from bayes_iwan.sampling.checkpoint import NAME as CHECKPOINT
 from bayes_iwan.virtual_rig.specimen import draw_specimen
 
 TESTS = ((10.0, 0.4), (10.0, 0.9), (18.0, 0.6))
 #: parts of the model by the end of the folder's name
 MODELS: dict[str, dict[str, object]] = {
-    "varying": {},
     "constant": {"normal_force": "constant", "stiffness": "constant", "embedded": False},
+    "varying": {},
 }
 
 
@@ -35,8 +36,8 @@ def posterior_of(folder: Path, campaign: Path, model: dict[str, object], seed: i
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a run that did not converge is said below
         config = {"model": model, "sampling": {"budget_s": budget_s}}
-        posterior = bi.identify(campaign, seed=seed, progress=False, config=config)
-    run_files.write(posterior, folder)
+        begun = (folder / CHECKPOINT).exists()
+        posterior = bi.identify(campaign, folder, seed=seed, progress=False, config=config, resume=begun)
     return f"{posterior.message}, {posterior.ndim} parameters, {time.perf_counter() - start:.0f} s"
 
 
@@ -55,9 +56,10 @@ def main() -> None:
             rng = np.random.default_rng([args.seed, i])
             specimen = draw_specimen(rng, (min(amplitudes), max(amplitudes)), speed)
             bi.simulate_campaign(plan, specimen=specimen, seed=args.seed + i).write(campaign)
-        for name, model in MODELS.items():
-            folder = args.out / f"{i:02d}_{name}"
-            if not folder.exists():
+    for name, model in MODELS.items():
+        for i in range(args.specimens):
+            folder, campaign = args.out / f"{i:02d}_{name}", args.out / f"campaign_{i:02d}"
+            if not (folder / "posterior.nc").exists():
                 print(f"{folder.name}: {posterior_of(folder, campaign, model, args.seed + i, args.budget)}", flush=True)
 
 

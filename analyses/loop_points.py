@@ -63,7 +63,7 @@ def main() -> None:
     for name, parts in MOTIONS.items():
         fine = motion_with(parts, FINE)
         exact, u = model.friction_force(values, fine)[:, 0], fine.displacement_mm[0, 0]
-        shown = f"{name}, {reversals(u)} reversals: {points_for([u])} points".ljust(52)
+        shown = f"{name}, {reversals(u)} reversals: {points_for([u], [fine.velocity_m_s[0, 0]])} points".ljust(52)
         for n in POINTS:
             off = model.friction_force(values, motion_with(parts, n))[:, 0] - exact[:, :: FINE // n]
             error = np.sqrt(np.mean(off**2, axis=1) / np.mean(exact**2, axis=1))

@@ -155,7 +155,7 @@ def _cut(top, u, up, down, front, front_x, st, work, row, scale, shift):
 
 @_part
 def _turning(u, v, i, j):
-    """Where between two samples i and j = i + 1 the cubic through displacements u and slopes v (mm a sample, of opposite
+    """Where between samples i and j = i + 1 the cubic through displacements u and slopes v (mm a sample, of opposite
     signs) turns: the place in (0, 1) and the displacement there."""
     a, b, rise = v[i], v[j], u[j] - u[i]
     cubic, square = 3.0 * (a + b - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * a - b)
@@ -176,10 +176,10 @@ def _way(u, v, closed, begin, at, where, off, stop, turns, last):
     A reversal between two samples would be overlooked by up to an eighth of a second difference, which every force
     after it would feel. So the turning point of the cubic through both samples and their slopes v (samples,), in mm a
     sample, is put in; where slopes are not known (NaN) or do not show the reversal, the vertex of the parabola through
-    three samples. Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the sample
-    itself), stop (the entry at which the motion no longer goes on in the direction that led here), turns (the number of turning
-    points, their entries, and the end of all entries, which is returned), and last (the number of entries that are the
-    last in their direction, and these, from the end on).
+    three samples. Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the
+    sample itself), stop (the entry at which the motion no longer goes on in the direction that led here), turns (the
+    number of turning points, their entries, and the end of all entries, which is returned), and last (the number of
+    entries that are the last in their direction, and these, from the end on).
     """
     n, count, found = u.size, begin, 0
     for i in range(n):
@@ -394,8 +394,8 @@ def _follow(
 def friction(u, slope, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
     """Friction force of all loops of all draws, plus a parallel spring.
 
-    u, slope : (1 or draws, loops, samples), mm and mm a sample, the latter NaN where it is not known; between samples α,
-        k and, but for its turning points, u are taken as monotone.
+    u, slope : (1 or draws, loops, samples), mm and mm a sample, the latter NaN where it is not known; between samples
+        α, k and, but for its turning points, u are taken as monotone.
     alpha, k, out : (draws, loops, samples); relative normal force and stiffness in N/mm; out in N.
     asymmetry : (draws,) in (−1, 1); an element slips at αφ(1 + asymmetry) where u rises, αφ(1 − asymmetry) where it
         falls.
@@ -424,7 +424,9 @@ def friction(u, slope, alpha, k, asymmetry, closed, tables, phi_top, parallel, o
         limit = _limited_mean(2.0 * phi_top[d], row, scale, shift)
         for j in range(loops):
             if d < u.shape[0]:  # one motion for all draws, or one each
-                count[j] = _way(u[d, j], slope[d, j], closed, first, at[j], where[j], off[j], stop[j], turns[j], last[j])
+                count[j] = _way(
+                    u[d, j], slope[d, j], closed, first, at[j], where[j], off[j], stop[j], turns[j], last[j]
+                )
             _series(alpha, k, d, j, where, off, turns, first, normal, stiff)
             start = _run_in(at, stop, last, j, first, normal, stiff) if closed else first
             _follow(
