@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from bayes_iwan.campaign import Campaign, read_campaign
 from bayes_iwan.export import c_code, drake, fmu, json_file, mujoco, opensees
 from bayes_iwan.export.card import Card, card_of
 from bayes_iwan.export.device import STAGES, Device, ExportError, device_of
-from bayes_iwan.files import clear, owned, write_json, write_whole
+from bayes_iwan.files import finite, swapped, write_whole
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.inference.setup.problem import Problem
@@ -97,20 +98,18 @@ def export(
         raise ExportError(f"draws must be 0 or more, not {draws}")
     source = source_of(result, draws, campaign)
     made, card = files_of(source, to, approximate, error)
-    with owned(out) as folder:
-        clear(folder, *OWN, *(p.name for p in folder.glob("isolator_*.so")))
+    made = made | {CARD_TEXT: card.text() + "\n", CARD_JSON: json.dumps(finite(card.to_dict()), indent=1) + "\n"}
+    with swapped(out, lambda name: name in OWN or fnmatch(name, "isolator_*.so")) as folder:
         for name, content in made.items():
             write_whole(folder / name, content)
-        write_whole(folder / CARD_TEXT, card.text() + "\n")
-        write_json(folder / CARD_JSON, card.to_dict())
-        return folder
+    return Path(out)
 
 
 #: what any target writes
-OWN = (
+OWN = {
     c_code.NAME, "isolator.py", *fmu.NAMES, *mujoco.NAMES, *drake.NAMES, *opensees.NAMES, json_file.NAME,
     CARD_TEXT, CARD_JSON,
-)  # fmt: skip
+}  # fmt: skip
 
 
 def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[dict[str, str | bytes], Card]:

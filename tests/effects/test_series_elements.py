@@ -92,7 +92,9 @@ def test_it_is_what_stop_elements_do_step_by_step(kind, given, slope, beta, kit)
     force = recorded_force(model, (effect,), values, motion)[0, 0]
 
     elements = Elements(slope, beta)
-    step = in_series(elements, *given.values()) if "soft_N" in given else behind_a_play(elements, 0.5 * given["play_mm"])
+    step = (
+        in_series(elements, *given.values()) if "soft_N" in given else behind_a_play(elements, 0.5 * given["play_mm"])
+    )
     marched = np.array([step(u) for u in np.tile(motion.displacement_mm[0, 0], CYCLES)])[-SAMPLES:]
     friction = model.friction_force(values, motion)[0, 0]
     assert np.sqrt(np.mean((force - marched) ** 2)) < 1e-3 * np.sqrt(np.mean(friction**2))
