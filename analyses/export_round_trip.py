@@ -126,6 +126,7 @@ def round_trip(posterior: bi.Posterior, draws: int, work: Path, worst: Worst) ->
     problem = posterior.problem
     values = problem.parameter_values(export_run.source_of(posterior, draws).z)
     missing = set()
+    references: dict[tuple[str, int, bool], rt.Reference] = {}
     for name, row in rows(constant(posterior)).items():
         folder = work / row.target
         if not folder.exists():
@@ -137,11 +138,12 @@ def round_trip(posterior: bi.Posterior, draws: int, work: Path, worst: Worst) ->
             continue
         for course in rt.courses(*fastest(problem)):
             for steps in row.steps:
-                motion = rt.straight(course, steps) if row.straight else course
-                fine = rt.FINE_STRAIGHT if row.straight else rt.FINE
-                found, key = rt.compare(force, problem, values, motion, steps, fine), (name, course.name, steps)
-                before = worst.get(key, (0.0, 0.0))
-                worst[key] = max(found.rms, before[0]), max(found.energy, before[1])
+                of = course.name, steps, row.straight
+                if of not in references:
+                    motion, fine = (rt.straight(course, steps), rt.FINE_STRAIGHT) if row.straight else (course, rt.FINE)
+                    references[of] = rt.reference(problem, values, motion, steps, fine)
+                found, before = rt.compare(force, references[of]), worst.get((name, course.name, steps), (0.0, 0.0))
+                worst[name, course.name, steps] = max(found.rms, before[0]), max(found.energy, before[1])
     return missing
 
 

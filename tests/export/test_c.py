@@ -30,7 +30,7 @@ def test_every_motion_gives_the_forward_models_force(problem_of, exported, parts
     values = problem.parameter_values(z)
     for course in rt.courses(20.0, 1.0):
         for steps in (20, 100):
-            found = rt.compare(force, problem, values, course, steps)
+            found = rt.compare(force, rt.reference(problem, values, course, steps))
             assert found.rms < 1e-3 and found.energy < 1e-3, found
 
 
