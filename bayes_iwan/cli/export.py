@@ -20,8 +20,8 @@ from bayes_iwan.cli.command import OUT, argument, command, say
         "--error",
         metavar="SHARE",
         type=float,
-        default=1e-4,
-        help="opensees: largest error of the springs over the mean slip force (default: 0.0001)",
+        default=5e-5,
+        help="opensees: largest error of the springs over the mean slip force (default: 0.00005)",
     ),
 )
 def run_export(args: argparse.Namespace) -> None:

@@ -52,7 +52,7 @@ def export(
     draws: int = 20,
     approximate: bool = False,
     campaign: PathLike | None = None,
-    error: float = 1e-4,
+    error: float = 5e-5,
 ) -> Path:
     """The identified device as files that run elsewhere, with a model card.
 
