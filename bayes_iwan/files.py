@@ -94,9 +94,11 @@ def swapped(folder: str | os.PathLike[str], own: Callable[[str], bool]) -> Itera
     stands in `folder` under names that are not `own` is kept.
 
     A full disk leaves the former folder as it was, a kill that or, between two renames, none; the next use brings it
-    back. Raises OutputError as :func:`owned`, and where the folder cannot be replaced.
+    back. Raises OutputError as :func:`owned`, and where the folder cannot be replaced: it is where the process is.
     """
     folder = Path(folder).absolute()
+    if folder in (Path.cwd(), *Path.cwd().parents):
+        raise OutputError(f"{folder}: is the folder you are in, which cannot be replaced; name one inside it")
     former = folder.with_name(f".former.{folder.name}")
     if former.exists() and not folder.exists():
         os.rename(former, folder)

@@ -19,6 +19,8 @@ from bayes_iwan.models.embedded_error import CORNER_NAME
 from bayes_iwan.models.simulator import recorded_force
 
 NAMES = ("isolator_opensees.py",)
+#: largest difference of the backbone over the mean slip force
+ERROR = 5e-5
 #: what the card says in the place of the step's
 DISCRETISATION = (
     "slip forces are lumped into as many springs as a stated error of the backbone asks. From the forward model, on a "
