@@ -47,5 +47,5 @@ def points_for(displacements: Sequence[Array], velocities: Sequence[Array]) -> i
 
 def off_chord(velocity: Array) -> float:
     """How far a periodic velocity (samples,) is off its chords between samples, at most, over the largest."""
-    bend = np.roll(velocity, 1) - 2.0 * velocity + np.roll(velocity, -1)
-    return float(np.max(np.abs(bend)) / 8.0 / np.max(np.abs(velocity)))
+    change = np.roll(velocity, 1) - 2.0 * velocity + np.roll(velocity, -1)
+    return float(np.max(np.abs(change)) / 8.0 / np.max(np.abs(velocity)))
