@@ -30,7 +30,7 @@ DISCRETISATION = (
 STEP = (
     "a material sees displacements and no velocity, so it follows straight lines between the solver's steps and misses "
     "where a motion turns within one. Of a smooth motion that is up to 3.6 % of the friction force at 20 steps a "
-    "cycle, 1.8 % at 50, 0.2 % at 100 and 150, below 0.1 % at 250 (of any material without velocity, with any springs). "
+    "cycle, 1.8 % at 50, 0.2 % at 100 and 150, below 0.1 % at 250 (any material without velocity, any springs). "
     "Where a motion is prescribed, path() puts its turning points in: below 0.1 % at 20 steps then"
 )
 
