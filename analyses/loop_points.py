@@ -28,6 +28,9 @@ MOTIONS = {
     "third harmonic, 60 %": [(1, 1.0, 0.0), (3, 0.6, 1.0)],
     "7th harmonic, 15 %": [(1, 1.0, 0.2), (7, 0.15, 0.4)],
     "seven harmonics": [(k, 1.0, q) for k, q in zip((1, 2, 3, 5, 7, 9, 11), (4.0, 1.7, 0.3, 0.1, 5.1, 5.7, 3.8))],
+    "triangle, rounded": [
+        (k, np.exp(-((k / 20.0) ** 2)) / k**2, np.pi * (k % 4 == 3) + 0.01 * k) for k in range(1, 50, 2)
+    ],
     "25th harmonic, 2 %": [(1, 1.0, 0.3), (25, 0.02, 0.5)],
 }
 

@@ -33,8 +33,9 @@ def points_for(displacements: Sequence[Array], velocities: Sequence[Array]) -> i
     """Points that loops with these displacements and velocities (samples,) should have, MOST_POINTS at most: POINTS for
     two reversals a cycle, in doublings as many for each reversal, and until speeds follow their chords (OFF_CHORD).
 
-    With 128 points a motion of six reversals (a third harmonic of 60 %) gives forces off by 0.08 %, triangles of
-    measured stages by 0.1 to 0.3 %; with 512 by 0.003 to 0.03 % (analyses/loop_points.py, median over prior draws).
+    With 128 points a motion of six reversals (a third harmonic of 60 %) gives forces off by 0.08 to 0.5 %, a triangle
+    with rounded corners by 0.06 to 0.5 %; with 512 by 0.003 to 0.05 % (analyses/loop_points.py, median and 95 %
+    quantile over prior draws).
     """
     each = POINTS // 2
     most, points = max(reversals(u) for u in displacements), POINTS
