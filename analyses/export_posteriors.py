@@ -5,8 +5,8 @@
 Each specimen is drawn by the virtual rig and tested three times (10 Hz at 0.4 and 0.9 mm, 18 Hz at 0.6 mm, six cycles
 each). Two posteriors are sampled of each campaign by the default settings (R-hat 1.01, an effective size of 400):
 NN_constant with a constant normal force and stiffness and without embedded model error, which OpenSees' springs can
-hold, and NN_varying with the default model. Only the time that a run may take is another (--budget, s). Runs that are
-there are kept, interrupted ones go on.
+hold, and NN_varying with the default model. Only the time that a run may take is another (--budget, s); --quick samples
+nothing. Runs that are there are kept, interrupted ones go on.
 """
 
 from __future__ import annotations
@@ -30,14 +30,15 @@ MODELS: dict[str, dict[str, object]] = {
 }
 
 
-def posterior_of(folder: Path, campaign: Path, model: dict[str, object], seed: int, budget_s: float) -> str:
-    """Sample one posterior into a folder; returns what the run says of itself."""
+def posterior_of(folder: Path, campaign: Path, model: dict[str, object], seed: int, budget_s: float | None) -> str:
+    """Sample one posterior into a folder, or take quick draws (no budget); returns what the run says of itself."""
     start = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a run that did not converge is said below
-        config = {"model": model, "sampling": {"budget_s": budget_s}}
+        config = {"model": model} | ({} if budget_s is None else {"sampling": {"budget_s": budget_s}})
         begun = (folder / CHECKPOINT).exists()
-        posterior = bi.identify(campaign, folder, seed=seed, progress=False, config=config, resume=begun)
+        quick = budget_s is None
+        posterior = bi.identify(campaign, folder, seed=seed, progress=False, config=config, resume=begun, quick=quick)
     return f"{posterior.message}, {posterior.ndim} parameters, {time.perf_counter() - start:.0f} s"
 
 
@@ -46,8 +47,10 @@ def main() -> None:
     parser.add_argument("--specimens", type=int, default=20)
     parser.add_argument("--seed", type=int, default=4401)
     parser.add_argument("--budget", type=float, default=900.0)
+    parser.add_argument("--quick", action="store_true", help="draws of Laplace's approximation instead")
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
+    budget_s = None if args.quick else args.budget
     plan = [bi.PlannedTest(f, a, cycles=6) for f, a in TESTS]
     amplitudes, speed = [a for _, a in TESTS], max(2e-3 * np.pi * f * a for f, a in TESTS)
     for i in range(args.specimens):
@@ -60,7 +63,7 @@ def main() -> None:
         for i in range(args.specimens):
             folder, campaign = args.out / f"{i:02d}_{name}", args.out / f"campaign_{i:02d}"
             if not (folder / "posterior.nc").exists():
-                print(f"{folder.name}: {posterior_of(folder, campaign, model, args.seed + i, args.budget)}", flush=True)
+                print(f"{folder.name}: {posterior_of(folder, campaign, model, args.seed + i, budget_s)}", flush=True)
 
 
 if __name__ == "__main__":
