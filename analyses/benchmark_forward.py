@@ -195,7 +195,9 @@ def run(draws: int, repeats: int, exact: int = EQUAL) -> dict[str, object]:
         "table": per * best(lambda: model.slip_family.table(parameter_values), repeats),
         "sliders": per
         * best(
-            lambda: sliders.friction(motion.displacement_mm, alpha, k, zero, True, tables, top, zero, out),
+            lambda: sliders.friction(
+                motion.displacement_mm, motion.slope_mm, alpha, k, zero, True, tables, top, zero, out
+            ),
             repeats,
         ),
     }

@@ -47,7 +47,9 @@ for case, more, model in (("Table 1", {}, Model(reference)), ("various", various
         "alpha": lambda: model.alpha(values, motion),
         "k": lambda: model.stiffness_law.k(values, alpha),
         "table": lambda: model.slip_family.table(values),
-        "sliders": lambda: sliders.friction(motion.displacement_mm, alpha, k, zero, True, tables, top, zero, out),
+        "sliders": lambda: sliders.friction(
+                motion.displacement_mm, motion.slope_mm, alpha, k, zero, True, tables, top, zero, out
+            ),
     }
     found[case] = {name: per * b.best(call, repeats) for name, call in calls.items()}
 print(json.dumps(found))

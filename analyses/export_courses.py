@@ -101,6 +101,7 @@ def forward(problem: Problem, values: ParameterValues, course: Course, fine: int
         cycle=np.zeros(1),
         test=np.zeros(1, dtype=np.int64),
         periodic=False,
+        step_s=t[1:2] - t[0],
     )
     values = {n: x for n, x in values.items() if n != FORCE_ZERO}
     effects = [e for e in problem.effects if not isinstance(e, OF_THE_RIG)]
@@ -129,23 +130,44 @@ def straight(course: Course, steps: int) -> Course:
     return replace(course, displacement_mm=lambda x: np.interp(x, t, u))
 
 
-def compare(
-    force: Force, problem: Problem, values: ParameterValues, course: Course, steps: int, fine: int = FINE
-) -> Difference:
-    """How far `force` differs from our own forward model at `steps` equal steps a cycle of the highest frequency, which
-    our model follows with `fine` samples."""
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """Our own forward model on a course at `steps` equal steps a cycle of its highest frequency: step (s), motion after
+    each step (steps,) as :meth:`Course.at`, force and friction there (draws, steps) in N."""
+
+    course: Course
+    steps: int
+    step_s: float
+    motion: tuple[Array, Array, Array]
+    force_N: Array
+    friction_N: Array
+
+
+def reference(problem: Problem, values: ParameterValues, course: Course, steps: int, fine: int = FINE) -> Reference:
+    """Our model follows the course with `fine` samples a cycle."""
     every = fine // steps
     t, ours, friction = forward(problem, values, course, every * steps)
-    use, h = slice(every, None, every), (t[1] - t[0]) * every
-    u, v, a = course.at(t[use])
-    kept = t[use] >= course.settled_s - 1e-9
+    use = slice(every, None, every)
+    return Reference(
+        course=course,
+        steps=steps,
+        step_s=float(t[1] - t[0]) * every,
+        motion=course.at(t[use]),
+        force_N=ours[:, use],
+        friction_N=friction[:, use],
+    )
+
+
+def compare(force: Force, ours: Reference) -> Difference:
+    """How far `force` differs from our own forward model."""
+    h, (u, v, a) = ours.step_s, ours.motion
+    kept = h * np.arange(1, len(u) + 1) >= ours.course.settled_s - 1e-9
     rms, energy = [], []
-    for d in range(len(ours)):
-        difference = (force(d, h, u, v, a, 1e-3 * course.amplitude_mm) - ours[d, use])[kept]
-        size = np.sqrt(np.mean(friction[d, use][kept] ** 2))
-        rms.append(np.sqrt(np.mean(difference**2)) / size)
-        energy.append(abs(np.sum(difference * v[kept])) / np.sum(np.abs(friction[d, use][kept] * v[kept])))
-    return Difference(course.name, steps, float(np.max(rms)), float(np.max(energy)))
+    for d, (own, friction) in enumerate(zip(ours.force_N[:, kept], ours.friction_N[:, kept])):
+        difference = force(d, h, u, v, a, 1e-3 * ours.course.amplitude_mm)[kept] - own
+        rms.append(np.sqrt(np.mean(difference**2) / np.mean(friction**2)))
+        energy.append(abs(np.sum(difference * v[kept])) / np.sum(np.abs(friction * v[kept])))
+    return Difference(ours.course.name, ours.steps, float(np.max(rms)), float(np.max(energy)))
 
 
 def module(folder: Path) -> ModuleType:

@@ -194,8 +194,8 @@ def drake_force(folder: Path) -> Force:
     return force
 
 
-def opensees_force(folder: Path) -> Force:
-    """By OpenSees' own materials, strained step by step."""
+def opensees_force(folder: Path, turns: bool = False) -> Force:
+    """By OpenSees' own materials, strained step by step; turns : also at the turning points within steps."""
     ops = needed("openseespy.opensees", "openseespy, and on Debian libblas3 liblapack3")
     wrapped = exported(folder, "isolator_opensees")
 
@@ -204,9 +204,12 @@ def opensees_force(folder: Path) -> Force:
         wrapped.add(ops, 1, d)
         ops.testUniaxialMaterial(1)
         out = np.empty(len(u))
-        for i, at in enumerate(u):
-            ops.setStrain(float(at))
+        before = 0.0, v[0] - h * a[0]
+        for i, now in enumerate(zip(u.tolist(), v.tolist())):
+            for at in wrapped.path(*zip(before, now), h)[1:] if turns else now[:1]:
+                ops.setStrain(at)
             out[i] = ops.getStress()
+            before = now
         return out
 
     return force

@@ -28,6 +28,9 @@ MOTIONS = {
     "third harmonic, 60 %": [(1, 1.0, 0.0), (3, 0.6, 1.0)],
     "7th harmonic, 15 %": [(1, 1.0, 0.2), (7, 0.15, 0.4)],
     "seven harmonics": [(k, 1.0, q) for k, q in zip((1, 2, 3, 5, 7, 9, 11), (4.0, 1.7, 0.3, 0.1, 5.1, 5.7, 3.8))],
+    "triangle, rounded": [
+        (k, np.exp(-((k / 20.0) ** 2)) / k**2, np.pi * (k % 4 == 3) + 0.01 * k) for k in range(1, 50, 2)
+    ],
     "25th harmonic, 2 %": [(1, 1.0, 0.3), (25, 0.02, 0.5)],
 }
 
@@ -63,7 +66,7 @@ def main() -> None:
     for name, parts in MOTIONS.items():
         fine = motion_with(parts, FINE)
         exact, u = model.friction_force(values, fine)[:, 0], fine.displacement_mm[0, 0]
-        shown = f"{name}, {reversals(u)} reversals: {points_for([u])} points".ljust(52)
+        shown = f"{name}, {reversals(u)} reversals: {points_for([u], [fine.velocity_m_s[0, 0]])} points".ljust(52)
         for n in POINTS:
             off = model.friction_force(values, motion_with(parts, n))[:, 0] - exact[:, :: FINE // n]
             error = np.sqrt(np.mean(off**2, axis=1) / np.mean(exact**2, axis=1))

@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -86,6 +86,56 @@ def owned(folder: str | os.PathLike[str]) -> Iterator[Path]:
             if made:  # refused before anything was written, or so the folder is not empty
                 folder.rmdir()
         os.close(handle)
+
+
+@contextmanager
+def swapped(folder: str | os.PathLike[str], own: Callable[[str], bool]) -> Iterator[Path]:
+    """A new folder to write to, which takes the place of `folder` when the block ends well and goes when not; what
+    stands in `folder` under names that are not `own` is kept.
+
+    A full disk leaves the former folder as it was, a kill that or, between two renames, none; the next use brings it
+    back. Raises OutputError as :func:`owned`, and where the folder cannot be replaced: it is where the process is.
+    """
+    folder = Path(folder).absolute()
+    if folder in (Path.cwd(), *Path.cwd().parents):
+        raise OutputError(f"{folder}: is the folder you are in, which cannot be replaced; name one inside it")
+    former = folder.with_name(f".former.{folder.name}")
+    if former.exists() and not folder.exists():
+        os.rename(former, folder)
+    with owned(folder):
+        for left in (former, *folder.parent.glob(f"{_PART}{folder.name}.*")):
+            shutil.rmtree(left, ignore_errors=True)
+        try:
+            new = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f"{_PART}{folder.name}."))
+        except OSError as error:
+            raise OutputError(f"{folder.parent}: cannot be written to ({error.strerror}); name another") from None
+        try:
+            yield new
+            for kept in folder.iterdir():
+                if kept.name != _LOCK and not own(kept.name):
+                    _linked(kept, new / kept.name)
+            os.chmod(new, folder.stat().st_mode)
+            try:
+                os.rename(folder, former)
+                os.rename(new, folder)
+            except OSError as error:
+                raise OutputError(f"{folder}: cannot be replaced ({error.strerror}); name a folder inside it") from None
+            finally:
+                if not folder.exists():
+                    os.rename(former, folder)
+            shutil.rmtree(former, ignore_errors=True)
+        finally:
+            shutil.rmtree(new, ignore_errors=True)
+
+
+def _linked(old: Path, new: Path) -> None:
+    """The same file, or folder of files, under another name."""
+    if old.is_symlink():
+        os.symlink(os.readlink(old), new)
+    elif old.is_dir():
+        shutil.copytree(old, new, symlinks=True, copy_function=os.link)
+    else:
+        os.link(old, new)
 
 
 @contextmanager

@@ -15,13 +15,13 @@ from bayes_iwan.cli.command import OUT, argument, command, say
     OUT,
     argument("--draws", metavar="N", type=int, default=20, help="draws beside the point estimate (default: 20)"),
     argument("--campaign", metavar="DIR", help="the campaign's folder: for a diagnosis, or where it has moved"),
-    argument("--approximate", action="store_true", help="drop what the target cannot hold, instead of refusing"),
+    argument("--simulator", metavar="FILE", help="the Python file of a run with a simulator of your own (json)"),
+    argument("--approximate", action="store_true", help="opensees: drop what it cannot hold, instead of refusing"),
     argument(
         "--error",
         metavar="SHARE",
         type=float,
-        default=1e-4,
-        help="opensees: largest error of the springs over the mean slip force (default: 0.0001)",
+        help="opensees: largest error of the springs over the mean slip force (default: 0.00005)",
     ),
 )
 def run_export(args: argparse.Namespace) -> None:
@@ -34,6 +34,7 @@ def run_export(args: argparse.Namespace) -> None:
         draws=args.draws,
         approximate=args.approximate,
         campaign=args.campaign,
+        simulator=args.simulator,
         error=args.error,
     )
     say((folder / "model_card.txt").read_text(encoding="utf-8").rstrip())

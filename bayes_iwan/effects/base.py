@@ -31,7 +31,7 @@ from bayes_iwan.models import Motion
 from bayes_iwan.models.kernels.pointwise import speeds_of_change
 from bayes_iwan.models.parameter import Distribution, Parameter, for_distinct
 from bayes_iwan.models.scales import Scales
-from bayes_iwan.models.simulator import INNER, OUTER
+from bayes_iwan.models.simulator import INNER, OUTER, Inner
 
 #: prior of an effect's strength: the RMS force it moves over the RMS friction force has this median, ×/÷ e^0.9
 TYPICAL_SHARE = 0.08
@@ -313,8 +313,9 @@ class Effect:
         """The force that the cell records, from the specimen's."""
         return force_N
 
-    def around(self, inner: Callable[[Motion], Array], motion: Motion, parameter_values: ParameterValues) -> Array:
-        """Anything in series, which needs the force back: inner(motion) is the specimen's force."""
+    def around(self, inner: Inner, motion: Motion, parameter_values: ParameterValues) -> Array:
+        """Anything in series, which needs the force back: inner(motion) is the specimen's force, inner(motion, some)
+        that of the draws with these indices alone."""
         return inner(motion)
 
     def recorded(self, data: Records, parameter_values: ParameterValues) -> Array | None:

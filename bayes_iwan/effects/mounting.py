@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numba as nb
 import numpy as np
 from scipy import stats
 
 from bayes_iwan.arrays import Array, ParameterValues
-from bayes_iwan.effects.base import Effect, ExtraParameter, Motion, moved_by
+from bayes_iwan.effects.base import Effect, ExtraParameter, Inner, Motion, moved_by
 from bayes_iwan.models.kernels import pointwise
 
-#: passes over the loop that settle how far the rig gives, or where the force crosses zero
-PASSES = 4
+#: a motion in series is solved for until the residual displacement (RMS) of every loop is within this share of its
+#: amplitude, and where the force crosses zero until the force there is within this share of its largest
+TOLERANCE = 1e-9
+#: passes over the loops at most; a few that lie at a jump of their law end there, within 4e-5 of the amplitude
+MOST_PASSES = 40
 #: a secant stiffness of the specimen is believed up to this many times the stiffness after reversals
 STIFFEST = 5.0
 
@@ -52,21 +54,32 @@ class RigCompliance(Effect):
             ),
         }
 
-    def around(self, inner: Callable[[Motion], Array], motion: Motion, parameter_values: ParameterValues) -> Array:
+    def around(self, inner: Inner, motion: Motion, parameter_values: ParameterValues) -> Array:
         compliance, first_N, ratio = (
             np.ascontiguousarray(parameter_values[f"{self.name}.{n}"])
             for n in ("compliance_mm_N", "soft_N", "soft_ratio")
         )
-        u = np.ascontiguousarray(motion.displacement_mm)
         force = inner(motion)
-        at = u + np.zeros_like(force)
-        step, stiffness = np.zeros_like(force), np.zeros_like(force)
-        least, most = 1e-12 * self.scales.length_mm, STIFFEST * self.scales.stiff_N_mm
-        for _ in range(PASSES):  # Newton's method with the secant stiffness of the last two passes, sample by sample
-            pointwise.give_step(u, force, compliance, ratio - 1.0, first_N, stiffness, at, step)
-            before, force = force, np.ascontiguousarray(inner(moved_by(motion, at)))
-            pointwise.secants(force, before, step, least, most, stiffness)
-        return force
+        out, some, base = force, np.arange(len(force)), motion
+        at = np.ascontiguousarray(motion.displacement_mm) + np.zeros_like(force)
+        trial, held, stiffness, step = at.copy(), np.zeros_like(force), np.zeros_like(force), np.zeros_like(force)
+        damping, size = np.zeros(force.shape[:2]), np.full(force.shape[:2], np.inf)
+        for _ in range(MOST_PASSES):
+            pointwise.series_step(
+                np.ascontiguousarray(base.displacement_mm), compliance[some], ratio[some] - 1.0, first_N[some],
+                STIFFEST * self.scales.stiff_N_mm, force, trial, at, held, stiffness, damping, size, step,
+            )  # fmt: skip
+            out[some] = held
+            open_ = np.any(size > TOLERANCE * motion.amplitude_mm, axis=1)
+            if not open_.any():
+                break
+            if not open_.all():
+                some, base = some[open_], base.of_draws(open_)
+                trial, at, held, stiffness, step, damping, size = (
+                    x[open_] for x in (trial, at, held, stiffness, step, damping, size)
+                )
+            force = np.ascontiguousarray(inner(moved_by(base, trial), some))
+        return out
 
 
 _jit = nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -79,44 +92,65 @@ def _softplus(x):
 
 
 @_jit
-def _play(u, velocity, force, specimen, half, soft, crossing, out):
-    """One pass: where the force crosses zero on each branch (rising, falling), and the specimen's motion that follows:
-    at rest within the play, and over a share `soft` of it gradually with the rig at its ends.
-
-    `specimen` is the motion that gave `force`; `crossing` (draws, loops, 2) is updated in place.
-    """
-    draws, loops, samples = force.shape
+def _through_play(u, velocity, half, soft, crossing, out):
+    """The specimen's motion: at rest where the force crosses zero on each branch (rising, falling) while the play is
+    crossed, and over a share `soft` of it gradually with the rig at its ends. crossing : (draws, loops, 2)."""
+    draws, loops, samples = out.shape
     for d in range(draws):
-        m = d % u.shape[0]
+        m, width = d % u.shape[0], soft[d] * half[d]
         for j in range(loops):
-            for branch in range(2):
-                rising = branch == 0
-                nearest, at, found = np.inf, 0.0, False
-                for i in range(samples):
-                    before = i - 1 if i > 0 else samples - 1
-                    if (velocity[m, j, i] > 0.0) != rising:
-                        continue
-                    f0, f1 = force[d, j, before], force[d, j, i]
-                    x0, x1 = specimen[d, j, before], specimen[d, j, i]
-                    if (f0 < 0.0) != (f1 < 0.0) and (f1 >= f0) == rising and f0 != f1:
-                        at, found = x0 - f0 * (x1 - x0) / (f1 - f0), True
-                        break
-                    if abs(f1) < nearest:
-                        nearest = abs(f1)
-                if found:
-                    crossing[d, j, branch] = at
-                elif np.isnan(crossing[d, j, branch]):
-                    # the force keeps one sign on this branch: the play never opens there
-                    crossing[d, j, branch] = -np.inf if force[d, j, 0] > 0.0 else np.inf
             for i in range(samples):
                 c = crossing[d, j, 0] if velocity[m, j, i] > 0.0 else crossing[d, j, 1]
                 x = u[m, j, i]
-                width = soft[d] * half[d]
                 if math.isinf(c) or not abs(abs(x - c) - half[d]) < 40.0 * width:
                     out[d, j, i] = min(max(c, x - half[d]), x + half[d])
                 else:
                     ahead, behind = (x - c - half[d]) / width, (c - x - half[d]) / width
                     out[d, j, i] = c + width * (_softplus(ahead) - _softplus(behind))
+
+
+@_jit
+def _first_crossings(u, force, crossing, slope):
+    """Where the force crosses zero on each branch, and its slope there (N/mm); ∓inf, 1 where it keeps one sign."""
+    draws, loops, samples = force.shape
+    for d in range(draws):
+        m = d % u.shape[0]
+        for j in range(loops):
+            for branch in range(2):
+                crossing[d, j, branch], slope[d, j, branch] = -np.inf if force[d, j, 0] > 0.0 else np.inf, 1.0
+                for i in range(samples):
+                    f0, f1 = force[d, j, i - 1], force[d, j, i]
+                    x0, x1 = u[m, j, i - 1], u[m, j, i]
+                    if (f0 < 0.0) != (f1 < 0.0) and (x1 > x0 if branch == 0 else x1 < x0) and (f1 > f0) == (x1 > x0):
+                        slope[d, j, branch] = (f1 - f0) / (x1 - x0)
+                        crossing[d, j, branch] = x0 - f0 / slope[d, j, branch]
+                        break
+
+
+@_jit
+def _secants(u, force, first_slope, crossing, last, slope, left):
+    """A step of the secant method towards the places where the force on the specimen at rest is zero; left (draws,) is
+    the largest force there, over the loop's largest. last (draws, loops, 2, 2) : place and force of the step before."""
+    draws, loops, samples = force.shape
+    for d in range(draws):
+        m, left[d] = d % u.shape[0], 0.0
+        for j in range(loops):
+            low, high, size = np.min(u[m, j]), np.max(u[m, j]), np.max(np.abs(force[d, j]))
+            for branch in range(2):
+                c, there = crossing[d, j, branch], 0.0
+                for i in range(samples):
+                    x0, x1 = u[m, j, i - 1], u[m, j, i]
+                    if x0 <= c < x1 if branch == 0 else x0 >= c > x1:
+                        there = force[d, j, i - 1] + (force[d, j, i] - force[d, j, i - 1]) * (c - x0) / (x1 - x0)
+                        break
+                if math.isinf(c) or not abs(there) > 0.0:
+                    continue
+                left[d] = max(left[d], abs(there) / size)
+                moved, least = c - last[d, j, branch, 0], 0.1 * first_slope[d, j, branch]
+                if abs(moved) > 1e-13 * (high - low):
+                    slope[d, j, branch] = min(max((there - last[d, j, branch, 1]) / moved, least), 100.0 * least)
+                last[d, j, branch, 0], last[d, j, branch, 1] = c, there
+                crossing[d, j, branch] = min(max(c - there / slope[d, j, branch], 0.5 * (c + low)), 0.5 * (c + high))
 
 
 class FreePlay(Effect):
@@ -152,20 +186,26 @@ class FreePlay(Effect):
             )
         }
 
-    def around(self, inner: Callable[[Motion], Array], motion: Motion, parameter_values: ParameterValues) -> Array:
+    def around(self, inner: Inner, motion: Motion, parameter_values: ParameterValues) -> Array:
         half, soft = 0.5 * parameter_values[self.strength_name], parameter_values[f"{self.name}.softness"]
-        force = inner(motion)
-        draws = len(half)
-        u = np.ascontiguousarray(motion.displacement_mm)
-        velocity = np.ascontiguousarray(motion.velocity_m_s)
-        specimen = np.broadcast_to(u, force.shape).copy()
-        crossing = np.full((draws, *force.shape[1:2], 2), np.nan)
-        for _ in range(PASSES):
-            moved = np.empty_like(force)
-            _play(u, velocity, force, specimen, half, soft, crossing, moved)
-            specimen = moved
-            force = inner(moved_by(motion, specimen))
-        return force
+        out = inner(motion)
+        some, base = np.arange(len(out)), motion
+        crossing, slope = np.empty((*out.shape[:2], 2)), np.empty((*out.shape[:2], 2))
+        u, velocity = (np.ascontiguousarray(x) for x in (motion.displacement_mm, motion.velocity_m_s))
+        _first_crossings(u, out, crossing, slope)
+        first, last = slope.copy(), np.full((*slope.shape, 2), np.nan)
+        for _ in range(MOST_PASSES):
+            specimen, left = np.empty((len(some), *out.shape[1:])), np.empty(len(some))
+            _through_play(u, velocity, half[some], soft[some], crossing, specimen)
+            out[some] = force = np.ascontiguousarray(inner(moved_by(base, specimen), some))
+            _secants(u, force, first, crossing, last, slope, left)
+            open_ = left > TOLERANCE
+            if not open_.any():
+                break
+            some, base = some[open_], base.of_draws(open_)
+            u, velocity = (x if len(x) == 1 else x[open_] for x in (u, velocity))
+            first, crossing, last, slope = (x[open_] for x in (first, crossing, last, slope))
+        return out
 
 
 EFFECTS: tuple[type[Effect], ...] = (RigCompliance, FreePlay)

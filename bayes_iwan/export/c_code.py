@@ -93,15 +93,8 @@ def _values(device: Device, index: int) -> str:
         "{" + _numbers(x[index]) + "}" if x.ndim > 1 else _numbers(x[index : index + 1])
         for x in device.parameters.values()
     ]
-    return (
-        "    {"
-        + ", ".join([*each, _numbers(device.top_N[index : index + 1]), _mean(device, index)])
-        + (f", table_{index}" + "}")
-    )
-
-
-def _mean(device: Device, index: int) -> str:
-    return _numbers(device.tables[index][-1].sum(keepdims=True))
+    ends = _numbers(device.top_N[index : index + 1]), _numbers(device.tables[index][-1].sum())
+    return "    {" + ", ".join([*each, *ends, f"table_{index}"]) + "}"
 
 
 @cache

@@ -244,10 +244,8 @@ LAWS: dict[type[Effect], Law] = {
 }"""
         },
         states={n: (1, 0.0) for n in ("mid_mm", "at_mm", "N")},
-        note="where the force crosses zero is solved for, while the forward model settles it in a few passes: with a "
-        "play of a tenth of the stroke and hard ends they differ by up to 0.25 % of the friction force. A closed cycle "
-        "that turns while soft ends close can gain up to 1e-2 of force times stroke (play as wide as the stroke), "
-        "5e-4 otherwise",
+        note="a closed cycle that turns while soft ends close can gain up to 1e-2 of force times stroke (play as wide "
+        "as the stroke), 5e-4 otherwise",
     ),
     model_form.SlipForcesFree: Law(),
     model_form.StiffnessLawFree: Law(

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from bayes_iwan.campaign import Campaign, read_campaign
 from bayes_iwan.export import c_code, drake, fmu, json_file, mujoco, opensees
 from bayes_iwan.export.card import Card, card_of
 from bayes_iwan.export.device import STAGES, Device, ExportError, device_of
-from bayes_iwan.files import clear, owned, write_json, write_whole
+from bayes_iwan.files import finite, swapped, write_whole
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.run_files import load
 from bayes_iwan.inference.setup.problem import Problem
@@ -51,7 +52,8 @@ def export(
     draws: int = 20,
     approximate: bool = False,
     campaign: PathLike | None = None,
-    error: float = 1e-4,
+    simulator: PathLike | None = None,
+    error: float | None = None,
 ) -> Path:
     """The identified device as files that run elsewhere, with a model card.
 
@@ -69,8 +71,10 @@ def export(
         drop what a target cannot hold (opensees), instead of refusing.
     campaign
         the campaign's folder, where `result` is the folder of a diagnosis, or has moved.
+    simulator
+        the Python file of a run with a simulator of your own (json).
     error
-        largest difference of a finite set of stop elements (opensees), as a share of the mean slip force.
+        largest difference of a finite set of stop elements (opensees), as a share of the mean slip force; 5e-5.
 
     Returns
     -------
@@ -95,22 +99,22 @@ def export(
         raise ExportError(f"{to!r} is no target; choose one of {', '.join(TARGETS)}")
     if draws < 0:
         raise ExportError(f"draws must be 0 or more, not {draws}")
-    source = source_of(result, draws, campaign)
-    made, card = files_of(source, to, approximate, error)
-    with owned(out) as folder:
-        clear(folder, *OWN, *(p.name for p in folder.glob("isolator_*.so")))
+    if to != "opensees" and (approximate or error is not None):
+        raise ExportError(f"approximate and error are for opensees alone, not for {to}; leave them out")
+    source = source_of(result, draws, campaign, simulator)
+    made, card = files_of(source, to, approximate, opensees.ERROR if error is None else error)
+    made = made | {CARD_TEXT: card.text() + "\n", CARD_JSON: json.dumps(finite(card.to_dict()), indent=1) + "\n"}
+    with swapped(out, lambda name: name in OWN or fnmatch(name, "isolator_*.so")) as folder:
         for name, content in made.items():
             write_whole(folder / name, content)
-        write_whole(folder / CARD_TEXT, card.text() + "\n")
-        write_json(folder / CARD_JSON, card.to_dict())
-        return folder
+    return Path(out)
 
 
 #: what any target writes
-OWN = (
+OWN = {
     c_code.NAME, "isolator.py", *fmu.NAMES, *mujoco.NAMES, *drake.NAMES, *opensees.NAMES, json_file.NAME,
     CARD_TEXT, CARD_JSON,
-)  # fmt: skip
+}  # fmt: skip
 
 
 def files_of(source: Source, to: str, approximate: bool, error: float) -> tuple[dict[str, str | bytes], Card]:
@@ -155,7 +159,12 @@ def _no_device(sets: int) -> Device:
     )
 
 
-def source_of(result: Posterior | Diagnosis | PathLike, draws: int, campaign: PathLike | None = None) -> Source:
+def source_of(
+    result: Posterior | Diagnosis | PathLike,
+    draws: int,
+    campaign: PathLike | None = None,
+    simulator: PathLike | None = None,
+) -> Source:
     """Problem, point and draws of a result or of a run's folder. Raises ExportError for a run that did not converge."""
     if isinstance(result, Posterior):
         return _of_posterior(result, draws)
@@ -164,7 +173,7 @@ def source_of(result: Posterior | Diagnosis | PathLike, draws: int, campaign: Pa
         return _of_fit(result.fit, result.campaign, draws, result.seed, (after.rms_N, after.share))
     folder = Path(result)
     if (folder / "posterior.nc").is_file():
-        return _of_posterior(load(folder, campaign), draws)
+        return _of_posterior(load(folder, campaign, simulator), draws)
     if (folder / "fits.json").is_file():
         return _of_saved_diagnosis(folder, draws, campaign)
     raise ExportError(

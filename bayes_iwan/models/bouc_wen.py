@@ -141,7 +141,8 @@ def _hysteresis(shape: Array, parameter_values: ParameterValues, motion: Motion)
         each = [part] if u.shape[0] == 1 else [slice(d, d + 1) for d in range(part.start, min(part.stop, len(shape)))]
         for draws in each:
             for j in range(motion.loops):
-                way = sliders.way(u[0 if u.shape[0] == 1 else draws.start, j], motion.periodic)
+                one = 0 if u.shape[0] == 1 else draws.start
+                way = sliders.way(u[one, j], motion.slope_mm[one, j], motion.periodic)
                 z = np.empty((len(k[draws]), motion.samples))
                 _loops(*way, motion.periodic, k[draws], size[draws], n[draws], shape[draws], z)
                 out[draws, j] = z

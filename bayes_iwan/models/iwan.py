@@ -186,6 +186,7 @@ class Model(Simulator):
                 tables = effect.slip_table(tables, top, some)
             sliders.friction(
                 np.ascontiguousarray(moved.displacement_mm),
+                moved.slope_mm,
                 alpha,
                 k,
                 asymmetry,

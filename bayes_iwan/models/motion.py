@@ -32,6 +32,8 @@ class Motion:
         (loops,) index of the test that a loop belongs to.
     periodic
         whether loops repeat themselves (else a record that starts from rest at u = 0).
+    step_s
+        (loops,) or (1,) between a record's samples; NaN where they are not uniform.
     span_cycles
         (loops,) or (1,) cycles of the record over which the loop is an average, about `cycle`.
     conditions
@@ -53,6 +55,7 @@ class Motion:
     cycle: Array
     test: NDArray[np.int64]
     periodic: bool = True
+    step_s: Array = field(default_factory=lambda: np.full(1, np.nan))
     span_cycles: Array = field(default_factory=lambda: np.ones(1))
     conditions: Mapping[str, Array] = field(default_factory=dict)
 
@@ -84,7 +87,16 @@ class Motion:
         """|u̇|, shaped as the velocity."""
         return np.abs(self.velocity_m_s)
 
-    def of_draws(self, part: slice) -> Motion:
+    @cached_property
+    def slope_mm(self) -> Array:
+        """Slope of the displacement in mm a sample, shaped as it; NaN where the samples may lie anywhere."""
+        per_sample = (
+            1e3 / (self.frequency_hz * self.samples) if self.periodic else np.full(self.loops, 1e3 * self.step_s)
+        )
+        slope = self.velocity_m_s * per_sample[:, None]
+        return np.ascontiguousarray(np.broadcast_to(slope, self.displacement_mm.shape))
+
+    def of_draws(self, part: slice | NDArray[np.bool_]) -> Motion:
         """The motion of some draws only; itself where all draws share one motion."""
         if self.draws == 1:
             return self
@@ -143,6 +155,7 @@ def record_motion(
     t = np.asarray(time_s, float)
     v = 1e-3 * np.gradient(u, t)
     a = float(np.max(np.abs(u))) if amplitude_mm is None else amplitude_mm
+    steps = np.diff(t)
     return Motion(
         displacement_mm=u[None, None],
         velocity_m_s=v[None, None],
@@ -152,6 +165,7 @@ def record_motion(
         cycle=np.zeros(1),
         test=np.zeros(1, dtype=np.int64),
         periodic=False,
+        step_s=np.array([steps[0] if np.allclose(steps, steps[0], rtol=1e-6, atol=0.0) else np.nan]),
     )
 
 

@@ -10,11 +10,12 @@ sit at the bracketed stages; the outer ones apply to any simulator, the inner on
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from bayes_iwan import former_names
@@ -33,6 +34,13 @@ FORCE_ZERO = "force_zero_N"
 
 class ModelError(InputError):
     """A simulator that cannot be built or used; the message names what and the fix."""
+
+
+class Inner(Protocol):
+    """What an effect in series asks for the specimen's force."""
+
+    def __call__(self, motion: Motion, some: NDArray[np.int64] | None = None, /) -> Array:
+        """Force (draws, loops, samples), N; of the draws with indices `some` alone where these are given."""
 
 
 class Modifier(Protocol):
@@ -62,7 +70,7 @@ class Modifier(Protocol):
 
     def force(self, force_N: Array, motion: Motion, parameter_values: ParameterValues) -> Array: ...
 
-    def around(self, inner: Callable[[Motion], Array], motion: Motion, parameter_values: ParameterValues) -> Array: ...
+    def around(self, inner: Inner, motion: Motion, parameter_values: ParameterValues) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -186,12 +194,13 @@ def recorded_force(
     for effect in effects:
         motion = effect.motion(motion, parameter_values)
 
-    def specimen(at: Motion) -> Array:
+    def specimen(at: Motion, some: NDArray[np.int64] | None = None) -> Array:
+        values = _of(parameter_values, some)
         if at.draws > 1 or not outside:
-            return simulator.force(parameter_values, at, inside)
-        return for_distinct(lambda some: simulator.force(some, at, inside), read, parameter_values)
+            return simulator.force(values, at, inside)
+        return for_distinct(lambda these: simulator.force(these, at, inside), read, values)
 
-    inner: Callable[[Motion], Array] = specimen
+    inner: Inner = specimen
     for effect in effects:  # effects in series with the specimen need the force back
         if "around" in effect.stages:
             inner = _around(effect, inner, parameter_values)
@@ -203,7 +212,15 @@ def recorded_force(
     return out
 
 
-def _around(
-    effect: Modifier, inner: Callable[[Motion], Array], parameter_values: ParameterValues
-) -> Callable[[Motion], Array]:
-    return lambda motion: effect.around(inner, motion, parameter_values)
+def _around(effect: Modifier, inner: Inner, parameter_values: ParameterValues) -> Inner:
+    def whole(motion: Motion, some: NDArray[np.int64] | None = None) -> Array:
+        def within(at: Motion, these: NDArray[np.int64] | None = None) -> Array:
+            return inner(at, these if some is None else some if these is None else some[these])
+
+        return effect.around(within, motion, _of(parameter_values, some))
+
+    return whole
+
+
+def _of(values: ParameterValues, some: NDArray[np.int64] | None) -> ParameterValues:
+    return values if some is None else {n: x[some] for n, x in values.items()}

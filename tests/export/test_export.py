@@ -1,7 +1,9 @@
 """`bayes-iwan export` and the results' own method: files, the card, and bad input in one line each."""
 
+import errno
 import json
 import os
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 import bayes_iwan as bi
+from bayes_iwan import files
 from bayes_iwan.cli import main
 from bayes_iwan.effects.measuring_chain import ChannelDelay
 from bayes_iwan.effects.specimen import ViscousDamping
@@ -59,39 +62,11 @@ def test_without_draws_it_is_the_point_alone(posterior, tmp_path):
     assert bi.load(tmp_path).values["kp_N_mm"].shape == (1,)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"to": "simulink"}, "'simulink' is no target; choose one of c, fmu"),
-        ({"draws": -1}, "draws must be 0 or more"),
-        ({"draws": 10**6}, "the posterior holds [0-9]+ draws, so draws can be"),
-        ({"result": "nowhere"}, "nowhere: no finished run there"),
-        ({"error": 7.0, "to": "opensees"}, "error must lie between 0 and 0.5"),
-    ],
-)
-def test_bad_input_is_one_line_and_writes_nothing(change, message, posterior, tmp_path):
-    given = {"result": posterior, "to": "c", "draws": 2, "error": 1e-3} | change
-    out = tmp_path / "out"
-    with pytest.raises(ValueError, match=message) as caught:
-        export(given["result"], given["to"], out, draws=given["draws"], error=given["error"])
-    assert "\n" not in str(caught.value) and not out.exists()
-
-
 def test_a_run_that_did_not_converge_is_refused(posterior, tmp_path):
     unfinished = replace(posterior, converged=False, stop=Stop.BUDGET, message="R-hat 1.2 after 100 s")
     with pytest.raises(ExportError, match=r"has not converged \(R-hat 1.2 after 100 s\)"):
         unfinished.export("c", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_a_folder_that_cannot_be_written_to_is_refused(posterior, tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ValueError, match="there is a file of this name"):
-        posterior.export("c", tmp_path / "file")
-    if os.geteuid() != 0:
-        (tmp_path / "locked").mkdir(mode=0o500)
-        with pytest.raises(ValueError, match="cannot be written to"):
-            posterior.export("c", tmp_path / "locked")
 
 
 def test_a_missing_compiler_is_one_line(posterior, tmp_path, monkeypatch):
@@ -173,3 +148,84 @@ def test_the_folder_of_a_diagnosis_needs_its_campaign(fit, problem_of, tmp_path)
     model = bi.load(tmp_path / "out")
     assert model.card["unexplained_N"] == 0.03 and model.card["seed"] == 7
     assert [e.name for e in model.effects] == ["viscous_damping"] and model.values["kp_N_mm"].shape == (5,)
+
+
+def tree(folder):
+    """Every file below a folder, hidden ones too, with its content."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def made(posterior):
+    """Files of each target for two numbers of draws, as export makes them before it writes."""
+    pytest.importorskip("fcntl")
+    every = {}
+    for to in TARGETS:
+        for draws in (1, 2):
+            try:
+                every[to, draws] = run.files_of(run.source_of(posterior, draws), to, True, 1e-2)
+            except ExportError as error:  # no compiler
+                every[to, draws] = error
+    return every
+
+
+@pytest.mark.parametrize("to", TARGETS)
+@pytest.mark.parametrize("how", ["disk full", "killed"])
+def test_a_fault_half_way_leaves_the_former_export_or_none(to, how, made, posterior, tmp_path, monkeypatch):
+    """At each file and each rename in turn: the disk is full, or the process is killed."""
+    if isinstance(made[to, 1], ExportError):
+        pytest.skip(str(made[to, 1]))
+    monkeypatch.setattr(run, "files_of", lambda source, target, *_: made[target, len(source.z) - 1])
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "mine.txt").write_text("a user's own")
+    (out / "mine").mkdir()
+    (out / "mine" / "deeper.txt").write_text("a user's own")
+    posterior.export(to, out, draws=1)
+    former, calls = tree(tmp_path), 0
+    posterior.export(to, tmp_path / "new", draws=2)
+    after = {f"out/{n}": x for n, x in tree(tmp_path / "new").items()}
+    shutil.rmtree(tmp_path / "new")
+
+    def faulty(at):
+        def wrap(real):
+            def call(*args, **options):
+                nonlocal calls
+                calls += 1
+                if calls == at:
+                    if how == "killed":
+                        os._exit(9)
+                    raise OSError(errno.ENOSPC, "No space left on device", str(args[0]))
+                return real(*args, **options)
+
+            return call
+
+        return wrap
+
+    steps, states = len(made[to, 1][0]) + 2 + 2, set()  # files, two cards, two renames
+    for at in range(1, steps + 1):
+        calls = 0
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(run, "write_whole", faulty(at)(files.write_whole))
+            patch.setattr(files.os, "rename", faulty(at)(os.rename))
+            if how == "killed":
+                if (child := os.fork()) == 0:
+                    posterior.export(to, out, draws=2)
+                    os._exit(0)
+                assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+            else:
+                with pytest.raises((OSError, ValueError), match=r"No space left on device"):
+                    posterior.export(to, out, draws=2)
+        left = tree(tmp_path)
+        states.add("none" if not out.exists() else "former")
+        if how == "disk full":
+            assert left == former, f"step {at}"
+        assert (
+            not out.exists() or {n: x for n, x in left.items() if n.startswith("out/") and ".lock" not in n} == former
+        )
+        posterior.export(to, out, draws=1)
+        assert tree(tmp_path).keys() == former.keys(), "the next export brings back what is not its own, and sweeps"
+    assert states == ({"former"} if how == "disk full" else {"former", "none"})
+    posterior.export(to, out, draws=2)
+    kept = {n: former[n] for n in ("out/mine.txt", "out/mine/deeper.txt")}
+    assert tree(tmp_path) == after | kept

@@ -14,7 +14,7 @@ from bayes_iwan.export.laws import LAWS, OF_THE_RIG
 from bayes_iwan.export.tested import steady_loops
 from bayes_iwan.models import sine_motion
 
-HZ, AMPLITUDE, STEPS = 12.0, 0.9, 100
+HZ, AMPLITUDE, FINE = 12.0, 0.9, 1000
 STRICT = "cc -std=c99 -Wall -Wextra -Werror -pedantic -fsyntax-only".split()
 #: laws with slow parts need many cycles until they are steady
 SLOW = {specimen.MaxwellBranch: 300, lag.NormalForceLagFromStart: 300}
@@ -38,16 +38,17 @@ def test_a_law_in_time_is_the_effects_own_once_steady(kind, problem_of, exported
     folder = exported(problem, z)
     subprocess.run([*STRICT, "isolator.c"], cwd=folder, check=True)
     isolator = rt.module(folder)
-    motion = sine_motion(frequency_hz=HZ, amplitude_mm=AMPLITUDE, samples=10 * STEPS)
+    motion = sine_motion(frequency_hz=HZ, amplitude_mm=AMPLITUDE, samples=FINE)
     motion = replace(motion, cycle=np.array([cycles - 0.5]))
     values = problem.parameter_values(z)
     ours, friction = steady_loops(problem, values, motion)[:, 0], problem.friction_force(values, motion)[:, 0]
-    t = np.arange(1, cycles * STEPS + 1) / STEPS / HZ
-    u, v, a = AMPLITUDE * np.sin(w * t), 1e-3 * AMPLITUDE * w * np.cos(w * t), -1e-3 * AMPLITUDE * w**2 * np.sin(w * t)
-    for d in range(len(z)):
-        force = rt.in_c(isolator)(d, 1 / HZ / STEPS, 1e-3 * u, v, a, 1e-3 * AMPLITUDE)[-STEPS:]
-        difference = force - np.roll(ours[d, ::10], -1)
-        assert np.sqrt(np.mean(difference**2) / np.mean(friction[d] ** 2)) < 1e-3
+    for steps in (20, 100):
+        t, h = np.arange(1, cycles * steps + 1) / steps / HZ, 1 / HZ / steps
+        u, v = 1e-3 * AMPLITUDE * np.sin(w * t), 1e-3 * AMPLITUDE * w * np.cos(w * t)
+        for d in range(len(z)):
+            force = rt.in_c(isolator)(d, h, u, v, -(w**2) * u, 1e-3 * AMPLITUDE)[-steps:]
+            difference = force - np.roll(ours[d, :: FINE // steps], -1)
+            assert np.sqrt(np.mean(difference**2) / np.mean(friction[d] ** 2)) < 1e-3
 
 
 def test_every_effect_of_the_catalogue_is_exported_or_omitted_for_a_reason():

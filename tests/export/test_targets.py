@@ -19,7 +19,7 @@ def right(force, problem, z, straight=False, steps=20):
     values = problem.parameter_values(z)
     for course in rt.courses(20.0, 1.0)[:2]:
         motion, fine = (rt.straight(course, steps), rt.FINE_STRAIGHT) if straight else (course, rt.FINE)
-        found = rt.compare(force, problem, values, motion, steps, fine)
+        found = rt.compare(force, rt.reference(problem, values, motion, steps, fine))
         assert found.rms < 1e-3 and found.energy < 1e-3, found
 
 
@@ -89,6 +89,15 @@ def test_opensees_springs_are_the_model_where_the_normal_force_is_constant(probl
     z = draws(problem, 2)
     force = available(simulators.opensees_force, exported(problem, z, "opensees", error=1e-4))
     right(force, problem, z, straight=True)  # it sees no velocity, so it cannot know where within a step a motion turns
+
+
+def test_opensees_follows_a_smooth_motion_through_its_turning_points(problem_of, exported, draws):
+    problem = problem_of(**CLASSICAL)
+    z = draws(problem, 2)
+    folder = exported(problem, z, "opensees", error=1e-4)
+    right(available(lambda where: simulators.opensees_force(where, turns=True), folder), problem, z)
+    with pytest.raises(AssertionError):
+        right(simulators.opensees_force(folder), problem, z)
 
 
 @pytest.mark.parametrize("error", [1e-2, 1e-3, 1e-4])

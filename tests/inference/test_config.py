@@ -13,7 +13,7 @@ from bayes_iwan.inference.setup.settings import ModelSettings, ParameterChange, 
 def test_defaults_are_filled_in():
     found = settings_of({"sampling": {"walkers": 32}, "model": {"slip": "gamma2"}})
     assert found.sampling == SamplingSettings(walkers=32) and found.sampling.ensembles == 4
-    assert found.model == ModelSettings(slip="gamma2") and found.loops.n_phase == 128
+    assert found.model == ModelSettings(slip="gamma2") and found.loops.n_phase is None
 
 
 def test_settings_survive_their_own_tables():

@@ -73,7 +73,8 @@ def branch_force(
 def slider_force(truth, u, alpha, k):
     table, top = FAMILIES["uniform"].table(truth.columns(slip_mean_N=LARGEST / 2, slip_width=1.0))
     out, zero = np.empty((1, 1, len(u))), np.zeros(1)
-    friction(u[None, None], alpha[None, None], k[None, None], zero, False, table, top, zero, out)
+    slope = np.full((1, 1, len(u)), np.nan)
+    friction(u[None, None], slope, alpha[None, None], k[None, None], zero, False, table, top, zero, out)
     return out[0, 0]
 
 

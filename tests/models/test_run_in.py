@@ -50,7 +50,10 @@ def largest_difference(scales, draws, motion, embedded):
     values = {p.name: p.value(z[:, i]) for i, p in enumerate(model.parameters(scales))}
     numbers = model.parameter_values(values)
     series = ("displacement_mm", "velocity_m_s", "acceleration_m_s2")
-    record = replace(motion, periodic=False, **{n: np.tile(getattr(motion, n), (1, 1, REPEATS)) for n in series})
+    step_s = 1.0 / (motion.frequency_hz * motion.samples)
+    record = replace(
+        motion, periodic=False, step_s=step_s, **{n: np.tile(getattr(motion, n), (1, 1, REPEATS)) for n in series}
+    )
     sixth = model.friction_force(numbers, record)[..., -motion.samples :]
     once = model.friction_force(numbers, motion)
     # the very last sample of a record may be a turning point, which no sample after it shows
@@ -78,7 +81,8 @@ def test_motions_and_factors_that_no_test_would_impose(truth):
         forces = []
         for repeats, closed in ((1, True), (3, False)):
             out, zero = np.empty((1, 1, 64 * repeats)), np.zeros(1)
-            series = (np.tile(x, repeats)[None, None] for x in (u, alpha, 3.0 * k))
+            slope = 0.5 * (np.roll(u, -1) - np.roll(u, 1)) if case % 2 else np.full(64, np.nan)
+            series = (np.tile(x, repeats)[None, None] for x in (u, slope, alpha, 3.0 * k))
             friction(*series, zero + (0.0, 0.3, -0.7)[case % 3], closed, table, top, zero, out)
             forces.append(out[0, 0])
         np.testing.assert_allclose(forces[0][:-1], forces[1][64:127], atol=1e-9)

@@ -99,7 +99,7 @@ class Campaign:
         Parameters
         ----------
         n_phase
-            points of a loop (default: 128, and up to 512 where a test reverses more often than twice a cycle).
+            points of a loop (default: 128, and up to 512 where a test reverses more than twice a cycle or has corners).
         n_harmonics
             harmonics that are kept, at most n_phase/2 − 1.
         n_blocks
@@ -122,7 +122,7 @@ class Campaign:
         if n_phase is not None:
             return averaged(n_phase)
         loops = averaged(POINTS)
-        points = points_for([loop.displacement_mm for loop in loops])
+        points = points_for([x.displacement_mm for x in loops], [x.velocity_m_s for x in loops])
         return loops if points == POINTS else averaged(points)
 
 

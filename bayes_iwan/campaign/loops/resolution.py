@@ -1,4 +1,4 @@
-"""How many points of a loop follow its motion: more where it reverses more often than twice a cycle."""
+"""How many points of a loop follow its motion: more where it reverses more than twice a cycle, or has sharp corners."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from bayes_iwan.arrays import Array
 POINTS, MOST_POINTS = 128, 512
 #: a reversal counts where the displacement goes back by more than this share of the amplitude
 LEAST_WAY = 0.01
+#: between two points the speed may be off its chord by this share of the largest speed
+OFF_CHORD = 0.01
 
 
 def reversals(displacement: Array) -> int:
@@ -27,15 +29,24 @@ def reversals(displacement: Array) -> int:
     return count + (way < 0.0)
 
 
-def points_for(displacements: Sequence[Array]) -> int:
-    """Points that loops with these displacements (samples,) should have: POINTS for two reversals a cycle, in doublings
-    as many for each reversal, MOST_POINTS at most.
+def points_for(displacements: Sequence[Array], velocities: Sequence[Array]) -> int:
+    """Points that loops with these displacements and velocities (samples,) should have, MOST_POINTS at most: POINTS for
+    two reversals a cycle, in doublings as many for each reversal, and until speeds follow their chords (OFF_CHORD).
 
-    With 128 points a motion of six reversals (a third harmonic of 60 %) gives forces off by 0.03 to 0.7 %, with 512
-    by 0.003 to 0.04 % (analyses/loop_points.py).
+    With 128 points a motion of six reversals (a third harmonic of 60 %) gives forces off by 0.08 to 0.5 %, a triangle
+    with rounded corners by 0.06 to 0.5 %; with 512 by 0.003 to 0.05 % (analyses/loop_points.py, median and 95 %
+    quantile over prior draws).
     """
     each = POINTS // 2
     most, points = max(reversals(u) for u in displacements), POINTS
     while points < min(each * most, MOST_POINTS):
         points *= 2
+    while points < MOST_POINTS and max(off_chord(v) * (len(v) / points) ** 2 for v in velocities) > OFF_CHORD:
+        points *= 2
     return points
+
+
+def off_chord(velocity: Array) -> float:
+    """How far a periodic velocity (samples,) is off its chords between samples, at most, over the largest."""
+    change = np.roll(velocity, 1) - 2.0 * velocity + np.roll(velocity, -1)
+    return float(np.max(np.abs(change)) / 8.0 / np.max(np.abs(velocity)))

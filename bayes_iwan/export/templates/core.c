@@ -3,7 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
-/* ---- what it offers: include this file in one of yours, or compile it and repeat these declarations ------------- */
+/* ---- include this file in one of yours; what it offers stands at its end under "steps" ----------------------------*/
 
 #define ISOLATOR_SETS @SETS@ /* parameter sets: 0 the point estimate, the others draws of the posterior */
 #define ISOLATOR_PIECES @PIECES@ /* pieces of the sliders' memory; more than @PIECES@ are merged where it matters least */
@@ -26,35 +26,6 @@ typedef struct { /* doubles only, no pointers: copy it to save it, copy it back 
 typedef struct { /* for solvers that repeat or reject steps; doubles only as well */
     isolator_state accepted, trial;
 } isolator_track;
-
-extern const isolator_parameters isolator_sets[ISOLATOR_SETS];
-
-/* At rest at u = 0, all contacts unstressed, at time_s. */
-void isolator_start(const isolator_parameters *p, isolator_state *s, double time_s);
-
-/* One step of h_s seconds (0 is allowed) to stretch u_m, velocity v_m_s and acceleration a_m_s2 at its end.
-   Returns 1 and the force in N; 0 where h_s is negative or a number not finite, or 1e9 and more: nothing has changed
-   then and *force_N is the last force. The path between is the cubic through both ends, so a reversal inside is not missed. */
-int isolator_step(const isolator_parameters *p, isolator_state *s, double h_s, double u_m, double v_m_s, double a_m_s2,
-                  double *force_N);
-
-void isolator_track_start(const isolator_parameters *p, isolator_track *t, double time_s);
-
-/* The force at a time, however often a solver asks: a later time accepts what was asked last, the same or an earlier
-   one replaces it. Returns 0 for a time before the accepted one (restore a saved track then), or as isolator_step. */
-int isolator_at(const isolator_parameters *p, isolator_track *t, double time_s, double u_m, double v_m_s, double a_m_s2,
-                double *force_N);
-
-/* For callers from other languages: sizes in doubles, parameter sets, and A of Eq. (11) in mm (NaN: the set's own). */
-int isolator_state_size(void);
-int isolator_track_size(void);
-const isolator_parameters *isolator_set(int i);
-int isolator_track_at(int set, double amplitude_m, double *track, double time_s, double u_m, double v_m_s,
-                      double a_m_s2, double *force_N);
-void isolator_state_start(int set, double *state, double time_s);
-/* n steps in one call, from arrays; returns how many were done. */
-int isolator_run(int set, double amplitude_m, double *state, int n, double h_s, const double *u_m, const double *v_m_s,
-                 const double *a_m_s2, double *force_N);
 
 /* ---- parameters --------------------------------------------------------------------------------------------------*/
 
@@ -258,6 +229,7 @@ static double device(const isolator_parameters *p, isolator_state *s, double h, 
 
 /* ---- steps -------------------------------------------------------------------------------------------------------*/
 
+/* At rest at u = 0, all contacts unstressed, at time_s. */
 void isolator_start(const isolator_parameters *p, isolator_state *s, double time_s)
 {
     memset(s, 0, sizeof *s);
@@ -289,6 +261,9 @@ static double turning(double h, double u0, double v0, double u1, double v1)
     return two > 0.0 && two < 1.0 ? two : 0.5;
 }
 
+/* One step of h_s seconds (0 is allowed) to stretch u_m, velocity v_m_s and acceleration a_m_s2 at its end. Returns 1
+   and the force in N; 0 where h_s is negative or a number not finite, or 1e9 and more: nothing has changed then and
+   *force_N is the last force. The path between is the cubic through both ends, so a reversal inside is not missed. */
 int isolator_step(const isolator_parameters *p, isolator_state *s, double h_s, double u_m, double v_m_s, double a_m_s2,
                   double *force_N)
 {
@@ -330,6 +305,8 @@ void isolator_track_start(const isolator_parameters *p, isolator_track *t, doubl
     t->trial = t->accepted;
 }
 
+/* The force at a time, however often a solver asks: a later time accepts what was asked last, the same or an earlier
+   one replaces it. Returns 0 for a time before the accepted one (restore a saved track then), or as isolator_step. */
 int isolator_at(const isolator_parameters *p, isolator_track *t, double time_s, double u_m, double v_m_s, double a_m_s2,
                 double *force_N)
 {
@@ -349,14 +326,11 @@ int isolator_at(const isolator_parameters *p, isolator_track *t, double time_s, 
     return 1;
 }
 
+/* For callers from other languages: a state's size in doubles (a track has two), parameter sets, and functions that
+   take A of Eq. (11) in m (NaN: the set's own). */
 int isolator_state_size(void)
 {
     return (int)(sizeof(isolator_state) / sizeof(double));
-}
-
-int isolator_track_size(void)
-{
-    return (int)(sizeof(isolator_track) / sizeof(double));
 }
 
 const isolator_parameters *isolator_set(int i)
@@ -380,11 +354,7 @@ int isolator_track_at(int set, double amplitude_m, double *track, double time_s,
     return isolator_at(&p, (isolator_track *)(void *)track, time_s, u_m, v_m_s, a_m_s2, force_N);
 }
 
-void isolator_state_start(int set, double *state, double time_s)
-{
-    isolator_start(isolator_set(set), (isolator_state *)(void *)state, time_s);
-}
-
+/* n steps in one call, from arrays; returns how many were done. */
 int isolator_run(int set, double amplitude_m, double *state, int n, double h_s, const double *u_m, const double *v_m_s,
                  const double *a_m_s2, double *force_N)
 {

@@ -27,19 +27,20 @@ static isolator_parameters parameters_of(const instance_state *i)
     return with_amplitude(i->draw, i->number[AMPLITUDE]);
 }
 
-static void begin(instance_state *i, double time_s)
+static int begin(instance_state *i, double time_s)
 {
     const isolator_parameters p = parameters_of(i);
     isolator_track_start(&p, &i->track, time_s);
     i->number[TIME] = time_s;
     i->fresh = 1;
+    return OK;
 }
 
-static void reset(instance_state *i)
+static int reset(instance_state *i)
 {
     memset(i, 0, sizeof *i);
     i->number[AMPLITUDE] = 1e-3 * isolator_sets[0].amplitude_mm;
-    begin(i, 0.0);
+    return begin(i, 0.0);
 }
 
 static int evaluate(instance_state *i)
@@ -85,19 +86,24 @@ static int set_number(instance_state *i, unsigned reference, double value)
     return OK;
 }
 
-static int set_draw(instance_state *i, int draw)
+static int get_draw(instance_state *i, unsigned reference, int *value)
 {
-    if (draw < 0 || draw >= ISOLATOR_SETS) {
+    *value = i->draw;
+    return reference == DRAW ? OK : ERROR;
+}
+
+static int set_draw(instance_state *i, unsigned reference, int draw)
+{
+    if (reference != DRAW || draw < 0 || draw >= ISOLATOR_SETS) {
         return ERROR;
     }
     i->draw = draw;
-    begin(i, i->number[TIME]);
-    return OK;
+    return begin(i, i->number[TIME]);
 }
 
-static instance_state *made(void)
+static instance_state *made(int wanted)
 {
-    instance_state *i = malloc(sizeof *i);
+    instance_state *i = wanted ? malloc(sizeof *i) : NULL;
     if (i != NULL) {
         reset(i);
     }
@@ -114,29 +120,7 @@ static int save(const void *i, void **state)
     return OK;
 }
 
-static int freed(void **state)
-{
-    if (state != NULL) {
-        free(*state);
-        *state = NULL;
-    }
-    return OK;
-}
-
-static int to_bytes(const void *state, char *bytes, size_t size)
-{
-    if (size < sizeof(instance_state)) {
-        return ERROR;
-    }
-    memcpy(bytes, state, sizeof(instance_state));
-    return OK;
-}
-
-static int from_bytes(const char *bytes, size_t size, void **state)
-{
-    return size == sizeof(instance_state) ? save(bytes, state) : ERROR;
-}
-
+#define EACH(call) size_t k; int status = OK; for (k = 0; k < n && status == OK; k++) status = call; return status;
 /* Functions of the standards for what this model does not have: they take their first argument only, and say no. */
 #define NOT_HERE(name) EXPORTED int name(void *c) { (void)c; return ERROR; }
 #define ALWAYS_FINE(name) EXPORTED int name(void *c) { (void)c; return OK; }
@@ -154,78 +138,46 @@ EXPORTED void *fmi2Instantiate(const char *name, int type, const char *guid, con
                       int visible, int logging)
 {
     (void)name, (void)resources, (void)functions, (void)visible, (void)logging;
-    return type == 1 && guid != NULL && strcmp(guid, "@GUID@") == 0 ? made() : NULL;
+    return made(type == 1 && guid != NULL && strcmp(guid, "@GUID@") == 0);
 }
 
 EXPORTED void fmi2FreeInstance(void *c) { free(c); }
+EXPORTED int fmi2Reset(void *c) { return reset(c); }
 
 EXPORTED int fmi2SetupExperiment(void *c, int with_tolerance, double tolerance, double start, int with_stop, double stop)
 {
     (void)with_tolerance, (void)tolerance, (void)with_stop, (void)stop;
-    begin(c, start);
-    return OK;
-}
-
-EXPORTED int fmi2Reset(void *c)
-{
-    reset(c);
-    return OK;
+    return begin(c, start);
 }
 
 EXPORTED int fmi2GetReal(void *c, const unsigned *reference, size_t n, double *value)
 {
-    size_t k;
-    int status = OK;
-    for (k = 0; k < n && status == OK; k++) {
-        status = get_number(c, reference[k], &value[k]);
-    }
-    return status;
+    EACH(get_number(c, reference[k], &value[k]))
 }
 
 EXPORTED int fmi2SetReal(void *c, const unsigned *reference, size_t n, const double *value)
 {
-    size_t k;
-    int status = OK;
-    for (k = 0; k < n && status == OK; k++) {
-        status = set_number(c, reference[k], value[k]);
-    }
-    return status;
+    EACH(set_number(c, reference[k], value[k]))
 }
 
 EXPORTED int fmi2GetInteger(void *c, const unsigned *reference, size_t n, int *value)
 {
-    size_t k;
-    for (k = 0; k < n; k++) {
-        if (reference[k] != DRAW) {
-            return ERROR;
-        }
-        value[k] = ((instance_state *)c)->draw;
-    }
-    return OK;
+    EACH(get_draw(c, reference[k], &value[k]))
 }
 
 EXPORTED int fmi2SetInteger(void *c, const unsigned *reference, size_t n, const int *value)
 {
-    size_t k;
-    int status = OK;
-    for (k = 0; k < n && status == OK; k++) {
-        status = reference[k] == DRAW ? set_draw(c, value[k]) : ERROR;
-    }
-    return status;
+    EACH(set_draw(c, reference[k], value[k]))
 }
 
 EXPORTED int fmi2GetFMUstate(void *c, void **state) { return save(c, state); }
-
-EXPORTED int fmi2SetFMUstate(void *c, void *state)
-{
-    memcpy(c, state, sizeof(instance_state));
-    return OK;
-}
+EXPORTED int fmi2SetFMUstate(void *c, void *state) { return save(state, &c); }
 
 EXPORTED int fmi2FreeFMUstate(void *c, void **state)
 {
     (void)c;
-    return freed(state);
+    free(state == NULL ? NULL : *state);
+    return state == NULL ? OK : (*state = NULL, OK);
 }
 
 EXPORTED int fmi2SerializedFMUstateSize(void *c, void *state, size_t *size)
@@ -238,13 +190,13 @@ EXPORTED int fmi2SerializedFMUstateSize(void *c, void *state, size_t *size)
 EXPORTED int fmi2SerializeFMUstate(void *c, void *state, char *bytes, size_t size)
 {
     (void)c;
-    return to_bytes(state, bytes, size);
+    return size < sizeof(instance_state) ? ERROR : (memcpy(bytes, state, sizeof(instance_state)), OK);
 }
 
 EXPORTED int fmi2DeSerializeFMUstate(void *c, const char *bytes, size_t size, void **state)
 {
     (void)c;
-    return from_bytes(bytes, size, state);
+    return size == sizeof(instance_state) ? save(bytes, state) : ERROR;
 }
 
 EXPORTED int fmi2DoStep(void *c, double time_s, double h_s, int no_return)
@@ -266,58 +218,33 @@ EXPORTED void *fmi3InstantiateCoSimulation(const char *name, const char *token, 
                                   _Bool events, _Bool early, const uint32_t *intermediate, size_t n, void *environment,
                                   void *log, void *update)
 {
-    (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)intermediate, (void)n;
-    (void)environment, (void)log, (void)update;
-    return token != NULL && strcmp(token, "@GUID@") == 0 ? made() : NULL;
+    (void)events, (void)early, (void)intermediate, (void)n, (void)environment, (void)log, (void)update;
+    return fmi2Instantiate(name, 1, token, resources, NULL, visible, logging);
 }
 
 EXPORTED void *fmi3InstantiateModelExchange(void *name) { (void)name; return NULL; }
 EXPORTED void *fmi3InstantiateScheduledExecution(void *name) { (void)name; return NULL; }
 EXPORTED void fmi3FreeInstance(void *c) { free(c); }
+EXPORTED int fmi3Reset(void *c) { return reset(c); }
 
 EXPORTED int fmi3EnterInitializationMode(void *c, _Bool with_tolerance, double tolerance, double start, _Bool with_stop, double stop)
 {
-    (void)with_tolerance, (void)tolerance, (void)with_stop, (void)stop;
-    begin(c, start);
-    return OK;
+    return fmi2SetupExperiment(c, with_tolerance, tolerance, start, with_stop, stop);
 }
 
-EXPORTED int fmi3Reset(void *c) { return fmi2Reset(c); }
+#define MANY(name, fmi2name, type) EXPORTED int name(void *c, const uint32_t *r, size_t n, type *value, size_t values) \
+    { return values == n ? fmi2name(c, r, n, value) : ERROR; }
+MANY(fmi3GetFloat64, fmi2GetReal, double)
+MANY(fmi3SetFloat64, fmi2SetReal, const double)
+MANY(fmi3GetInt32, fmi2GetInteger, int32_t)
+MANY(fmi3SetInt32, fmi2SetInteger, const int32_t)
 
-EXPORTED int fmi3GetFloat64(void *c, const uint32_t *reference, size_t n, double *value, size_t values)
-{
-    return values == n ? fmi2GetReal(c, reference, n, value) : ERROR;
-}
-
-EXPORTED int fmi3SetFloat64(void *c, const uint32_t *reference, size_t n, const double *value, size_t values)
-{
-    return values == n ? fmi2SetReal(c, reference, n, value) : ERROR;
-}
-
-EXPORTED int fmi3GetInt32(void *c, const uint32_t *reference, size_t n, int32_t *value, size_t values)
-{
-    return values == n ? fmi2GetInteger(c, reference, n, value) : ERROR;
-}
-
-EXPORTED int fmi3SetInt32(void *c, const uint32_t *reference, size_t n, const int32_t *value, size_t values)
-{
-    return values == n ? fmi2SetInteger(c, reference, n, value) : ERROR;
-}
-
-EXPORTED int fmi3GetFMUState(void *c, void **state) { return save(c, state); }
+EXPORTED int fmi3GetFMUState(void *c, void **state) { return fmi2GetFMUstate(c, state); }
 EXPORTED int fmi3SetFMUState(void *c, void *state) { return fmi2SetFMUstate(c, state); }
 EXPORTED int fmi3FreeFMUState(void *c, void **state) { return fmi2FreeFMUstate(c, state); }
 EXPORTED int fmi3SerializedFMUStateSize(void *c, void *state, size_t *size) { return fmi2SerializedFMUstateSize(c, state, size); }
-
-EXPORTED int fmi3SerializeFMUState(void *c, void *state, char *bytes, size_t size)
-{
-    return fmi2SerializeFMUstate(c, state, bytes, size);
-}
-
-EXPORTED int fmi3DeserializeFMUState(void *c, const char *bytes, size_t size, void **state)
-{
-    return fmi2DeSerializeFMUstate(c, bytes, size, state);
-}
+EXPORTED int fmi3SerializeFMUState(void *c, void *s, char *x, size_t n) { return fmi2SerializeFMUstate(c, s, x, n); }
+EXPORTED int fmi3DeserializeFMUState(void *c, const char *x, size_t n, void **s) { return fmi2DeSerializeFMUstate(c, x, n, s); }
 
 EXPORTED int fmi3DoStep(void *c, double time_s, double h_s, _Bool no_return, _Bool *event, _Bool *end, _Bool *early, double *last)
 {

@@ -92,32 +92,17 @@ static double through_play(const isolator_parameters *p, isolator_state *s, doub
     double ahead, behind, way = v > 0.0 ? 1.0 : (v < 0.0 ? -1.0 : 0.0);
     if (way * s->free_play_N < 0.0) {
         const isolator_state before = *s;
-        double low = s->free_play_at_mm, high = u + way * (half + 40.0 * width), f_low, f_high = way * s->free_play_N, at = high;
-        int i, side = 0;
-        if (way * (high - low) > 0.0 && (f_high = way * specimen(p, s, h, high, v)) > 0.0) {
-            *s = before;
-            f_low = way * specimen(p, s, h, low, still);
-            at = low;
-            for (i = 0; i < 60 && f_low < 0.0 && fabs(high - low) > 1e-13 * (fabs(u) + half); i++) { /* Illinois */
-                double f;
-                at = low - (high - low) * (f_low / (f_high - f_low));
+        double low = s->free_play_at_mm, high = u + way * (half + 40.0 * width);
+        int i;
+        if (way * (high - low) > 0.0 && way * specimen(p, s, h, high, v) > 0.0) {
+            for (i = 0; i < 52; i++) {
+                const double at = 0.5 * (low + high);
                 *s = before;
-                f = way * specimen(p, s, h, at, still);
-                if (f < 0.0) {
-                    low = at;
-                    f_low = f;
-                    f_high *= side < 0 ? 0.5 : 1.0;
-                    side = -1;
-                } else {
-                    high = at;
-                    f_high = f;
-                    f_low *= side > 0 ? 0.5 : 1.0;
-                    side = 1;
-                }
+                *(way * specimen(p, s, h, at, still) < 0.0 ? &low : &high) = at;
             }
         }
         *s = before;
-        s->free_play_mid_mm = at;
+        s->free_play_mid_mm = high;
     }
     ahead = (u - s->free_play_mid_mm - half) / width;
     behind = (s->free_play_mid_mm - u - half) / width;

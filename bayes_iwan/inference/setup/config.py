@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from bayes_iwan import former_names
+from bayes_iwan.campaign.loops.resolution import POINTS
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.setup.settings import (
     DiagnoseSettings,
@@ -93,10 +94,11 @@ def settings_of(config: Config = None, unused: Mapping[str, str] | None = None) 
         if table in given:
             raise ConfigError(f"{where}: [{table}] is not used here, {reason}; remove it")
     loops = _filled(LoopSettings, "loops", given, where)
-    if loops.n_phase < 2 * loops.n_harmonics + 2:
+    phases = loops.n_phase or POINTS
+    if phases < 2 * loops.n_harmonics + 2:
         raise ConfigError(
-            f"{where} [loops]: {loops.n_phase} phases cannot show {loops.n_harmonics} harmonics; make n_phase at least "
-            f"{2 * loops.n_harmonics + 2} or n_harmonics at most {loops.n_phase // 2 - 1}"
+            f"{where} [loops]: {phases} phases cannot show {loops.n_harmonics} harmonics; make n_phase at least "
+            f"{2 * loops.n_harmonics + 2} or n_harmonics at most {phases // 2 - 1}"
         )
     model = _filled(ModelSettings, "model", given, where)
     return IdentifySettings(
@@ -164,12 +166,14 @@ def _filled(kind: type[S], table: str, given: Mapping[str, Any], where: str) -> 
     return kind(**{key: _checked(table, key, value, defaults[key], where) for key, value in keys.items()})
 
 
-def _checked(table: str, key: str, value: object, default: object, where: str) -> bool | float | str:
+def _checked(table: str, key: str, value: object, default: object, where: str) -> bool | float | str | None:
     name = f"{where} [{table}] {key}"
     if isinstance(default, bool):
         if not isinstance(value, bool):
             raise ConfigError(f"{name} must be true or false, not {_shown(value)}")
-    elif isinstance(default, int):
+    elif isinstance(default, int) or default is None:
+        if value is default:  # what is chosen from the data, in a run's own tables
+            return default
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= _LARGEST:
             raise ConfigError(f"{name} must be a whole number of at least 1, not {_shown(value)}")
     elif isinstance(default, float):

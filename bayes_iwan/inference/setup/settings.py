@@ -16,14 +16,14 @@ class LoopSettings:
     Parameters
     ----------
     n_phase
-        points of an averaged loop.
+        points of an averaged loop; 128 to 512, as the motion needs, where it is not given.
     n_harmonics
         harmonics that are kept, at most n_phase/2 − 1.
     n_blocks
         blocks of consecutive cycles, for what changes along the record.
     """
 
-    n_phase: int = 128
+    n_phase: int | None = None
     n_harmonics: int = 50
     n_blocks: int = 6
 

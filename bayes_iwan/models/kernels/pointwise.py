@@ -194,39 +194,47 @@ def growing(x, power, out):
 
 
 @_jit
-def give_step(u, force, compliance, softer, first_N, stiffness, at, step):
-    """Newton's step towards u = at + g(F), g = C·(F + s·F₁·(1 − e^(−|F|/F₁))·sgn F): into step, and added to at.
+def series_step(u, compliance, softer, first_N, stiff, force, trial, at, held, stiffness, damping, size, step):
+    """A pass of a damped Newton's method for u = at + g(F), g = C·(F + s·F₁·(1 − e^(−|F|/F₁))·sgn F), sample by sample
+    with secants as dF/d at; a loop whose residual grew goes back and takes a stiffer guess.
 
-    u : (1 or draws, loops, samples); force, stiffness dF/d at, at, step : (draws, loops, samples); C, s, F₁ : (draws,).
+    u : (1 or draws, loops, samples); C, s, F₁ : (draws,); stiff : most that a secant is believed, N/mm. force : of the
+    trial motion. at, held, stiffness, step : (draws, loops, samples), the best motion, its force, its secants, and
+    trial − at; damping, size : (draws, loops), added to the secants, and the RMS residual of the best motion in mm. All
+    but u and force change, trial to the next motion to try.
     """
     apart_and_wide()
+    samples = force.shape[2]
     for d in range(force.shape[0]):
         m = d % u.shape[0]
+        c, s, f1 = compliance[d], softer[d], first_N[d]
         for j in range(force.shape[1]):
-            for i in range(force.shape[2]):
+            total = 0.0
+            for i in range(samples):
                 f = force[d, j, i]
-                open_ = _exp(-abs(f) / first_N[d])
-                extra = softer[d] * first_N[d] * (1.0 - open_)
-                gives = compliance[d] * (f + (extra if f > 0.0 else -extra))
-                slope = compliance[d] * (1.0 + softer[d] * open_)
-                step[d, j, i] = (u[m, j, i] - gives - at[d, j, i]) / (1.0 + slope * stiffness[d, j, i])
-                at[d, j, i] += step[d, j, i]
-
-
-@_jit
-def secants(force, before, step, least, most, stiffness):
-    """(force − before)/step within 0 and `most` into stiffness, 0 where the step is no longer than `least`; all
-    (draws, loops, samples)."""
-    apart_and_wide()
-    for d in range(force.shape[0]):
-        for j in range(force.shape[1]):
-            for i in range(force.shape[2]):
-                s = step[d, j, i]
-                there = abs(s) > least
-                slope = (force[d, j, i] - before[d, j, i]) / (s if there else 1.0)
+                extra = s * f1 * (1.0 - _exp(-abs(f) / f1))
+                r = u[m, j, i] - c * (f + (extra if f > 0.0 else -extra)) - trial[d, j, i]
+                total += r * r
+                move = step[d, j, i]
+                there = abs(move) > 1e-13 * abs(trial[d, j, i])
+                slope = (f - held[d, j, i]) / (move if there else 1.0)
                 slope = slope if slope > 0.0 else 0.0
-                slope = slope if slope < most else most
-                stiffness[d, j, i] = slope if there else 0.0
+                stiffness[d, j, i] = (slope if slope < stiff else stiff) if there else 0.0
+            rms = math.sqrt(total / samples)
+            if not rms >= size[d, j]:  # better, or no number at all
+                size[d, j] = rms
+                damping[d, j] *= 0.25 if damping[d, j] > 1e-3 * stiff else 0.0
+                for i in range(samples):
+                    at[d, j, i], held[d, j, i] = trial[d, j, i], force[d, j, i]
+            else:
+                damping[d, j] = max(4.0 * damping[d, j], 0.05 * stiff)
+            for i in range(samples):
+                f = held[d, j, i]
+                open_ = _exp(-abs(f) / f1)
+                extra = s * f1 * (1.0 - open_)
+                r = u[m, j, i] - c * (f + (extra if f > 0.0 else -extra)) - at[d, j, i]
+                step[d, j, i] = r / (1.0 + c * (1.0 + s * open_) * (stiffness[d, j, i] + damping[d, j]))
+                trial[d, j, i] = at[d, j, i] + step[d, j, i]
 
 
 @_jit

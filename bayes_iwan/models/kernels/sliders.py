@@ -27,6 +27,8 @@ The functions here call each other, so they stay in one file (numba's cache does
 
 from __future__ import annotations
 
+import math
+
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
@@ -152,24 +154,48 @@ def _cut(top, u, up, down, front, front_x, st, work, row, scale, shift):
 
 
 @_part
-def _way(u, closed, begin, at, where, off, stop, turns, last):
+def _turning(u, v, i, j):
+    """Where between samples i and j = i + 1 the cubic through displacements u and slopes v (mm a sample, of opposite
+    signs) turns: the place in (0, 1) and the displacement there."""
+    a, b, rise = v[i], v[j], u[j] - u[i]
+    cubic, square = 3.0 * (a + b - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * a - b)
+    root = math.sqrt(max(square * square - 4.0 * cubic * a, 0.0))
+    w = -0.5 * (square + (root if square > 0.0 else -root))
+    x = w / cubic if cubic != 0.0 else -1.0
+    if not 0.0 < x < 1.0:
+        x = a / w if w != 0.0 else -1.0
+    if not 0.0 < x < 1.0:
+        x = a / (a - b)
+    return x, u[i] + x * (a + x * (0.5 * square + x * cubic / 3.0))
+
+
+@_part
+def _way(u, v, closed, begin, at, where, off, stop, turns, last):
     """The displacements to pass, from entry `begin` on: all samples, extremes with their turning points.
 
     A reversal between two samples would be overlooked by up to an eighth of a second difference, which every force
-    after it would feel. So the vertex of the parabola through the three samples is put in, before or after the middle
-    one. Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the sample itself),
-    stop (the entry at which the motion no longer goes on in the direction that led here), turns (the number of turning
-    points, their entries, and the end of all entries, which is returned), and last (the number of entries that are the
-    last in their direction, and these, from the end on).
+    after it would feel. So the turning point of the cubic through both samples and their slopes v (samples,), in mm a
+    sample, is put in; where slopes are not known (NaN) or do not show the reversal, the vertex of the parabola through
+    three samples. Fills at (displacement), where (sample it belongs to), off (samples from there to it; 0 for the
+    sample itself), stop (the entry at which the motion no longer goes on in the direction that led here), turns (the
+    number of turning points, their entries, and the end of all entries, which is returned), and last (the number of
+    entries that are the last in their direction, and these, from the end on).
     """
     n, count, found = u.size, begin, 0
     for i in range(n):
         tau, turn = 0.0, 0.0
         if closed or 0 < i < n - 1:
-            rise, fall = u[i] - u[i - 1 if i > 0 else n - 1], u[i] - u[i + 1 if i < n - 1 else 0]
+            former, next_ = i - 1 if i > 0 else n - 1, i + 1 if i < n - 1 else 0
+            rise, fall = u[i] - u[former], u[i] - u[next_]
             if rise * fall > 0.0:
-                tau = 0.5 * (rise - fall) / (rise + fall)
-                turn = u[i] + 0.125 * (rise - fall) ** 2 / (rise + fall)
+                if rise * v[i] > 0.0 and rise * v[next_] < 0.0:
+                    tau, turn = _turning(u, v, i, next_)
+                elif rise * v[i] < 0.0 and rise * v[former] > 0.0:
+                    tau, turn = _turning(u, v, former, i)
+                    tau -= 1.0
+                else:
+                    tau = 0.5 * (rise - fall) / (rise + fall)
+                    turn = u[i] + 0.125 * (rise - fall) ** 2 / (rise + fall)
         if tau < 0.0 or tau > 0.0:  # no turning point where u is not a finite number
             found += 1
             turns[found] = count + (tau > 0.0)
@@ -365,10 +391,11 @@ def _follow(
 
 
 @_jit
-def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
+def friction(u, slope, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
     """Friction force of all loops of all draws, plus a parallel spring.
 
-    u : (1 or draws, loops, samples), mm; between samples α, k and, but for its turning points, u are taken as monotone.
+    u, slope : (1 or draws, loops, samples), mm and mm a sample, the latter NaN where it is not known; between samples
+        α, k and, but for its turning points, u are taken as monotone.
     alpha, k, out : (draws, loops, samples); relative normal force and stiffness in N/mm; out in N.
     asymmetry : (draws,) in (−1, 1); an element slips at αφ(1 + asymmetry) where u rises, αφ(1 − asymmetry) where it
         falls.
@@ -389,7 +416,7 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
     where, stop = np.empty((loops, longest), np.uint64), np.empty((loops, longest), np.int64)
     last, count = np.empty((loops, longest), np.int64), np.empty(loops, np.int64)
     normal, stiff, force = np.zeros(longest), np.zeros(longest), np.zeros(longest)
-    ends, slope, held = np.zeros(longest), np.zeros(longest), np.zeros(longest)
+    ends, front, held = np.zeros(longest), np.zeros(longest), np.zeros(longest)
     row, st, work = np.empty(4 * cells + 4), np.empty((MAX_PIECES, 6)), np.empty((2 * MAX_PIECES + 1, 2))
     for d in range(draws):
         _in_a_row(tables[d], shift, row)
@@ -397,12 +424,14 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
         limit = _limited_mean(2.0 * phi_top[d], row, scale, shift)
         for j in range(loops):
             if d < u.shape[0]:  # one motion for all draws, or one each
-                count[j] = _way(u[d, j], closed, first, at[j], where[j], off[j], stop[j], turns[j], last[j])
+                count[j] = _way(
+                    u[d, j], slope[d, j], closed, first, at[j], where[j], off[j], stop[j], turns[j], last[j]
+                )
             _series(alpha, k, d, j, where, off, turns, first, normal, stiff)
             start = _run_in(at, stop, last, j, first, normal, stiff) if closed else first
             _follow(
                 at, stop, j, start, first, count[j], normal, stiff, asymmetry[d],
-                parallel[d], row, scale, shift, limit, st, work, ends, slope, held, force,
+                parallel[d], row, scale, shift, limit, st, work, ends, front, held, force,
             )  # fmt: skip
             begin, i = first, 0
             for t in range(1, turns[j, 0] + 2):
@@ -413,14 +442,15 @@ def friction(u, alpha, k, asymmetry, closed, tables, phi_top, parallel, out):
                 begin = e + 1
 
 
-def way(displacement_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64], Array]:
+def way(displacement_mm: Array, slope_mm: Array, closed: bool) -> tuple[Array, NDArray[np.int64], Array]:
     """The displacements (entries,) that one loop or record passes, turning points put in.
 
     Returns them with the sample (entries,) each belongs to and its distance from it in samples, 0 for the sample
-    itself. displacement_mm : (samples,).
+    itself. displacement_mm, slope_mm : (samples,), as u and slope of :func:`friction`.
     """
     longest = 2 * len(displacement_mm) + 3
     at, off = np.empty(longest), np.empty(longest)
     where, stop, turns, last = (np.empty(longest, np.int64) for _ in range(4))
-    count = _way(np.ascontiguousarray(displacement_mm, dtype=float), closed, 0, at, where, off, stop, turns, last)
+    u, slope = (np.ascontiguousarray(x, dtype=float) for x in (displacement_mm, slope_mm))
+    count = _way(u, slope, closed, 0, at, where, off, stop, turns, last)
     return at[:count], where[:count], off[:count]

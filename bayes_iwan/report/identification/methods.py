@@ -36,7 +36,7 @@ def methods(posterior: Posterior) -> str:
     parts[0] += (
         f" {len(loops)} harmonic test{'s' if len(loops) != 1 else ''} at {speeds}amplitudes of "
         f"{_span(a, 'mm')}, each averaged in phase over {_span([float(c) for c in cycles], 'cycles')} into "
-        f"{settings.loops.n_phase} points."
+        f"{loops[0].phase.size} points."
     )
     free = len(problem.prior.free)
     fixed = len(problem.prior.parameters) - free
