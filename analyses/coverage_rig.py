@@ -35,7 +35,7 @@ from bayes_iwan.inference.setup.quantities import quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.between_tests import stretched
 from bayes_iwan.inference.solving.chains import approximate_draws
-from bayes_iwan.inference.solving.point import rivals
+from bayes_iwan.inference.solving.point import near_optima
 from bayes_iwan.virtual_rig import cases as rig_cases
 from bayes_iwan.virtual_rig import simulate as rig
 from runs import each
@@ -107,7 +107,7 @@ def one_case(kind: str, seed: int, index: int, forms: list[str], ways: list[str]
     for form in forms:
         problem = make_problem(loops, {"model": {"embedded": form == "embedded"}})
         optima, level = maxima(problem, np.random.default_rng([seed, index, 3]), 8)
-        optimum, optima = optima[0], rivals(optima, level)
+        optimum, optima = optima[0], near_optima(optima, level)
         values = problem.parameter_values(optimum[None])
         alpha = problem.model.alpha(values, problem.motion)  # type: ignore[attr-defined]
         out["variation"] = float(np.ptp(alpha))

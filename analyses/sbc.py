@@ -36,7 +36,7 @@ from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
 from bayes_iwan.inference.setup.settings import SamplingSettings
 from bayes_iwan.inference.solving.chains import Run, least_squares_of, sampled
-from bayes_iwan.inference.solving.point import Point, most_probable, rivals
+from bayes_iwan.inference.solving.point import Point, most_probable, near_optima
 from bayes_iwan.sampling.blocks import Piece, Schedule, advanced
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import EnsembleRun
@@ -107,7 +107,7 @@ def from_truth(problem: Problem, truth: np.ndarray, seed: int) -> tuple[np.ndarr
     """
     began = time.process_time()
     optima, log_prob = maxima(problem, np.random.default_rng([seed, 5]), 6)
-    near = rivals(optima, log_prob)
+    near = near_optima(optima, log_prob)
     target, plan = least_squares_of(problem, near[0]), Plan(tuple(problem.names), seed, progress=False)
     run = EnsembleRun(problem.log_prob, target, near, plan, 4, 40, None)
 

@@ -30,7 +30,7 @@ from bayes_iwan.inference.setup.settings import IdentifySettings, SearchSettings
 from bayes_iwan.inference.setup.simulator_check import check_simulator
 from bayes_iwan.inference.solving.between_tests import stretched
 from bayes_iwan.inference.solving.chains import Run, approximate_draws, sampled
-from bayes_iwan.inference.solving.point import Point, find_point, rivals
+from bayes_iwan.inference.solving.point import Point, find_point, near_optima
 from bayes_iwan.models import Simulator
 from bayes_iwan.models.user_file import load_simulator
 from bayes_iwan.sampling.chains import Chains, Stop
@@ -238,7 +238,7 @@ def _approximation(
     seconds: float,
 ) -> Posterior:
     """A posterior of the normal approximation, four chains of independent draws."""
-    z = approximate_draws(problem, rivals(point.optima, point.optima_log_prob), QUICK_DRAWS, (seed, 14))
+    z = approximate_draws(problem, near_optima(point.optima, point.optima_log_prob), QUICK_DRAWS, (seed, 14))
     stretch = 1.0
     if settings.sampling.between_tests:
         z, factors = stretched(problem, point.z, z)

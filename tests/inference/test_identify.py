@@ -157,7 +157,8 @@ def test_independent_walkers_stay_so_in_the_file(run, tmp_path):
     """Their diagnostics are those of single walkers, when they are read back, too."""
     posterior = replace(run[0], independent=False)
     write_netcdf(posterior, tmp_path / "posterior.nc")
-    assert not read_netcdf(tmp_path / "posterior.nc").independent and read_netcdf(run[1] / "posterior.nc").independent
+    assert not read_netcdf(tmp_path / "posterior.nc").run["independent"]
+    assert read_netcdf(run[1] / "posterior.nc").run["independent"]
 
 
 def test_arviz_reads_the_result(run):

@@ -15,7 +15,7 @@ from bayes_iwan.executors import Processes
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.quantities import sampled_and_derived
 from bayes_iwan.inference.setup.settings import SamplingSettings
-from bayes_iwan.inference.solving.point import Point, laplace_scale, rivals
+from bayes_iwan.inference.solving.point import Point, laplace_scale, near_optima
 from bayes_iwan.models import Model
 from bayes_iwan.models.parameter import Z_LIMIT
 from bayes_iwan.sampling.blocks import generator
@@ -84,7 +84,7 @@ def sampled(problem: Problem, point: Point, s: SamplingSettings, run: Run) -> Ch
     return sample(
         problem.log_prob,
         least_squares_of(problem, point.optima[0]),
-        rivals(point.optima, point.optima_log_prob),
+        near_optima(point.optima, point.optima_log_prob),
         plan,
         n_ensembles=s.ensembles,
         n_walkers=s.walkers,

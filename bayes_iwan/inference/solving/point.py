@@ -61,7 +61,7 @@ class Point:
         return float(np.max(self.each_log_prob) - np.min(self.each_log_prob))
 
 
-def rivals(optima: Array, log_prob: Array) -> Array:
+def near_optima(optima: Array, log_prob: Array) -> Array:
     """Those of optima (k, ndim), best first, that are near enough to the best by ln p (k,) to matter."""
     return optima[log_prob > log_prob[0] - _DEPTH]
 

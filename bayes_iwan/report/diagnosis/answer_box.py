@@ -112,11 +112,11 @@ def diagnosis_answer(section: Section, found: Diagnosis, figures: Mapping[str, F
     put_figures(section, figures, *(("headline",) if "headline" in figures else ("gap_loops",)))
     if verdict.causes:
         left = "unexplained" + (", cause unknown" if verdict.unknown_cause else "")
-        rest = (left, f"{unexplained.probability:.2f}", *_share(unexplained.share), "", "", "")
+        unexplained_row = (left, f"{unexplained.probability:.2f}", *_share(unexplained.share), "", "", "")
         section.table(
             ("part of the gap", "probability", "share", "90 % interval", "on held-out tests", "90 % interval",
              "tied with"),
-            [*map(_cause, verdict.causes), rest],
+            [*map(_cause, verdict.causes), unexplained_row],
             "The gap as a sum",
         )  # fmt: skip
         section.table(
