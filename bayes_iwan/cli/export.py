@@ -15,7 +15,11 @@ from bayes_iwan.cli.command import OUT, argument, command, say
     OUT,
     argument("--draws", metavar="N", type=int, default=20, help="draws beside the point estimate (default: 20)"),
     argument("--campaign", metavar="DIR", help="the campaign's folder: for a diagnosis, or where it has moved"),
-    argument("--simulator", metavar="FILE", help="the Python file of a run with a simulator of your own (json)"),
+    argument(
+        "--simulator",
+        metavar="FILE",
+        help="the Python file of a run with a simulator of your own (json); its code is run",
+    ),
     argument("--approximate", action="store_true", help="opensees: drop what it cannot hold, instead of refusing"),
     argument(
         "--error",
