@@ -22,7 +22,7 @@ def read_tdms(path: Path, file: str) -> list[Recording]:
     """One recording a group."""
     nptdms = library("nptdms", "npTDMS", file, "a TDMS file")
     try:
-        logging.getLogger("nptdms").setLevel(logging.ERROR)  # what it logs of a cut file is said below
+        nptdms.log.log_manager.set_level(logging.ERROR)  # what it logs of a cut file is said below
         whole = nptdms.TdmsFile.read(path)
         sources = [(group.name, source) for group in whole.groups() for source in group.channels()]
         cut = (CUT,) if whole.file_status.incomplete_final_segment else ()
