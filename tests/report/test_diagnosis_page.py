@@ -190,6 +190,13 @@ def test_the_gap_stands_as_a_sum(tmp_path, found):
     assert [row[0] for row in considered] == ["a delay between the channels"]
 
 
+def test_where_the_gap_sits_is_said_once_where_nothing_is_named(tmp_path, found):
+    """It is the whole gap's place then, which the next section tells."""
+    d = answer(found, "unknown", probability=0.8, where=("Most near the upper end.",))
+    text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))
+    assert "Where the unexplained part sits" not in text and "Where the model misses" in text
+
+
 def test_a_rest_without_a_name_is_said_with_where_it_sits(tmp_path, found):
     d = answer(found, "partly_explained", probability=0.8, where=("Most near the <upper> end.",))
     text, _ = read(write_diagnosis_page(d, {}, tmp_path / "diagnosis.html"))

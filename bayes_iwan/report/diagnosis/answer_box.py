@@ -136,7 +136,7 @@ def diagnosis_answer(section: Section, found: Diagnosis, figures: Mapping[str, F
             "is not quite nature's (down: it removes less on held-out tests; up: the unexplained part may be its "
             "own). The root of the sum of their squares is the interval's half width."
         )
-    if unexplained.where and verdict.unknown_cause:
+    if unexplained.where and verdict.unknown_cause and verdict.causes:  # else the next section says the same
         section.heading_below("Where the unexplained part sits").bullets(unexplained.where)
     section.heading_below("Words and symbols of this page")
     section.symbols(_WORDS)
