@@ -84,6 +84,8 @@ __all__ = sorted([*_WHERE, "__version__", "plot"])
 
 
 def __getattr__(name: str) -> Any:
+    if name == "plot" or _WHERE.get(name, "").startswith(("inference.", "diagnosis.")):
+        importlib.import_module("bayes_iwan.api")  # gives results their plots and exports
     if name == "plot":  # a module of functions of a result
         return importlib.import_module("bayes_iwan.report.plot")
     if name not in _WHERE:

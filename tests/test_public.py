@@ -5,6 +5,8 @@ import csv
 import importlib
 import inspect
 import json
+import subprocess
+import sys
 import warnings
 from dataclasses import asdict, replace
 from itertools import pairwise
@@ -272,3 +274,11 @@ def test_reprs_fit_a_screen(kind):
     lines = repr(made).splitlines()
     assert len(lines) < 40 and max(map(len, lines)) <= 100
     assert kind != "arrays" or "array of float64 (500,)" in repr(made)
+
+
+@pytest.mark.parametrize("name", ["identify_loops", "identify_problem", "Posterior", "plot"])
+def test_results_have_their_plots_whatever_name_was_asked_for_first(name):
+    """In a fresh process, where nothing else has imported what registers them."""
+    code = f"import bayes_iwan as bi; bi.{name}; from bayes_iwan.inference.results.posterior import Posterior as P; "
+    code += "assert hasattr(P, 'plot') and hasattr(P, 'export')"
+    subprocess.run([sys.executable, "-c", code], check=True)
