@@ -15,7 +15,7 @@ from bayes_iwan.models.kernels import pointwise
 #: a motion in series is solved for until the residual displacement (RMS) of every loop is within this share of its
 #: amplitude, and where the force crosses zero until the force there is within this share of its largest
 TOLERANCE = 1e-9
-#: passes over the loops at most; a few that lie at a jump of their law end there, within 4e-5 of the amplitude
+#: passes over the loops at most; a few draws, at a jump of their law, end there
 MOST_PASSES = 40
 #: a secant stiffness of the specimen is believed up to this many times the stiffness after reversals
 STIFFEST = 5.0

@@ -39,8 +39,8 @@ class Integrated(NamedTuple):
 @dataclass(frozen=True)
 class Nuisance:
     """Which coordinates they are, the centre (columns,) of their t distribution, the lower triangular root of the
-    covariance that they seem to have, and how many draws an integral takes: ln of it varies by 0.13 with 64 and by 0.63
-    with 16, which wastes every second independent proposal and costs next to nothing."""
+    covariance that they seem to have, and how many draws an integral takes: few make it noisy, which wastes proposals;
+    many cost little, since they take no prediction."""
 
     columns: NDArray[np.int64]
     centre: Array

@@ -97,7 +97,7 @@ def test_it_is_what_stop_elements_do_step_by_step(kind, given, slope, beta, kit)
     )
     marched = np.array([step(u) for u in np.tile(motion.displacement_mm[0, 0], CYCLES)])[-SAMPLES:]
     friction = model.friction_force(values, motion)[0, 0]
-    assert np.sqrt(np.mean((force - marched) ** 2)) < 1e-3 * np.sqrt(np.mean(friction**2))
+    assert np.sqrt(np.mean((force - marched) ** 2)) < 1e-6 * np.sqrt(np.mean(friction**2))
     without = recorded_force(model, (), values, motion)[0, 0]
     assert np.sqrt(np.mean((force - without) ** 2)) > 0.02 * np.sqrt(np.mean(friction**2))
 

@@ -79,17 +79,3 @@ def test_stretched_draws_are_solutions_and_noise_keeps_its_values(disagreeing):
     error = np.abs(before @ map_ - after).max(axis=1)
     assert np.mean(error < 1e-3) > 0.9, "one linear map takes nearly all draws"
     np.testing.assert_allclose(np.sort(np.linalg.svd(map_)[1])[-1], factors[-1], rtol=0.02)
-
-
-def test_an_optimum_takes_part_by_its_evidence(agreeing):
-    """Rejected where the posterior is e^-50 of the best; twice the same one is the same as once."""
-    optimum, z = solved(agreeing)
-    far = optimum.copy()
-    far[0] += 0.5
-    assert agreeing.log_prob(far[None])[0] < agreeing.log_prob(optimum[None])[0] - 50.0
-    for optima in (np.stack([optimum, far]), np.stack([optimum, optimum])):
-        drawn = approximate_draws(agreeing, optima, 300, (1, 2))
-        assert drawn.shape == z.shape
-        free = least_squares_of(agreeing, optimum).free
-        np.testing.assert_allclose(np.std(drawn[:, free], axis=0), np.std(z[:, free], axis=0), rtol=0.25)
-        assert np.all(np.abs(drawn.mean(axis=0) - z.mean(axis=0))[free] < 0.35 * np.std(z[:, free], axis=0))

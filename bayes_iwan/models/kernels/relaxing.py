@@ -60,9 +60,6 @@ def relaxed(signal, step_up, step_down, out):
                     break
 
 
-_jit = nb.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-
-
 @_jit
 def lagging(signal, path, out):
     """ℓ dz/ds = sgn(dx) − z, ds = |dx|, periodic, into out (draws, loops, samples): between −1 and 1, whatever the
