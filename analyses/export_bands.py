@@ -28,7 +28,7 @@ HERE = Path(__file__).resolve().parents[1]
 DEFAULT = [HERE / "data" / "rope_spring"]
 DEFAULT += [HERE.parent / "shared" / "data" / n for n in ("mr_damper_half", "pneumatic_seal", "banded_damper_36")]
 
-#: less than for a report, as for export_posteriors.py
+#: looser than for a report: the same draws are compared with what the export makes of them
 SAMPLING = {"r_hat": 1.05, "ess": 100.0, "taus": 4.0, "budget_s": 900.0}
 
 
