@@ -76,7 +76,7 @@ class LaggingForce(Effect):
     law = "F − L·z, ℓ dz = (sgn dF − z)|dF|"
     strength = ("lag_N", "L", "N", "how far the reading lags at most")
     order = 2
-    physics = "a force reading that lags after every reversal, at any speed alike, as a force cell with hysteresis does"
+    physics = "a force reading that lags after every reversal, as a force cell with hysteresis does"
     reference = "Coleman & Hodgdon, Int. J. Engng Sci. 24 (1986) 897; ISO 376 (reversibility of force transducers)"
     signature = "dissipation that grows with the whole force, the spring's too, and not with speed"
 
@@ -102,8 +102,7 @@ class LaggingReading(Effect):
     strength = ("lag_mm", "L", "mm", "how far the reading lags at most")
     order = -1
     physics = (
-        "a displacement reading that lags after every reversal, at any speed alike, as a sensor with hysteresis or "
-        "with a slack coupling does"
+        "a displacement reading that lags after every reversal, as a sensor with hysteresis or a slack coupling does"
     )
     reference = "Coleman & Hodgdon, Int. J. Engng Sci. 24 (1986) 897; ISO 230-2 (reversal value)"
     signature = "the whole force, the spring's too, runs ahead of the displacement by the same way at every speed"

@@ -165,7 +165,7 @@ class FreePlay(Effect):
     reference = (
         "Nordin & Gutman, Automatica 38 (2002) 1633; Kim, Rook & Singh, J. Sound Vib. 263 (2003) 665 (smoothed ends)"
     )
-    signature = "a flat at zero force on both branches, of the same width at every amplitude and frequency"
+    signature = "a flat at zero force on both branches, of one width in every test"
     look_alikes = ("rig_compliance",)
     bench = "preload that keeps the force of one sign; a second accelerometer across the joint"
     remedy = "Tighten the joint, or preload it so that its force keeps one sign."

@@ -8,6 +8,7 @@ import pytest
 
 import bayes_iwan as bi
 from bayes_iwan.campaign.importing import Recipe, import_tests, write_tests
+from bayes_iwan.effects.catalogue import BUILT_IN, UNLISTED
 from bayes_iwan.inference.results.predictions import PredictionError
 
 CLASSICAL = {"model": {"slip": "gamma1", "stiffness": "constant"}}
@@ -15,8 +16,9 @@ SHORT = {
     "search": {"members": 40, "evaluations": 400, "starts": 2, "second_search": False},
     "sampling": {"ensembles": 2, "budget_s": 2.0, "draws": 200},
 }
-#: what may be said: that nothing is known of it, and names
+#: what may be said: that nothing is known of it, that a law has none of it, and names
 ALLOWED = (
+    r"at (every|all) (frequenc(y|ies)|speed)|not with speed|"
     r"The records have no clock[^.]*\.|Without a clock,? [^.]*\.?|Every effect of the catalogue[^.]*\.|\w*_no_speed|"
     r"velocity m/s|\"(frequency_hz|speed_m_s|frequency_power|by_frequency|line_at_half_frequency)\": (null|\[\]|0\.0)|"
     r"\"(speed_dependent_normal_force|velocity)\"[^,]*,"
@@ -68,6 +70,13 @@ def test_no_page_nor_table_says_a_frequency_or_a_speed(folder):
         assert not found, f"{path.relative_to(out)}: {text[max(found.start() - 60, 0) : found.end() + 40]}"
         seen += 1
     assert seen >= 6
+
+
+@pytest.mark.parametrize("effect", [e for e in (*BUILT_IN, *UNLISTED) if not e.needs_clock], ids=lambda e: e.__name__)
+def test_no_words_of_an_effect_that_needs_no_clock_say_one(effect):
+    texts = [effect.name, effect.physics, effect.remedy, effect.bench, effect.signature, effect.law, *effect.strength]
+    said = re.sub(ALLOWED, " ", " ".join(texts))
+    assert not re.search(SAID, said), said
 
 
 def test_a_prediction_without_a_clock_has_no_frequency(folder):

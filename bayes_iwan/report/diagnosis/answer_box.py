@@ -23,7 +23,7 @@ _WORDS = (
     ("unexplained", "what no named effect removes", ""),
     ("noise", "RMS of what the records do not repeat", "N"),
     ("expected residual", "what noise and the usual small discrepancy of a sound specimen leave", "N"),
-    ("held-out tests", "tests that the fit has not seen: all of one frequency or one amplitude in turn", ""),
+    ("held-out tests", "tests that the fit has not seen: each group of like tests in turn", ""),
     ("probability", "that a cause contributes; several may, so these need not sum to one", ""),
     ("shrink", "1 − gap after ÷ gap before", ""),
     ("u, A", "displacement, and its amplitude", "mm"),
