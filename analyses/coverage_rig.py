@@ -39,7 +39,7 @@ from bayes_iwan.inference.solving.point import near_optima
 from bayes_iwan.virtual_rig import cases as rig_cases
 from bayes_iwan.virtual_rig import simulate as rig
 from runs import each
-from sbc import maxima, short_posterior
+from sbc import found_point, short_posterior
 
 LEVELS = (0.5, 0.9, 0.95)
 GRID = {"n_phase": 64, "n_harmonics": 24}
@@ -74,7 +74,7 @@ def exact(seed: int, index: int) -> dict[str, Any]:
     """The same tests of a specimen that is the paper's model, at the optimum of the rig's loops."""
     loops = simulated(seed, index)["loops"]
     problem = make_problem(loops, {"model": {"embedded": False}})
-    z = maxima(problem, np.random.default_rng([seed, index, 1]), 8)[0][:1]
+    z = found_point(problem, index).z[None]
     rng = np.random.default_rng([seed, index, 2])
     force = problem.predict(z)[0]
     harmonics = np.where(np.isfinite([x.noise_N for x in loops]), [x.noise_N for x in loops], 0.0)
@@ -106,19 +106,19 @@ def one_case(kind: str, seed: int, index: int, forms: list[str], ways: list[str]
     out["frequencies"] = len({round(float(np.log(x.frequency_hz) / 0.05)) for x in loops})
     for form in forms:
         problem = make_problem(loops, {"model": {"embedded": form == "embedded"}})
-        optima, level = maxima(problem, np.random.default_rng([seed, index, 3]), 8)
-        optimum, optima = optima[0], near_optima(optima, level)
-        values = problem.parameter_values(optimum[None])
+        point = found_point(problem, index)
+        optima = near_optima(point.optima, point.optima_log_prob)
+        values = problem.parameter_values(point.z[None])
         alpha = problem.model.alpha(values, problem.motion)  # type: ignore[attr-defined]
         out["variation"] = float(np.ptp(alpha))
         for way in ways:
             told: dict[str, Any] = {}
             if way == "sampled":
-                z, told = short_posterior(problem, index, SamplingSettings(budget_s=budget_s))
+                z, told = short_posterior(problem, point, index, SamplingSettings(budget_s=budget_s))
                 z = z[np.linspace(0, len(z) - 1, 1000).round().astype(int)]
             else:
                 z = approximate_draws(problem, optima, 1000, (seed, index))
-            wider, factors = stretched(problem, optimum, z)
+            wider, factors = stretched(problem, point.z, z)
             out[f"{form} {way}"] = told | {"rows": placed(problem, z, made["truth"])}
             out[f"{form} {way}, as wide as tests disagree"] = {
                 **told, "stretch": float(factors[-1]), "rows": placed(problem, wider, made["truth"])

@@ -29,7 +29,7 @@ from bayes_iwan.campaign import CampaignError, Loop, read_campaign
 from bayes_iwan.diagnosis.fits.data import gap_data
 from bayes_iwan.diagnosis.fits.evidence import base_problem
 from bayes_iwan.diagnosis.search.base_fit import cheapest, fit_base
-from bayes_iwan.fitting.least_squares import least_squares_batch
+from bayes_iwan.fitting.descent import descend
 from bayes_iwan.inference.setup.loop_scales import scales_of
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.inference.setup.settings import DiagnoseSettings
@@ -102,7 +102,7 @@ def base_by_least_squares(fitted: list[Loop], seed: int) -> tuple[Problem, Array
 
     starts = cheapest(data, problem, draws, STARTS)
     box = np.tile([-Z_LIMIT, Z_LIMIT], (problem.ndim, 1))
-    fit = least_squares_batch(rows, starts, box, max_iterations=60, ftol=1e-6)
+    fit = descend(rows, starts, box, 60)
     return problem, fit.x[fit.best]
 
 

@@ -20,8 +20,7 @@ import argparse
 import time
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,9 +33,9 @@ from bayes_iwan.files import write_json
 from bayes_iwan.inference.setup.likelihood import KINDS
 from bayes_iwan.inference.setup.problem import Problem, make_problem
 from bayes_iwan.inference.setup.quantities import loop_quantities
-from bayes_iwan.inference.setup.settings import SamplingSettings
+from bayes_iwan.inference.setup.settings import SamplingSettings, SearchSettings
 from bayes_iwan.inference.solving.chains import Run, least_squares_of, sampled
-from bayes_iwan.inference.solving.point import Point, most_probable, near_optima
+from bayes_iwan.inference.solving.point import Point, find_point, near_optima
 from bayes_iwan.sampling.blocks import Piece, Schedule, advanced
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import EnsembleRun
@@ -69,17 +68,13 @@ def watched(problem: Problem, z: np.ndarray) -> dict[str, np.ndarray]:
     return out | {f"energy[{x.file.split('.csv')[0]}]": energy[:, t] for t, x in enumerate(problem.loops)}
 
 
-def short_posterior(problem: Problem, seed: int, settings: SamplingSettings) -> tuple[np.ndarray, dict[str, Any]]:
-    """(draws, ndim) of the posterior from the package's own sampling, started at optima found from prior draws.
-
-    With a dozen starts the best maximum was missed by 4 and 10 nats on both specimens that were checked: then no way of
-    sampling converges.
-    """
+def short_posterior(
+    problem: Problem, point: Point, seed: int, settings: SamplingSettings
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """(draws, ndim) of the posterior from the package's own sampling, started at the optima of its own search."""
     began = time.process_time()
-    optima, log_prob = maxima(problem, np.random.default_rng([seed, 3]), 36)
-    point = SimpleNamespace(z=optima[0], log_prob=float(log_prob[0]), optima=optima, optima_log_prob=log_prob)
     with threadpool_limits(limits=1, user_api="blas"):
-        chains = sampled(problem, cast(Point, point), settings, Run(seed))
+        chains = sampled(problem, point, settings, Run(seed))
     draws = chains.draws.reshape(-1, problem.ndim)
     c = chains.convergence
     told = {
@@ -92,22 +87,21 @@ def short_posterior(problem: Problem, seed: int, settings: SamplingSettings) -> 
     return draws, told
 
 
-def maxima(problem: Problem, rng: np.random.Generator, starts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where least squares leads from the best of prior draws: places (k, ndim), best first, and ln p (k,)."""
-    first = problem.prior.draw(rng, 40 * starts)
-    return most_probable(problem, first[np.argsort(problem.goal(first))[:starts]])[:2]
+def found_point(problem: Problem, seed: int) -> Point:
+    """The package's own point estimate."""
+    return find_point(problem, seed, SearchSettings(), progress=False)
 
 
 def from_truth(problem: Problem, truth: np.ndarray, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
     """RANKED places (RANKED, ndim) that are exchangeable with the truth (1, ndim) where all is right.
 
-    The pilot fits the moves by the data alone, from optima that are found from prior draws; then they are frozen. From
+    The pilot fits the moves by the data alone, from the optima that the search finds; then they are frozen. From
     the truth some steps lead to a hub, in the reversed order, for each kind of step is reversible by itself; from there
     as many lead each of RANKED walkers on.
     """
     began = time.process_time()
-    optima, log_prob = maxima(problem, np.random.default_rng([seed, 5]), 6)
-    near = near_optima(optima, log_prob)
+    point = found_point(problem, seed)
+    near = near_optima(point.optima, point.optima_log_prob)
     target, plan = least_squares_of(problem, near[0]), Plan(tuple(problem.names), seed, progress=False)
     run = EnsembleRun(problem.log_prob, target, near, plan, 4, 40, None)
 
@@ -151,7 +145,11 @@ def one_draw(
     maker = problem.with_force(force[0])
     drawn = problem.with_force(maker.likelihood.replicate(force, maker.parameter_values(truth), rng)[0])
     own = int(rng.integers(2**31))
-    draws, told = from_truth(drawn, truth, own) if settings is None else short_posterior(drawn, own, settings)
+    draws, told = (
+        from_truth(drawn, truth, own)
+        if settings is None
+        else short_posterior(drawn, found_point(drawn, own), own, settings)
+    )
     at, there = watched(problem, truth), watched(problem, even(draws, RANKED))
     # chains that have not left the truth are as likely above as below it
     rank = {n: int(np.sum(there[n] < at[n]) + rng.integers(np.sum(there[n] == at[n]) + 1)) for n in at}

@@ -1,10 +1,10 @@
-"""Descent of a cost in nats from many starts at once, to a tenth of a nat and no further.
+"""Levenberg–Marquardt from many starts at once, of a cost in nats, to a tenth of a nat or as asked.
 
-Where many models are compared, most evaluations go into digits that nobody asks for and into starts that end nowhere.
-:func:`least_squares_batch` finds optima to all digits, and is what the tests compare with; this one ends a start once
-its linear model promises next to nothing, and gives it up where it falls behind the best, gains too little to catch up,
-or runs into its local optimum. Jacobians are forward differences; where residuals curve the one at hand corrects its
-own steps, since a new one costs as many evaluations as there are variables.
+Most evaluations of a search from many starts go into digits that nobody asks for and into starts that end nowhere. So a
+start ends once its linear model promises next to nothing, and is given up where it falls behind the best, gains too
+little to catch up, or runs into another's local optimum. Steps are scaled as Moré's (Numerical Analysis, Lecture Notes
+in Mathematics 630, 1978, 105), four dampings at a time; Jacobians are forward differences, and where residuals curve
+the one at hand corrects its own steps, since a new one costs as many evaluations as there are variables.
 """
 
 from __future__ import annotations
@@ -16,18 +16,22 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.fitting.least_squares import (
-    LADDER,
-    LEAST_DAMPING,
-    MOST_DAMPING,
-    STEP,
     BatchResiduals,
     Counted,
+    LeastSquaresError,
     damped_steps,
     half_square,
     jacobian_of,
 )
 
-#: a start has arrived if its linear model promises no more nats than this, or two steps in a row gained no more
+#: damping factors tried together in every iteration, as multiples of the current one: a Jacobian costs ndim
+#: evaluations, so four trial steps are cheap, and the best of four saves whole iterations in curved residuals
+LADDER = np.array([1e-2, 1e-1, 1.0, 10.0])
+LEAST_DAMPING, MOST_DAMPING = 1e-14, 1e12
+#: finite-difference step over max(|x|, 1)
+STEP = 1e-6
+#: a start has arrived if its linear model promises no more nats than this, or two steps in a row gained no more,
+#: unless asked for otherwise
 ENOUGH = 0.1
 #: a start that is so many nats behind the best one and promises no better is given up, and any after LATE iterations
 BEHIND, LATE = 30.0, 20
@@ -61,7 +65,13 @@ class Descent:
 
 
 def descend(
-    residuals: BatchResiduals, starts: Array, box: Array, iterations: int, known: Array | None = None
+    residuals: BatchResiduals,
+    starts: Array,
+    box: Array,
+    iterations: int,
+    known: Array | None = None,
+    enough: float = ENOUGH,
+    give_up: bool = True,
 ) -> Descent:
     """Lower ½‖residuals(x)‖² from every start, all in lock-step.
 
@@ -75,9 +85,20 @@ def descend(
         at most so many steps of each start.
     known
         (m, ndim) the Jacobian at the first start, where it is at hand.
+    enough
+        nats to which an optimum is sought.
+    give_up
+        whether starts are given up that will not reach the best one: where only the best optimum counts.
+
+    Raises
+    ------
+    LeastSquaresError
+        starts that are not finite, or residuals of another shape than (n, m).
     """
     lower, upper = box.T
     x = np.clip(np.asarray(starts, dtype=float), lower, upper)
+    if not np.isfinite(x).all():
+        raise LeastSquaresError("starts must be finite numbers")
     n, ndim = x.shape
     call = Counted(residuals)
     r = call(x)
@@ -105,21 +126,22 @@ def descend(
         trial, promised, most = damped_steps(
             jacobian[active], r[active], x[active], d, damping[active, None] * LADDER, lower, upper
         )
-        there = most <= ENOUGH
+        there = most <= enough
         behind = cost[active] - cost.min() > BEHIND
         late = behind & ((cost[active] - most - cost.min() > BEHIND) | (iteration >= LATE))
         to_come = CATCH * _to_come(gains[active], iterations - iteration)
-        lost = late | ((iteration >= FEW) & (cost[active] - cost.min() > np.maximum(to_come, ENOUGH)))
+        lost = late | ((iteration >= FEW) & (cost[active] - cost.min() > np.maximum(to_come, enough)))
         arrived[active[there]] = True
-        alive[active[there | lost]] = False
-        go = ~(there | lost)
+        done = there | (lost & give_up)
+        alive[active[done]] = False
+        go = ~done
         active, trial, promised = active[go], trial[go], promised[go]
         if active.size == 0:
             continue
 
         new_r, new_cost = np.full((*trial.shape[:2], r.shape[1]), np.nan), np.full(promised.shape, np.inf)
         tried = np.ones(promised.shape, dtype=bool)  # of steps that promise the same the most damped one
-        tried[:, :-1] = np.abs(np.diff(promised, axis=1)) > 0.2 * ENOUGH
+        tried[:, :-1] = np.abs(np.diff(promised, axis=1)) > 0.2 * enough
         new_r[tried] = call(trial[tried])
         new_cost[tried] = half_square(new_r[tried])
         fell_short = cost[active] - new_cost.min(axis=1) < STRAIGHT * promised.max(axis=1)
@@ -147,7 +169,7 @@ def descend(
         damping[active[~won]] *= MORE  # where nothing has moved the Jacobian is as good as it was
         np.clip(damping, LEAST_DAMPING, MOST_DAMPING, out=damping)
         stale[some] = True
-        idle[active] = np.where(gain > ENOUGH, 0, idle[active] + 1)
+        idle[active] = np.where(gain > enough, 0, idle[active] + 1)
         done = idle[active] >= np.where(won, 2, IN_VAIN)
         arrived[active[done]] = True
         alive[active[done]] = False

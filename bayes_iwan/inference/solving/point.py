@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from bayes_iwan.arrays import Array, brief
 from bayes_iwan.errors import InputError
+from bayes_iwan.fitting.descent import Descent, descend
 from bayes_iwan.fitting.genetic import BatchObjective, GlobalOptimum, genetic_search
-from bayes_iwan.fitting.least_squares import BatchResiduals, least_squares_batch
+from bayes_iwan.fitting.least_squares import BatchResiduals
 from bayes_iwan.inference.setup.loop_error import friction_level_N, goal_function, paper_weights
 from bayes_iwan.inference.setup.priors import Z_LIMIT
 from bayes_iwan.inference.setup.problem import Problem
@@ -26,6 +27,10 @@ from bayes_iwan.inference.setup.settings import SearchSettings
 from bayes_iwan.models.embedded_error import NAMES as EMBEDDED
 
 _DEPTH = 12.0  # nats
+#: steps of least squares from a start, and nats to which an optimum is sought
+_ITERATIONS, _ENOUGH = 60, 1e-3
+#: the noise, as a share of the friction force, in whose nats the minimum of Eq. (8) is sought
+_GOAL_NOISE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -148,16 +153,17 @@ def _embedded(problem: Problem, columns: NDArray[np.int64], x: Array) -> Array:
 def _goal_rows(problem: Problem, columns: NDArray[np.int64]) -> Sequence[BatchResiduals]:
     """Rows whose squares lead to the minimum of Eq. (8): its squared form, then itself, rounded off near zero."""
     motion = problem.motion
-    w = paper_weights(motion.displacement_mm[0], motion.amplitude_mm) / motion.amplitude_mm[:, None] / motion.samples
-    corner = 1e-3 * friction_level_N(problem.loops)[:, None]
+    w = paper_weights(motion.displacement_mm[0], motion.amplitude_mm) / motion.amplitude_mm[:, None]
+    corner = _GOAL_NOISE * friction_level_N(problem.loops)[:, None]
+    scale = np.sqrt(w / w.mean() * problem.loops[0].harmonics_N.size / motion.samples) / corner
 
     def squared(x: Array) -> Array:
-        return (np.sqrt(w) * problem.residual(_embedded(problem, columns, x))).reshape(len(x), -1)
+        return (scale * problem.residual(_embedded(problem, columns, x))).reshape(len(x), -1)
 
     def absolute(x: Array) -> Array:
         r = problem.residual(_embedded(problem, columns, x))
         r = np.sign(r) * np.sqrt(corner * (np.hypot(corner, r) - corner))
-        return (np.sqrt(w) * r).reshape(len(x), -1)
+        return (scale * r).reshape(len(x), -1)
 
     return squared, absolute
 
@@ -166,11 +172,17 @@ def _polished(objective: BatchObjective, ladder: Sequence[BatchResiduals], x: Ar
     """Where least squares leads from x, and the evaluations used; of each rung the best three climb the next."""
     reached, used = [], 0
     for rows in ladder:
-        fit = least_squares_batch(rows, x, box, max_iterations=60, ftol=1e-6)
+        fit = descend(rows, x, box, _ITERATIONS, enough=_ENOUGH)
         used += fit.n_evaluations
         reached.append(fit.x)
         x = fit.x[np.argsort(objective(fit.x))[:3]]
     return np.concatenate(reached[::-1]), used
+
+
+def _fitted(rows: BatchResiduals, starts: Array) -> Descent:
+    """Least squares from all starts, each to its own optimum."""
+    box = np.tile([-Z_LIMIT, Z_LIMIT], (starts.shape[1], 1))
+    return descend(rows, starts, box, _ITERATIONS, enough=_ENOUGH, give_up=False)
 
 
 def joint_rows(problem: Problem, z: Array) -> Array:
@@ -205,25 +217,18 @@ def most_probable(problem: Problem, starts: Array) -> tuple[Array, Array, int]:
             z[:, free], z[:, noise] = x, value
             return problem.rows(z)
 
-        fit = least_squares_batch(
-            residuals, starts[rows][:, free], np.tile([-Z_LIMIT, Z_LIMIT], (len(free), 1)), max_iterations=60, ftol=1e-5
-        )
+        fit = _fitted(residuals, starts[rows][:, free])
         held[np.ix_(rows, free)] = fit.x
         used += fit.n_evaluations
     log_prob = problem.log_prob(held)
     order = np.argsort(-log_prob)
-    keep = _different(held[order], log_prob[order], tolerance=1.0)
-    fit = least_squares_batch(
-        lambda z: joint_rows(problem, z),
-        held[order][keep],
-        np.tile([-Z_LIMIT, Z_LIMIT], (problem.ndim, 1)),
-        max_iterations=60,
-        ftol=1e-7,
-    )
-    log_prob = problem.log_prob(fit.x)
+    keep = _different(held[order], log_prob[order], tolerance=0.3)
+    fit = _fitted(lambda z: joint_rows(problem, z), held[order][keep])
+    ended = fit.arrived | (np.arange(len(fit.x)) == fit.best)
+    found, log_prob = fit.x[ended], problem.log_prob(fit.x[ended])
     order = np.argsort(-log_prob)
-    order = order[_different(fit.x[order], log_prob[order], tolerance=0.3)]
-    return fit.x[order], log_prob[order], used + fit.n_evaluations
+    order = order[_different(found[order], log_prob[order], tolerance=0.3)]
+    return found[order], log_prob[order], used + fit.n_evaluations
 
 
 def _different(z: Array, log_prob: Array, tolerance: float, depth: float = 200.0) -> list[int]:
