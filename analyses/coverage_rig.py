@@ -4,8 +4,8 @@
 
 The rig shares no code with the model: its sliders differ from each other, its slip forces follow other laws, its
 normal force and contact stiffness have slightly other shapes, and its sensors are filtered and noisy. The truth of
-kp and k(1) is that of the specimen in series with its sound fixture, which no loop tells apart; that of the slip
-forces' mean and quartiles is the specimen's own; that of each test's dissipated energy comes from a run without noise
+kp, k(1) and the slip forces is that of the specimen in series with its sound fixture, which no loop tells apart; that
+of each test's dissipated energy comes from a run without noise
 and sensors. `exact` specimens are the paper's model itself at what such a specimen's loops are fitted by, with the
 measured noise drawn anew.
 
@@ -38,6 +38,7 @@ from bayes_iwan.inference.solving.chains import approximate_draws
 from bayes_iwan.inference.solving.point import near_optima
 from bayes_iwan.virtual_rig import cases as rig_cases
 from bayes_iwan.virtual_rig import simulate as rig
+from bayes_iwan.virtual_rig.specimen import Specimen
 from runs import each
 from sbc import found_point, short_posterior
 
@@ -49,6 +50,24 @@ NAMES = ("kp_N_mm", "k1_N_mm", "mean_slip_force_N", *(f"slip_force_q{q}_N" for q
 STRONG = 0.5
 
 
+def on_fixture(s: Specimen, compliance_mm_N: float) -> dict[str, float]:
+    """A specimen's stiffnesses (N/mm), and mean and quartiles of its slip forces (N), in series with a spring: they are
+    those of other elements beside another spring."""
+    order = np.argsort(s.slip_share_N / s.stiffness_share)
+    share, slip = s.stiffness_share[order], s.slip_share_N[order]
+    yields = slip / share / s.contact_N_mm
+    held = np.append(1.0, 1.0 - np.cumsum(share))  # before the first yields, and after each
+    force = s.parallel_N_mm * yields + np.cumsum(slip) + s.contact_N_mm * yields * held[1:]
+    tangent = s.parallel_N_mm + s.contact_N_mm * held
+    tangent /= 1.0 + compliance_mm_N * tangent
+    kp, k1 = float(tangent[-1]), float(tangent[0] - tangent[-1])
+    still = (tangent - kp) / k1
+    phi = k1 * (yields + compliance_mm_N * force)
+    slipped = 1.0 - 0.5 * (still[1:] + still[:-1])
+    truth = {"kp_N_mm": kp, "k1_N_mm": k1, "mean_slip_force_N": float(-np.diff(still) @ phi)}
+    return truth | {f"slip_force_q{q}_N": float(np.interp(q / 100, slipped, phi)) for q in QUARTILES}
+
+
 def simulated(seed: int, index: int) -> dict[str, Any]:
     """A sound case of the rig: its averaged loops as recorded, and the truths."""
     case = rig_cases.draw_case(np.random.default_rng([seed, index]), "none")
@@ -56,13 +75,7 @@ def simulated(seed: int, index: int) -> dict[str, Any]:
     at: dict[str, Any] = dict(setup=case.setup, seed=case.seed)
     loops = [in_band(average(r, **GRID)) for r in rig.records(rig.simulate_tests(case.specimen, tests, **at))]
     clean = [average(r, **GRID) for r in rig.records(rig.simulate_tests(case.specimen, tests, clean=True, **at))]
-    s, compliance = case.specimen, case.setup.fixture_compliance_mm_N
-    soft, stiff = (1.0 / (1.0 / k + compliance) for k in (s.parallel_N_mm, s.parallel_N_mm + s.contact_N_mm))
-    truth = {"kp_N_mm": soft, "k1_N_mm": stiff - soft, "mean_slip_force_N": float(s.slip_share_N.sum())}
-    slip = s.slip_share_N / s.stiffness_share
-    order = np.argsort(slip)
-    share = np.cumsum(s.stiffness_share[order]) - 0.5 * s.stiffness_share[order]
-    truth |= {f"slip_force_q{q}_N": float(np.interp(q / 100, share, slip[order])) for q in QUARTILES}
+    truth = on_fixture(case.specimen, case.setup.fixture_compliance_mm_N)
     truth |= {
         f"dissipated_energy_mJ[{x.file}]": float(loop_energy_mJ(c.displacement_mm, c.force_N))
         for x, c in zip(loops, clean)
