@@ -21,7 +21,7 @@ Fox, J. Comp. Graph. Stat. 14, 2005, 795). Nothing is approximated but the Jacob
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numba as nb
@@ -130,6 +130,20 @@ class Manifold:
             behind = error[active] > tolerance * _FALLS**remaining
             active = active[(error[active] > tolerance) & ~behind]
         return z, np.asarray(error <= tolerance)
+
+    def followed(self, start: Places, x: Array, parts: int) -> Array:
+        """z (n, ndim) at the end of straight ways of x (n, free), as seen from the one place `start`: in so many parts,
+        the Jacobian anew for each, which leads further than one; where the manifold turns over, the last place."""
+        at, left, z = start.some(np.zeros(len(x), np.int64)), np.arange(len(x)), np.repeat(start.z, len(x), axis=0)
+        first = start.seen(start.values)
+        for part in range(1, parts + 1):
+            found, met = self.reached(at, first + (x[left] - first) * (part / parts))
+            left, tangent, found = left[met], at.tangent[met], found[met]
+            z[left] = found
+            there = self.places(found)
+            turn = np.linalg.inv(tangent @ there.tangent.transpose(0, 2, 1))
+            at = replace(there, tangent=tangent, back=there.back @ turn)
+        return z
 
 
 class ManifoldMove(MetropolisMove):
