@@ -115,6 +115,26 @@ def test_without_the_determinant_it_is_not(monkeypatch):
     assert abs(wave_share()) > 0.05
 
 
+def test_a_way_along_the_sheet_is_followed_to_its_end_or_to_where_the_sheet_turns_over():
+    manifold = Manifold(target_of(bent, 2))
+    start = manifold.places(np.array([[0.3, 0.09]]))
+    x = np.repeat(start.seen(start.values), 33, axis=0)
+    x[:, 1] = np.linspace(-2.0, 6.0, 33)
+    z = manifold.followed(start, x, 8)
+    assert np.max(np.abs(z[:, 1] - z[:, 0] ** 2)) < 0.1
+    seen = manifold.target.values(z, manifold.free) @ start.tangent[0].T
+    met = np.max(np.abs(seen - x), axis=1) < 1e-3
+    z0 = np.linspace(-2.8, 2.8, 4001)[:, None]
+    least = np.min(manifold.target.values(np.hstack([z0, z0**2]), manifold.free) @ start.tangent[0, 1])
+    assert -0.7 < least < -0.5  # here the sheet turns over, as seen from the start
+    np.testing.assert_array_equal(met, x[:, 1] > least)
+    part = (start.seen(start.values)[0, 1] - x[~met, 1]) / 8.0
+    above = seen[~met, 1] - least
+    assert np.all(above > -1e-3) and np.all(above < 1.01 * part)
+    _, found = manifold.reached(start.some(np.zeros(33, np.int64)), x)
+    assert not found[-3:].any() and met[-3:].all()  # so far no single step leads
+
+
 def test_a_shell_in_twenty_dimensions():
     """|z|² = 16 to within 0.4, from one point of it: the radius by quadrature, every direction alike."""
     radius = np.linspace(3.0, 5.0, 4001)
