@@ -26,8 +26,9 @@ from bayes_iwan.sampling.nuisance import Nuisance
 from bayes_iwan.sampling.plan import Plan
 from bayes_iwan.sampling.run import sample
 
-#: parts of the way to a draw of the normal approximation: twice as many lead hardly further
-_PARTS = 4
+#: of the normal approximation: parts of the way to a draw (twice as many lead hardly further), and how often the noise
+#: is learnt from how many draws before
+_PARTS, _PASSES, _PILOT = 4, 3, 200
 
 
 @dataclass(frozen=True)
@@ -132,8 +133,19 @@ def approximate_draws(problem: Problem, optima: Array, count: int, seed: Sequenc
 
 
 def _about(problem: Problem, optimum: Array, count: int, random: np.random.RandomState) -> Array:
-    """z (count, ndim) about an optimum (ndim,)."""
+    """z (count, ndim) about an optimum (ndim,).
+
+    At the optimum the noise is less than it is on average, since the parameters take up some of it; so it is learnt
+    from draws first.
+    """
     target = least_squares_of(problem, optimum)
+    for _ in range(_PASSES):
+        target = target.fitted(_drawn(target, optimum, _PILOT, random))
+    return _drawn(target, optimum, count, random)
+
+
+def _drawn(target: LeastSquares, optimum: Array, count: int, random: np.random.RandomState) -> Array:
+    """z (count, ndim) at the ends of standard normal ways along the manifold."""
     manifold = Manifold(target)
     unit = random.standard_normal((count, len(manifold.free)))
     return target.integrated(manifold.followed(manifold.places(optimum[None]), unit, _PARTS), random).z
