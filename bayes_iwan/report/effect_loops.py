@@ -50,7 +50,7 @@ def _step(found: Diagnosis) -> int:
 
 
 def effect_viewer_data(found: Diagnosis) -> dict[str, Any]:
-    """What :func:`bayes_iwan.report.identification.viewer.add_viewer` needs of a diagnosis."""
+    """What the viewer (:mod:`bayes_iwan.report.identification.viewer`) needs of a diagnosis."""
     names, sets = effect_sets(found)
     problem = found.fit.problem
     springs = problem.model.spring_N_mm(problem.parameter_values(found.fit.z[None]))

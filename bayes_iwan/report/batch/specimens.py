@@ -106,6 +106,10 @@ class Batch:
         """A quantity as figures and tables name it."""
         return next(x.quantities[quantity].label for x in self.finished if quantity in x.quantities)
 
+    def quantities(self) -> list[str]:
+        """Names of everything that was identified of at least one specimen."""
+        return list(dict.fromkeys(q for x in self.finished for q in x.quantities))
+
     def outliers(self) -> dict[str, tuple[str, ...]]:
         """Quantities in which a specimen stands out from the others, by specimen, the most unusual first."""
         return {x.name: x.notable for x in self.unusual if x.notable}

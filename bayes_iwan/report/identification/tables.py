@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, fields, replace
@@ -180,8 +179,10 @@ def latex_table(posterior: Posterior) -> str:
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
-def write_tables(tables: Sequence[Table], posterior: Posterior, folder: str | os.PathLike[str]) -> list[Path]:
-    """The CSV files and parameters.tex in `folder`."""
-    out = [table.in_units(posterior.problem.units).write_csv(folder) for table in tables]
-    out.append(write_whole(Path(folder) / "parameters.tex", latex_table(posterior)))
-    return out
+def write_tables(posterior: Posterior, more: Sequence[Table], out: Path) -> None:
+    """The CSV files, `more` among them, and parameters.tex in out/tables."""
+    every = [parameters_table(posterior), paper_table(posterior), quantities_table(posterior), *more]
+    every += [held_out_table(posterior.held_out)] if posterior.held_out else []
+    for table in every:
+        table.in_units(posterior.problem.units).write_csv(out / "tables")
+    write_whole(out / "tables" / "parameters.tex", latex_table(posterior))

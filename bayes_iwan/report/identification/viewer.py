@@ -1,17 +1,14 @@
-"""The loop viewer: a small script in the page that draws one chosen test, and the data it draws from."""
+"""The data from which the loop viewer of a page draws one chosen test."""
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.predictive import Predictive, measured_cycles
-from bayes_iwan.report.page import Page, Section, asset, template
 
 DRAWS, CYCLES = 16, 8
 
@@ -27,7 +24,11 @@ def places(amplitude_mm: float, friction_N: float) -> tuple[int, int]:
 
 
 def viewer_data(p: Predictive) -> dict[str, Any]:
-    """What the viewer needs of each test, rounded to what a screen can show."""
+    """What the viewer needs of each test, rounded to what a screen can show.
+
+    Of the same form with "effects" (names) and in each test, in the place of model, draws and bands, "sets": the
+    predicted force for each set of effects, set i holding effect k where bit k of i is 1.
+    """
     tests = []
     for t, loop in enumerate(p.loops):
         far, near = places(loop.amplitude_mm, float(np.ptp(p.measured_N[t] - p.spring_N[t])))
@@ -58,16 +59,3 @@ def viewer_data(p: Predictive) -> dict[str, Any]:
         )
     units = p.loops[0].record.units
     return {"tests": tests, "displacement": units.displacement, "force": units.force}
-
-
-def add_viewer(page: Page, section: Section, data: dict[str, Any]) -> None:
-    """Put the viewer into a section of a page. One viewer a page.
-
-    data : of :func:`viewer_data`, or of the same form with "effects" (names) and in each test, in the place of model,
-    draws and bands, "sets": the predicted force for each set of effects, set i holding effect k where bit k of i is 1.
-    """
-    names = [page.units.said(test["name"]) for test in data["tests"]]
-    section.html(template("viewer.html", tests=names, effects=data.get("effects", ())))
-    page.styles.append(asset("uplot.min.css"))
-    page.script(Markup("/*\n") + asset("uplot-LICENSE.txt") + Markup("*/\n") + asset("uplot.min.js"))
-    page.script(asset("viewer.js"), "viewer-data", json.dumps(data, separators=(",", ":"), allow_nan=False))
