@@ -20,9 +20,8 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects import catalogue, conditions
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.card import Card
-from bayes_iwan.export.device import ExportError
+from bayes_iwan.export.device import ExportError, without_zero
 from bayes_iwan.export.laws import OF_THE_RIG
-from bayes_iwan.export.tested import without_zero
 from bayes_iwan.files import finite
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model, Motion, Scales

@@ -10,9 +10,8 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.c_code import filled, template
 from bayes_iwan.export.card import Card
-from bayes_iwan.export.device import Device, ExportError, elements
+from bayes_iwan.export.device import Device, ExportError, elements, steady_loops, without_zero
 from bayes_iwan.export.laws import LAWS
-from bayes_iwan.export.tested import steady_loops, without_zero
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import CORNER_NAME

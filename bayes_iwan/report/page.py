@@ -181,7 +181,7 @@ class Body:
         return self.html(template("table.html", columns=head, rows=rows, caption=caption, numeric=numeric, **shown))
 
     def viewer(self, data: Mapping[str, Any]) -> Body:
-        """The loop viewer, one a page; data : see :mod:`bayes_iwan.report.identification.viewer`."""
+        """The loop viewer, one a page; data : see :mod:`bayes_iwan.report.viewer`."""
         self.page.styles.append(asset("uplot.min.css"))
         self.page.script(Markup("/*\n") + asset("uplot-LICENSE.txt") + Markup("*/\n") + asset("uplot.min.js"))
         content = json.dumps(data, separators=(",", ":"), allow_nan=False)

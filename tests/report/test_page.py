@@ -132,8 +132,8 @@ def test_a_section_is_what_its_block_says_in_order():
     page = Page("mixed", units=Units("mm", "kPa"))
     page.add(Mixed(SimpleNamespace(name="<1>")))
     text = page.html().split("<main")[1]
-    places = [text.index(x) for x in ("first &lt;1&gt;", "<svg", "<p>3 kPa</p>", "<td", "<p>last</p>")]
-    assert places == sorted(places) and text.count("<figure>") == 1 and "&lt;0&gt;" in text
+    places = [text.index(x) for x in ("first &lt;1&gt;", "<svg", "<p>3 kPa</p>", "&lt;0&gt;", "<p>last</p>")]
+    assert places == sorted(places) and text.count("<figure>") == 1
     assert list(page.sections[0].figures) == ["f"]
     with pytest.raises(UndefinedError):
         page.add(Mixed(SimpleNamespace()))

@@ -98,15 +98,7 @@ class Where(DiagnosedSection):
         def size(gap: Gap) -> Row:
             return force(gap.rms_N), interval((gap.low_N, gap.high_N), force), percent(gap.share)
 
-        head = (
-            "test",
-            "frequency, Hz",
-            "amplitude, mm",
-            "gap (RMS)",
-            "90 % interval",
-            "share of friction",
-            "stands out",
-        )
+        head = ("test", "frequency, Hz", "amplitude, mm", "gap (RMS)", "90 % interval", "share of friction")
         stands_out = [x.significant or y.significant for x, y in zip(w.of("test"), w.of("trend"))]
         rows = [
             (file, f"{f:.3g}", f"{a:.3g}", *size(gap), _yes(out))
@@ -267,7 +259,7 @@ def write_diagnosis_page(
     """Write the page; whole or not at all.
 
     figures : by name; those missing are omitted; made : from what and when; viewer : of
-    :func:`bayes_iwan.report.effect_loops.effect_viewer_data`.
+    :func:`bayes_iwan.report.viewer.effect_viewer_data`.
     """
     page = Page(
         f"Diagnosis: {found.campaign.name}",

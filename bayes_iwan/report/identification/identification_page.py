@@ -21,11 +21,11 @@ from bayes_iwan.report.identification.compared_loops import compared_loops
 from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
 from bayes_iwan.report.identification.predictive import predict
 from bayes_iwan.report.identification.summary import Answer, Determined, Identified, IdentifiedSection
-from bayes_iwan.report.identification.viewer import viewer_data
 from bayes_iwan.report.identification.where_gap import DISAGREE, Finding, regions_finding
 from bayes_iwan.report.page import Page, provenance
 from bayes_iwan.report.rendering import shared
 from bayes_iwan.report.style import house_style
+from bayes_iwan.report.viewer import viewer_data
 
 _LIKELIHOOD = {
     "correlated": "a Gaussian likelihood of the loops' harmonics, with the measured noise and a smooth discrepancy "
