@@ -184,18 +184,11 @@ class Model(Simulator):
             tables, top = self.slip_family.table(some)
             for effect in effects:
                 tables = effect.slip_table(tables, top, some)
+            displacement_mm = np.ascontiguousarray(moved.displacement_mm)
             sliders.friction(
-                np.ascontiguousarray(moved.displacement_mm),
-                moved.slope_mm,
-                alpha,
-                k,
-                asymmetry,
-                moved.periodic,
-                tables,
-                top,
-                parallel[part],
+                displacement_mm, moved.slope_mm, alpha, k, asymmetry, moved.periodic, tables, top, parallel[part],
                 out[part],
-            )
+            )  # fmt: skip
 
         over_draws(some_draws, len(parallel), motion.loops * motion.samples)
         return out

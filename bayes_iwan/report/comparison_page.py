@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.families import Comparison
-from bayes_iwan.report.page import Cell, Page, Section, Table, provenance
+from bayes_iwan.report.page import Page, Section, Table, provenance
 from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, styled, subplots
 
 
@@ -72,27 +73,12 @@ def tests_figure(comparison: Comparison) -> Figure:
 
 def comparison_table(comparison: Comparison) -> Table:
     """The ranking for compare.csv."""
-    rows: list[dict[str, Cell]] = [
-        {
-            "rank": i,
-            "family": r.name,
-            "label": r.label,
-            "ranked_by": comparison.by,
-            "elpd": r.elpd,
-            "elpd_se": r.elpd_se,
-            "difference": r.difference,
-            "difference_se": r.difference_se,
-            "elpd_loo": r.loo,
-            "loo_pareto_k_holds": r.loo_holds,
-            "elpd_held_out_tests": r.held_out,
-            "residual_share": r.residual_share,
-            "parameters": r.parameters,
-            "seconds": r.seconds,
-            "converged": r.converged,
-        }
-        for i, r in enumerate(comparison.rows(), start=1)
-    ]
-    return Table("compare", "Model families ranked", tuple(rows[0]), tuple(tuple(row.values()) for row in rows))
+    columns = ("rank", "family", "label", "ranked_by", "elpd", "elpd_se", "difference", "difference_se", "elpd_loo",
+               "loo_pareto_k_holds", "elpd_held_out_tests", "residual_share", "parameters", "seconds",
+               "converged")  # fmt: skip
+    ranked = enumerate(comparison.rows(), start=1)
+    rows = tuple((i, r.name, r.label, comparison.by, *astuple(r)[2:]) for i, r in ranked)
+    return Table("compare", "Model families ranked", columns, rows)
 
 
 #: standard errors of a difference, and the difference itself, below which nothing is decided
