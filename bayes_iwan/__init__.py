@@ -10,8 +10,6 @@ In a notebook (each command line's answer is an object here):
     bi.plot.loops(posterior, width="column")                # figures; bi.demo() gives data to try all this on
 """
 
-from __future__ import annotations
-
 import difflib
 import importlib
 from typing import TYPE_CHECKING, Any

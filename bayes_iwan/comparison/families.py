@@ -1,7 +1,5 @@
 """Model families fitted to one campaign and ranked by how well they predict what they have not seen."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence

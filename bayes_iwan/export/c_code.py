@@ -1,7 +1,5 @@
 """One C99 file without dependencies: parameters, state and step of a device, written from its stages."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from functools import cache

@@ -1,7 +1,5 @@
 """The model card: what was identified, where it was tested, what is in it and what is not."""
 
-from __future__ import annotations
-
 import hashlib
 import textwrap
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The device as stages in time: what a problem with its effects, and some draws, become before a target is written."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from string import Template

@@ -1,7 +1,5 @@
 """The drake target: a LeafSystem in Python with discrete state."""
 
-from __future__ import annotations
-
 from bayes_iwan.export.c_code import template
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import Device

@@ -1,7 +1,5 @@
 """The fmu target: FMI 2.0 and 3.0 co-simulation, a binary for this machine and the sources inside."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os

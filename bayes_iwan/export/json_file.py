@@ -5,8 +5,6 @@ rebuilds the simulator), `effects` (class, name and what made it), `parameters` 
 `covariance` of the draws of the free parameters (`names` gives the order), in the units of each parameter.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """The mujoco target: a passive force by Python's callback, and the source of a plugin in C."""
 
-from __future__ import annotations
-
 import hashlib
 
 from bayes_iwan.export.c_code import c_source, filled, template

@@ -1,7 +1,5 @@
 """The opensees target: elastic-perfectly-plastic springs in parallel, where the model allows it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

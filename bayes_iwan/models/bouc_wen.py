@@ -11,8 +11,6 @@ their β₁ being taken up by Z (:meth:`GeneralizedBoucWen.published`). Wen's mo
 wherever a loop goes. Neither knows of speed or of a normal force: that is the point of comparing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ given normal force (its coefficient of friction) and leaves k alone. Every model
 :class:`Model` away.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ L(φ) = E[min(Φ, φ)] = ∫₀^φ S, with S the survival function, as cubics ov
 table of the unit gamma over (η^¼, x^¼), blended along η^¼, so no incomplete gamma function is evaluated per draw.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cache

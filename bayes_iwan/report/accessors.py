@@ -1,7 +1,5 @@
 """`posterior.plot`: plots as methods of a result, put there by the folder that draws, as xarray's accessors are."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable
 from functools import partial

@@ -1,7 +1,5 @@
 """The page and figures of a comparison of model families."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import astuple
 from pathlib import Path

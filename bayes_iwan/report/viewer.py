@@ -1,7 +1,5 @@
 """The data from which the loop viewer of a page draws one chosen test."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

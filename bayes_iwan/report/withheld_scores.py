@@ -1,7 +1,5 @@
 """A scored set of answers as files: table, JSON and figures."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """Random cases for the withheld protocol: specimen, rig, tests, faults and their laws all drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations

@@ -5,8 +5,6 @@ on all-pass, Bessel and Butterworth responses; EN 50160 on what mains voltages a
 A filter is a transfer function (numerator, denominator) in s, rad/s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -19,8 +19,6 @@ For drag and both hystereses the diagnosis has a pattern that names no cause
 others.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array

@@ -1,7 +1,5 @@
 """All faults of the virtual rig by name: the catalogue's, each by several laws, and some from outside it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any, TypeVar

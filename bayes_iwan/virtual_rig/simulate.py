@@ -6,8 +6,6 @@ individual Jenkins elements are integrated in time (`kernel`), under a shaker th
 from rest, and are seen through sensors of their own (`sensors`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """batch.html: many specimens on one page, their quantities, the population, causes, outliers, failures."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path

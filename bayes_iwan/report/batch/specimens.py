@@ -1,7 +1,5 @@
 """What a batch of specimens says together: populations, lots, who is unusual, values shrunk within lots."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """A diagnosis as files: `diagnosis.json`, `fits.json`, the page and the figures."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The page of a diagnosis: the answer first, then where, which, how far it shrinks, what moved, what is tied."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass

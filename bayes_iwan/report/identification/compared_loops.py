@@ -1,7 +1,5 @@
 """What an isolator's designer reads off a loop, measured beside predicted, test by test."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """report.html: what was identified, how well the model fits, and how reliable the fit is. Issue by issue of one run."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

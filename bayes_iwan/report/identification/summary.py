@@ -1,7 +1,5 @@
 """The head of an identification's page: the answer, how far to trust it, what is not known, and what symbols mean."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

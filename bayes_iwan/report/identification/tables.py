@@ -1,7 +1,5 @@
 """Tables: parameters, quantities, loops and convergence, as rows for a page, CSV files and a LaTeX table."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, fields, replace

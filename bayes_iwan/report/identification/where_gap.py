@@ -1,7 +1,5 @@
 """What a page's checks found, collected for its answer: a reader of the answer alone must not miss a failed check."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The page of `bayes-iwan inspect`: what a campaign shows before any model, and what that means for identification."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path
