@@ -4,7 +4,7 @@ from bayes_iwan.export.c_code import template
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import Device
 
-NAMES = ("isolator_drake.py",)
+NAMES: tuple[str, ...] = ("isolator_drake.py",)
 
 
 def files(device: Device, card: Card) -> tuple[dict[str, str | bytes], tuple[str, ...]]:

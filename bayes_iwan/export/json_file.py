@@ -25,7 +25,8 @@ from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model, Motion, Scales
 from bayes_iwan.models.simulator import recorded_force
 
-NAME, SCHEMA = "isolator.json", "bayes_iwan.export 1"
+NAME: str = "isolator.json"
+SCHEMA = "bayes_iwan.export 1"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ from bayes_iwan.export.c_code import c_source, filled, template
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import Device
 
-NAMES = ("isolator_mujoco.py", "isolator_plugin.c")
+NAMES: tuple[str, ...] = ("isolator_mujoco.py", "isolator_plugin.c")
 
 
 def files(device: Device, card: Card) -> tuple[dict[str, str | bytes], tuple[str, ...]]:

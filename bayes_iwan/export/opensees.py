@@ -15,7 +15,7 @@ from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import CORNER_NAME
 from bayes_iwan.models.simulator import recorded_force
 
-NAMES = ("isolator_opensees.py",)
+NAMES: tuple[str, ...] = ("isolator_opensees.py",)
 #: largest difference of the backbone over the mean slip force
 ERROR = 5e-5
 #: what the card says in the place of the step's
