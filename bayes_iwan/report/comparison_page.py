@@ -83,8 +83,7 @@ def comparison_table(comparison: Comparison) -> Table:
 DECIDES, LEAST = 2.0, 4.0
 
 
-class ComparisonSection(Section):
-    r: Comparison
+class ComparisonSection(Section[Comparison]):
     template = "comparison.html"
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -32,6 +32,7 @@ PIXELS = 112
 #: what every figure is written as beside the page
 FILES = ("png", "pdf")
 Text = TypeVar("Text", str, Markup)
+Results = TypeVar("Results")
 
 _ENVIRONMENT = Environment(
     loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True,
@@ -80,7 +81,7 @@ def anchor_of(heading: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-") or "section"
 
 
-class Section:
+class Section(Generic[Results]):
     """One section of a page: the results that it says, and the block of its class's name in its page's template.
 
     The block sees `r`, the results; `s`, this object, for what has to be worked out of them; and :class:`Body`'s
@@ -90,7 +91,7 @@ class Section:
     heading: str
     template: str
 
-    def __init__(self, r: Any) -> None:
+    def __init__(self, r: Results) -> None:
         self.r = r
 
 
@@ -104,7 +105,7 @@ class Body:
     body: list[Markup | Picture] = field(default_factory=list)
     figures: dict[str, Picture] = field(default_factory=dict)
 
-    def fill(self, section: Section) -> Body:
+    def fill(self, section: Section[Any]) -> Body:
         """What a section says: its block's words in the campaign's own units, and what they ask for between them."""
         asked: list[Markup | Picture] = []
 
@@ -223,7 +224,7 @@ class Page:
         self.data: list[tuple[str, Markup]] = []
         self.renderer = renderer or Renderer()
 
-    def add(self, *sections: Section) -> None:
+    def add(self, *sections: Section[Any]) -> None:
         """Sections at the end of the page."""
         for section in sections:
             self.section(section.heading).fill(section)

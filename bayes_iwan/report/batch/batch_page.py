@@ -25,8 +25,7 @@ NAMED = 40
 RANKED = 30
 
 
-class BatchSection(Section):
-    r: Batch
+class BatchSection(Section[Batch]):
     template = "batch.html"
 
 

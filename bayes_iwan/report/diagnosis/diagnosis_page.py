@@ -33,8 +33,7 @@ class Diagnosed:
     viewer: Mapping[str, Any] | None = None
 
 
-class DiagnosedSection(Section):
-    r: Diagnosed
+class DiagnosedSection(Section[Diagnosed]):
     template, words = "diagnosis.html", wording
 
 
@@ -117,10 +116,10 @@ class Where(DiagnosedSection):
         ]
 
 
-class GapFigures(DiagnosedSection):
+class GapFigures(Section[Any]):
     """The figures of `Where`, which are ordered before there is a diagnosis."""
 
-    heading = Where.heading
+    heading, template = Where.heading, Where.template
 
 
 class Which(DiagnosedSection):

@@ -15,7 +15,6 @@ from bayes_iwan.report.browser import print_pdf, require_browser
 from bayes_iwan.report.cite import SOFTWARE
 from bayes_iwan.report.identification import by_frequency, checks, law_figures, loops, sampling, tables, trends
 from bayes_iwan.report.identification.by_frequency import frequencies_table
-from bayes_iwan.report.identification.compared_loops import compared_loops
 from bayes_iwan.report.identification.marginals import number, paper_symbol, reported
 from bayes_iwan.report.identification.predictive import predict
 from bayes_iwan.report.identification.summary import Answer, Determined, Identified, IdentifiedSection
@@ -182,7 +181,7 @@ def identification_report(
         require_browser()
     alone = by_frequency or compare_frequencies(posterior, out)
     p = predict(posterior, n=400, seed=seed)
-    tests, regions = compared_loops(posterior, p), checks.region_checks(posterior, p)
+    tests, regions = tables.compared_loops(posterior, p), checks.region_checks(posterior, p)
     r = Identified(
         posterior=posterior, predictive=p, tests=tests, regions=regions, by_frequency=alone,
         convergence=tables.convergence_rows(posterior), folder=out,

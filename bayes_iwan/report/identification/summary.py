@@ -14,9 +14,9 @@ from bayes_iwan.models import Model
 from bayes_iwan.models.iwan_parameters import embedded_parameters
 from bayes_iwan.report.identification import marginals
 from bayes_iwan.report.identification.checks import RegionChecks
-from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
 from bayes_iwan.report.identification.marginals import OPEN, contraction, number, reported, symbol_of
 from bayes_iwan.report.identification.predictive import Predictive
+from bayes_iwan.report.identification.tables import Compared, LoopRow
 from bayes_iwan.report.identification.where_gap import findings, headline_figure
 from bayes_iwan.report.page import Section
 
@@ -58,8 +58,7 @@ class Identified:
         return self.posterior.loops[0].record.clock
 
 
-class IdentifiedSection(Section):
-    r: Identified
+class IdentifiedSection(Section[Identified]):
     template = "identification.html"
 
 

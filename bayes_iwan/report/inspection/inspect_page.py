@@ -65,10 +65,9 @@ def inspect_text(campaign: Campaign, tests: Sequence[Inspection]) -> str:
     return "\n".join(lines)
 
 
-class InspectionSection(Section):
+class InspectionSection(Section[tuple[Campaign, Sequence[Inspection]]]):
     """r : the campaign and its tests as they were inspected."""
 
-    r: tuple[Campaign, Sequence[Inspection]]
     template, draw, level = "inspect.html", figures, f"{100 * LEVEL:.0f} %"
 
     @property
