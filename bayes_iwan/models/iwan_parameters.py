@@ -40,10 +40,6 @@ def _lognormal(median: float, sd: float):
     return stats.lognorm(s=sd, scale=median)
 
 
-def _above_one(median_excess: float, sd: float):
-    return stats.lognorm(s=sd, loc=1.0, scale=median_excess)
-
-
 def _any_change():
     return stats.t(df=2, scale=NORMAL_FORCE_SCALE)
 
@@ -55,7 +51,8 @@ def _slip_parameters(family: slip_force.SlipForce, s: Scales) -> list[Parameter]
         n = family.components
         ratios = [
             Parameter(f"slip_ratio_{i + 1}{i}", f"m{i + 1}/m{i}", "-",
-                      f"mean slip force of component {i + 1} over that of component {i}", _above_one(1.5, 1.0))
+                      f"mean slip force of component {i + 1} over that of component {i}",
+                      stats.lognorm(s=1.0, loc=1.0, scale=1.5))
             for i in range(1, n)
         ]  # fmt: skip
         # the last component carries the upper end of the slip forces: where it may not end steeply, elements that never
