@@ -1,5 +1,7 @@
 """The base of every error that is the user's to fix, so that a defect of ours is never shown as one."""
 
+from __future__ import annotations
+
 
 class InputError(ValueError):
     """Something that the user gave cannot be used; one line that says what, where, and how to fix it.
