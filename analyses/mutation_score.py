@@ -3,10 +3,11 @@
     python analyses/mutation_score.py models --mutants 30 --seed 1 --out runs/mutants_models.json
 
 A mutant is the package with one operator, comparison, number or condition changed. Each runs in a copy of the
-repository against the tests of its folder, up to the first that fails; what takes ten times as long as the
-unchanged code is caught too (an endless loop). Texts, types, messages and defaults of the command line are not changed.
-Survivors are printed with their line, so that a test can be written for each. Numba's cache is emptied for files that
-compile, since it does not see changes of functions that another file calls.
+repository against those tests of its folder that run its line (one run of all of them says which), up to the first that
+fails; what takes ten times as long as the unchanged code is caught too (an endless loop). Compiled code, whose lines
+nobody counts, and what runs on import are tried against all tests of the folder. Texts, types, messages and defaults of
+the command line are not changed. Survivors are printed with their line, so that a test can be written for each.
+Numba's cache is emptied for files that compile, since it does not see changes of functions that another file calls.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from coverage import CoverageData
 
 ROOT = Path(__file__).parents[1]
 #: tests of a folder's own; a second set of others would catch more, and take longer
@@ -121,11 +123,12 @@ def _text(text: str, k: int) -> str:
     return ast.unparse(ast.fix_missing_locations(tree)) + "\n"
 
 
-def run_tests(copy_of: Path, tests: list[str], limit_s: float) -> tuple[bool, float]:
+def run_tests(copy_of: Path, tests: list[str], limit_s: float, *options: str) -> tuple[bool, float]:
     """Do the tests pass in a copy of the repository within so many seconds?"""
     started = time.perf_counter()
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *options, *tests]
     env = {**os.environ, "NUMBA_CACHE_DIR": str(copy_of / "numba"), "MPLBACKEND": "Agg"}
+    env |= {"COVERAGE_FILE": str(copy_of / "coverage")}
     try:
         done = subprocess.run(command, cwd=copy_of, env=env, capture_output=True, timeout=limit_s, check=False)
         passed = done.returncode == 0
@@ -134,13 +137,14 @@ def run_tests(copy_of: Path, tests: list[str], limit_s: float) -> tuple[bool, fl
     return passed, time.perf_counter() - started
 
 
-def near(path: Path, copied: Path, tests: list[str]) -> list[str]:
-    """The tests that name a file of the package by its module."""
-    module = ".".join(path.relative_to(copied).with_suffix("").parts)
-    package, _, stem = module.rpartition(".")
-    named = (module, f"from {package} import {stem}", f"test_{stem}")
-    files = [f for t in tests for f in ([copied / t] if t.endswith(".py") else sorted((copied / t).rglob("test_*.py")))]
-    return [str(f) for f in files if any(n in f"{f.stem}\n{f.read_text(encoding='utf-8')}" for n in named)]
+def tests_by_line(copied: Path) -> dict[Path, dict[int, set[str]]]:
+    """What :func:`run_tests` with coverage found: by file and line the tests that ran it; "" where it was imported."""
+    data = CoverageData(str(copied / "coverage"))
+    data.read()
+    return {
+        Path(f): {n: {c.partition("|")[0] for c in of} for n, of in data.contexts_by_lineno(f).items()}
+        for f in data.measured_files()
+    }
 
 
 def main() -> None:
@@ -150,9 +154,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--tests", nargs="+", help="files or folders of tests in the place of the folder's own")
     parser.add_argument("--files", nargs="+", help="mutate these files of the folder only (parts of their paths)")
-    parser.add_argument(
-        "--near", action="store_true", help="only those tests that name the file: a lower bound, sooner"
-    )
     parser.add_argument("--minutes", type=float, default=60.0, help="start no further mutant after so many")
     parser.add_argument("--out", type=Path, help="JSON with every mutant and what became of it")
     args = parser.parse_args()
@@ -166,9 +167,11 @@ def main() -> None:
         files = [f for f in files if not args.files or any(part in str(f) for part in args.files)]
         found = [(f, m, k) for f in files for m, k in mutants_of(f)]
         chosen = np.random.default_rng(args.seed).choice(len(found), min(args.mutants, len(found)), replace=False)
-        passed, usual_s = run_tests(copied, tests, 3600.0)
+        which = (f"--cov=bayes_iwan/{args.folder}", "--cov-context=test", "--cov-report=")
+        passed, usual_s = run_tests(copied, tests, 7200.0, *which)
         if not passed:
             sys.exit(f"the tests of {args.folder} fail on the unchanged code: {' '.join(tests)}")
+        ran = tests_by_line(copied)
         done: list[Mutant] = []
         until = time.monotonic() + 60.0 * args.minutes
         for i in chosen:
@@ -177,13 +180,13 @@ def main() -> None:
             path, mutant, k = found[int(i)]
             text = path.read_text(encoding="utf-8")
             path.write_text(_text(text, k), encoding="utf-8")
-            if "jit(" in text or "_jit" in text:
+            these = ran.get(path, {}).get(mutant.line, set())
+            if compiled := "jit(" in text or "_jit" in text:
                 shutil.rmtree(copied / "numba", ignore_errors=True)
-            first = near(path, copied, tests)
-            passed, seconds = run_tests(copied, first or tests, 10.0 * usual_s + 300.0)
-            if passed and first and not args.near:
-                passed, more = run_tests(copied, tests, 10.0 * usual_s + 300.0)
-                seconds += more
+            passed, seconds = True, 0.0  # no test runs the line
+            if compiled or these:
+                some = tests if compiled or "" in these else sorted(these)
+                passed, seconds = run_tests(copied, some, 10.0 * usual_s + 300.0)
             path.write_text(text, encoding="utf-8")
             where = str(path.relative_to(copied))
             done.append(

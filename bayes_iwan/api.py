@@ -14,7 +14,7 @@ from bayes_iwan.campaign.folders.check import Check as Check
 from bayes_iwan.campaign.folders.check import check as check
 from bayes_iwan.campaign.folders.folder import folder_of
 from bayes_iwan.executors import Workers, opened
-from bayes_iwan.export.accessors import register as register_export  # gives posteriors their export
+from bayes_iwan.export import export
 from bayes_iwan.files import clear, results_folder
 from bayes_iwan.former_names import refuse_former_options
 from bayes_iwan.inference.each_frequency import identify_frequencies
@@ -215,7 +215,7 @@ def diagnose(
     from bayes_iwan.diagnosis.diagnosis import diagnose_campaign
     from bayes_iwan.report.diagnosis.diagnosis_files import write_diagnosis
 
-    register_export(Diagnosis)
+    setattr(Diagnosis, "export", export)  # noqa: B010  (as posteriors have it)
     diagnosed = diagnose_campaign if out is None else partial(write_diagnosis, out=out, overwrite=overwrite)
     return diagnosed(
         campaign, config=config, seed=seed, quick=quick, base=base, effects=effects, simulator=simulator,

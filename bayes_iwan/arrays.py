@@ -1,7 +1,5 @@
 """The two array types that every folder speaks of, and how what holds arrays is shown on one screen."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass

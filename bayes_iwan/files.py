@@ -1,7 +1,5 @@
 """Files that are whole at every moment, in folders that belong to one run at a time."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -4,8 +4,6 @@ Readers of stored files map what they read here, once. What a user writes by han
 new name (:func:`renamed`).
 """
 
-from __future__ import annotations
-
 import functools
 import re
 from collections.abc import Callable, Mapping

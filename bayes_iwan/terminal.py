@@ -1,7 +1,5 @@
 """What goes to a terminal: text without the characters that would steer it, and one way to be stopped."""
 
-from __future__ import annotations
-
 import signal
 import unicodedata
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Draws shared out over threads, a few at a time."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections import deque

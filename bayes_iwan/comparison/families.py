@@ -1,7 +1,5 @@
 """Model families fitted to one campaign and ranked by how well they predict what they have not seen."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence
@@ -124,7 +122,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the ranking. difference : elpd − that of the best, with the standard error of the difference."""
+    """One line of the ranking, in the order of compare.csv.
+
+    difference : elpd − that of the best, with the standard error of the difference.
+    """
 
     name: str
     label: str
@@ -191,23 +192,11 @@ class Comparison:
         for e in self.entries:
             ranked = e.loo if self.by == "loo" or e.tests is None else e.tests
             difference, se = self.difference(e, best) if e is not best else (0.0, 0.0)
+            held_out = float("nan") if e.tests is None else e.tests.elpd
             out.append(
-                Row(
-                    e.family.name,
-                    e.family.label,
-                    ranked.elpd,
-                    ranked.se,
-                    difference,
-                    se,
-                    e.loo.elpd,
-                    e.loo.holds,
-                    float("nan") if e.tests is None else e.tests.elpd,
-                    e.residual_share,
-                    e.parameters,
-                    e.seconds,
-                    e.posterior.converged,
-                )
-            )
+                Row(e.family.name, e.family.label, ranked.elpd, ranked.se, difference, se, e.loo.elpd, e.loo.holds,
+                    held_out, e.residual_share, e.parameters, e.seconds, e.posterior.converged)
+            )  # fmt: skip
         return tuple(out)
 
     def answers(self) -> tuple[tuple[str, str], ...]:
@@ -223,12 +212,8 @@ class Comparison:
                     word = "No, on the contrary"
                 else:
                     word = "These tests do not tell"
-                out.append(
-                    (
-                        question,
-                        f"{word}: difference of expected log predictive density {d:+.1f} ± {se:.1f}".replace("-", "−"),
-                    )
-                )
+                said = f"{word}: difference of expected log predictive density {d:+.1f} ± {se:.1f}"
+                out.append((question, said.replace("-", "−")))
         return tuple(out)
 
 

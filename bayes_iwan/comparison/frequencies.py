@@ -6,8 +6,6 @@ quantity among the frequencies is compared with the spread that the measured loo
 Refits are one Gauss–Newton step from the joint optimum, for drawn and measured loops alike.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Leave-one-out predictive densities: by ArviZ for single data, by sequential importance sampling for whole tests."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ drawn under: the hierarchical posterior, without sampling again. Whether the dra
 Pareto's k and by how many of them are left.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ enough: what the spreads of all quantities have in common lends them degrees of 
 doi:10.2202/1544-6115.1027). What each setting finds is counted by analyses/unusual_specimens.py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

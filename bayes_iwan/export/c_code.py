@@ -1,7 +1,5 @@
 """One C99 file without dependencies: parameters, state and step of a device, written from its stages."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from functools import cache
@@ -17,7 +15,7 @@ TEMPLATES = Path(__file__).parent / "templates"
 #: steps within a step of the solver, and where friction follows the speed besides: so many keep the difference from the
 #: forward model below 0.1 % of the friction force at 20 steps a cycle (analyses/export_round_trip.py)
 SUBSTEPS, SUBSTEPS_OF_SPEED = 4, 8
-NAME = "isolator.c"
+NAME: str = "isolator.c"
 
 
 @cache

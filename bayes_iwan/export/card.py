@@ -1,7 +1,5 @@
 """The model card: what was identified, where it was tested, what is in it and what is not."""
 
-from __future__ import annotations
-
 import hashlib
 import textwrap
 from collections.abc import Sequence
@@ -15,8 +13,7 @@ from bayes_iwan import __version__
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, Loop
 from bayes_iwan.export.c_code import substeps
-from bayes_iwan.export.device import Device, effects_text
-from bayes_iwan.export.tested import fixed_amplitude
+from bayes_iwan.export.device import Device, effects_text, fixed_amplitude
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models.kernels.sliders import MAX_PIECES
 from bayes_iwan.models.motion import Y_FLOOR

@@ -1,9 +1,7 @@
 """The device as stages in time: what a problem with its effects, and some draws, become before a target is written."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from string import Template
 
 import numpy as np
@@ -13,9 +11,10 @@ from bayes_iwan.effects.base import Effect
 from bayes_iwan.errors import InputError
 from bayes_iwan.export.laws import CYCLE_STATES, LAWS, OF_THE_RIG, Law
 from bayes_iwan.inference.setup.problem import Problem
-from bayes_iwan.models import Model, embedded_error, normal_force, slip_force
+from bayes_iwan.models import Model, Motion, embedded_error, normal_force, slip_force
 from bayes_iwan.models.motion import Y_FLOOR
 from bayes_iwan.models.normal_force import ALPHA_FLOOR
+from bayes_iwan.models.simulator import FORCE_ZERO, recorded_force
 
 #: in the order of the step
 STAGES = ("before", "alpha", "stiffness", "slip", "asymmetry", "specimen", "force")
@@ -224,3 +223,28 @@ def rows_of(table: Array) -> Array:
 def effects_text(named: Mapping[str, str]) -> str:
     """Effects and their notes in one line."""
     return "; ".join(f"{n} ({note})" if note else n for n, note in named.items()) or "none"
+
+
+# ---- forces on the tested loops by the package's own forward model: what a model card says of a choice
+
+
+def steady_loops(problem: Problem, values: ParameterValues, motion: Motion) -> Array:
+    """Force (draws, loops, samples) of our own forward model, the rig's effects and the channel's zero omitted."""
+    effects = [e for e in problem.effects if not isinstance(e, OF_THE_RIG)]
+    return recorded_force(problem.model, effects, without_zero(values), motion)
+
+
+def without_zero(values: ParameterValues) -> ParameterValues:
+    """The values without the force channel's zero, which is no part of the device."""
+    return {n: x for n, x in values.items() if n != FORCE_ZERO}
+
+
+def fixed_amplitude(problem: Problem, values: ParameterValues, amplitude_mm: float) -> Array:
+    """(tests,) RMS over the RMS friction force by which the tested loops change where A of Eq. (11) stays at one value
+    instead of each test's own amplitude, the largest over the draws."""
+    motion = problem.motion
+    own = steady_loops(problem, values, motion)
+    fixed = steady_loops(problem, values, replace(motion, amplitude_mm=np.full(motion.loops, amplitude_mm)))
+    friction = problem.friction_force(values, motion)
+    change = np.sqrt(np.mean((fixed - own) ** 2, axis=2) / np.mean(friction**2, axis=2))
+    return np.asarray(change.max(axis=0))

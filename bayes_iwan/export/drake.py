@@ -1,12 +1,10 @@
 """The drake target: a LeafSystem in Python with discrete state."""
 
-from __future__ import annotations
-
 from bayes_iwan.export.c_code import template
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import Device
 
-NAMES = ("isolator_drake.py",)
+NAMES: tuple[str, ...] = ("isolator_drake.py",)
 
 
 def files(device: Device, card: Card) -> tuple[dict[str, str | bytes], tuple[str, ...]]:

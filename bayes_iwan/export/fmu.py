@@ -1,7 +1,5 @@
 """The fmu target: FMI 2.0 and 3.0 co-simulation, a binary for this machine and the sources inside."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os
@@ -18,7 +16,7 @@ from bayes_iwan.export.c_code import c_source, filled, template
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import Device, ExportError
 
-NAMES = ("isolator_fmi2.fmu", "isolator_fmi3.fmu")
+NAMES: tuple[str, ...] = ("isolator_fmi2.fmu", "isolator_fmi3.fmu")
 #: functions of the standards that a co-simulation without events, derivatives and states does not have
 FMI2_NOT_HERE = (
     "GetBoolean SetBoolean GetString SetString GetDirectionalDerivative SetRealInputDerivatives "

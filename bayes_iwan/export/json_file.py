@@ -5,8 +5,6 @@ rebuilds the simulator), `effects` (class, name and what made it), `parameters` 
 `covariance` of the draws of the free parameters (`names` gives the order), in the units of each parameter.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -20,15 +18,15 @@ from bayes_iwan.arrays import Array, ParameterValues
 from bayes_iwan.effects import catalogue, conditions
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.card import Card
-from bayes_iwan.export.device import ExportError
+from bayes_iwan.export.device import ExportError, without_zero
 from bayes_iwan.export.laws import OF_THE_RIG
-from bayes_iwan.export.tested import without_zero
 from bayes_iwan.files import finite
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model, Motion, Scales
 from bayes_iwan.models.simulator import recorded_force
 
-NAME, SCHEMA = "isolator.json", "bayes_iwan.export 1"
+NAME: str = "isolator.json"
+SCHEMA = "bayes_iwan.export 1"
 
 
 @dataclass(frozen=True, kw_only=True)

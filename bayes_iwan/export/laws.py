@@ -6,8 +6,6 @@ parameters `p->length_mm` and `p->speed_m_s` are the campaign's scales. Each law
 (:mod:`bayes_iwan.effects`), with what is a filter over a closed loop there as a state here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

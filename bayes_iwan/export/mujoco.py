@@ -1,14 +1,12 @@
 """The mujoco target: a passive force by Python's callback, and the source of a plugin in C."""
 
-from __future__ import annotations
-
 import hashlib
 
 from bayes_iwan.export.c_code import c_source, filled, template
 from bayes_iwan.export.card import Card
 from bayes_iwan.export.device import Device
 
-NAMES = ("isolator_mujoco.py", "isolator_plugin.c")
+NAMES: tuple[str, ...] = ("isolator_mujoco.py", "isolator_plugin.c")
 
 
 def files(device: Device, card: Card) -> tuple[dict[str, str | bytes], tuple[str, ...]]:

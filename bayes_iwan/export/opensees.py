@@ -1,7 +1,5 @@
 """The opensees target: elastic-perfectly-plastic springs in parallel, where the model allows it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,15 +8,14 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.effects.base import Effect
 from bayes_iwan.export.c_code import filled, template
 from bayes_iwan.export.card import Card
-from bayes_iwan.export.device import Device, ExportError, elements
+from bayes_iwan.export.device import Device, ExportError, elements, steady_loops, without_zero
 from bayes_iwan.export.laws import LAWS
-from bayes_iwan.export.tested import steady_loops, without_zero
 from bayes_iwan.inference.setup.problem import Problem
 from bayes_iwan.models import Model
 from bayes_iwan.models.embedded_error import CORNER_NAME
 from bayes_iwan.models.simulator import recorded_force
 
-NAMES = ("isolator_opensees.py",)
+NAMES: tuple[str, ...] = ("isolator_opensees.py",)
 #: largest difference of the backbone over the mean slip force
 ERROR = 5e-5
 #: what the card says in the place of the step's

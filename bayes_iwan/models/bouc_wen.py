@@ -11,8 +11,6 @@ their β₁ being taken up by Z (:meth:`GeneralizedBoucWen.published`). Wen's mo
 wherever a loop goes. Neither knows of speed or of a normal force: that is the point of comparing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -159,23 +157,13 @@ class _Hysteretic(Simulator):
         raise NotImplementedError
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        stiffness = stats.lognorm(s=1.0, scale=scales.stiff_N_mm)
+        force = stats.lognorm(s=0.8, scale=1.2 * scales.slip_N)
         return (
             parallel_spring(scales),
             force_zero(scales),
-            Parameter(
-                "bw_k_N_mm",
-                "k",
-                "N/mm",
-                "initial stiffness of the hysteretic part",
-                stats.lognorm(s=1.0, scale=scales.stiff_N_mm),
-            ),
-            Parameter(
-                "bw_force_N",
-                "Z",
-                "N",
-                "ultimate force of the hysteretic part",
-                stats.lognorm(s=0.8, scale=1.2 * scales.slip_N),
-            ),
+            Parameter("bw_k_N_mm", "k", "N/mm", "initial stiffness of the hysteretic part", stiffness),
+            Parameter("bw_force_N", "Z", "N", "ultimate force of the hysteretic part", force),
             Parameter("bw_n", "n", "-", "sharpness of the knee", stats.lognorm(s=0.7, scale=1.0), 0.1, 10.0),
         )
 
@@ -214,16 +202,8 @@ class GeneralizedBoucWen(_Hysteretic):
     name = "generalized_bouc_wen"
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        terms = (
-            Parameter(
-                f"bw_b{i}",
-                f"b{i}",
-                "-",
-                f"asymmetry term {i} of Song & Der Kiureghian over the first",
-                stats.norm(scale=0.4),
-            )
-            for i in range(2, 7)
-        )
+        what = "asymmetry term {} of Song & Der Kiureghian over the first"
+        terms = (Parameter(f"bw_b{i}", f"b{i}", "-", what.format(i), stats.norm(scale=0.4)) for i in range(2, 7))
         return (*super().parameters(scales), *terms)
 
     def shape(self, parameter_values: ParameterValues) -> Array:

@@ -9,8 +9,6 @@ An additive discrepancy cannot do that: added to the force, it explains a loop's
 force was off by as much.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

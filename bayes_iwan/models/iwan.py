@@ -8,8 +8,6 @@ given normal force (its coefficient of friction) and leaves k alone. Every model
 :class:`Model` away.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -184,18 +182,11 @@ class Model(Simulator):
             tables, top = self.slip_family.table(some)
             for effect in effects:
                 tables = effect.slip_table(tables, top, some)
+            displacement_mm = np.ascontiguousarray(moved.displacement_mm)
             sliders.friction(
-                np.ascontiguousarray(moved.displacement_mm),
-                moved.slope_mm,
-                alpha,
-                k,
-                asymmetry,
-                moved.periodic,
-                tables,
-                top,
-                parallel[part],
+                displacement_mm, moved.slope_mm, alpha, k, asymmetry, moved.periodic, tables, top, parallel[part],
                 out[part],
-            )
+            )  # fmt: skip
 
         over_draws(some_draws, len(parallel), motion.loops * motion.samples)
         return out

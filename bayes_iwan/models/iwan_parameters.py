@@ -40,69 +40,44 @@ def _lognormal(median: float, sd: float):
     return stats.lognorm(s=sd, scale=median)
 
 
-def _above_one(median_excess: float, sd: float):
-    return stats.lognorm(s=sd, loc=1.0, scale=median_excess)
-
-
 def _any_change():
     return stats.t(df=2, scale=NORMAL_FORCE_SCALE)
 
 
 def _slip_parameters(family: slip_force.SlipForce, s: Scales) -> list[Parameter]:
-    mean = Parameter(
-        "mean_slip_force_N", "E[φ]", "N", "mean slip force of the elements at rest", _lognormal(1.2 * s.slip_N, 0.8)
-    )
+    prior = _lognormal(1.2 * s.slip_N, 0.8)
+    mean = Parameter("mean_slip_force_N", "E[φ]", "N", "mean slip force of the elements at rest", prior)
     if isinstance(family, slip_force.Gammas):
         n = family.components
-        out = [mean]
-        out += [
-            Parameter(
-                f"slip_ratio_{i + 1}{i}",
-                f"m{i + 1}/m{i}",
-                "-",
-                f"mean slip force of component {i + 1} over that of component {i}",
-                _above_one(1.5, 1.0),
-            )
+        ratios = [
+            Parameter(f"slip_ratio_{i + 1}{i}", f"m{i + 1}/m{i}", "-",
+                      f"mean slip force of component {i + 1} over that of component {i}",
+                      stats.lognorm(s=1.0, loc=1.0, scale=1.5))
             for i in range(1, n)
-        ]
+        ]  # fmt: skip
         # the last component carries the upper end of the slip forces: where it may not end steeply, elements that never
         # slip take a part of kp (with η ≤ 16 kp was off by three times as much on the virtual rig, too small in
         # four of five specimens). Much narrower than a sixth of the mean (η = 40) a component is a single slider, which
         # follows the noise of one loop
-        out += [
+        shapes = [
             Parameter(f"eta{i}", f"η{i}", "-", f"gamma shape of component {i}", _lognormal(2.0, 0.9), 0.12, 40.0)
             for i in range(1, n + 1)
         ]
-        out += [
-            Parameter(
-                f"share_{i}",
-                f"w{i}",
-                "-",
-                f"weight of component {i} among the components from it on",
-                stats.beta(1, n - i) if n - i > 1 else stats.uniform(0, 1),
-            )
+        shares = [
+            Parameter(f"share_{i}", f"w{i}", "-", f"weight of component {i} among the components from it on",
+                      stats.beta(1, n - i) if n - i > 1 else stats.uniform(0, 1))
             for i in range(1, n)
-        ]
-        return out
+        ]  # fmt: skip
+        return [mean, *ratios, *shapes, *shares]
     if family.name == "uniform":
-        return [
-            mean,
-            Parameter(
-                "slip_width", "w", "-", "half width of the density over its mean", stats.uniform(0, 1), 1e-3, 1.0
-            ),
-        ]
+        what, prior = "half width of the density over its mean", stats.uniform(0, 1)
+        return [mean, Parameter("slip_width", "w", "-", what, prior, 1e-3, 1.0)]
     if family.name == "gaussian":
+        centre = stats.norm(loc=1.2 * s.slip_N, scale=1.5 * s.slip_N)
+        sd = _lognormal(0.6 * s.slip_N, 0.8)
         return [
-            Parameter(
-                "slip_centre_N",
-                "μ",
-                "N",
-                "centre of the uncut normal density",
-                stats.norm(loc=1.2 * s.slip_N, scale=1.5 * s.slip_N),
-            ),
-            Parameter(
-                "slip_sd_N", "σ", "N", "standard deviation of the uncut normal density", _lognormal(0.6 * s.slip_N, 0.8)
-            ),
+            Parameter("slip_centre_N", "μ", "N", "centre of the uncut normal density", centre),
+            Parameter("slip_sd_N", "σ", "N", "standard deviation of the uncut normal density", sd),
         ]
     return [
         Parameter("slip_max_N", "φmax", "N", "largest slip force", _lognormal(2.5 * s.slip_N, 0.8)),
@@ -119,40 +94,25 @@ def parallel_spring(scales: Scales) -> Parameter:
 
 def default_parameters(model: Model, scales: Scales) -> tuple[Parameter, ...]:
     """The sampled parameters of a base model with default priors (effects bring their own)."""
-    s = scales
+    contact = _lognormal(scales.stiff_N_mm, STIFFNESS_SD)
     out = [
-        parallel_spring(s),
-        force_zero(s),
-        Parameter(
-            "k1_N_mm", "k(1)", "N/mm", "stiffness of the elements at α = 1", _lognormal(s.stiff_N_mm, STIFFNESS_SD)
-        ),
+        parallel_spring(scales),
+        force_zero(scales),
+        Parameter("k1_N_mm", "k(1)", "N/mm", "stiffness of the elements at α = 1", contact),
     ]
     if model.stiffness == "saturating":
-        out.append(
-            Parameter(
-                "elasticity",
-                "ε",
-                "-",
-                "d ln k / d ln α at α = 1; 0: k constant, 1: k ∝ α",
-                stats.uniform(0, 1),
-                1e-4,
-                1.0 - 1e-4,
-            )
-        )
-    out += _slip_parameters(slip_force.FAMILIES[model.slip], s)
+        what, prior = "d ln k / d ln α at α = 1; 0: k constant, 1: k ∝ α", stats.uniform(0, 1)
+        out.append(Parameter("elasticity", "ε", "-", what, prior, 1e-4, 1.0 - 1e-4))
+    out += _slip_parameters(slip_force.FAMILIES[model.slip], scales)
+    slope, rate = (f"relative change of the normal force with {x}" for x in ("displacement", "speed"))
+    known = (
+        Parameter("beta", "β", "-", "exponent of the Hunt–Crossley normal force", EXPONENT_PRIOR, 0.004, 5.0),
+        Parameter("normal_force_slope", "k̃ₙβℓ^β", "-", slope, _any_change()),
+        Parameter("normal_force_rate", "λk̃ₙℓ^βv", "-", rate, _any_change()),
+    )
     for name in model.normal_force_law.names:
-        if name == "beta":
-            out.append(
-                Parameter("beta", "β", "-", "exponent of the Hunt–Crossley normal force", EXPONENT_PRIOR, 0.004, 5.0)
-            )
-        elif name == "normal_force_slope":
-            out.append(
-                Parameter(name, "k̃ₙβℓ^β", "-", "relative change of the normal force with displacement", _any_change())
-            )
-        elif name == "normal_force_rate":
-            out.append(Parameter(name, "λk̃ₙℓ^βv", "-", "relative change of the normal force with speed", _any_change()))
-        else:
-            out.append(Parameter(name, name, "-", f"coefficient of (u/ℓ)^{name[1:]} in α", _any_change()))
+        term = Parameter(name, name, "-", f"coefficient of (u/ℓ)^{name[1:]} in α", _any_change())
+        out.append(next((p for p in known if p.name == name), term))
     return (*out, *embedded_parameters()) if model.embedded else tuple(out)
 
 
@@ -162,14 +122,11 @@ def embedded_parameters() -> tuple[Parameter, ...]:
         Parameter(name, f"c{k}", "-", f"deviation {k} of the slip forces' density", stats.norm(scale=SLIP_SD / k))
         for k, name in enumerate(embedded_error.SLIP_NAMES, start=1)
     )
+    exponent, corner = stats.norm(scale=EXPONENT_SD), stats.norm(scale=CORNER_SD)
     return (
         *slip,
-        Parameter(
-            embedded_error.STIFFNESS_NAME, "q", "-", "exponent of α that multiplies k(α)", stats.norm(scale=EXPONENT_SD)
-        ),
-        Parameter(
-            embedded_error.CORNER_NAME, "c0", "-", "deviation of α at its corner, u = A", stats.norm(scale=CORNER_SD)
-        ),
+        Parameter(embedded_error.STIFFNESS_NAME, "q", "-", "exponent of α that multiplies k(α)", exponent),
+        Parameter(embedded_error.CORNER_NAME, "c0", "-", "deviation of α at its corner, u = A", corner),
     )
 
 

@@ -1,7 +1,5 @@
 """The relative normal force α(u, u̇), by law; α = 1 at rest in mid-stroke."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Protocol

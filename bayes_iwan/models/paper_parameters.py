@@ -1,7 +1,5 @@
 """Table 1 of Rajaei, Ahmadian and Tavakoli: the parameter values of their rope spring."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array

@@ -5,8 +5,6 @@ function cut to the parameter's bounds. So whatever the prior, z is unbounded an
 z is the scaled logarithm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

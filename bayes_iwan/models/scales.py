@@ -1,7 +1,5 @@
 """A campaign's own orders of magnitude, which make parameters dimensionless and priors weakly informative."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from bayes_iwan.arrays import brief

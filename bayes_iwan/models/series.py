@@ -10,8 +10,6 @@ Aktuarietidskrift 20, 1937, 150). The sliders need only the survival function, w
 same G for all φ, so no quantile is ever inverted.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

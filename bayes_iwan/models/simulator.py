@@ -7,8 +7,6 @@ A simulator is whatever has parameters for given scales and turns parameter valu
 sit at the bracketed stages; the outer ones apply to any simulator, the inner ones to those that offer them.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass

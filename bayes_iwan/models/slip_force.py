@@ -6,8 +6,6 @@ L(φ) = E[min(Φ, φ)] = ∫₀^φ S, with S the survival function, as cubics ov
 table of the unit gamma over (η^¼, x^¼), blended along η^¼, so no incomplete gamma function is evaluated per draw.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cache
@@ -206,22 +204,9 @@ class Gammas:
         limited, survival = np.empty(len(nodes.at)), np.empty(len(nodes.at))
         top, out = np.empty(len(t)), np.empty((len(t), len(nodes.width), 4))
         _gamma_tables(
-            t,
-            eta,
-            g,
-            _unit_gamma(),
-            _ROW_AT[0],
-            _ROW_AT[1] - _ROW_AT[0],
-            _COLUMN_STEP,
-            _REACH,
-            nodes.root,
-            nodes.inverse,
-            nodes.width,
-            limited,
-            survival,
-            top,
-            out,
-        )
+            t, eta, g, _unit_gamma(), _ROW_AT[0], _ROW_AT[1] - _ROW_AT[0], _COLUMN_STEP, _REACH, nodes.root,
+            nodes.inverse, nodes.width, limited, survival, top, out,
+        )  # fmt: skip
         return out, top
 
     def survival(self, phi: Array, parameter_values: ParameterValues) -> Array:

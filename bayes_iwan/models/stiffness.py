@@ -1,7 +1,5 @@
 """The elements' stiffness as a function of the normal force."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """A page as PDF, printed by a browser that the machine has: the same words, tables and figures, page by page."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

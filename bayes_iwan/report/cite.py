@@ -1,7 +1,5 @@
 """How to cite the package and what it is built on."""
 
-from __future__ import annotations
-
 from bayes_iwan import __version__
 from bayes_iwan.arrays import wrapped
 

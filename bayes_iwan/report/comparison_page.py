@@ -1,15 +1,14 @@
 """The page and figures of a comparison of model families."""
 
-from __future__ import annotations
-
 import os
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_iwan.comparison.families import Comparison
-from bayes_iwan.report.page import Cell, Page, Section, Table, provenance
+from bayes_iwan.report.page import Page, Section, Table, provenance
 from bayes_iwan.report.style import BLUE, ORANGE, house_style, numbered_cells, styled, subplots
 
 
@@ -72,111 +71,58 @@ def tests_figure(comparison: Comparison) -> Figure:
 
 def comparison_table(comparison: Comparison) -> Table:
     """The ranking for compare.csv."""
-    rows: list[dict[str, Cell]] = [
-        {
-            "rank": i,
-            "family": r.name,
-            "label": r.label,
-            "ranked_by": comparison.by,
-            "elpd": r.elpd,
-            "elpd_se": r.elpd_se,
-            "difference": r.difference,
-            "difference_se": r.difference_se,
-            "elpd_loo": r.loo,
-            "loo_pareto_k_holds": r.loo_holds,
-            "elpd_held_out_tests": r.held_out,
-            "residual_share": r.residual_share,
-            "parameters": r.parameters,
-            "seconds": r.seconds,
-            "converged": r.converged,
-        }
-        for i, r in enumerate(comparison.rows(), start=1)
-    ]
-    return Table("compare", "Model families ranked", tuple(rows[0]), tuple(tuple(row.values()) for row in rows))
+    columns = ("rank", "family", "label", "ranked_by", "elpd", "elpd_se", "difference", "difference_se", "elpd_loo",
+               "loo_pareto_k_holds", "elpd_held_out_tests", "residual_share", "parameters", "seconds",
+               "converged")  # fmt: skip
+    ranked = enumerate(comparison.rows(), start=1)
+    rows = tuple((i, r.name, r.label, comparison.by, *astuple(r)[2:]) for i, r in ranked)
+    return Table("compare", "Model families ranked", columns, rows)
 
 
 #: standard errors of a difference, and the difference itself, below which nothing is decided
 DECIDES, LEAST = 2.0, 4.0
-_WORDS = (
-    ("density", "expected log predictive density: how probable data that were held out are to the fitted family, in "
-     "nats (natural logarithm); larger is better", ""),
-    ("SE", "standard error", ""),
-    ("LOO", "leave-one-out: a single datum held out at a time", ""),
-    ("k", "Pareto shape of the weights behind LOO; above 0.7 it is not to be trusted", ""),
-    ("residual", "measured − predicted force, RMS, as a share of the RMS friction force", "%"),
-)  # fmt: skip
 
 
-def _answer(section: Section, comparison: Comparison) -> None:
+class ComparisonSection(Section[Comparison]):
+    template = "comparison.html"
+
+
+class Answer(ComparisonSection):
     """Which family predicts best, which are tied with it, and what the words mean."""
-    rows = comparison.rows()
-    best, *others = rows
-    tied = [r.label for r in others if abs(r.difference) < max(DECIDES * r.difference_se, LEAST)]
-    said = f"{best.label} predicts best and misses {100 * best.residual_share:.2g} % of the friction force."
-    if tied:
-        said += f" Tied with it on these tests: {', '.join(tied)}."
-    elif others:
-        said += f" Every other one predicts worse, the next ({others[0].label}) by {-others[0].difference:.0f} nats."
-    found = [(said, True, "")]
-    if short := [r.label for r in rows if not r.converged]:
-        found.append((f"Not converged, so that their density is some nats off: {', '.join(short)}.", False, ""))
-    section.status(found)
-    section.figure(
-        ranking_figure(comparison),
-        "Left: difference from the best family (more negative: predicts worse). "
-        "Right: what the median prediction misses.",
-        "Ranking of families with standard errors, and bars of residual share.",
-        name="ranking",
-    )
-    section.symbols(_WORDS)
+
+    heading = "Answer"
+
+    @property
+    def found(self) -> list[tuple[str, bool, str]]:
+        rows = self.r.rows()
+        best, *others = rows
+        tied = [r.label for r in others if abs(r.difference) < max(DECIDES * r.difference_se, LEAST)]
+        said = f"{best.label} predicts best and misses {100 * best.residual_share:.2g} % of the friction force."
+        if tied:
+            said += f" Tied with it on these tests: {', '.join(tied)}."
+        elif others:
+            worse = -others[0].difference
+            said += f" Every other one predicts worse, the next ({others[0].label}) by {worse:.0f} nats."
+        found = [(said, True, "")]
+        if short := [r.label for r in rows if not r.converged]:
+            found.append((f"Not converged, so that their density is some nats off: {', '.join(short)}.", False, ""))
+        return found
+
+    def ranking(self) -> Figure:
+        return ranking_figure(self.r)
 
 
-@house_style()
-def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -> Path:
-    """Write compare.html and compare.csv into out_dir; returns the page's path."""
-    out = Path(out_dir)
-    comparison_table(comparison).write_csv(out)
-    first = comparison.entries[0].posterior
-    page = Page(
-        f"Model families compared: {comparison.campaign or 'loops'}",
-        f"{len(comparison.entries)} families, ranked by expected log predictive density",
-        "The numbers of this page are in compare.csv.",
-        first.problem.units,
-        provenance(first.campaign, first.seed),
-    )
-    _answer(page.section("Answer"), comparison)
-    rows = comparison.rows()
-    section = page.section("Ranking")
-    how = (
-        "one datum at a time held out (ArviZ PSIS-LOO; its Pareto k hold for every family)"
-        if comparison.by == "loo"
-        else "whole tests held out, parameters learnt from the others alone (the Pareto k of leaving out single "
-        "data do not hold for every family, or tests were asked for)"
-    )
-    section.text(
-        f"Ranked by {how}. Differences are from the best family, with the standard error of the difference; "
-        "less than two standard errors, or less than 4, decides nothing."
-    )
+class Ranking(ComparisonSection):
+    heading = "Ranking"
 
-    def signed(x: float) -> str:
-        return "–" if not np.isfinite(x) else f"{x:+.1f}".replace("-", "−")
+    def rows(self) -> list[tuple[object, ...]]:
+        def signed(x: float) -> str:
+            return "–" if not np.isfinite(x) else f"{x:+.1f}".replace("-", "−")
 
-    section.table(
-        (
-            "family",
-            "difference",
-            "± SE",
-            "LOO by datum",
-            "held-out tests",
-            "residual / friction",
-            "parameters",
-            "time (s)",
-            "sampling",
-        ),
-        [
+        return [
             (
                 r.label,
-                *((signed(r.difference), f"{r.difference_se:.1f}") if r is not rows[0] else ("0", "–")),
+                *((signed(r.difference), f"{r.difference_se:.1f}") if i else ("0", "–")),
                 signed(r.loo) + ("" if r.loo_holds else " (k too high)"),
                 signed(r.held_out),
                 f"{100 * r.residual_share:.2g} %",
@@ -184,32 +130,36 @@ def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -
                 f"{r.seconds:.0f}",
                 "converged" if r.converged else "short",
             )
-            for r in rows
-        ],
-        "Expected log predictive density, both ways",
+            for i, r in enumerate(self.r.rows())
+        ]
+
+
+class Reasoning(ComparisonSection):
+    heading = "The paper's reasoning"
+
+
+class WhereFamiliesLose(ComparisonSection):
+    heading = "Where families gain and lose"
+
+    def tests(self) -> Figure:
+        return tests_figure(self.r)
+
+
+@house_style()
+def comparison_report(comparison: Comparison, out_dir: str | os.PathLike[str]) -> Path:
+    """Write compare.html and compare.csv into out_dir; returns the page's path."""
+    out, first = Path(out_dir), comparison.entries[0]
+    comparison_table(comparison).write_csv(out)
+    page = Page(
+        f"Model families compared: {comparison.campaign or 'loops'}",
+        f"{len(comparison.entries)} families, ranked by expected log predictive density",
+        "The numbers of this page are in compare.csv.",
+        first.posterior.problem.units,
+        provenance(first.posterior.campaign, first.posterior.seed),
     )
-    if not all(r.converged for r in rows):
-        section.note(
-            'Where sampling is "short", the run ended before its targets; the density\'s own error is then '
-            "some units larger than the standard error says."
-        )
-    section.text(
-        "Density and residual need not rank alike. Each family carries a smooth discrepancy of its own size and "
-        "length, learnt from the tests: one that is large but smooth and alike in all tests costs less "
-        "than a smaller one with sharp features."
-    )
-    answers = comparison.answers()
-    if answers:
-        page.section("The paper's reasoning").table(
-            ("question", "answer"), answers, "What the paper argues by eye, by evidence"
-        )
-    if comparison.entries[0].tests is not None and len(comparison.entries) > 1:
-        section = page.section("Where families gain and lose")
-        section.figure(
-            tests_figure(comparison),
-            "Log predictive density of each test when it is held out, less that "
-            "of the best family. Orange: worse, violet: better.",
-            "Families by tests, differences as numbers.",
-            name="tests",
-        )
+    page.add(Answer(comparison), Ranking(comparison))
+    if comparison.answers():
+        page.add(Reasoning(comparison))
+    if first.tests is not None and len(comparison.entries) > 1:
+        page.add(WhereFamiliesLose(comparison))
     return page.write(out / "compare.html")

@@ -6,16 +6,17 @@ import base64
 import csv
 import hashlib
 import io
+import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
@@ -30,10 +31,13 @@ from bayes_iwan.report.style import relabel
 PIXELS = 112
 #: what every figure is written as beside the page
 FILES = ("png", "pdf")
+Text = TypeVar("Text", str, Markup)
+Results = TypeVar("Results")
 
 _ENVIRONMENT = Environment(
-    loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-)
+    loader=PackageLoader("bayes_iwan.report", "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True,
+    undefined=StrictUndefined,
+)  # fmt: skip
 
 
 def template(name: str, **values: Any) -> Markup:
@@ -77,76 +81,82 @@ def anchor_of(heading: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-") or "section"
 
 
-@dataclass
-class Section:
-    """A heading and what stands below it, in order. Text is escaped; pass Markup for HTML."""
+class Section(Generic[Results]):
+    """One section of a page: the results that it says, and the block of its class's name in its page's template.
 
+    The block sees `r`, the results; `s`, this object, for what has to be worked out of them; and :class:`Body`'s
+    methods figure, table, status, symbols and viewer.
+    """
+
+    heading: str
+    template: str
+
+    def __init__(self, r: Results) -> None:
+        self.r = r
+
+
+@dataclass
+class Body:
+    """What stands below a heading of a page, in order. Text is escaped; pass Markup for HTML."""
+
+    page: Page
     heading: str
     anchor: str
     body: list[Markup | Picture] = field(default_factory=list)
     figures: dict[str, Picture] = field(default_factory=dict)
-    units: Units = field(default_factory=Units)
-    renderer: Renderer = field(default_factory=Renderer)
 
-    def _said(self, text: str | Markup) -> str | Markup:
-        """A text written for N and mm in the campaign's own units."""
-        own = self.units.said(str(text))
-        return Markup(own) if isinstance(text, Markup) else own
+    def fill(self, section: Section[Any]) -> Body:
+        """What a section says: its block's words in the campaign's own units, and what they ask for between them."""
+        asked: list[Markup | Picture] = []
 
-    def text(self, *paragraphs: str | Markup) -> Section:
-        self.body += [Markup(f"<p>{escape(self._said(p))}</p>") for p in paragraphs]
+        def between(make: Callable[..., Body]) -> Callable[..., Markup]:
+            def call(*args: Any, **kwargs: Any) -> Markup:
+                make(*args, **kwargs)
+                asked.append(self.body.pop())
+                return Markup(f"<{len(asked) - 1}>")  # no text of a file can look so: all of them are escaped
+
+            return call
+
+        methods = {m.__name__: between(m) for m in (self.figure, self.table, self.status, self.symbols, self.viewer)}
+        whole = _ENVIRONMENT.get_template(section.template)
+        said = whole.blocks[type(section).__name__](whole.new_context({"r": section.r, "s": section, **methods}))
+        pieces = re.split(r"<(\d+)>", "".join(said))
+        self.body += [asked[int(x)] if i % 2 else self._said(Markup(x)) for i, x in enumerate(pieces)]
         return self
 
-    def note(self, text: str | Markup, kind: str = "note") -> Section:
-        """A paragraph that stands out; kind is "note", "good" or "warning"."""
-        self.body.append(Markup(f'<p class="{escape(kind)}">{escape(self._said(text))}</p>'))
-        return self
+    def _said(self, text: Text) -> Text:
+        """A text, or Markup, written for N and mm in the campaign's own units."""
+        return type(text)(self.page.units.said(text))
 
-    def status(self, found: Sequence[tuple[str, bool, str]]) -> Section:
-        """The checks behind an answer, (what it says, whether all is well, heading of the section that shows it or "")
-        each: one box in amber if any is not well, green only when all are."""
-        well = all(good for _, good, _ in found)
-        items = Markup("").join(
-            Markup("<li>{}{}{}</li>").format(
-                "" if good or well else Markup("<strong>Check: </strong>"),
-                self.units.said(text),
-                Markup(' <a href="#{}">{}</a>').format(anchor_of(heading), heading) if heading else "",
-            )
-            for text, good, heading in sorted(found, key=lambda x: x[1])
-        )
-        self.body.append(Markup('<ul class="{}">{}</ul>').format("good" if well else "warning", items))
-        return self
-
-    def heading_below(self, text: str) -> Section:
-        self.body.append(Markup(f"<h3>{escape(text)}</h3>"))
-        return self
-
-    def bullets(self, texts: Sequence[str | Markup]) -> Section:
-        """A list of sentences, a line each."""
-        items = Markup("").join(Markup("<li>{}</li>").format(self._said(x)) for x in texts)
-        return self.html(Markup("<ul>{}</ul>").format(items))
-
-    def html(self, markup: Markup) -> Section:
+    def html(self, markup: Markup) -> Body:
         self.body.append(markup)
         return self
 
-    def symbols(self, rows: Sequence[tuple[str, str, str]]) -> Section:
+    def status(self, found: Sequence[tuple[str, bool, str]]) -> Body:
+        """The checks behind an answer, (what it says, whether all is well, heading of the section that shows it or "")
+        each: one box in amber if any is not well, green only when all are."""
+        rows = [(self._said(text), good, heading, anchor_of(heading)) for text, good, heading in found]
+        return self.html(template("status.html", rows=sorted(rows, key=lambda x: x[1]), well=all(x[1] for x in rows)))
+
+    def symbols(self, rows: Sequence[tuple[str, str, str]]) -> Body:
         """A legend of symbols, (symbol, what it is, unit) each, to stand before what first uses them."""
         said = [(a, self._said(b), "" if c in ("", "-", "–") else self._said(c)) for a, b, c in rows]
-        self.body.append(template("symbols.html", rows=said))
-        return self
+        return self.html(template("symbols.html", rows=said))
 
-    def figure(self, figure: Figure, caption: str, alt: str, png: bool = False, name: str | None = None) -> Section:
-        """A matplotlib figure, as inline SVG or (png) an embedded picture, and as files when the page is written.
+    def figure(self, figure: Figure | None, caption: str, alt: str, png: bool = False, name: str | None = None) -> Body:
+        """A matplotlib figure, as inline SVG or (png) an embedded picture, and as files when the page is written; None
+        shows nothing.
 
         alt says what a reader would see in it; name is that of the files (default: the section's and a number). The
         figure is not to be changed afterwards.
         """
-        caption, alt = self.units.said(caption), self.units.said(alt)
-        relabel(figure, self.units)
+        if figure is None:
+            return self.html(Markup())
+        relabel(figure, self.page.units)
         number = f"{self.anchor}-f{len(self.figures) + 1}"
-        picture = Picture(figure, caption, name or number, Order(number, alt, png, FILES), self.renderer)
-        self.renderer.order(picture.order, figure)
+        order, renderer = Order(number, self._said(alt), png, FILES), self.page.renderer
+        picture = Picture(figure, self._said(caption), name or number, order, renderer)
+        renderer.order(order, figure)
         self.figures[picture.name] = picture
         self.body.append(picture)
         return self
@@ -159,28 +169,26 @@ class Section:
         row_heads: bool = True,
         fold: bool = False,
         sortable: bool = False,
-    ) -> Section:
+    ) -> Body:
         """A table; the first column heads its row.
 
         fold : closed until the reader opens it. sortable : a click on a column's name sorts by it, where the page has
         the script for it (:meth:`Page.sorting`).
         """
-        columns, caption = self.units.everywhere(list(columns)), self.units.said(caption)
         rows = [[self._said(cell) if isinstance(cell, str) else cell for cell in row] for row in rows]
         numeric = [bool(rows) and all(_numeric(row[i]) for row in rows) for i in range(len(columns))]
-        self.body.append(
-            template(
-                "table.html",
-                columns=list(zip(columns, numeric)),
-                rows=rows,
-                caption=caption,
-                row_heads=row_heads,
-                fold=fold,
-                numeric=numeric,
-                sortable=sortable,
-            )
-        )
-        return self
+        head, caption = list(zip(map(self._said, columns), numeric)), self._said(caption)
+        shown = {"row_heads": row_heads, "fold": fold, "sortable": sortable}
+        return self.html(template("table.html", columns=head, rows=rows, caption=caption, numeric=numeric, **shown))
+
+    def viewer(self, data: Mapping[str, Any]) -> Body:
+        """The loop viewer, one a page; data : see :mod:`bayes_iwan.report.viewer`."""
+        self.page.styles.append(asset("uplot.min.css"))
+        self.page.script(Markup("/*\n") + asset("uplot-LICENSE.txt") + Markup("*/\n") + asset("uplot.min.js"))
+        content = json.dumps(data, separators=(",", ":"), allow_nan=False)
+        self.page.script(asset("viewer.js"), "viewer-data", content)
+        names = [self._said(test["name"]) for test in data["tests"]]
+        return self.html(template("viewer.html", tests=names, effects=data.get("effects", ())))
 
 
 def _numeric(cell: object) -> bool:
@@ -210,18 +218,22 @@ class Page:
         self.units = units or Units()
         self.title, self.footer, self.made = title, self.units.said(footer), made
         self.subtitle = self.units.said(subtitle)
-        self.sections: list[Section] = []
+        self.sections: list[Body] = []
         self.scripts: list[Markup] = []
         self.styles: list[Markup] = []
         self.data: list[tuple[str, Markup]] = []
         self.renderer = renderer or Renderer()
 
-    def section(self, heading: str) -> Section:
-        """A new section at the end of the page."""
+    def add(self, *sections: Section[Any]) -> None:
+        """Sections at the end of the page."""
+        for section in sections:
+            self.section(section.heading).fill(section)
+
+    def section(self, heading: str) -> Body:
+        """A new heading at the end of the page."""
         anchor = anchor_of(heading)
         taken = {s.anchor for s in self.sections}
-        unique = anchor if anchor not in taken else f"{anchor}-{len(taken)}"
-        self.sections.append(Section(heading, unique, units=self.units, renderer=self.renderer))
+        self.sections.append(Body(self, heading, anchor if anchor not in taken else f"{anchor}-{len(taken)}"))
         return self.sections[-1]
 
     def script(self, source: Markup, data_id: str | None = None, data_json: str | None = None) -> None:

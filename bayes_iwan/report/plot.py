@@ -9,8 +9,6 @@ ax : axes of yours to draw into, an array of them for several panels.
 `bi.plot.save(figure, "loops.svg")` writes SVG, PDF or PNG by the ending, letters as letters.
 """
 
-from __future__ import annotations
-
 import difflib
 
 from matplotlib.figure import Figure

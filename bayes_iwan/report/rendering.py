@@ -6,8 +6,6 @@ draws which figure depends on the figures alone, never on who is faster, so the 
 the second process cannot be had or is lost, this one draws all of them.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import re

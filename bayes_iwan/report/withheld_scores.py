@@ -1,7 +1,5 @@
 """A scored set of answers as files: table, JSON and figures."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from functools import partial
@@ -14,7 +12,6 @@ from matplotlib.figure import Figure
 from bayes_iwan.diagnosis.answer.saved_fits import find_shares
 from bayes_iwan.files import write_whole
 from bayes_iwan.report.style import save
-from bayes_iwan.withheld.case_score import CaseScore
 from bayes_iwan.withheld.estimates import Estimate, binned
 from bayes_iwan.withheld.metrics import SHARE_POINTS, confusion, reliability
 from bayes_iwan.withheld.scoring import Score, score
@@ -100,7 +97,8 @@ def accuracy_figure(score: Score, bins: int = 5) -> Figure:
             continue
         values = [k.visible / c.truth.noise for c, k in parts]
         edges = np.quantile(values, np.linspace(0, 1, bins + 1)).tolist()
-        named, in_set = ([k.name in names(c) for c, k in parts] for names in (_names, _sets))
+        named = [k.name in c.answer.names for c, k in parts]
+        in_set = [k.name in c.answer.in_sets for c, k in parts]
         _shares(ax, binned(values, named, edges), "named", _BLUE, 0.975)
         _shares(ax, binned(values, in_set, edges), "named or in a set", _ORANGE, 1.025, False)
         ax.set_xscale("log")
@@ -108,14 +106,6 @@ def accuracy_figure(score: Score, bins: int = 5) -> Figure:
         ax.legend(fontsize=8, frameon=False, loc="lower right")
     fig.axes[0].set_ylabel("share found")
     return fig
-
-
-def _names(c: CaseScore) -> frozenset[str]:
-    return c.answer.names
-
-
-def _sets(c: CaseScore) -> frozenset[str]:
-    return c.answer.in_sets
 
 
 def share_figure(score: Score) -> Figure:

@@ -1,7 +1,5 @@
 """Random cases for the withheld protocol: specimen, rig, tests, faults and their laws all drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
@@ -19,39 +17,20 @@ from bayes_iwan.virtual_rig.specimen import RigError, Specimen, draw_specimen
 
 #: how many faults of the catalogue and from outside it a kind of case has, and how often it is drawn
 KINDS = {
-    "none": (0, 0),
-    "single": (1, 0),
-    "pair": (2, 0),
-    "triple": (3, 0),
-    "outside": (0, 1),
+    "none": (0, 0), "single": (1, 0), "pair": (2, 0), "triple": (3, 0), "outside": (0, 1),
     "known_beside_outside": (1, 1),
-}
-KIND_SHARES = {
-    "none": 0.12,
-    "single": 0.34,
-    "pair": 0.18,
-    "triple": 0.08,
-    "outside": 0.12,
-    "known_beside_outside": 0.16,
-}
+}  # fmt: skip
+KIND_SHARES = dict(zip(KINDS, (0.12, 0.34, 0.18, 0.08, 0.12, 0.16)))
 SIZE_RANGE = (0.02, 0.12)  # of each fault: RMS change of the force over RMS friction force, before any refit
 NOISE_RANGE = (0.002, 0.010)  # force noise over RMS friction force
 
 # Pairs that a person would not call two faults: the second hides in, or only exists through, the first.
-_NOT_TOGETHER = {
-    frozenset(pair)
-    for pair in (
-        ("channel_delay", "force_lowpass"),
-        ("integration_highpass", "force_highpass"),
-        ("free_play", "moving_mass"),
-        ("stribeck_weakening", "rate_strengthening"),
-        ("force_highpass", "force_drift"),
-        ("force_highpass", "direction_dependent_friction"),
-        ("friction_fade", "spring_softening"),
-        ("viscous_damping", "quadratic_drag"),
-        ("moving_mass", "base_resonance"),
-    )
-}
+_NOT_TOGETHER = {frozenset(pair) for pair in (
+    ("channel_delay", "force_lowpass"), ("integration_highpass", "force_highpass"), ("free_play", "moving_mass"),
+    ("stribeck_weakening", "rate_strengthening"), ("force_highpass", "force_drift"),
+    ("force_highpass", "direction_dependent_friction"), ("friction_fade", "spring_softening"),
+    ("viscous_damping", "quadratic_drag"), ("moving_mass", "base_resonance"),
+)}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -74,9 +53,6 @@ class Case:
 
     def truth(self, name: str) -> dict[str, Any]:
         """The case's truth, ready to be sealed: plain numbers, strings, lists and mappings."""
-
-        def plan(tests: Sequence[PlannedTest]) -> list[dict[str, Any]]:
-            return [asdict(t) for t in tests]
 
         return {
             "schema": 2,
@@ -102,7 +78,7 @@ class Case:
                 "share_of_friction": self.noise_share,
             },
             "friction_rms_N": self.friction_rms_N,
-            "design": {"tests": plan(self.tests), "sealed": plan(self.sealed)},
+            "design": {"tests": [*map(asdict, self.tests)], "sealed": [*map(asdict, self.sealed)]},
             "seed": self.seed,
         }
 
@@ -209,46 +185,29 @@ def draw_case(
         amplitudes = [t.amplitude_mm for t in tests]
         speed = 2e-3 * np.pi * max(t.frequency_hz for t in tests) * max(amplitudes)
         specimen = draw_specimen(rng, (min(amplitudes), max(amplitudes)), speed)
-        sound: dict[tuple[PlannedTest, ...], Sound] = {}
+        at: dict[str, Any] = {"setup": setup, "seed": seed}
+        sound: dict[tuple[PlannedTest, ...], Sound] = {}  # trial runs without faults, once for the same tests
         found = []
         try:
             for name, law, size in zip(names, chosen, sizes):
                 tried = trial_tests(tests, ((name, law),))
-                around = _kept(sound, tried, specimen, setup, seed)
+                around = sound.get(tried) or sound.setdefault(tried, surroundings(specimen, tried, **at))
                 # a fault's parameters follow from the campaign as it is recorded, not from the trial's few cycles
                 whole = replace(around[0], record_s=float(np.mean([t.cycles / t.frequency_hz for t in tests])))
-                found.append(
-                    size_fault(
-                        name, size, specimen, tried, rng, law=law, setup=setup, seed=seed, sound=(whole, *around[1:])
-                    )
-                )
+                with_these = (whole, *around[1:])
+                found.append(size_fault(name, size, specimen, tried, rng, law=law, sound=with_these, **at))
         except RigError:
             continue
-        friction = _kept(sound, trial_tests(tests, ()), specimen, setup, seed)[0].friction_rms_N
+        tried = trial_tests(tests, ())
+        friction = (sound.get(tried) or surroundings(specimen, tried, **at))[0].friction_rms_N
         noisy = with_noise(setup, noise, friction, max(amplitudes))
-        seen = shares_left(specimen, tests, found, setup=setup, seed=seed)
+        seen = shares_left(specimen, tests, found, **at)
         return Case(kind, specimen, seen, noisy, tests, sealed, seed, friction, noise)
     raise RigError(f"60 specimens and designs drawn, none shows {' and '.join(names)} at the size asked for")
 
 
-def _kept(
-    sound: dict[tuple[PlannedTest, ...], Sound],
-    tests: tuple[PlannedTest, ...],
-    specimen: Specimen,
-    setup: Setup,
-    seed: int,
-) -> Sound:
-    """Trial runs of a specimen without faults, made once for the same tests."""
-    if tests not in sound:
-        sound[tests] = surroundings(specimen, tests, setup=setup, seed=seed)
-    return sound[tests]
-
-
 def simulate(case: Case) -> tuple[list[Record], list[Record]]:
     """Run a case: the records that a diagnosis is given, and those that it never sees."""
-    seen = simulate_tests(case.specimen, case.tests, setup=case.setup, faults=case.faults, seed=case.seed)
-    sealed = simulate_tests(
-        case.specimen, case.sealed, setup=case.setup, faults=case.faults, seed=case.seed,
-        first_index=len(case.tests),
-    )  # fmt: skip
-    return records(seen), records(sealed)
+    at: dict[str, Any] = {"setup": case.setup, "faults": case.faults, "seed": case.seed}
+    sealed = simulate_tests(case.specimen, case.sealed, first_index=len(case.tests), **at)
+    return records(simulate_tests(case.specimen, case.tests, **at)), records(sealed)

@@ -7,8 +7,6 @@ The strength of a fault runs from 0 (absent) to 1 (the strongest that a sensible
 for the strength that gives a wanted change of the force.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

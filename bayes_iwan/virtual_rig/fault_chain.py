@@ -5,8 +5,6 @@ on all-pass, Bessel and Butterworth responses; EN 50160 on what mains voltages a
 A filter is a transfer function (numerator, denominator) in s, rad/s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -111,12 +109,7 @@ def _order(design: str, order: int, corner_hz: float, high: bool = False) -> Tra
 
 def _delayed(filtered: Callable[[float], Transfer]) -> Callable[[Parameters], Acting]:
     """A response with this delay at low frequencies, in the channel that comes late."""
-
-    def acts(p: Parameters) -> Acting:
-        late = (filtered(abs(p["delay_s"])),)
-        return Acting(chain=Chain(force_filters=late) if p["delay_s"] > 0 else Chain(displacement_filters=late))
-
-    return acts
+    return lambda p: Acting(chain=(_force if p["delay_s"] > 0 else _displacement)(filtered(abs(p["delay_s"]))))
 
 
 def _all_pass(delay_s: float) -> Transfer:
@@ -140,18 +133,19 @@ DELAY = FaultKind(
 Design = tuple[str, Callable[[float], Transfer]]
 
 
-def _of_displacement(*designs: Design) -> tuple[Law, ...]:
+def _through(chain: Callable[[Transfer], Chain], *designs: Design) -> tuple[Law, ...]:
     def law(name: str, design: Callable[[float], Transfer]) -> Law:
-        return Law(name, lambda p: Acting(chain=Chain(displacement_filters=(design(p["corner_hz"]),))))
+        return Law(name, lambda p: Acting(chain=chain(design(p["corner_hz"]))))
 
     return tuple(law(*one) for one in designs)
 
 
-def _of_force(*designs: Design) -> tuple[Law, ...]:
-    def law(name: str, design: Callable[[float], Transfer]) -> Law:
-        return Law(name, lambda p: Acting(chain=Chain(force_filters=(design(p["corner_hz"]),))))
+def _displacement(transfer: Transfer) -> Chain:
+    return Chain(displacement_filters=(transfer,))
 
-    return tuple(law(*one) for one in designs)
+
+def _force(transfer: Transfer) -> Chain:
+    return Chain(force_filters=(transfer,))
 
 
 def _twice(corner_hz: float) -> Transfer:
@@ -172,15 +166,15 @@ _HIGH = (
     ("two_corners", _twice),
     ("shelf", _shelf),
 )
-INTEGRATION = FaultKind(
-    "integration_highpass", "corner_hz", linear(lambda s: 0.15 * min(s.frequencies_hz)), _of_displacement(*_HIGH)
-)
-HIGH_PASS = FaultKind("force_highpass", "corner_hz", linear(lambda s: 0.15 * min(s.frequencies_hz)), _of_force(*_HIGH))
+_below_all = linear(lambda s: 0.15 * min(s.frequencies_hz))
+INTEGRATION = FaultKind("integration_highpass", "corner_hz", _below_all, _through(_displacement, *_HIGH))
+HIGH_PASS = FaultKind("force_highpass", "corner_hz", _below_all, _through(_force, *_HIGH))
 LOW_PASS = FaultKind(
     "force_lowpass",
     "corner_hz",
     lambda s, strength: 1.0 / (2 * np.pi * 0.004 * strength),
-    _of_force(
+    _through(
+        _force,
         ("first_order", lambda f: first_order(f, False)),
         ("butterworth", lambda f: _order("butter", 2, f)),
         ("bessel", lambda f: _order("bessel", 2, f)),

@@ -7,8 +7,6 @@ several times; Archard (1953) and Blau (2005) on wear and running-in; Ettles (19
 lowers.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.virtual_rig.fault import Acting, FaultKind, Law, Parameters, Surroundings, linear, log_uniform

@@ -19,7 +19,8 @@ For drag and both hystereses the diagnosis has a pattern that names no cause
 others.
 """
 
-from __future__ import annotations
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -41,25 +42,51 @@ def _base(p: Parameters) -> Acting:
     return Acting(motion=FaultValues(base_k=k, base_mass_kg=mass_kg, base_damping_ratio=p["damping_ratio"]))
 
 
-def _whirl(p: Parameters) -> Acting:
-    def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
-        turn = 2 * np.pi * p["order"] * cycle + rng.uniform(0, 2 * np.pi)
-        return np.asarray(p["amplitude_N"] * (np.sin(turn) + 0.2 * np.sin(2 * turn)))
+def _adding(shape: Callable[[Parameters, Array, Array, Array, np.random.Generator], Array]):
+    """What is added to the force: shape(parameters, times, cycles, displacement, random generator)."""
 
-    return Acting(chain=Chain(additions=(add,)))
+    def acts(p: Parameters) -> Acting:
+        return Acting(chain=Chain(additions=(partial(shape, p),)))
+
+    return acts
 
 
-def _chatter(p: Parameters) -> Acting:
-    def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
-        speed = np.gradient(u)
-        turns = np.flatnonzero(np.sign(speed[1:]) * np.sign(speed[:-1]) < 0)
-        since = np.full(t.size, 1e3)
-        for i in turns:
-            since[i:] = t[i:] - t[i]
-        ringing = np.exp(-since / p["decay_s"]) * np.sin(2 * np.pi * p["ringing_hz"] * since)
-        return np.asarray(p["amplitude_N"] * ringing)
+@_adding
+def _whirl(p: Parameters, t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
+    turn = 2 * np.pi * p["order"] * cycle + rng.uniform(0, 2 * np.pi)
+    return np.asarray(p["amplitude_N"] * (np.sin(turn) + 0.2 * np.sin(2 * turn)))
 
-    return Acting(chain=Chain(additions=(add,)))
+
+@_adding
+def _chatter(p: Parameters, t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
+    speed = np.gradient(u)
+    turns = np.flatnonzero(np.sign(speed[1:]) * np.sign(speed[:-1]) < 0)
+    since = np.full(t.size, 1e3)
+    for i in turns:
+        since[i:] = t[i:] - t[i]
+    ringing = np.exp(-since / p["decay_s"]) * np.sin(2 * np.pi * p["ringing_hz"] * since)
+    return np.asarray(p["amplitude_N"] * ringing)
+
+
+@_adding
+def _slow_zero(p: Parameters, t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
+    return np.asarray(p["amplitude_N"] * np.sin(2 * np.pi * t / p["period_s"] + rng.uniform(0, 2 * np.pi)))
+
+
+@_adding
+def _bursts(p: Parameters, t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
+    out = np.zeros(t.size)
+    for at in rng.uniform(t[0], t[-1], 1 + int((t[-1] - t[0]) / p["every_s"])):
+        here = np.flatnonzero(np.abs(t - at) < 4 * p["lasts_s"])
+        out[here] += np.exp(-(((t[here] - at) / p["lasts_s"]) ** 2)) * rng.standard_normal() * p["amplitude_N"]
+    return out
+
+
+@_adding
+def _stick_slip(p: Parameters, t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
+    step = np.diff(u, prepend=u[0])
+    way = np.cumsum(np.abs(step)) / p["jump_mm"]
+    return np.asarray(p["amplitude_N"] * np.sign(step) * (way - np.floor(way) - 0.5))
 
 
 def _ringing_path(p: Parameters) -> Acting:
@@ -67,33 +94,6 @@ def _ringing_path(p: Parameters) -> Acting:
     w, z, a = 2 * np.pi * p["resonance_hz"], p["damping_ratio"], p["share"]
     ringing = (1.0 - a, 2 * z * w * (1.0 - a), w * w), (1.0, 2 * z * w, w * w)
     return Acting(chain=Chain(force_filters=(ringing,)))
-
-
-def _slow_zero(p: Parameters) -> Acting:
-    def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
-        return np.asarray(p["amplitude_N"] * np.sin(2 * np.pi * t / p["period_s"] + rng.uniform(0, 2 * np.pi)))
-
-    return Acting(chain=Chain(additions=(add,)))
-
-
-def _bursts(p: Parameters) -> Acting:
-    def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
-        out = np.zeros(t.size)
-        for at in rng.uniform(t[0], t[-1], 1 + int((t[-1] - t[0]) / p["every_s"])):
-            here = np.flatnonzero(np.abs(t - at) < 4 * p["lasts_s"])
-            out[here] += np.exp(-(((t[here] - at) / p["lasts_s"]) ** 2)) * rng.standard_normal() * p["amplitude_N"]
-        return out
-
-    return Acting(chain=Chain(additions=(add,)))
-
-
-def _stick_slip(p: Parameters) -> Acting:
-    def add(t: Array, cycle: Array, u: Array, rng: np.random.Generator) -> Array:
-        step = np.diff(u, prepend=u[0])
-        way = np.cumsum(np.abs(step)) / p["jump_mm"]
-        return np.asarray(p["amplitude_N"] * np.sign(step) * (way - np.floor(way) - 0.5))
-
-    return Acting(chain=Chain(additions=(add,)))
 
 
 def _debris(p: Parameters) -> Acting:

@@ -5,8 +5,6 @@ Carreau (1972) on shear thinning; Terenzi (1999) on dampers with |v|^p; Johnson,
 Crossley (1975) on stops; Fung (1967) on exponential hardening.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array

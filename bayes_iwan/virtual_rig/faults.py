@@ -1,10 +1,8 @@
 """All faults of the virtual rig by name: the catalogue's, each by several laws, and some from outside it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -79,6 +77,13 @@ def acting(faults: Sequence[Fault]) -> Acting:
     return out
 
 
+_ONE_OF = ("stiffness_scatter", "friction_scatter", "gain_scatter")
+_COMBINED: dict[str, np.ufunc] = {
+    **dict.fromkeys(("displacement_force", "speed_force", "joint_stretch"), np.add),
+    **dict.fromkeys(("rate_factor", "fade_factor", "position_factor", "amplitude_gain"), np.multiply),
+}
+
+
 def _beside(a: Acting, b: Acting, who: str) -> Acting:
     """Both: filters and additions one after the other, forces and stretches added, factors multiplied."""
 
@@ -96,20 +101,13 @@ def _beside(a: Acting, b: Acting, who: str) -> Acting:
         for f in fields(Chain)
         if f.name not in in_a_row
     }
+    more: dict[str, Any] = {k: one(k, getattr(a, k), getattr(b, k), None) for k in _ONE_OF}
+    more |= {k: _combined(getattr(a, k), getattr(b, k), by) for k, by in _COMBINED.items()}
     return Acting(
         motion=a.motion if b.motion is NO_FAULT else FaultValues._make(motion),
         chain=replace(a.chain, **settings, **{k: getattr(a.chain, k) + getattr(b.chain, k) for k in in_a_row}),
         extra_compliance_mm_N=one("compliance_mm_N", a.extra_compliance_mm_N, b.extra_compliance_mm_N, 0.0),
-        displacement_force=_combined(a.displacement_force, b.displacement_force, np.add),
-        speed_force=_combined(a.speed_force, b.speed_force, np.add),
-        joint_stretch=_combined(a.joint_stretch, b.joint_stretch, np.add),
-        rate_factor=_combined(a.rate_factor, b.rate_factor, np.multiply),
-        fade_factor=_combined(a.fade_factor, b.fade_factor, np.multiply),
-        position_factor=_combined(a.position_factor, b.position_factor, np.multiply),
-        friction_scatter=one("friction_scatter", a.friction_scatter, b.friction_scatter, None),
-        amplitude_gain=_combined(a.amplitude_gain, b.amplitude_gain, np.multiply),
-        stiffness_scatter=one("stiffness_scatter", a.stiffness_scatter, b.stiffness_scatter, None),
-        gain_scatter=one("gain_scatter", a.gain_scatter, b.gain_scatter, None),
+        **more,
     )
 
 

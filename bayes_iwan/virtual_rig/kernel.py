@@ -6,8 +6,6 @@ At every step the position of the specimen's end is solved for, so that the forc
 specimen's force (Newton's method on a function made of straight pieces, with bisection in reserve).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Campaigns on the virtual rig, to plan real ones: would these tests show that effect?"""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Sequence

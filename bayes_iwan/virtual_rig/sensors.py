@@ -6,8 +6,6 @@ sensors is), one common anti-alias filter, coloured noise and steps of the digit
 amplifier before it, a delay between the converters.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

@@ -6,8 +6,6 @@ individual Jenkins elements are integrated in time (`kernel`), under a shaker th
 from rest, and are seen through sensors of their own (`sensors`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -108,17 +106,8 @@ class RigRun:
 
     def record(self, file: str) -> Record:
         """The run as a campaign's record."""
-        return Record(
-            file=file,
-            frequency_hz=self.test.frequency_hz,
-            amplitude_mm=self.test.amplitude_mm,
-            role=self.test.role,
-            extras={},
-            time_s=self.time_s,
-            displacement_mm=self.displacement_mm,
-            force_N=self.force_N,
-            warnings=(),
-        )
+        test, seen = self.test, (self.time_s, self.displacement_mm, self.force_N)
+        return Record(file, test.frequency_hz, test.amplitude_mm, test.role, {}, *seen)
 
 
 @dataclass(frozen=True)
@@ -178,20 +167,11 @@ def kernel_values(
     memory_s = setup.shaker_loss / (2 * np.pi * frequency_hz)
     shaker = setup.shaker_compliance_mm_N * step_s / (memory_s + step_s)
     compliance = shaker + setup.fixture_compliance_mm_N + act.extra_compliance_mm_N
+    s = specimen
     body = SpecimenValues(
-        amplitude_mm=amplitude_mm,
-        parallel=specimen.parallel_N_mm,
-        contact=specimen.contact_N_mm,
-        curve=specimen.curve,
-        curve_power=specimen.curve_power,
-        kn=specimen.kn_1_mm,
-        beta=specimen.beta,
-        lam=specimen.lambda_s_m,
-        tip=specimen.tip,
-        link_compliance=compliance,
-        shaker_compliance=shaker,
-        shaker_memory=memory_s / (memory_s + step_s),
-    )
+        amplitude_mm, s.parallel_N_mm, s.contact_N_mm, s.curve, s.curve_power, s.kn_1_mm, s.beta, s.lambda_s_m, s.tip,
+        compliance, shaker, memory_s / (memory_s + step_s),
+    )  # fmt: skip
     return body, _with_tables(act, amplitude_mm, 2 * np.pi * frequency_hz * amplitude_mm, compliance)
 
 

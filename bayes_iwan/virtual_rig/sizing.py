@@ -1,7 +1,5 @@
 """How large a fault is on the virtual rig, the strength at which it has a wanted size, and its share of a gap."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Answering withheld cases: each in a process of its own, which the kernel keeps from the truths where it can."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import json

@@ -5,8 +5,6 @@ Schemas 3 and 2 differ in names alone. They say how probable it is that each eff
 probabilities were of exclusive labels ("none", "unknown", one cause): they sum to 1.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

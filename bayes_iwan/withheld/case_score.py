@@ -1,7 +1,5 @@
 """One withheld case, scored: its truth and its answer side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

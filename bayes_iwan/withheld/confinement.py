@@ -6,8 +6,6 @@ subprocess, and the process cannot take it back. What it does not guard against:
 folder (a hard link made beforehand is one), what a process had open before, the network, and whoever runs the parent.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

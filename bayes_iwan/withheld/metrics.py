@@ -5,8 +5,6 @@ channel. Shares of the gap are in RMS, shared among overlapping causes by Shaple
 Clopper–Pearson for shares of cases, bootstrap over cases for the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

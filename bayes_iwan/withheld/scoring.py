@@ -1,7 +1,5 @@
 """How good a set of answers is: answers against truths whose seals were checked, each figure with an interval."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path

@@ -25,8 +25,6 @@ there), "specimen", "setup", "noise", "friction_rms_N", "design", "seed" (of the
 after the other) and "salt".
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -5,8 +5,6 @@ An answer says what the gap loses with its named effects in the model. The truth
 newtons, with these faults out of the rig, the others still there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 

@@ -7,8 +7,6 @@ The first sealed set came from another rig: {"kind": "none" or a name, "second":
 friction acted on the elements' stiffness too: no specimen has such laws, and cases with either are counted apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any

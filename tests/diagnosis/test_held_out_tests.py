@@ -9,7 +9,7 @@ from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.assessment.indicators import _chosen_share, ranked_by_training
 from bayes_iwan.diagnosis.constants import EFFECT_NATS
 from bayes_iwan.diagnosis.fits.data import gap_data
-from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, for_loops, refitted
+from bayes_iwan.diagnosis.fits.held_out_tests import HeldOut, _refit_gaps, for_loops, refitted
 from bayes_iwan.diagnosis.search.base_fit import newton_nats, sound_gap_N
 from bayes_iwan.effects.along_record import MainsInterference
 
@@ -41,6 +41,17 @@ def test_refit_to_some_tests_stays_near_the_whole_fit(kit):
     sd = np.sqrt(again.covariance[at, at]) * 1.6 * fit.effects[0].strength_value
     assert abs(delay[1] - delay[0]) < 5.0 * sd + 0.1 * abs(delay[0])
     assert again.problem.loops[0].file == found.data.loops[0].file and len(again.problem.loops) == 2
+
+
+def test_a_refit_to_the_same_tests_has_the_fit_s_own_evidence(kit):
+    """What a steady model misses of changes along the record counts in both: it is what evolving effects are gained
+    over."""
+    found = kit.diagnosed("channel_delay").search
+    fit = found.fit({"channel_delay"})
+    missed = found.data.layout(fit.size.between, False).constant
+    assert abs(missed) > 10.0, "else nothing is asked"
+    again = _refit_gaps((fit, found.data, found.data.part([0])))
+    assert again.trained[0] == pytest.approx(np.max(fit.log_z), abs=0.1 * abs(missed))
 
 
 def test_hums_numbers_go_with_their_tests(kit):

@@ -117,6 +117,10 @@ def test_text_and_json_agree(answers, kind):
     (unexplained,) = (s for s in said if s.startswith("Unexplained: "))
     assert percent(d["gap"]["after_share"]) + " of the friction force" in unexplained
     assert percent(d["unexplained"]["share"] if d["verdict"]["causes"] else 1.0) + " of the gap" in unexplained
+    # the gap shrinks by what is explained, by nothing where nothing is named
+    share, (low, high) = d["unexplained"]["share"], d["unexplained"]["interval"]
+    left = (share, high, low) if d["verdict"]["causes"] else (1.0, 1.0, 1.0)
+    assert [d["gap"]["shrink"], *d["gap"]["shrink_interval"]] == [1.0 - x for x in left]
     # lists are short
     assert max(s.count(",") for s in re.findall(r"(?:One of|tell it from|Speed dependence:)[^.]*", text) or [""]) <= 2
     # the next test is none that was run

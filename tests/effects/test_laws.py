@@ -595,3 +595,20 @@ def test_compliance_in_series_with_friction_has_converged(kit):
         again = recorded_force(model, (), base, specimen)
         moved = force - recorded_force(model, (), base, at)
         assert np.sqrt(np.mean((again - force) ** 2)) < 1e-6 * np.sqrt(np.mean(moved**2))
+
+
+def test_a_fade_by_power_or_by_time_is_that_of_cycles_at_the_campaign_s_own_speed(kit):
+    """2π f A over the campaign's speed, and 2π f ℓ over it, are what the powers are taken of."""
+    effect = made(kit, "FrictionFade")
+    length, speed = kit.scales.length_mm, kit.scales.speed_m_s
+    hz = speed / (2e-3 * np.pi * length)
+    given = {"drop": 0.3, "cycles": 6.0, "tail": 0.0, "recovery": 0.0}
+
+    def lost(frequency_hz, **powers):
+        at = replace(sine_motion(frequency_hz=frequency_hz, amplitude_mm=length), cycle=np.array([9.0]))
+        return 1.0 - effect.left(at, parameter_values_of(effect, **given, **powers))[0, 0, 0]
+
+    for name in ("by_power", "by_time"):
+        assert lost(hz, **{name: 1.0}) == pytest.approx(lost(hz, **{name: 0.0}), rel=1e-12)
+    assert lost(2.0 * hz, by_power=1.0) == pytest.approx(2.0 * lost(2.0 * hz, by_power=0.0), rel=1e-12)
+    assert lost(2.0 * hz, by_time=1.0) < 0.9 * lost(2.0 * hz, by_time=0.0)

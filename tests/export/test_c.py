@@ -8,7 +8,7 @@ import pytest
 
 import export_courses as rt
 from bayes_iwan.effects.mounting import FreePlay
-from bayes_iwan.export.tested import steady_loops
+from bayes_iwan.export.device import steady_loops
 from bayes_iwan.models import sine_motion
 
 pytestmark = pytest.mark.usefixtures("compiler")

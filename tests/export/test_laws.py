@@ -9,9 +9,8 @@ import pytest
 import export_courses as rt
 from bayes_iwan.effects import catalogue, conditions, lag, mounting, paper_stages, specimen
 from bayes_iwan.effects.base import Effect
-from bayes_iwan.export.device import ExportError, device_of
+from bayes_iwan.export.device import ExportError, device_of, steady_loops
 from bayes_iwan.export.laws import LAWS, OF_THE_RIG
-from bayes_iwan.export.tested import steady_loops
 from bayes_iwan.models import sine_motion
 
 HZ, AMPLITUDE, FINE = 12.0, 0.9, 1000

@@ -8,9 +8,8 @@ import pytest
 import bayes_iwan as bi
 import export_courses as rt
 import export_targets as simulators
-from bayes_iwan.export.device import ExportError, device_of, elements
+from bayes_iwan.export.device import ExportError, device_of, elements, steady_loops
 from bayes_iwan.export.json_file import ExportedModel
-from bayes_iwan.export.tested import steady_loops
 
 CLASSICAL = {"slip": "gamma3", "normal_force": "constant", "stiffness": "constant"}
 

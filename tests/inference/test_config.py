@@ -10,6 +10,12 @@ from bayes_iwan.inference.setup.problem import make_problem
 from bayes_iwan.inference.setup.settings import ModelSettings, ParameterChange, SamplingSettings
 
 
+def test_as_many_harmonics_as_phases_can_show_are_taken():
+    assert settings_of({"loops": {"n_phase": 102, "n_harmonics": 50}}).loops.n_harmonics == 50
+    with pytest.raises(ConfigError, match="101 phases cannot show 50 harmonics; make n_phase at least 102 or"):
+        settings_of({"loops": {"n_phase": 101, "n_harmonics": 50}})
+
+
 def test_defaults_are_filled_in():
     found = settings_of({"sampling": {"walkers": 32}, "model": {"slip": "gamma2"}})
     assert found.sampling == SamplingSettings(walkers=32) and found.sampling.ensembles == 4

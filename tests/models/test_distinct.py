@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from bayes_iwan.effects import catalogue
+from bayes_iwan.models import Scales, Simulator, sine_motion
 from bayes_iwan.models.kernels import pointwise
 from bayes_iwan.models.parameter import for_distinct
+from bayes_iwan.models.simulator import recorded_force
 
 
 def test_a_law_is_asked_once_of_draws_that_agree():
@@ -20,6 +23,32 @@ def test_a_law_is_asked_once_of_draws_that_agree():
     np.testing.assert_array_equal(found, [[1.0, 1.0], [2.0, 2.0], [1.0, 1.0], [2.0, 2.0], [4.0, 1.0]])
     for_distinct(law, ("a", "b", "c"), values)
     assert len(asked[1]) == 5
+
+
+def test_a_simulator_is_asked_once_of_draws_that_differ_in_an_outer_effect_alone():
+    asked = []
+
+    class Spring(Simulator):
+        name = "spring"
+
+        def parameters(self, scales):
+            return ()
+
+        def force(self, parameter_values, motion, effects=()):
+            asked.append(len(parameter_values["k_N_mm"]))
+            return parameter_values["k_N_mm"][:, None, None] * motion.displacement_mm
+
+    scales = Scales(length_mm=0.9, speed_m_s=0.113, force_N=4.0, slip_N=1.2, soft_N_mm=5.5, stiff_N_mm=15.0)
+    damping = next(e for e in catalogue.BUILT_IN if e.name == "viscous_damping")(scales, ())
+    values = {"k_N_mm": np.array([2.0, 2.0, 3.0])}
+    for i, p in enumerate(damping.parameters):
+        values[p.name] = p.value(np.array([0.0, 0.5, 1.0]) + 0.1 * i)
+    motion = sine_motion(frequency_hz=10.0, amplitude_mm=0.5)
+    force = recorded_force(Spring(), (damping,), values, motion)
+    assert asked == [2]
+    zero = np.zeros_like(force)
+    spring = values["k_N_mm"][:, None, None] * motion.displacement_mm
+    np.testing.assert_array_equal(force, spring + damping.force(zero, motion, values))
 
 
 @pytest.mark.parametrize("draws", [1, 7])

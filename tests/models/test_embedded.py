@@ -1,5 +1,7 @@
 """The embedded model error: nothing at zero, the mean slip force kept, each deviation what it says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import integrate
@@ -92,3 +94,12 @@ def test_the_corner_is_at_the_end_of_the_stroke():
     top = np.argmax(motion.displacement_mm[0], axis=1)
     np.testing.assert_allclose(alpha[0, [0, 1], top], np.exp(0.1), rtol=1e-6)
     assert np.all(np.abs(alpha[0][motion.displacement_mm[0] < 0.5 * motion.amplitude_mm[:, None]] - 1.0) < 2e-3)
+
+
+def test_the_corner_is_felt_near_the_end_of_the_stroke_and_falls_off_as_a_lorentzian():
+    a, width = 0.8, embedded_error.CORNER_WIDTH
+    u = a * (1.0 - width * np.array([0.0, 1.0, 2.0, 3.0]))
+    at = sine_motion(frequency_hz=10.0, amplitude_mm=a, samples=4)
+    np.testing.assert_allclose(
+        embedded_error.corner(replace(at, displacement_mm=u[None, None]))[0, 0], [1.0, 1 / 2, 1 / 5, 1 / 10], rtol=1e-12
+    )

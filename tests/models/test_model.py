@@ -30,6 +30,20 @@ def energy(force, motion):
     return np.sum(0.5 * (force + np.roll(force, -1, axis=-1)) * (np.roll(u, -1, axis=-1) - u), axis=-1)
 
 
+def test_a_motion_has_one_number_a_loop_or_one_for_all():
+    t = np.arange(200) / 1000.0
+    for motion, loops in (
+        (record_motion(t, np.sin(2 * np.pi * 10.0 * t)), 1),
+        (sine_motion(frequency_hz=[8.0, 9.0, 10.0], amplitude_mm=1.0), 3),
+    ):
+        assert motion.loops == loops
+        for name in ("frequency_hz", "amplitude_mm", "cycle", "test"):
+            assert getattr(motion, name).shape == (loops,), name
+        for name in ("step_s", "span_cycles"):
+            assert getattr(motion, name).shape in ((1,), (loops,)), name
+    assert motion.periodic and not record_motion(t, np.sin(60.0 * t)).periodic
+
+
 # --- the paper
 
 

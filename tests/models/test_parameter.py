@@ -21,6 +21,8 @@ PRIORS = [
     (stats.beta(1, 4), (0.05, 0.6)),
     (stats.beta(2.0, 3.0), (0.2, 0.9)),
     (stats.gamma(a=2.0, scale=1.5), (1.0, 6.0)),
+    (stats.t(df=5, scale=0.4), (-0.5, 3.0)),  # as t and beta, but not of the closed form
+    (stats.gamma(1, 2), (2.5, 6.0)),
 ]
 Z = np.array([-5.0, -2.2, -0.4, 0.0, 0.7, 2.5, 5.0])
 

@@ -56,6 +56,22 @@ def test_tilted_gamma_against_scipys_integral(eta, coefficients):
     np.testing.assert_allclose(series.density_ratio(c, q)[0], np.interp(q, p, np.exp(log_g) / below[-1]), rtol=1e-6)
 
 
+def test_below_the_lowest_node_the_table_begins_with_what_is_still_held():
+    """The force that the table's first node starts with: the mean of the share held at zero and at the node, by φ."""
+    values = {n: np.repeat(v, 3) for n, v in gamma_values(0.7, 0.15).items()}  # many elements slip early
+    values["t1_N"] = np.array([0.4, 0.7, 1.3])
+    tables, top = Gammas(1).table(values)
+    c = np.array([[0.6, -0.4], [-0.5, 0.3], [0.2, 0.5]])
+    deviating = series.deviating(tables, top, c)
+    phi = top * 2.0**-sliders.OCTAVES
+    for d in range(3):
+        slipped = stats.gamma(0.15, scale=values["t1_N"][d]).cdf(phi[d])
+        p = slipped * np.linspace(0.0, 1.0, 2001)
+        held = 1.0 - integrate.trapezoid(series.density_ratio(c[d : d + 1], p)[0], p)
+        assert held < 0.999, "else nothing is asked"
+        assert deviating[d, 0, 0] == pytest.approx(tables[d, 0, 0] * (1.0 + held) / (2.0 - slipped), rel=1e-3)
+
+
 def test_no_tilt_is_the_same_table_bit_for_bit_beside_a_tilted_draw():
     parameter_values = {n: np.repeat(v, 2) for n, v in gamma_values(0.7, 2.0).items()}
     tables, top = Gammas(1).table(parameter_values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -174,8 +175,10 @@ def test_plots_take_axes_widths_and_styles_and_show_themselves(posterior, tmp_pa
 
 def test_methods_and_citation_are_of_what_was_run(posterior):
     import bayes_iwan as bi
-    from bayes_iwan.report.identification.methods import methods
+    from bayes_iwan.report.identification.identification_page import Methods
 
-    said = methods(posterior)
+    page = Page("methods")
+    page.add(Methods(SimpleNamespace(posterior=posterior, iwan=True, clock=True)))
+    said = " ".join(page.html().split())
     assert "4 harmonic tests at 10 to 20 Hz" in said and "Seed 1;" in said and bi.__version__ in said
     assert "emcee" in bi.cite() and "@software" in bi.cite().bibtex

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 import bayes_iwan as bi
 from bayes_iwan.report.batch.batch_page import write_batch_page
@@ -95,7 +96,7 @@ def test_no_page_of_the_guide_is_cut_or_torn_in_print(tmp_path):
 @needs_browser
 def test_what_is_cut_would_be_seen(tmp_path):
     page = Page("cut")
-    page.section("Wide").text("Words.")
+    page.section("Wide").html(Markup("<p>Words.</p>"))
     path = page.write(tmp_path / "cut.html")
     wide = '<main><div style="width:600px;height:9px">wide</div><div style="width:99px;overflow:hidden">'
     path.write_text(path.read_text().replace("<main", wide + "<p style=width:300px>hidden</p></div></main><main", 1))

@@ -10,16 +10,20 @@ import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from jinja2 import UndefinedError
 from markupsafe import Markup
 from pypdf import PdfReader
 
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.inference.results.remarks import searches_said
+from bayes_iwan.report import page as pages
 from bayes_iwan.report.identification.marginals import reported
 from bayes_iwan.report.identification.tables import latex_table
-from bayes_iwan.report.page import Page
+from bayes_iwan.report.page import Page, Section
 from bayes_iwan.report.style import save, subplots
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
@@ -101,10 +105,44 @@ def test_small_enough_and_no_rubble(page):
     assert (page / "report.pdf").read_bytes().startswith(b"%PDF")
 
 
+class Words(Section):
+    """A paragraph for each text."""
+
+    heading = "x < y"
+    template = pages._ENVIRONMENT.from_string(
+        "{% block Words %}{% for x in r %}<p>{{ x }}</p>{% endfor %}{% endblock %}"
+    )
+
+
+class Mixed(Section):
+    """Words, a figure, a table and words again."""
+
+    heading = "Mixed"
+    template = pages._ENVIRONMENT.from_string(
+        '{% block Mixed %}first {{ r.name }}{{ figure(s.draw(), "shown", "alt", name="f") }}<p>3 N</p>'
+        '{{ figure(none, "nothing", "") }}{{ table(("a",), (("<0>",),), "t") }}<p>last</p>{% endblock %}'
+    )
+
+    def draw(self):
+        return one_figure()
+
+
+def test_a_section_is_what_its_block_says_in_order():
+    """What is asked for stands where it was asked for, drawn or not; a text that looks like its mark is only a text."""
+    page = Page("mixed", units=Units("mm", "kPa"))
+    page.add(Mixed(SimpleNamespace(name="<1>")))
+    text = page.html().split("<main")[1]
+    places = [text.index(x) for x in ("first &lt;1&gt;", "<svg", "<p>3 kPa</p>", "&lt;0&gt;", "<p>last</p>")]
+    assert places == sorted(places) and text.count("<figure>") == 1
+    assert list(page.sections[0].figures) == ["f"]
+    with pytest.raises(UndefinedError):
+        page.add(Mixed(SimpleNamespace()))
+
+
 def test_text_is_escaped(tmp_path):
     page = Page("<script>alert(1)</script>", "a & b")
-    section = page.section("x < y")
-    section.text("<b>bold?</b>", Markup("<em>yes</em>"))
+    page.add(Words(("<b>bold?</b>", Markup("<em>yes</em>"))))
+    section = page.sections[-1]
     section.table(("<i>", "n"), [("<u>", 1.5)], "1 < 2")
     figure, axes = subplots(1, 1, 2, 2)
     axes[0, 0].plot([0, 1], [0, 1])
@@ -119,7 +157,7 @@ def test_text_is_escaped(tmp_path):
 
 def test_names_cannot_steer_a_terminal_that_shows_the_source(tmp_path):
     page = Page("sound \x1b[2J\x9b31m")
-    page.section("one").text("a\x1b]0;title\x07b")
+    page.add(Words(("a\x1b]0;title\x07b",)))
     text = page.write(tmp_path / "page.html").read_text()
     assert "sound ?[2J?31m" in text and "a?]0;title?b" in text
     assert not any((ord(c) < 32 and c not in "\t\r\n") or 127 <= ord(c) < 160 for c in text)

@@ -17,10 +17,11 @@ from bayes_iwan.comparison.families import FAMILIES, Comparison, Entry
 from bayes_iwan.comparison.loo import Loo
 from bayes_iwan.inference.setup.config import settings_of
 from bayes_iwan.inference.setup.problem import make_problem
+from bayes_iwan.report import page as pages
 from bayes_iwan.report.batch import batch_run, specimens
 from bayes_iwan.report.batch.batch_page import write_batch_page
 from bayes_iwan.report.comparison_page import comparison_report
-from bayes_iwan.report.page import Page, of_folder
+from bayes_iwan.report.page import Page, Section, of_folder
 from bayes_iwan.report.style import relabel
 
 pytestmark = pytest.mark.usefixtures("no_figure_files")
@@ -56,6 +57,11 @@ def test_an_identification_of_torque_over_angle(tmp_path, capsys, made_up_campai
     assert "A, mrad" in capsys.readouterr().out
 
 
+class Said(Section):
+    heading = "Loops"
+    template = pages._ENVIRONMENT.from_string("{% block Said %}<p>a gap of 3 N</p>1.2 mJ, kp_N_mm{% endblock %}")
+
+
 def test_texts_of_pages_and_figures(tmp_path):
     units = Units("mm", "kPa")
     page = Page("title", "all in N", "footer with 3 N/mm", units=units)
@@ -66,8 +72,10 @@ def test_texts_of_pages_and_figures(tmp_path):
     axes.plot([0, 1], [0, 1], label="2 N")
     axes.legend()
     axes.set_xticks([0, 1], ["10 N", "20 N"])
-    section = page.section("Loops").text("a gap of 3 N").note("1.2 mJ, kp_N_mm")
-    section.figure(figure, "caption in N", "alt in N").table(("name", "N"), [("kp_N_mm", "3 N")], "table in mN")
+    page.add(Said(None))
+    page.sections[0].figure(figure, "caption in N", "alt in N").table(
+        ("name", "N"), [("kp_N_mm", "3 N")], "table in mN"
+    )
     text = visible(page.html())
     for words in (
         "all in kPa",

@@ -5,8 +5,6 @@ It has none of the limits of the closed form, Eq. (3), and none of the bookkeepi
 error is that of a finite number of elements.
 """
 
-from __future__ import annotations
-
 import numba as nb
 import numpy as np
 

@@ -6,8 +6,6 @@ analyses/benchmark_side_by_side.py against a tree with math.exp, expm1 and log i
 call each other, so they stay in one file.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba as nb

@@ -1,7 +1,5 @@
 """What lags behind a signal, by time or by its path: periodic solutions, exact for straight pieces."""
 
-from __future__ import annotations
-
 import math
 
 import numba as nb

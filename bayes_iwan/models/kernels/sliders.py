@@ -25,8 +25,6 @@ pieces beyond `end`. The bottom row is the tail, end = ∞, of elements that nev
 The functions here call each other, so they stay in one file (numba's cache does not see changes elsewhere).
 """
 
-from __future__ import annotations
-
 import math
 
 import numba as nb

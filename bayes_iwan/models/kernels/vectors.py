@@ -1,7 +1,5 @@
 """Two things that numba cannot say to LLVM, said by one call at the head of a compiled function."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from llvmlite import ir

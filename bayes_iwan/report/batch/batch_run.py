@@ -8,8 +8,6 @@ FOLDER/specimens.csv  says more of the specimens where it is there: a column "sp
                       and others of which `group` names one: the lot, the supplier.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

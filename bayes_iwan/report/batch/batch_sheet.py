@@ -1,7 +1,5 @@
 """sheet.pdf: a batch on one page for a customer: how many, typical values and spread, who is unusual, causes."""
 
-from __future__ import annotations
-
 from collections import Counter
 from datetime import date
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a batch of specimens says together: populations, lots, who is unusual, values shrunk within lots."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Mapping
@@ -105,6 +103,10 @@ class Batch:
     def label(self, quantity: str) -> str:
         """A quantity as figures and tables name it."""
         return next(x.quantities[quantity].label for x in self.finished if quantity in x.quantities)
+
+    def quantities(self) -> list[str]:
+        """Names of everything that was identified of at least one specimen."""
+        return list(dict.fromkeys(q for x in self.finished for q in x.quantities))
 
     def outliers(self) -> dict[str, tuple[str, ...]]:
         """Quantities in which a specimen stands out from the others, by specimen, the most unusual first."""

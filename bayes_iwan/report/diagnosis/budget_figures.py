@@ -1,7 +1,5 @@
 """Figures of a diagnosis' answer: the budget of the gap, the causes' probabilities, the residual with and without."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import fill

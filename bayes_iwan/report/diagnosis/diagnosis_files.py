@@ -1,7 +1,5 @@
 """A diagnosis as files: `diagnosis.json`, `fits.json`, the page and the figures."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -30,10 +28,10 @@ from bayes_iwan.files import clear, results_folder
 from bayes_iwan.report.diagnosis import budget_figures, gap_figures
 from bayes_iwan.report.diagnosis.budget_figures import CycleResidual
 from bayes_iwan.report.diagnosis.diagnosis_page import order_ahead, write_diagnosis_page
-from bayes_iwan.report.effect_loops import effect_viewer_data
 from bayes_iwan.report.page import provenance
 from bayes_iwan.report.rendering import Renderer, shared
 from bayes_iwan.report.style import house_style, relabel
+from bayes_iwan.report.viewer import effect_viewer_data
 
 #: work of drawing (:func:`bayes_iwan.report.rendering.shared`) that takes about as long as weighing causes
 WEIGHING = 11

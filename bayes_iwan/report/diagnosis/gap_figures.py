@@ -1,7 +1,5 @@
 """Figures of the gap itself: where it is and how it grows, T tests, n samples a cycle, phase 0 the upward crossing."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

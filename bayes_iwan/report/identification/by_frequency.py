@@ -1,7 +1,5 @@
 """Figures and tables of each frequency alone beside all together."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

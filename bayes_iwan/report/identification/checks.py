@@ -1,7 +1,5 @@
 """Checks of the predictive distribution: p-values per loop region, leave-one-out probability integral transform."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

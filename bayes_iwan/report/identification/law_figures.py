@@ -1,7 +1,5 @@
 """Figures of the identified laws with their uncertainty: the paper's Figs. 8 (slip forces), 9 (k(α)), 10 (α(u))."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

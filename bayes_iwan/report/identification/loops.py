@@ -1,7 +1,5 @@
 """Figures of loops: measured cycles, predictive bands, residuals; one panel a test."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

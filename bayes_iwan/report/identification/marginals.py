@@ -1,7 +1,5 @@
 """Figures of quantities: prior against posterior with contraction, corner plots."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """What a posterior predicts for measured tests: the arrays behind every loop figure, the viewer and the checks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Figures of the sampling itself: traces, ranks, autocorrelation time against run length."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Sequence

@@ -1,19 +1,23 @@
 """The head of an identification's page: the answer, how far to trust it, what is not known, and what symbols mean."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
-import numpy as np
+from matplotlib.figure import Figure
 
+from bayes_iwan.comparison.frequencies import Frequencies
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
+from bayes_iwan.inference.results.summary_rows import ConvergenceRow
 from bayes_iwan.models import Model
+from bayes_iwan.models.iwan_parameters import embedded_parameters
 from bayes_iwan.report.identification import marginals
-from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
+from bayes_iwan.report.identification.checks import RegionChecks
 from bayes_iwan.report.identification.marginals import OPEN, contraction, number, reported, symbol_of
 from bayes_iwan.report.identification.predictive import Predictive
-from bayes_iwan.report.identification.where_gap import Finding, headline_figure
+from bayes_iwan.report.identification.tables import Compared, LoopRow
+from bayes_iwan.report.identification.where_gap import findings, headline_figure
 from bayes_iwan.report.page import Section
 
 #: what a customer asks of the model first, and in words that need no paper
@@ -33,58 +37,109 @@ QUANTILES = tuple(
 _OF_CONTACTS = (*QUANTILES, ("α", "relative normal force: that of the contacts over its value at rest", ""))
 
 
-def identification_answer(
-    section: Section, posterior: Posterior, loops: Sequence[LoopRow], p: Predictive, found: Sequence[Finding]
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Identified:
+    """What the page of an identification is made from; folder : of its files."""
+
+    posterior: Posterior
+    predictive: Predictive
+    tests: tuple[LoopRow, ...]
+    regions: RegionChecks
+    by_frequency: Frequencies
+    convergence: tuple[ConvergenceRow, ...]
+    folder: Path
+
+    @property
+    def iwan(self) -> bool:
+        return isinstance(self.posterior.problem.model, Model)
+
+    @property
+    def clock(self) -> bool:
+        return self.posterior.loops[0].record.clock
+
+
+class IdentifiedSection(Section[Identified]):
+    template = "identification.html"
+
+
+class Answer(IdentifiedSection):
     """What the checks found, a picture, stiffness, friction, damping and residual with their intervals; what is not
     known."""
-    section.status([(x.text, x.good, x.section) for x in found])
-    section.figure(
-        headline_figure(posterior, loops, p),
-        "Left: the test that the model misses most, measured (dotted) over the bands in which 50 and 90 % of further "
-        "cycles are expected. Right: what the median prediction misses of each test's friction force; orange: more "
-        f"than {100 * LARGE_RESIDUAL:.0f} %.",
-        "A measured and predicted friction loop, and bars of the residual of every test.",
-        name="headline",
-    )
-    residual = posterior.residual_size()
-    fitted = [x for x in loops if not x.held_out]
-    rows = [_number_row(posterior, name) for name in _asked(posterior)]
-    rows += [
-        _range_row("equivalent stiffness of the tests", "N/mm", [x.stiffness_N_mm for x in fitted]),
-        _range_row("energy lost a cycle", "mJ", [x.energy_mJ for x in fitted]),
-        _range_row("damping: loss factor of the tests", "", [x.loss_factor for x in fitted]),
-    ]
-    worst = max(fitted, key=lambda x: x.residual_share)
-    rows.append(
-        (
-            "gap: what the model misses beyond noise, RMS",
-            f"{number(residual.gap_N, residual.rms_N)} N",
-            f"{100 * residual.gap_share:.2g} % of the friction force",
-        )
-    )
-    rows.append(
-        (
-            "residual: the same with noise, RMS",
-            f"{number(residual.rms_N, residual.rms_N)} N",
-            f"{100 * residual.share:.2g} % of the friction force (worst test, {worst.test}: "
-            f"{100 * worst.residual_share:.2g} %)",
-        )
-    )
-    section.table(("what", "value", "90 % interval, or range over the tests"), rows, "The answer")
-    held = len(loops) - len(fitted)
-    section.text(
-        f"From {len(fitted)} test{'s' if len(fitted) != 1 else ''}"
-        + (f" ({held} more held out)" if held else "")
-        + ". Values are medians of the posterior's draws, intervals hold 90 % of them; the same are in summary.csv."
-    )
-    section.text("bayes-iwan diagnose says whether the gap has a cause.")
-    section.heading_below("What is not known")
-    section.bullets(_open(posterior))
-    tests_read = () if posterior.campaign is None else posterior.campaign.tests
-    warnings = [(x.file, w) for x in tests_read for w in x.warnings]
-    if warnings:
-        section.table(("record", "what was noticed"), warnings, "Warnings about the records")
+
+    heading, large = "Answer", LARGE_RESIDUAL
+
+    @property
+    def found(self) -> list[tuple[str, bool, str]]:
+        every = findings(self.r.posterior, self.r.regions, self.r.by_frequency)
+        return [(x.text, x.good, x.section) for x in every]
+
+    @property
+    def fitted(self) -> list[LoopRow]:
+        return [x for x in self.r.tests if not x.held_out]
+
+    @property
+    def held_out(self) -> int:
+        return len(self.r.tests) - len(self.fitted)
+
+    def headline(self) -> Figure:
+        return headline_figure(self.r.posterior, self.r.tests, self.r.predictive)
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        size, worst = self.r.posterior.residual_size(), max(self.fitted, key=lambda x: x.residual_share)
+        return [
+            *(_number_row(self.r.posterior, name) for name in _asked(self.r.posterior)),
+            _range_row("equivalent stiffness of the tests", "N/mm", [x.stiffness_N_mm for x in self.fitted]),
+            _range_row("energy lost a cycle", "mJ", [x.energy_mJ for x in self.fitted]),
+            _range_row("damping: loss factor of the tests", "", [x.loss_factor for x in self.fitted]),
+            (
+                "gap: what the model misses beyond noise, RMS",
+                f"{number(size.gap_N, size.rms_N)} N",
+                f"{100 * size.gap_share:.2g} % of the friction force",
+            ),
+            (
+                "residual: the same with noise, RMS",
+                f"{number(size.rms_N, size.rms_N)} N",
+                f"{100 * size.share:.2g} % of the friction force (worst test, {worst.test}: "
+                f"{100 * worst.residual_share:.2g} %)",
+            ),
+        ]
+
+    def open(self) -> list[str]:
+        """What these loops leave open, a line each."""
+        p = self.r.posterior
+        noise = {q.name for q in p.problem.likelihood.parameters}
+        shrunk = zip(p.problem.prior.free, contraction(p.flat_z(4000)))
+        loose = [f"{q.symbol} ({q.description})" for q, c in shrunk if c < OPEN and q.name not in noise]
+        wide = "Not determined one by one (posterior about as wide as the prior): "
+        out = [wide + "; ".join(loose) + "."] if loose else []
+        return [*out, *(f"{symbol_of(p, name)}: {why}" for name, why in p.extrapolated.items()), *_NOT_VISIBLE]
+
+    @property
+    def noticed(self) -> list[tuple[str, str]]:
+        campaign = self.r.posterior.campaign
+        return [(x.file, w) for x in (campaign.tests if campaign else ()) for w in x.warnings]
+
+
+class Determined(IdentifiedSection):
+    """Every sampled parameter against its prior, the quantities that loops determine, and their joint posterior."""
+
+    heading, marginals = "What the loops determine", marginals
+
+    @property
+    def legend(self) -> list[tuple[str, str, str]]:
+        parameters = self.r.posterior.problem.prior.parameters
+        return [*((q.symbol, q.description, q.unit) for q in parameters), *(_OF_CONTACTS if self.r.iwan else ())]
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        p, (draws, labels) = self.r.posterior, marginals.identifiable(self.r.posterior)
+        shown = [n for n in draws if n in p.quantities()]
+        return [(labels[n], *reported(p, n), p.extrapolated.get(n, "reached by the loops")) for n in shown]
+
+    def corner(self) -> Figure:
+        draws, labels = marginals.identifiable(self.r.posterior)
+        embedded = {q.name for q in embedded_parameters()} & set(self.r.posterior.names)
+        return marginals.corner_figure({n: x for n, x in draws.items() if n not in embedded}, labels)
 
 
 def _asked(posterior: Posterior) -> list[str]:
@@ -115,67 +170,3 @@ def _range_row(title: str, unit: str, tests: Sequence[Compared]) -> tuple[str, s
     if len(tests) == 1:
         value = f"{measured[0]:.4g}{unit}"
     return title, value, f"measured; predicted {number(low, spread)} to {number(high, spread)}{unit}"
-
-
-def _open(posterior: Posterior) -> list[str]:
-    """What these loops leave open, a line each."""
-    out = []
-    shrunk = contraction(posterior.flat_z(4000))
-    noise = {q.name for q in posterior.problem.likelihood.parameters}
-    loose = [
-        f"{q.symbol} ({q.description})"
-        for q, c in zip(posterior.problem.prior.free, shrunk)
-        if c < OPEN and q.name not in noise
-    ]
-    if loose:
-        out.append("Not determined one by one (posterior about as wide as the prior): " + "; ".join(loose) + ".")
-    out += [f"{symbol_of(posterior, name)}: {why}" for name, why in posterior.extrapolated.items()]
-    return [*out, *_NOT_VISIBLE]
-
-
-def determined(section: Section, posterior: Posterior) -> None:
-    """Every sampled parameter against its prior, the quantities that loops determine, and their joint posterior."""
-    prior = posterior.problem.prior
-    section.text("Symbols of this page:")
-    section.symbols(
-        [
-            *((q.symbol, q.description, q.unit) for q in prior.parameters),
-            *(_OF_CONTACTS if isinstance(posterior.problem.model, Model) else ()),
-        ]
-    )
-    section.figure(
-        marginals.prior_posterior_figure(posterior),
-        "Each sampled parameter against its prior. Grey: the prior's 50 and 90 % intervals; blue: the posterior's; red "
-        "with an open circle: hardly determined (contraction below 0.5). Contraction is one minus the posterior's "
-        "variance over the prior's, on the prior's scale. The numbers at the right are those of summary.csv.",
-        "Point and interval of every sampled parameter on the scale of its prior, with median, 90 % interval "
-        "and contraction; the same numbers are in the table of parameters.",
-        name="parameters",
-    )
-    draws, labels = marginals.identifiable(posterior)
-    rows = [
-        (labels[n], *reported(posterior, n), posterior.extrapolated.get(n, "reached by the loops"))
-        for n in draws
-        if n in posterior.quantities()
-    ]
-    section.table(
-        ("quantity", "median", "90 % from", "to", "reach"),
-        rows,
-        "Quantities that the loops determine, as in summary.csv: medians and 90 % intervals of the posterior's draws. "
-        "What no loop reaches is named as extrapolated.",
-    )
-    embedded = _embedded(posterior)
-    section.figure(
-        marginals.corner_figure({n: x for n, x in draws.items() if n not in embedded}, labels),
-        "Joint posterior of the determined quantities, the embedded model error omitted; contours hold 50 and 90 %.",
-        "Corner plot: marginal histograms on the diagonal, pairwise contours below it.",
-        png=True,
-        name="corner",
-    )
-
-
-def _embedded(posterior: Posterior) -> set[str]:
-    """Names of the parameters of the embedded model error."""
-    from bayes_iwan.models.iwan_parameters import embedded_parameters
-
-    return {q.name for q in embedded_parameters()} & set(np.array(posterior.names))

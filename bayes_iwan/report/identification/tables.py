@@ -1,11 +1,9 @@
-"""Tables: parameters, quantities, loops and convergence, as rows for a page, CSV files and a LaTeX table."""
+"""Tables: parameters, quantities, loops measured beside predicted, and convergence, as rows for a page, CSV files and
+a LaTeX table."""
 
-from __future__ import annotations
-
-import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +13,77 @@ from bayes_iwan.files import write_whole
 from bayes_iwan.inference.results.held_out_frequencies import HeldOutFrequency
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.summary_rows import ConvergenceRow
-from bayes_iwan.report.identification.compared_loops import Compared, LoopRow
+from bayes_iwan.inference.setup.loop_error import friction_rms_N
+from bayes_iwan.inference.setup.quantities import loop_quantities
+from bayes_iwan.models.motion import motion_of
+from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.identification.marginals import contraction, paper_symbol, reported
+from bayes_iwan.report.identification.predictive import Predictive
 from bayes_iwan.report.page import Cell, Rows, Table
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One quantity of a test: measured, predicted (value and interval of summary.csv), and the 90 % range in which
+    a repeated measurement is expected."""
+
+    measured: float
+    q50: float
+    q05: float
+    q95: float
+    repeat_q05: float
+    repeat_q95: float
+
+
+@dataclass(frozen=True)
+class LoopRow:
+    """One test, measured and predicted.
+
+    residual_share : the RMS residual over the RMS friction force. energy_mJ, stiffness_N_mm, loss_factor : as in
+    :class:`bayes_iwan.inference.setup.quantities.LoopQuantities`.
+    """
+
+    file: str
+    test: str
+    role: str
+    rms_residual_N: float
+    residual_share: float
+    energy_mJ: Compared
+    stiffness_N_mm: Compared
+    loss_factor: Compared
+
+    @property
+    def held_out(self) -> bool:
+        return self.role == "held-out"
+
+
+def compared_loops(posterior: Posterior, p: Predictive) -> tuple[LoopRow, ...]:
+    """Every test of a prediction, measured beside predicted."""
+    measured, again = loop_quantities(p.displacement_mm, p.measured_N), loop_quantities(p.displacement_mm, p.loop_N)
+    rms = np.std(p.residual_N(), axis=1)
+    problem = posterior.problem
+    friction = problem.friction_force(problem.parameter_values(posterior.flat_z(400)), motion_of(p.loops))
+    share = rms / friction_rms_N(np.median(friction, axis=0), p.loops)
+
+    def compared(name: str, seen: Array, repeated: Array, t: int) -> Compared:
+        at = f"{name}[{p.loops[t].file}]"
+        repeat = (float(q) for q in np.quantile(repeated[:, t], [0.05, 0.95]))
+        return Compared(float(seen[t]), posterior.median(at), *posterior.interval(at), *repeat)
+
+    return tuple(
+        LoopRow(
+            x.file,
+            test_name(x, role=False),
+            x.role,
+            float(rms[t]),
+            float(share[t]),
+            compared("dissipated_energy_mJ", measured.energy_mJ, again.energy_mJ, t),
+            compared("equivalent_stiffness_N_mm", measured.stiffness_N_mm, again.stiffness_N_mm, t),
+            compared("loss_factor", measured.loss_factor, again.loss_factor, t),
+        )
+        for t, x in enumerate(p.loops)
+    )
+
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
@@ -180,8 +246,10 @@ def latex_table(posterior: Posterior) -> str:
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
-def write_tables(tables: Sequence[Table], posterior: Posterior, folder: str | os.PathLike[str]) -> list[Path]:
-    """The CSV files and parameters.tex in `folder`."""
-    out = [table.in_units(posterior.problem.units).write_csv(folder) for table in tables]
-    out.append(write_whole(Path(folder) / "parameters.tex", latex_table(posterior)))
-    return out
+def write_tables(posterior: Posterior, more: Sequence[Table], out: Path) -> None:
+    """The CSV files, `more` among them, and parameters.tex in out/tables."""
+    every = [parameters_table(posterior), paper_table(posterior), quantities_table(posterior), *more]
+    every += [held_out_table(posterior.held_out)] if posterior.held_out else []
+    for table in every:
+        table.in_units(posterior.problem.units).write_csv(out / "tables")
+    write_whole(out / "tables" / "parameters.tex", latex_table(posterior))

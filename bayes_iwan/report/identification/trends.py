@@ -1,7 +1,5 @@
 """Figures of what a designer reads off loops, against frequency and amplitude: energy, stiffness, loss factor."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

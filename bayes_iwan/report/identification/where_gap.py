@@ -1,7 +1,5 @@
 """What a page's checks found, collected for its answer: a reader of the answer alone must not miss a failed check."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,9 +11,9 @@ from bayes_iwan.inference.results.held_out_frequencies import held_out_said
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.inference.results.remarks import LARGE_RESIDUAL
 from bayes_iwan.report.identification.checks import RegionChecks
-from bayes_iwan.report.identification.compared_loops import LoopRow
 from bayes_iwan.report.identification.loops import draw_loop, test_name
 from bayes_iwan.report.identification.predictive import Predictive, predict
+from bayes_iwan.report.identification.tables import LoopRow
 from bayes_iwan.report.style import BLUE, ORANGE, styled, subplots
 
 #: share of loop regions with p < 0.05 above which the model is said to miss more than it admits

@@ -1,7 +1,5 @@
 """Figures of a campaign before any model: the paper's Figs. 3 and 4 from the records, noise, drift and the drive."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of `bayes-iwan inspect`: what a campaign shows before any model, and what that means for identification."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,21 +9,12 @@ import numpy as np
 from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.folders.folder import read_checked
 from bayes_iwan.campaign.folders.inspect import LEVEL, Inspection, inspect_loop
+from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.campaign.timing.accelerometer import STATED
 from bayes_iwan.report.identification.loops import test_name
 from bayes_iwan.report.inspection import inspect_figures as figures
 from bayes_iwan.report.page import Page, Section, provenance
 from bayes_iwan.report.style import house_style
-
-LEGEND = (
-    ("u, A", "displacement and its amplitude (half the peak-to-peak of the averaged cycle)", "mm"),
-    ("E", "energy lost a cycle: the area of the loop", "mJ"),
-    ("k", "equivalent stiffness: fundamental of the force in phase with that of the displacement, over it", "N/mm"),
-    ("η", "loss factor: the same in quadrature, over k; tan of the loss angle", "–"),
-    ("noise", "RMS of what is left of the force between cycles, averaged cycle and slow changes taken off", "N"),
-    ("distortion", "harmonics 2 to 10 of the displacement over its fundamental", "%"),
-    ("reversal", "samples within the first tenth of the stroke after a turn, in one cycle", "–"),
-)
 
 
 def inspect_to(campaign: str | os.PathLike[str], out: str | os.PathLike[str] | None = None) -> str:
@@ -76,120 +65,89 @@ def inspect_text(campaign: Campaign, tests: Sequence[Inspection]) -> str:
     return "\n".join(lines)
 
 
+class InspectionSection(Section[tuple[Campaign, Sequence[Inspection]]]):
+    """r : the campaign and its tests as they were inspected."""
+
+    template, draw, level = "inspect.html", figures, f"{100 * LEVEL:.0f} %"
+
+    @property
+    def units(self) -> Units:
+        return self.r[0].units
+
+
+class Answer(InspectionSection):
+    heading, stated = "Answer", STATED
+
+    @property
+    def noted(self) -> list[tuple[str, str]]:
+        return [(test.loop.file, note) for test in self.r[1] for note in test.notes]
+
+    @property
+    def found(self) -> list[tuple[str, bool, str]]:
+        said = f"{len(self.noted)} remark(s) on the records: read them before anything is identified."
+        return [(said, False, "") if self.noted else ("Nothing stands in the way of an identification.", True, "")]
+
+    def ranges(self) -> list[tuple[str, str]]:
+        campaign, tests = self.r
+        noise = [100 * t.noise_N / float(np.std(t.loop.force_N)) for t in tests]
+        return [
+            ("tests", f"{len(tests)}"),
+            *([("frequency", _between([t.loop.frequency_hz for t in tests], "Hz"))] if campaign.clock else []),
+            ("amplitude", _between([t.loop.amplitude_mm for t in tests], "mm")),
+            ("equivalent stiffness", _between([t.stiffness_N_mm.value for t in tests], "N/mm")),
+            ("energy lost a cycle", _between([t.energy_mJ.value for t in tests], "mJ")),
+            ("damping: loss factor", _between([t.loss_factor.value for t in tests])),
+            ("noise over the force's RMS", _between(noise, "%")),
+        ]
+
+    def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        return _table(*self.r)
+
+    @property
+    def held_out(self) -> str:
+        return ", ".join(test_name(t.loop) for t in self.r[1] if t.loop.role == "held-out")
+
+
+class Friction(InspectionSection):
+    heading = "Loops less the straight part"
+
+
+class Overlays(InspectionSection):
+    heading = "Across frequency"
+
+
+class Trends(InspectionSection):
+    heading = "Energy, stiffness and damping"
+
+
+class Noise(InspectionSection):
+    heading = "Noise"
+
+
+class Drift(InspectionSection):
+    heading = "Over the cycles"
+
+
+class Drive(InspectionSection):
+    heading = "The drive"
+
+
 @house_style()
 def write_page(campaign: Campaign, tests: Sequence[Inspection], out: Path) -> Path:
     """Write out/inspect.html and its figures (out/figures/inspect_*.png and .pdf); returns the page's path."""
-    units = campaign.units
     page = Page(
         f"What the records show: {campaign.name}",
         campaign.description,
         "No model was fitted and nothing drawn at random.",
-        units,
+        campaign.units,
         provenance(campaign),
     )
-    _answer(page.section("Answer"), campaign, tests)
-
-    def figure(heading: str, name: str, drawing: figures.Figure, text: str, caption: str, alt: str) -> None:
-        section = page.section(heading).text(units.text(text))
-        section.figure(drawing, units.text(caption), alt, name=name)
-
-    figure(
-        "Loops less the straight part",
-        "friction",
-        figures.loops(tests, units, linear=False),
-        "A line through each loop is taken off (as in the paper's Fig. 3): what is left is friction, and whatever "
-        "curves.",
-        "Loops less their straight part.",
-        "One panel a test: loops of the force left after a straight line is taken off.",
-    )
+    r = (campaign, tests)
+    page.add(Answer(r), Friction(r))
     if campaign.clock:
-        figure(
-            "Across frequency",
-            "overlays",
-            figures.overlays(tests, units),
-            "Tests of one amplitude over one another, less one common line (as in the paper's Fig. 4). "
-            "Rate-independent friction gives one loop at all frequencies; loops that widen are viscous, loops that "
-            "turn have inertia.",
-            "Loops of one amplitude at all its frequencies.",
-            "One panel an amplitude: loops of several frequencies drawn over one another.",
-        )
-    figure(
-        "Energy, stiffness and damping",
-        "trends",
-        figures.trends(tests, units),
-        f"Bars are {100 * LEVEL:.0f} % intervals from the scatter of the cycles; they are often smaller than the "
-        "marks. Stiffness that falls with amplitude is slip.",
-        "Energy lost a cycle, equivalent stiffness and loss factor against amplitude.",
-        f"Three panels against amplitude{', one line a frequency' if campaign.clock else ''}.",
-    )
-    figure(
-        "Noise",
-        "noise",
-        figures.noise(tests, units),
-        "What is left of the force once every cycle's average is taken off. Averaging n cycles divides it by √n."
-        + (" Dashed: lines at mains frequencies." if campaign.clock else ""),
-        "Amplitude spectrum of the force's noise; the title gives its RMS.",
-        f"One panel a test: noise against {'frequency' if campaign.clock else 'cycles'} on logarithmic axes.",
-    )
-    figure(
-        "Over the cycles",
-        "drift",
-        figures.drift(tests, units),
-        "Where force or energy move and the displacement does not, the specimen or the force channel changed; where "
-        "the displacement moves, the drive did.",
-        "Amplitude of displacement and force, and energy, of each cycle against their medians.",
-        "One panel a test: three lines against the number of the cycle.",
-    )
-    figure(
-        "The drive",
-        "drive",
-        figures.drive(tests, units),
-        "Harmonics of the displacement that stand above its noise. The model is driven with the motion as it was, so a "
-        "distorted drive does no harm; formulas for sines would.",
-        "Harmonics of the displacement over its fundamental.",
-        "Lines of the share of each harmonic, one a test.",
-    )
+        page.add(Overlays(r))
+    page.add(Trends(r), Noise(r), Drift(r), Drive(r))
     return page.write(out / "inspect.html")
-
-
-def _answer(section: Section, campaign: Campaign, tests: Sequence[Inspection]) -> None:
-    noted = [(test, note) for test in tests for note in test.notes]
-    said = f"{len(noted)} remark(s) on the records: read them before anything is identified."
-    section.status([(said, False, "") if noted else ("Nothing stands in the way of an identification.", True, "")])
-    section.figure(
-        figures.loops(tests, campaign.units),
-        campaign.units.text(
-            "Force over displacement. Grey: up to twelve single cycles of each test, spread over the record; black: "
-            "their average. Grey that is wider than the line is noise or change from cycle to cycle."
-        ),
-        "One panel a test: closed loops of force over displacement.",
-        name="loops",
-    )
-    rows = [
-        ("tests", f"{len(tests)}"),
-        *([("frequency", _between([t.loop.frequency_hz for t in tests], "Hz"))] if campaign.clock else []),
-        ("amplitude", _between([t.loop.amplitude_mm for t in tests], "mm")),
-        ("equivalent stiffness", _between([t.stiffness_N_mm.value for t in tests], "N/mm")),
-        ("energy lost a cycle", _between([t.energy_mJ.value for t in tests], "mJ")),
-        ("damping: loss factor", _between([t.loss_factor.value for t in tests])),
-        ("noise over the force's RMS", _between([100 * t.noise_N / float(np.std(t.loop.force_N)) for t in tests], "%")),
-    ]
-    section.table(("what", "from smallest to largest of the tests"), rows, "The answer, before any model")
-    if noted:
-        section.table(
-            ("test", "what, what it does, what to do"),
-            [(test.loop.file, note) for test, note in noted],
-            "Remarks on the records",
-        )
-    section.text("Symbols of this page:").symbols(LEGEND)
-    section.table(
-        *_table(campaign, tests), f"Tests; intervals in brackets: {100 * LEVEL:.0f} %, from the scatter of the cycles"
-    )
-    if campaign.from_acceleration:
-        section.text(STATED)
-    names = ", ".join(test_name(t.loop) for t in tests if t.loop.role == "held-out")
-    if names:
-        section.text(f"Held out of any fit: {names}.")
 
 
 def _between(values: Sequence[float], unit: str = "") -> str:
