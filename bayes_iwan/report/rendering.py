@@ -291,7 +291,7 @@ CARD = 'class="card" '
 
 
 def svg(figure: Figure, name: str, alt: str) -> Markup:
-    """The figure as an <svg> element whose ids cannot clash with another figure's, coordinates to 0.01 pt.
+    """The figure as an <svg> element whose ids cannot clash with another figure's, coordinates to 0.1 pt.
 
     Colours that the page's style names become its variables, so that they follow a dark screen; a figure with others
     (a colour scale) stays as it is, on a white card.
@@ -324,4 +324,4 @@ def svg(figure: Figure, name: str, alt: str) -> Markup:
 
 
 def _short(text: str) -> str:
-    return re.sub(r"-?\d+\.\d{3,}", lambda m: f"{float(m.group(0)):.2f}", re.sub(r"\s*\n\s*", " ", text))
+    return re.sub(r"-?\d+\.\d{2,}", lambda m: f"{float(m.group(0)):.1f}", re.sub(r"\s*\n\s*", " ", text))

@@ -30,11 +30,13 @@ TURNED = 0.05  # of the force's height, lost before the displacement turns: fric
 AT_TURN = 0.002  # of the stroke: nearer to its end the displacement turns, or is held
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
+ROUNDED = 1e-3  # of a step: times that are off an even clock by more are rounded, and so is the first
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
 
 
 def on_grid_of_rate(time: Array, rate: float) -> Array:
-    """The exact times of samples at `rate` where the column (n,) is a rounded copy of them (it may then repeat)."""
+    """The exact times of samples at `rate` where the column (n,) is a rounded copy of them (it may then repeat). They
+    begin where the column is off them by as much to either side: the first time alone is known to a unit of rounding."""
     steps, off = np.diff(time), time - time[0] - np.arange(time.size) / rate
     if not (steps >= 0).all() or not (steps > 0).any():
         return time
@@ -42,7 +44,9 @@ def on_grid_of_rate(time: Array, rate: float) -> Array:
         rounded = np.ptp(off) <= 1.01 * float(steps[steps > 0].min())
     else:
         rounded = float(np.abs(off).max()) < 0.75 / rate
-    return time - off if rounded else time
+    if not rounded:
+        return time
+    return time - off + ((off.max() + off.min()) / 2 if np.ptp(off) * rate > ROUNDED else 0.0)
 
 
 def check_epoch(file: str, start_s: float, fix: str) -> None:

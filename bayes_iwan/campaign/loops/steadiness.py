@@ -22,7 +22,7 @@ SIGMAS = 8.0  # of its own scatter: what stands out
 JUMP, LARGE_JUMP = 0.01, 0.05  # of a cycle: a jump of phase that is said, and one that is refused
 CLOCK = 0.006  # of a cycle: the bow of the phase that a drifting frequency makes
 AMPLITUDE = 0.01  # of the drive's amplitude: change over the record that is said
-FORCE = 0.03  # of the force's amplitude: the same
+FORCE = 0.02  # of the force's amplitude: the same
 STEP = 0.02  # of a channel's height: a step of its mean
 ALTERNATING = 0.01  # of a channel's size: difference of odd and even cycles, halved
 OFF = 0.03  # of a channel's height: a stretch that is off the other cycles
@@ -194,15 +194,16 @@ def _force_amplitude(loop: Loop, each: Cycles) -> list[str]:
             "switched, or "
             "something slipped; the loop is a mixture. List the parts as two records"
         ]
-    noise = 1.4826 * float(np.median(np.abs(np.diff(own)))) / np.sqrt(2)
+    # the noise of samples, not the cycles' own scatter: a beat is a scatter too
+    noise = _white(loop, loop.record.force_N)
     # what the drive does, the force need not follow: it changes by itself where it does so with and without the drive
     spread = min(float(np.ptp(np.percentile(x, [5, 95]))) for x in (own, size))
     if spread <= max(FORCE, 5 * noise):
         return []
     return [
         f"the force's amplitude {_change(each, size)} over the cycles while the drive holds: a specimen that runs in, "
-        "warms or "
-        "fades, or a gain that drifts; run in for longer, or let `diagnose` look for it"
+        "warms or fades, a gain that drifts, or hum near the drive's frequency; run in for longer, or let `diagnose` "
+        "look for it"
     ]
 
 
