@@ -96,12 +96,11 @@ PHONE = 3.8
 class Shown(Figure):
     """A figure that shows itself in a notebook, whatever backend matplotlib has there.
 
-    for_phone : draws the same again, PHONE wide and with panels that stood side by side below one another; None where
-    the caller chose a width or gave axes.
+    for_phone : draws the same again, PHONE wide and with panels that stood side by side below one another, unless one
+    labelled axis serves them all; None where the caller chose a width or gave axes.
     """
 
     for_phone: Callable[[], Figure] | None = None
-    stacked = False
 
     def __getstate__(self) -> dict[str, Any]:
         return {**super().__getstate__(), "for_phone": None}  # a function within one, which does not travel
@@ -166,19 +165,10 @@ def styled(make: F) -> F:
         wish = _Wish(given, width) if (given or width) else outer
         figure = drawn(wish)
         if wish == _NOTHING and isinstance(figure, Shown):
-            figure.for_phone = partial(_on_phone, drawn)
+            figure.for_phone = partial(drawn, _Wish(width=PHONE, stacked=True))
         return figure
 
     return inner  # type: ignore[return-value]
-
-
-def _on_phone(drawn: Callable[[_Wish], Figure]) -> Figure:
-    """The variant for a phone; where panels stood side by side one label served all, now each has it."""
-    figure = drawn(_Wish(width=PHONE, stacked=True))
-    if isinstance(figure, Shown) and figure.stacked:
-        for axes in figure.axes[1:]:
-            axes.set_ylabel(axes.get_ylabel() or figure.axes[0].get_ylabel())
-    return figure
 
 
 @contextmanager
@@ -213,10 +203,9 @@ def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any
         while not isinstance(figure, Figure):  # of a SubFigure
             figure = figure.figure
         return figure, np.array(wish.axes, dtype=object).reshape(rows, columns)
-    if wish.stacked and rows == 1 and columns > 1:
+    if wish.stacked and rows == 1 and columns > 1 and not kwargs.get("sharey"):
         kwargs.pop("width_ratios", None)
         figure = Shown(figsize=(wish.width or width, height * columns), layout="constrained")
-        figure.stacked = True
         return figure, figure.subplots(columns, 1, squeeze=False, **kwargs).reshape(1, columns)
     figure = Shown(figsize=(wish.width or width, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)

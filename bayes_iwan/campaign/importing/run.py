@@ -365,9 +365,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         }
         line = (
             f"found{f' in {checked.file}' if len(pieces) > 1 else ''}: "
-            f"{f'{loop.frequency_hz:.4g} Hz, ' if recipe.clock else ''}"
-            f"{loop.amplitude_mm:.4g} {units.displacement}, {loop.n_cycles} steady cycles, force RMS "
-            f"{loop.force_N.std():.4g} {units.force}"
+            f"{f'{loop.frequency_hz:.4g} Hz, ' if recipe.clock else ''}{loop.amplitude_mm:.4g} {units.displacement}, "
+            f"{loop.n_cycles} steady cycles, force RMS {loop.force_N.std():.4g} {units.force}"
         )
         out.append(ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line)))
     if not out:

@@ -35,8 +35,10 @@ EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
 
 
 def on_grid_of_rate(time: Array, rate: float) -> Array:
-    """The exact times of samples at `rate` where the column (n,) is a rounded copy of them (it may then repeat). They
-    begin where the column is off them by as much to either side: the first time alone is known to a unit of rounding."""
+    """The exact times of samples at `rate` where the column (n,) is a rounded copy of them (it may then repeat).
+
+    They begin where the column is off them by as much to either side: one time is known to a unit of rounding alone.
+    """
     steps, off = np.diff(time), time - time[0] - np.arange(time.size) / rate
     if not (steps >= 0).all() or not (steps > 0).any():
         return time
@@ -178,9 +180,8 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         spikes = np.flatnonzero(np.abs(values - (mean.max() + mean.min()) / 2) > SPIKE * np.ptp(mean))
         if spikes.size:
             notes.append(
-                f"{spikes.size} spike(s) in the {name}, the first at "
-                f"{when(loop, record.time_s[index[spikes[0]]])}, are "
-                "averaged in: delete their lines, the gaps will be bridged"
+                f"{spikes.size} spike(s) in the {name}, the first at {when(loop, record.time_s[index[spikes[0]]])}, "
+                "are averaged in: delete their lines, the gaps will be bridged"
             )
     return replace(record, warnings=tuple(notes)), loop
 

@@ -77,7 +77,10 @@ def said_of(limit: Limit) -> str:
             f"the {limit.channel} is clipped at {limit.level:.6g} {unit}: it {how}, without the noise that it has "
             f"elsewhere. {wrong[0].upper()}{wrong[1:]} out too small. {again}"
         )
-    return f"the {limit.channel} may be clipped at {limit.level:.6g} {unit}: it {how}. If so, {wrong} out too small. {again}"
+    return (
+        f"the {limit.channel} may be clipped at {limit.level:.6g} {unit}: it {how}. If so, {wrong} out too small. "
+        f"{again}"
+    )
 
 
 def _suspected(record: Record, loop: Loop) -> list[Limit]:

@@ -130,9 +130,7 @@ def _phase(loop: Loop, each: Cycles) -> list[str]:
         change = 8 * bow / (each.number[-1] - each.number[0] + 1)
         return [
             f"the frequency drifts by {100 * change:+.2g} % over the record (drive, clock, or lost rows): the loop is "
-            "averaged at "
-            "its "
-            f"mean, {loop.frequency_hz:.5g} Hz; check the generator and the recorder's clock"
+            f"averaged at its mean, {loop.frequency_hz:.5g} Hz; check the generator and the recorder's clock"
         ]
     wander = float(np.ptp(np.percentile(e - basis @ found, [5, 95])))
     if wander > JUMP:
@@ -165,8 +163,7 @@ def _drive_amplitude(loop: Loop, each: Cycles) -> list[str]:
         return []
     return [
         f"the drive's amplitude {_change(each, each.amplitude_mm)} over the cycles: changes of the force of that size "
-        "are "
-        "the drive's, not the specimen's; steady the drive or keep a part that is steady"
+        "are the drive's, not the specimen's; steady the drive or keep a part that is steady"
     ]
 
 
@@ -189,10 +186,8 @@ def _force_amplitude(loop: Loop, each: Cycles) -> list[str]:
     k, jump = _outlying(own, FORCE)
     if k > 0:
         return [
-            f"the force's amplitude changes by {100 * jump:+.2g} % at once near {when(loop, each.time_s[k])}: a "
-            "gain was "
-            "switched, or "
-            "something slipped; the loop is a mixture. List the parts as two records"
+            f"the force's amplitude changes by {100 * jump:+.2g} % at once near {when(loop, each.time_s[k])}: a gain "
+            "was switched, or something slipped; the loop is a mixture. List the parts as two records"
         ]
     # the noise of samples, not the cycles' own scatter: a beat is a scatter too
     noise = _white(loop, loop.record.force_N)
@@ -213,8 +208,7 @@ def _step(loop: Loop, name: str, unit: str, each: Cycles, mean: Array, height: f
         return []
     return [
         f"the {name}'s mean steps by {step:+.3g} {unit} near {when(loop, each.time_s[k])}: a mount that slipped, or a "
-        "channel that "
-        "jumped; the mean of the loop is of neither part. List the parts as two records"
+        "channel that jumped; the mean of the loop is of neither part. List the parts as two records"
     ]
 
 
@@ -268,17 +262,14 @@ def _stretches(loop: Loop, name: str, values: Array, height: float) -> list[str]
         if _longest(at_rest) + 1 >= FLAT_SAMPLES:
             raise CampaignError(
                 f"{loop.file}: the {name} stands still where it moves in other cycles, near "
-                f"{when(loop, time[index[a]])} to "
-                f"{when(loop, time[index[b - 1]])} ({len(runs)} such stretch(es)): dead, frozen or dropped out. "
-                "Delete these "
-                "lines (a short gap is bridged), or fix the channel"
+                f"{when(loop, time[index[a]])} to {when(loop, time[index[b - 1]])} ({len(runs)} such stretch(es)): "
+                "dead, frozen or dropped out. Delete these lines (a short gap is bridged), or fix the channel"
             )
     share = float(bad.mean())
     return [
         f"the {name} is off the other cycles in {len(runs)} stretch(es), {share:.2g} of the record, the first at "
-        f"{when(loop, time[index[runs[0][0]]])}: it is averaged in; a drop-out or knock? Delete these lines, the "
-        "gaps are "
-        "bridged"
+        f"{when(loop, time[index[runs[0][0]]])}: it is averaged in; a drop-out or knock? Delete these lines, the gaps "
+        "are bridged"
     ]
 
 
