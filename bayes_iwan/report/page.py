@@ -149,9 +149,9 @@ class Section:
         order, phone = Order(number, alt, png, FILES), None
         self.renderer.order(order, figure)
         if not png and isinstance(figure, Shown) and figure.for_phone is not None:
-            narrow, phone = figure.for_phone(), Order(f"{number}-phone", alt, png, ())
-            relabel(narrow, self.units)
-            self.renderer.order(phone, narrow)
+            again, phone = figure.for_phone(), Order(f"{number}-phone", alt, png, ())
+            relabel(again, self.units)
+            self.renderer.order(phone, again)
         picture = Picture(figure, caption, name or number, order, self.renderer, phone)
         self.figures[picture.name] = picture
         self.body.append(picture)

@@ -33,9 +33,9 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
         for code in dict.fromkeys(codes):
             n, end = int(np.count_nonzero(known == code)), code in END_CODES
             if (n > 1 or end) and abs(code - float(np.median(others))) > FAR * span:
-                what = "the end of a converter's range, which was passed" if end else "a code"
+                what = "the end code of a converter whose range was passed" if end else "a code"
                 notes.append(
-                    f"{n} sample(s) of {name!r} read exactly {code:.10g}, far from all others: {what}; dropped"
+                    f"{n} sample(s) of {name!r} read exactly {code:.10g}, far from all others: {what}, dropped"
                 )
                 values = np.where(values == code, np.nan, values)
     return values, tuple(notes)

@@ -206,5 +206,5 @@ def _as_an_amplifier(
     other = [x.level for x in all_of_them if x.channel == one.channel and x.file == one.file and x.side != one.side]
     if other and not one.exact and abs(abs(other[0]) - abs(one.level)) > ONE_SIZE * abs(one.level):
         return False
-    alone = not one.exact and all(x.file == one.file for x in same)  # one flat top under noise may be a specimen's
+    alone = not one.exact and len(records) == 1  # one flat top under noise may be a specimen's
     return top is None or top.through or (top.stroke < LONG_STROKE and not alone)
