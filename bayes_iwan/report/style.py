@@ -107,7 +107,8 @@ class Shown(Figure):
     one_label = False  # do panels that lie below one another share the first one's label?
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**super().__getstate__(), "for_phone": None}  # a function within one, which does not travel
+        state: Any = super().__getstate__()
+        return {**state, "for_phone": None}  # a function within one, which does not travel
 
     def _repr_png_(self) -> bytes:
         content = io.BytesIO()

@@ -94,3 +94,14 @@ def test_one_loop_that_curves_or_slides_is_not_clipped(record, noise):
         r = record(time_s=sliding(1.0, 5.0)[0], start=0.0)
         r = replace(r, force_N=force + noise * rng.standard_normal(force.size))
         assert not limits_of_loops([r], [check_record(r)[1]])
+
+
+def test_a_simulated_slider_under_a_drive_that_wanders_is_not_clipped(record):
+    """Its plateau is one number, and its cycles differ: that is no noise."""
+    t = np.arange(1280) / 1280.0
+    u = (1.0 + 0.01 * np.sin(2 * np.pi * 0.7 * t)) * np.sin(2 * np.pi * 10 * t + 0.05 * np.sin(2 * np.pi * 1.3 * t))
+    z = np.zeros_like(u)
+    for i in range(1, u.size):
+        z[i] = np.clip(z[i - 1] + 60.0 * (u[i] - u[i - 1]), -5.0, 5.0)
+    r = replace(record(time_s=t), displacement_mm=u, force_N=z)
+    assert not limits_of_loops([r], [check_record(r)[1]])

@@ -351,10 +351,10 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
                 raise CampaignError(" ".join((f"{error}.", *codes)).rstrip(".")) from None
             dropped = (*dropped, f"dropped: {error}")
             continue
-        if (times := crossings_a_period(loop.displacement_mm)) > 1:
+        if (count := crossings_a_period(loop.displacement_mm)) > 1:
             several = (
-                f"the displacement crosses its middle {times} times in the period that is taken, 1/{times} of "
-                f"{times * loop.frequency_hz:.4g} Hz: as a multisine's does, or a drive's whose amplitude beats; which "
+                f"the displacement crosses its middle {count} times in the period that is taken, 1/{count} of "
+                f"{count * loop.frequency_hz:.4g} Hz: as a multisine's does, or a drive's whose amplitude beats; which "
                 "is it? A drive that beats gives no loop: steady it"
             )
             checked = replace(checked, warnings=(*checked.warnings, several))

@@ -25,6 +25,7 @@ CORNER = 0.5  # slope just before the top over the secant stiffness: a friction 
 ONE_LEVEL = 0.02  # of the level: so much an amplifier's limits differ between tests
 TOP_PARTS = 64  # of a cycle, in which samples are averaged to see a flat top: harmonics would ripple at its corners
 PIECE = 16  # samples of neighbouring phase, on a cubic but for noise
+SMOOTH = 0.2  # of what is left of samples: noise of theirs changes by more from one to the next
 SMALLEST_STEP, LEAST_NOISE = 1e-6, 2e-5  # of the span: less is rounding, and less noise has no recording
 DISTINCT = 0.5  # of the samples: with so many levels a channel has no coarse steps
 FEWEST_PARTS = 16  # of a cycle, in which a flat top can be seen
@@ -109,19 +110,24 @@ def _suspected(record: Record, loop: Loop) -> list[Limit]:
 
 
 def _noise(loop: Loop, values: Array, level: float) -> float:
-    """Standard deviation of a channel's noise away from a level: of its samples, sorted by phase, off cubics through
-    a few neighbours each. 0 where the level takes nearly all."""
+    """Standard deviation of a channel's noise from sample to sample, away from a level; 0 where there is none.
+
+    values (n,), sorted by phase, are taken off cubics through a few neighbours each. What is left is noise if it jumps
+    from one sample to the next; where it is smooth in time, cycles differ, as those of a simulation may too.
+    """
     phase = loop.averager.phase % 1.0
     order = np.argsort(phase, kind="stable")
-    pieces = np.array_split(order, max(values.size // PIECE, 1))
-    scatter = []
-    for piece in pieces:
+    left = np.full(values.size, np.nan)
+    for piece in np.array_split(order, max(values.size // PIECE, 1)):
         if piece.size < PIECE or (values[piece] == level).any():
             continue
         x = np.vander((phase[piece] - phase[piece[0]]) / max(float(np.ptp(phase[piece])), 1e-12), 4)
-        left = values[piece] - x @ np.linalg.lstsq(x, values[piece], rcond=None)[0]
-        scatter.append(float(left @ left) / (PIECE - 4))
-    return float(np.sqrt(np.median(scatter))) if scatter else 0.0
+        left[piece] = values[piece] - x @ np.linalg.lstsq(x, values[piece], rcond=None)[0]
+    jumps = np.diff(left, 2)
+    if np.count_nonzero(np.isfinite(jumps)) < PIECE:
+        return 0.0
+    jump = float(np.nanmedian(np.abs(jumps))) / np.sqrt(6.0)
+    return 1.4826 * jump if jump > SMOOTH * float(np.nanmedian(np.abs(left))) else 0.0
 
 
 def _resting(values: Array, n_cycles: int) -> float:

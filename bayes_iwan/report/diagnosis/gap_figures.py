@@ -145,8 +145,14 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
     axes[0, 0].set_ylabel("measured − model (N)")
     if len(names) <= 24:
         handles, labels = axes[0, 1].get_legend_handles_labels()
-        place, columns = ("outside upper center", 2) if narrow() else ("outside right upper", 1)
-        figure.legend(handles, labels, loc=place, ncols=columns, fontsize=7)
+        small = narrow()
+        figure.legend(
+            handles,
+            labels,
+            loc="outside upper center" if small else "outside right upper",
+            ncols=2 if small else 1,
+            fontsize=7,
+        )
     return figure
 
 
