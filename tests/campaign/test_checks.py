@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
+from bayes_iwan.campaign.loops.checks import check_record
 
 
 def campaign(path, tests):
@@ -145,3 +146,13 @@ def test_a_coarsely_rounded_time_column_is_fixed_by_the_sample_rate(folder, toml
     (test,) = read_campaign(folder(stated, {"test.csv": csv(gappy)})).tests
     np.testing.assert_allclose(test.time_s, gappy.time_s, atol=1e-9)
     assert any("gap" in w for w in test.warnings)
+
+
+@pytest.mark.parametrize("end", [False, True])
+def test_a_part_of_much_smaller_motion_is_said(record, end):
+    """A displacement whose gain was switched: a tenth of the motion is no cycle of the other's."""
+    r = record(n_cycles=20.3)
+    late = r.time_s > r.time_s[-1] * 0.3
+    values = np.where(late != end, 1.0, 0.1) * r.displacement_mm
+    checked, _ = check_record(replace(r, displacement_mm=values))
+    assert any("is not used" in w and "gain that was switched" in w for w in checked.warnings)

@@ -29,6 +29,7 @@ LATE = 0.3  # below minus this the delay is so long that no loop is left to iden
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
 AT_TURN = 0.002  # of the stroke: nearer to its end the displacement turns, or is held
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
+UNUSED, MOVES = 1.5, 0.03  # cycles that are not used, and their motion over the others', from which it is said
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 ROUNDED = 1e-3  # of a step: times that are off an even clock by more are rounded, and so is the first
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
@@ -173,6 +174,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         notes.append(
             f"{loop.cut.run_out} unsteady cycle(s) omitted at the end, where the drive stops; nothing is to be done"
         )
+    notes += _unused(record, loop)
     for name, values, mean in (
         ("displacement", record.displacement_mm[index] - loop.offset_mm, loop.displacement_mm),
         ("force", record.force_N[index], loop.force_N),
@@ -184,6 +186,25 @@ def check_record(record: Record) -> tuple[Record, Loop]:
                 "are averaged in: delete their lines, the gaps will be bridged"
             )
     return replace(record, warnings=tuple(notes)), loop
+
+
+def _unused(record: Record, loop: Loop) -> list[str]:
+    """Parts before and after the cycles that are used in which the motion is much smaller, and is no standstill."""
+    time, kept, notes = record.time_s, record.time_s[loop.cut.index], []
+    for where, part, said in (
+        ("start", time < kept[0], loop.cut.run_in),
+        ("end", time > kept[-1], loop.cut.run_out),
+    ):
+        cycles = float(np.ptp(time[part])) * loop.frequency_hz if np.count_nonzero(part) > 1 else 0.0
+        if said or cycles < UNUSED:
+            continue
+        swing = float(np.ptp(np.percentile(record.displacement_mm[part], [5, 95]))) / (2.0 * loop.amplitude_mm)
+        if swing > MOVES:
+            notes.append(
+                f"the {where} of the record, as long as {cycles:.3g} cycles, is not used: the motion there is {swing:.0%} "
+                "of the other cycles'. A gain that was switched, or another amplitude? Make it a record of its own"
+            )
+    return notes
 
 
 def _corners(loop: Loop) -> list[str]:

@@ -167,7 +167,10 @@ def _top(loop: Loop, values: Array, side: int) -> Top | None:
     # the part before the top may hold the corner: the slope is that before it
     run = max(float(u[a - 1] - u[a - 1 - width]), 1e-9 * float(np.ptp(u)))
     slope = float(force[a - 1] - force[a - 1 - width]) / run / float(np.ptp(force) / np.ptp(u))
-    through = float(np.max(u[a:b]) - u[b - 1]) > THROUGH * float(np.ptp(u))
+    # where the force leaves the top, between two parts
+    end = min(b, parts - 1)
+    left = float(np.interp(-(level - FLAT * height), -force[[b - 1, end]], u[[b - 1, end]]))
+    through = float(np.max(u[a:b])) - left > THROUGH * float(np.ptp(u))
     return Top(side * level, stroke, slope, through)
 
 
