@@ -92,7 +92,7 @@ class StyleError(InputError):
 
 #: width in inches of the variant for a phone: on 360 px its letters of 7 pt are 9 px tall
 PHONE = 3.6
-LETTERS = 42  # of a label in so many inches
+LETTERS = 34  # of a label in so many inches
 NARROW = 5.0  # inches: in less no more than two panels stand side by side, and legends beside nothing
 
 

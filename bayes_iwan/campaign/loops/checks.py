@@ -201,8 +201,9 @@ def _unused(record: Record, loop: Loop) -> list[str]:
         swing = float(np.ptp(np.percentile(record.displacement_mm[part], [5, 95]))) / (2.0 * loop.amplitude_mm)
         if swing > MOVES:
             notes.append(
-                f"the {where} of the record, as long as {cycles:.3g} cycles, is not used: the motion there is {swing:.0%} "
-                "of the other cycles'. A gain that was switched, or another amplitude? Make it a record of its own"
+                f"the {where} of the record, as long as {cycles:.3g} cycles, is not used: the motion there is "
+                f"{swing:.0%} of the other cycles'. A gain that was switched, or another amplitude? Make it "
+                "a record of its own"
             )
     return notes
 
