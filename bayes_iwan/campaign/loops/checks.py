@@ -29,7 +29,8 @@ LATE = 0.3  # below minus this the delay is so long that no loop is left to iden
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
 AT_TURN = 0.002  # of the stroke: nearer to its end the displacement turns, or is held
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
-UNUSED, MOVES = 1.5, 0.03  # cycles that are not used, and their motion over the others', from which it is said
+#: cycles that are not used from which it is said, and their motion over the others'
+UNUSED, MOVES, MUCH_LESS = 1.5, 0.03, 0.5
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
 ROUNDED = 1e-3  # of a step: times that are off an even clock by more are rounded, and so is the first
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
@@ -199,11 +200,11 @@ def _unused(record: Record, loop: Loop) -> list[str]:
         if said or cycles < UNUSED:
             continue
         swing = float(np.ptp(np.percentile(record.displacement_mm[part], [5, 95]))) / (2.0 * loop.amplitude_mm)
-        if swing > MOVES:
+        if MOVES < swing < MUCH_LESS:
             notes.append(
                 f"the {where} of the record, as long as {cycles:.3g} cycles, is not used: the motion there is "
-                f"{swing:.0%} of the other cycles'. A gain that was switched, or another amplitude? Make it "
-                "a record of its own"
+                f"{swing:.0%} of the other cycles'. A run-up or run-out does no harm; a gain that was switched makes one "
+                "of the parts wrong"
             )
     return notes
 
