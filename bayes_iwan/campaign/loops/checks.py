@@ -199,12 +199,13 @@ def _unused(record: Record, loop: Loop) -> list[str]:
         cycles = float(np.ptp(time[part])) * loop.frequency_hz if np.count_nonzero(part) > 1 else 0.0
         if said or cycles < UNUSED:
             continue
-        swing = float(np.ptp(np.percentile(record.displacement_mm[part], [5, 95]))) / (2.0 * loop.amplitude_mm)
+        off = np.abs(record.displacement_mm[part] - loop.offset_mm)
+        swing = float(np.median(off)) / (np.sqrt(0.5) * loop.amplitude_mm)
         if MOVES < swing < MUCH_LESS:
             notes.append(
                 f"the {where} of the record, as long as {cycles:.3g} cycles, is not used: the motion there is "
-                f"{swing:.0%} of the other cycles'. A run-up or run-out does no harm; a gain that was switched makes one "
-                "of the parts wrong"
+                f"{swing:.0%} of the other cycles'. A run-up or run-out does no harm; a gain that was switched makes "
+                "one of the parts wrong"
             )
     return notes
 

@@ -50,7 +50,7 @@ def short_period(time_s: Array, displacement: Array, up: Array, down: Array) -> 
 
 
 def crossings_a_period(displacement: Array) -> int:
-    """How often a periodic displacement (samples,) of mean zero crosses it upwards, small ripples left out."""
+    """How often a periodic displacement (samples,) of mean zero crosses it upwards, but for small ripples."""
     side = np.sign(displacement[np.abs(displacement) > SMALL * np.max(np.abs(displacement))])
     return int(np.count_nonzero((side > 0) & (np.roll(side, 1) < 0)))
 

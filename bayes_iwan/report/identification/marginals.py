@@ -65,7 +65,7 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
     z = posterior.flat_z(4000)
     shrunk = contraction(z)
     n = len(prior.free)
-    small = narrow()  # no room for a column of contractions
+    small = narrow()  # a column of contractions does not fit
     ratios = (1, 1.35) if small else (1.35, 1)
     figure, axes = subplots(1, 2, 7.6, 0.245 * n + 1.0, width_ratios=ratios, sharey=True)
     ax, side = axes[0]

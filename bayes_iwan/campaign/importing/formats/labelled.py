@@ -16,7 +16,7 @@ _WITH_UNIT = re.compile(rf"\s*({_NUMBER})\s*([^\W\d_][^\s,;]*|°|%)\s*")
 
 
 def plain_rows(text: str) -> str:
-    """A text with its labels and units taken out of the rows of numbers, and written once above these."""
+    """A text with its labels and units moved from the rows of numbers to a row above these."""
     sample = [line for line in text[-65536:].split("\n")[1 if len(text) > 65536 else 0 :] if line.strip()][-LOOKED_AT:]
     if len(sample) > 8 and sum(bool(_STAMP.match(x)) for x in sample) >= ALIKE * len(sample):
         text = _STAMP.sub("", text)
