@@ -197,8 +197,8 @@ def _force_amplitude(loop: Loop, each: Cycles) -> list[str]:
         return []
     return [
         f"the force's amplitude {_change(each, size)} over the cycles while the drive holds: a specimen that runs in, "
-        "warms or fades, a gain that drifts, or mains interference near the drive's frequency; run in for longer, or let `diagnose` "
-        "look for it"
+        "warms or fades, a gain that drifts, or mains interference near the drive's frequency; run in for longer, "
+        "or let `diagnose` look for it"
     ]
 
 
