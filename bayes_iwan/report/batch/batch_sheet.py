@@ -24,7 +24,7 @@ WORDS = {
     "kp_N_mm": "stiffness once all contacts slide",
     "k1_N_mm": "stiffness of sticking contacts",
     "mean_slip_force_N": "mean slip force",
-    **{f"slip_force_q{x}_N": f"slip force below which {x} % of contacts slip" for x in (25, 50, 75)},
+    **{f"slip_force_q{x}_N": f"slip force of {x} % of contacts" for x in (25, 50, 75)},
 }
 
 
@@ -46,7 +46,7 @@ def _said(batch: Batch) -> list[str]:
     if not batch.finished:
         return failed
     odd = [x for x in batch.unusual if x.notable]
-    labels = {q: batch.label(q) for q in batch.populations}
+    labels = {q: WORDS.get(q, batch.label(q)) for q in batch.populations}
     out = [
         f"Unusual: {x.name}, in {', '.join(labels[q] for q in x.notable[:4])}"
         + (f" and {len(x.notable) - 4} more" if len(x.notable) > 4 else "")
@@ -71,7 +71,7 @@ def _table(ax: Axes, batch: Batch) -> None:
     ax.axis("off")
     rows = []
     # a customer knows no symbols; with a simulator of one's own there are no words for them
-    known = {q: f"{WORDS[q]} ({batch.label(q)})" for q in batch.populations if q in WORDS}
+    known = {q: f"{WORDS[q]}, {batch.label(q)}" for q in batch.populations if q in WORDS}
     for q in list(known or batch.populations)[:QUANTITIES]:
         p = batch.populations[q]
         width = p.typical[2] - p.typical[1]
