@@ -51,6 +51,21 @@ def test_what_was_probably_meant_is_said(capsys):
     with pytest.raises(SystemExit):
         cli.main(["identify", "campaign", "--ovrwrite"])
     assert 'Did you mean "--overwrite"?' in capsys.readouterr().err
+    for words, meant in ((["export", "run", "--to", "fmuu"], "fmu"), (["compare", "c", "--by", "looo"], "loo")):
+        with pytest.raises(SystemExit):
+            cli.main(words)
+        assert f'Did you mean "{meant}"?' in capsys.readouterr().err
+
+
+def test_an_export_is_named_after_its_run_and_target(tmp_path, monkeypatch):
+    named = []
+    export = next(x for x in cli.COMMANDS if x.name == "export")
+    monkeypatch.setattr(cli, "COMMANDS", [replace(export, run=lambda args: named.append(args.out))])
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "moved").mkdir()
+    assert cli.main(["export", "results", "--to", "c", "--campaign", "moved"]) == 0
+    assert cli.main(["export", "results", "--to", "json", "--out", "here"]) == 0
+    assert named == ["results-c", "here"]
 
 
 def test_examples_in_help_are_commands():

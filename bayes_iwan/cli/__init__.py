@@ -156,9 +156,9 @@ def _prepare(args: argparse.Namespace, log: RunLog) -> None:
     source = getattr(args, "campaign", None)
     if source is not None:
         refuse_recordings(source)
-    if hasattr(args, "overwrite"):
-        source = source or args.folder
-        args.out = args.out or f"{Path(source).resolve().name}-{args.command}"
+    if hasattr(args, "overwrite") or hasattr(args, "to"):
+        source = getattr(args, "folder", source)
+        args.out = args.out or f"{Path(str(source)).resolve().name}-{getattr(args, 'to', args.command)}"
         if args.verbose:
             say(f"{source} -> {args.out}", file=sys.stderr)
     if getattr(args, "out", None):

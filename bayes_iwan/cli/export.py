@@ -6,12 +6,14 @@ import argparse
 
 from bayes_iwan.cli.command import OUT, argument, command, say
 
+TARGETS = ("c", "fmu", "opensees", "mujoco", "drake", "json")
+
 
 @command(
     "export",
     "the identified device as files that run elsewhere: C, FMU, OpenSees, MuJoCo, Drake, JSON",
     argument("folder", metavar="RUN", help="folder that identify or diagnose wrote"),
-    argument("--to", metavar="TARGET", required=True, help="c, fmu, opensees, mujoco, drake or json"),
+    argument("--to", metavar="TARGET", required=True, choices=TARGETS, help=", ".join(TARGETS)),
     OUT,
     argument("--draws", metavar="N", type=int, default=20, help="draws beside the point estimate (default: 20)"),
     argument("--campaign", metavar="DIR", help="the campaign's folder: for a diagnosis, or where it has moved"),
@@ -27,6 +29,7 @@ from bayes_iwan.cli.command import OUT, argument, command, say
         type=float,
         help="opensees: largest error of the springs over the mean slip force (default: 0.00005)",
     ),
+    examples=("bayes-iwan export results --to fmu", "bayes-iwan export gap --to c --out device --campaign campaign"),
 )
 def run_export(args: argparse.Namespace) -> None:
     from bayes_iwan.export import export

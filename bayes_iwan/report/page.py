@@ -25,7 +25,7 @@ from bayes_iwan.campaign import Campaign
 from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.files import write_whole
 from bayes_iwan.report.rendering import Order, Rendered, Renderer
-from bayes_iwan.report.style import relabel
+from bayes_iwan.report.style import Shown, relabel
 
 #: pixels an inch of a figure takes on a screen: its smallest letters are then as large as small print
 PIXELS = 112
@@ -53,13 +53,15 @@ def asset(name: str) -> Markup:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure on a page; it may still be in the making, so it becomes HTML when the page does."""
+    """A figure on a page; it may still be in the making, so it becomes HTML when the page does. phone : the order of
+    its variant for a narrow screen, None where there is none."""
 
     figure: Figure
     caption: str
     name: str
     order: Order
     renderer: Renderer
+    phone: Order | None = None
 
     @property
     def rendered(self) -> Rendered:
@@ -70,10 +72,9 @@ class Picture:
         if self.order.raster:
             data = base64.b64encode(self.rendered.png).decode()
             picture = Markup(f'<img alt="{escape(self.order.alt)}" src="data:image/png;base64,{data}">')
-        width = self.figure.get_size_inches()[0]
-        return template(
-            "figure.html", picture=picture, caption=self.caption, file=self.name, width=round(PIXELS * width)
-        )
+        phone = None if self.phone is None else self.renderer.rendered(self.phone).svg
+        width = round(PIXELS * self.figure.get_size_inches()[0])
+        return template("figure.html", picture=picture, phone=phone, caption=self.caption, file=self.name, width=width)
 
 
 def anchor_of(heading: str) -> str:
@@ -154,9 +155,13 @@ class Body:
             return self.html(Markup())
         relabel(figure, self.page.units)
         number = f"{self.anchor}-f{len(self.figures) + 1}"
-        order, renderer = Order(number, self._said(alt), png, FILES), self.page.renderer
-        picture = Picture(figure, self._said(caption), name or number, order, renderer)
+        order, phone, renderer = Order(number, self._said(alt), png, FILES), None, self.page.renderer
         renderer.order(order, figure)
+        if not png and isinstance(figure, Shown) and figure.for_phone is not None:
+            again, phone = figure.for_phone(), Order(f"{number}-phone", self._said(alt), png, ())
+            relabel(again, self.page.units)
+            renderer.order(phone, again)
+        picture = Picture(figure, self._said(caption), name or number, order, renderer, phone)
         self.figures[picture.name] = picture
         self.body.append(picture)
         return self

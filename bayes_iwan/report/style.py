@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -89,8 +90,25 @@ class StyleError(InputError):
     """A style, width or axes that a figure cannot be drawn with; the message says what fits."""
 
 
+#: width in inches of the variant for a phone: on 360 px its letters of 7 pt are 9 px tall
+PHONE = 3.6
+LETTERS = 34  # of a label in so many inches
+NARROW = 5.0  # inches: in less no more than two panels stand side by side, and legends beside nothing
+
+
 class Shown(Figure):
-    """A figure that shows itself in a notebook, whatever backend matplotlib has there."""
+    """A figure that shows itself in a notebook, whatever backend matplotlib has there.
+
+    for_phone : draws the same again, PHONE wide and with panels that stood side by side below one another, unless one
+    axis of names serves them all; None where the caller chose a width or gave axes.
+    """
+
+    for_phone: Callable[[], Figure] | None = None
+    one_label = False  # do panels that lie below one another share the first one's label?
+
+    def __getstate__(self) -> dict[str, Any]:
+        state: Any = super().__getstate__()
+        return {**state, "for_phone": None}  # a function within one, which does not travel
 
     def _repr_png_(self) -> bytes:
         content = io.BytesIO()
@@ -100,10 +118,12 @@ class Shown(Figure):
 
 @dataclass(frozen=True)
 class _Wish:
-    """What the caller of a figure function asked for: axes to draw into, and a width in inches."""
+    """What the caller of a figure function asked for: axes to draw into, a width in inches, and whether panels that
+    would stand side by side stand below one another."""
 
     axes: tuple[Axes, ...] | None = None
     width: float | None = None
+    stacked: bool = False
 
 
 _NOTHING = _Wish()
@@ -133,19 +153,40 @@ def styled(make: F) -> F:
             width = WIDTHS[width]
         given = None if ax is None else tuple(np.asarray(ax, dtype=object).ravel())
         outer = _WISH.get()
-        token = _WISH.set(_Wish(given, width) if (given or width) else outer)
-        try:
-            with mpl.rc_context(unset_rc()):
-                if style is None:
-                    return make(*args, **kwargs)
-                with mpl.style.context(style):
-                    return make(*args, **kwargs)
-        except OSError as error:  # of a style that there is not
-            raise StyleError(f"style={style!r}: {error}") from None
-        finally:
-            _WISH.reset(token)
+
+        def drawn(wish: _Wish) -> Figure:
+            token = _WISH.set(wish)
+            try:
+                with mpl.rc_context(unset_rc()):
+                    if style is None:
+                        return make(*args, **kwargs)
+                    with mpl.style.context(style):
+                        return make(*args, **kwargs)
+            except OSError as error:  # of a style that there is not
+                raise StyleError(f"style={style!r}: {error}") from None
+            finally:
+                _WISH.reset(token)
+
+        wish = _Wish(given, width) if (given or width) else outer
+        figure = drawn(wish)
+        if wish == _NOTHING and isinstance(figure, Shown):
+            figure.for_phone = partial(_on_phone, drawn)
+        return figure
 
     return inner  # type: ignore[return-value]
+
+
+def _on_phone(drawn: Callable[[_Wish], Figure]) -> Figure:
+    """The variant for a phone: every panel has its label, and long ones take several lines."""
+    figure = drawn(_Wish(width=PHONE, stacked=True))
+    for axes in figure.axes:
+        if isinstance(figure, Shown) and figure.one_label and not axes.get_ylabel():
+            axes.set_ylabel(figure.axes[0].get_ylabel())
+        place = axes.get_subplotspec()
+        letters = LETTERS // (1 if place is None else place.get_gridspec().ncols)
+        if "\n" not in axes.get_xlabel():
+            axes.set_xlabel(textwrap.fill(axes.get_xlabel(), letters))
+    return figure
 
 
 @contextmanager
@@ -180,6 +221,11 @@ def subplots(rows: int, columns: int, width: float, height: float, **kwargs: Any
         while not isinstance(figure, Figure):  # of a SubFigure
             figure = figure.figure
         return figure, np.array(wish.axes, dtype=object).reshape(rows, columns)
+    if wish.stacked and rows == 1 and columns > 1 and not (kwargs.get("sharey") and "width_ratios" in kwargs):
+        kwargs.pop("width_ratios", None)
+        figure = Shown(figsize=(wish.width or width, height * columns), layout="constrained")
+        figure.one_label = bool(kwargs.get("sharey"))
+        return figure, figure.subplots(columns, 1, squeeze=False, **kwargs).reshape(1, columns)
     figure = Shown(figsize=(wish.width or width, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
 
@@ -192,6 +238,11 @@ def into_given_axes() -> bool:
 def asked_width(default: float) -> float:
     """Inches of the figure that is being made."""
     return _WISH.get().width or default
+
+
+def narrow() -> bool:
+    """Has the figure that is being made little width?"""
+    return asked_width(2 * NARROW) < NARROW
 
 
 def decimal_ticks(axis: Axis, low: float, high: float, most: int = 6) -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from bayes_iwan.campaign import CampaignError, average
-from bayes_iwan.campaign.loops import averaging
+from bayes_iwan.campaign.loops import noise as noise_of
 from bayes_iwan.campaign.loops.averaging import in_band
 
 
@@ -187,10 +187,10 @@ def test_harmonics_beyond_the_trusted_band_are_no_data(record):
 def test_a_long_record_s_noise_is_found_from_a_length_that_transforms_well(record, monkeypatch):
     r = record(n_cycles=211.3, noise_N=0.05)
     whole = average(r).noise_N
-    n = averaging._transformed(211 * 64 + 1)
+    n = noise_of._transformed(211 * 64 + 1)
     assert n == 211 * 64 + 1  # a short record keeps its length
-    monkeypatch.setattr(averaging, "LONG_RECORD", 1000)
-    assert 13_000 < averaging._transformed(211 * 64 + 1) < 211 * 64 + 1
+    monkeypatch.setattr(noise_of, "LONG_RECORD", 1000)
+    assert 13_000 < noise_of._transformed(211 * 64 + 1) < 211 * 64 + 1
     shortened, resolved = average(r).noise_N, np.isfinite(whole)
     np.testing.assert_allclose(shortened[resolved][1:], whole[resolved][1:], rtol=0.1)
     assert shortened[0] == pytest.approx(whole[0], rel=0.3)  # five bins alone tell the mean's

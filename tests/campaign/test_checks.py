@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError, read_campaign, write_campaign
+from bayes_iwan.campaign.loops.checks import check_record
 
 
 def campaign(path, tests):
@@ -85,7 +86,9 @@ def test_clipping_is_said(tmp_path, record, channel):
     clipped = replace(r, **{name: np.minimum(values, 0.93 * values.max())})
     (test,) = campaign(tmp_path, [clipped]).tests
     (said,) = (w for w in test.warnings if "clipped" in w)
-    assert f"{channel} may be clipped at {0.93 * values.max():.6g}" in said
+    # the force's noise stops there, which no specimen makes it do
+    sure = "is" if channel == "force" else "may be"
+    assert f"{channel} {sure} clipped at {0.93 * values.max():.6g}" in said
     assert said.count("too small") == 1 and f"Raise the {channel} range" in said
 
 
@@ -143,3 +146,13 @@ def test_a_coarsely_rounded_time_column_is_fixed_by_the_sample_rate(folder, toml
     (test,) = read_campaign(folder(stated, {"test.csv": csv(gappy)})).tests
     np.testing.assert_allclose(test.time_s, gappy.time_s, atol=1e-9)
     assert any("gap" in w for w in test.warnings)
+
+
+@pytest.mark.parametrize("end", [False, True])
+def test_a_part_of_much_smaller_motion_is_said(record, end):
+    """A displacement whose gain was switched: a tenth of the motion is no cycle of the other's."""
+    r = record(n_cycles=9.4)
+    late = r.time_s > r.time_s[-1] * (0.8 if end else 0.2)
+    values = np.where(late == end, 0.1, 1.0) * r.displacement_mm
+    checked, _ = check_record(replace(r, displacement_mm=values))
+    assert any("is not used" in w and "gain that was switched" in w for w in checked.warnings)

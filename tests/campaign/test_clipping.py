@@ -72,3 +72,36 @@ def test_a_displacement_that_dwells_at_its_ends_is_not_clipped(record):
         t, u, f = sliding(1.3 * a, 5.0, spring=2.0)
         out.append((t, np.clip(u, -a, a), f))
     assert not [x for x in campaign_of(record, out) if x.channel == "displacement"]
+
+
+@pytest.mark.parametrize("after", [0.0, 0.005])
+def test_one_test_tells_where_noise_stops_or_the_top_outlasts_the_turn(record, after):
+    """A loop clipped at half its height, and noise before the amplifier or behind it."""
+    rng = np.random.default_rng(1)
+    r = record(noise_N=0.002, rate_hz=1273.0)
+    level = 0.5 * float(r.force_N.max())
+    clipped = np.clip(r.force_N, -level, level) + after * rng.standard_normal(r.force_N.size)
+    r = replace(r, force_N=clipped)
+    found = limits_of_loops([r], [check_record(r)[1]])
+    assert {x.side for x in found} == {1, -1}
+    assert all(x.quiet == (after == 0.0) for x in found)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002, 0.02, 0.1])
+def test_one_loop_that_curves_or_slides_is_not_clipped(record, noise):
+    rng = np.random.default_rng(2)
+    for force in (sliding(1.0, 5.0)[2], record(n_cycles=10).force_N):
+        r = record(time_s=sliding(1.0, 5.0)[0], start=0.0)
+        r = replace(r, force_N=force + noise * rng.standard_normal(force.size))
+        assert not limits_of_loops([r], [check_record(r)[1]])
+
+
+def test_a_simulated_slider_under_a_drive_that_wanders_is_not_clipped(record):
+    """Its plateau is one number, and its cycles differ: that is no noise."""
+    t = np.arange(1280) / 1280.0
+    u = (1.0 + 0.01 * np.sin(2 * np.pi * 0.7 * t)) * np.sin(2 * np.pi * 10 * t + 0.05 * np.sin(2 * np.pi * 1.3 * t))
+    z = np.zeros_like(u)
+    for i in range(1, u.size):
+        z[i] = np.clip(z[i - 1] + 60.0 * (u[i] - u[i - 1]), -5.0, 5.0)
+    r = replace(record(time_s=t), displacement_mm=u, force_N=z)
+    assert not limits_of_loops([r], [check_record(r)[1]])

@@ -45,8 +45,8 @@ def test_a_fault_that_can_be_seen_is_refused_or_said(sound, fault):
             continue
         silent += not said and fuzz_campaigns.changed(base, changed)
     # a force scaled by less than its amplitude and frequency explain looks like another specimen
-    # one test limited, under noise, at a level that others pass looks like a specimen that yields
-    assert silent <= {"force_scaled": 4, "clipped": 1}.get(fault.__name__, 0)
+    # one test limited a little, with noise behind the amplifier, at a level that others pass looks like one that yields
+    assert silent <= {"force_scaled": 4, "clipped": 2}.get(fault.__name__, 0)
 
 
 @pytest.mark.parametrize("share", [0.45, 0.55, 0.65, 0.75])

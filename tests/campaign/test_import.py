@@ -311,8 +311,8 @@ def test_recipe_file_and_what_is_said_over_it(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("sample_rat_hz = 1280", "unknown key 'sample_rat_hz'; did you mean sample_rate_hz"),
-        ("[channels]\nfroce = 'ai1'", "unknown key 'froce'; did you mean force"),
+        ("sample_rat_hz = 1280", "unknown key 'sample_rat_hz'; did you mean 'sample_rate_hz'"),
+        ("[channels]\nfroce = 'ai1'", "unknown key 'froce'; did you mean 'force'"),
         ("[gains]\nforce = 0", "gain of force must be a number other than 0"),
         ("[gains]\nforce = 'x'", "gain of force must be a number"),
         ("reverse = 'force'", "reverse must be a list"),
@@ -375,9 +375,9 @@ def test_the_command(tmp_path, capsys, volts, table):
     for wrong, words in (
         (["import", path, "--gain", "force=1,000", "--dry-run"], "is the comma in"),
         (["import", path, "--unit", "force", "--dry-run"], "--unit force: write it as ROLE=VALUE"),
-        (["import", path, "--unit", "froce=N", "--dry-run"], "did you mean force"),
+        (["import", path, "--unit", "froce=N", "--dry-run"], "did you mean 'force'"),
         (["import", path, "--gain", "force=x", "--dry-run"], "'x' is not a number"),
-        (["import", path, "--reverse", "forc", "--dry-run"], "did you mean force"),
+        (["import", path, "--reverse", "forc", "--dry-run"], "did you mean 'force'"),
         (["import", path, *said, "--out", str(out)], "is a campaign already"),
     ):
         assert cli.main(wrong) == 2

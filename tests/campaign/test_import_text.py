@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bayes_iwan.campaign import CampaignError
+from bayes_iwan.campaign.importing import import_tests
 from bayes_iwan.campaign.importing.formats.text_layout import Layout
 from bayes_iwan.campaign.importing.read import read_file
 from bayes_iwan.campaign.importing.unit_texts import is_unit
@@ -158,3 +159,31 @@ def test_a_wrong_layout_is_refused(tmp_path):
             read(tmp_path, "t,x,F\n" + rows(), **layout)
     with pytest.raises(CampaignError, match="not written in utf-8"):
         read(tmp_path, ("t;x;Kräfte\n" + rows(";")).encode("cp1252"), encoding="utf-8")
+
+
+def test_an_adc_s_end_code_is_a_range_that_was_passed(tmp_path):
+    values = F.copy()
+    values[57] = 32767.0
+    body = "\n".join(f"{t:.6f},{x:.8g},{f:.8g}" for t, x, f in zip(T, X, values))
+    (test,) = import_tests([write(tmp_path, f"time_s,disp_mm,force_N\n{body}\n")])
+    assert any("1 sample(s) of 'force' read exactly 32767" in w and "range" in w for w in test.record.warnings)
+    assert not any("spike" in w for w in test.record.warnings)
+
+
+@pytest.mark.parametrize("digits", [1, 2])
+def test_a_late_channel_with_rounded_times_is_aligned(tmp_path, digits):
+    """Each channel has its own times, rounded to far more than a step; the rate is stated."""
+    k, t = 7, np.arange(1000) / 1000.0
+    x, f = np.sin(2 * np.pi * 10 * t), np.sin(2 * np.pi * 10 * t + 0.4)
+    rows = zip(np.round(t[:-k], digits), x[:-k], np.round(t[k:], digits), f[k:])
+    body = "\n".join(",".join(f"{v:.9g}" for v in row) for row in rows)
+    (test,) = import_tests([write(tmp_path, f"Sample rate: 1000 Hz\ntime_s,disp_mm,time_s,force_N\n{body}\n")])
+    loop = test.loop
+    energy = float(np.mean(loop.force_N * loop.velocity_m_s) / loop.frequency_hz * 1e3)
+    assert energy == pytest.approx(np.pi * np.sin(0.4), rel=0.01)
+
+
+def write(tmp_path, text):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    return path

@@ -1,5 +1,7 @@
 """Periodic drives that are no sine are tests like any other; few cycles are counted; staircases become tests."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import sawtooth
@@ -164,3 +166,22 @@ def test_a_decimal_comma_in_a_sensitivity(tmp_path, said, newtons):
     np.testing.assert_allclose(test.record.force_N, newtons * r.force_N, rtol=1e-4, atol=1e-4)
     with pytest.raises(ValueError, match="is the comma"):
         import_tests([file], Recipe(sensitivities={"force": "1,000 mV/N"}))
+
+
+def test_a_force_that_beats_is_said(record):
+    """4 % over nine cycles changes the energy by a percent, whatever the beat's length."""
+    for beats in (0.7, 2.3, 4.6):
+        r = record(n_cycles=9.4, noise_N=0.002)
+        beat = 1.0 + 0.04 * np.sin(2 * np.pi * beats * np.linspace(0, 1, r.time_s.size) + 1.0)
+        checked, _ = check_record(replace(r, force_N=r.force_N * beat))
+        assert any("the force's amplitude" in w for w in checked.warnings), beats
+    assert check_record(record(n_cycles=9.4, noise_N=0.05))[0].warnings == ()
+
+
+def test_a_drive_that_beats_is_no_longer_period_without_a_word(tmp_path):
+    t = np.arange(800) / 400.0
+    u = (1.0 + 0.35 * np.sin(np.pi * 7.0 * t)) * np.sin(2 * np.pi * 7.0 * t)
+    file = tmp_path / "a.csv"
+    np.savetxt(file, np.column_stack([t, u, slider(u)]), delimiter=",", header="time_s,disp_mm,force_N", comments="")
+    (test,) = import_tests([file])
+    assert any("crosses its middle 2 times" in w for w in test.record.warnings)

@@ -56,9 +56,8 @@ class Check:
             x = test.loop
             lines.append(
                 f"{x.file:24s} {f'{x.frequency_hz:.4g}' if c.clock else '':>8s} {x.amplitude_mm:8.4g} {x.n_cycles:6d} "
-                f"{x.record.time_s.size:8d} {x.force_N.std():12.4g} "
-                f"{_shown(x.harmonics_N[0].real, x.force_N.std())} {_shown(x.offset_mm, x.amplitude_mm)} "
-                f"{test.noise_N:9.2g}  {x.role}"
+                f"{x.record.time_s.size:8d} {x.force_N.std():12.4g} {_shown(x.harmonics_N[0].real, x.force_N.std())} "
+                f"{_shown(x.offset_mm, x.amplitude_mm)} {test.noise_N:9.2g}  {x.role}"
             )
             lines += [f"    {note}" for note in test.notes]
         return "\n".join(lines)

@@ -25,11 +25,12 @@ from bayes_iwan.campaign.loops.checks import (
 from bayes_iwan.campaign.loops.resolution import POINTS, points_for
 from bayes_iwan.campaign.recording.limits import RigLimits, limits_of
 from bayes_iwan.campaign.recording.records import ROLES, CampaignError, Record, shown
-from bayes_iwan.campaign.recording.stated import LARGEST_NUMBER, number_of, only, positive, read_toml
-from bayes_iwan.campaign.recording.table import header_has, read_table
+from bayes_iwan.campaign.recording.stated import number_of, only, positive, read_toml
+from bayes_iwan.campaign.recording.table import column, header_has, read_table, working_unit
 from bayes_iwan.campaign.recording.units import ACCELERATIONS, DISPLACEMENTS, FORCES, TIMES, Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.timing.cycles import cut_cycles
+from bayes_iwan.errors import nearest
 from bayes_iwan.threads import alongside
 
 FORMAT = 1
@@ -186,10 +187,10 @@ def read_checked(path: str | os.PathLike[str]) -> tuple[Campaign, tuple[Loop, ..
     if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
         raise CampaignError("campaign.toml: no tests; add a [[test]] table for each record")
     units = Units(
-        _working(channels.displacement or "", DISPLACEMENTS)
-        or _working(channels.acceleration or "", ACCELERATIONS)
+        working_unit(channels.displacement or "", DISPLACEMENTS)
+        or working_unit(channels.acceleration or "", ACCELERATIONS)
         or "mm",
-        _working(channels.force, FORCES) or "N",
+        working_unit(channels.force, FORCES) or "N",
     )
     limits = limits_of(_table(stated, "rig"), units) if "rig" in stated else RigLimits()
     tests = [_test(entry, k, units, channels.clock) for k, entry in enumerate(entries, 1)]
@@ -321,9 +322,8 @@ def _test(entry: dict[str, Any], number: int, units: Units, clock: bool) -> _Tes
 
 def _not_meant(key: str, where: str, known: set[str]) -> None:
     """Refuse a key that would be kept as a property of the test although something else was meant by it."""
-    near = difflib.get_close_matches(key.lower(), known, 1, TYPO)
-    if near:
-        raise CampaignError(f"{where}: unknown key {shown(key)}; did you mean {near[0]}?")
+    if meant := nearest(key.lower(), known, alike=TYPO):
+        raise CampaignError(f"{where}: unknown key {shown(key)}{meant}")
     if NOT_APPLIED.match(key):
         raise CampaignError(
             f"{where}: {shown(key)} would not be applied to the record; scale or shift the column itself and delete "
@@ -341,9 +341,9 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
     rate = channels.sample_rate_hz
     time_name = channels.time or "time_s"
     if not channels.clock:
-        time = cycles_as_time(file, _column(names, table, channels.displacement or "", DISPLACEMENTS, file))
+        time = cycles_as_time(file, column(names, table, channels.displacement or "", DISPLACEMENTS, file))
     elif time_name in names:
-        time = _column(names, table, time_name, {"s": TIMES}, file)
+        time = column(names, table, time_name, {"s": TIMES}, file)
     elif channels.time is None and rate is not None:
         time = np.arange(len(table)) / rate
     else:
@@ -352,13 +352,13 @@ def _record(folder: Path, test: _Test, channels: _Channels, units: Units) -> Rec
         )
     if rate is not None:
         time = on_grid_of_rate(time, rate)
-    force = _column(names, table, channels.force, FORCES, file)
+    force = column(names, table, channels.force, FORCES, file)
     if channels.clock:
         check_time(file, time, rate, test.frequency_hz)
     if channels.displacement is not None:
-        displacement = _column(names, table, channels.displacement, DISPLACEMENTS, file)
+        displacement = column(names, table, channels.displacement, DISPLACEMENTS, file)
     else:
-        acceleration = _column(names, table, channels.acceleration or "", ACCELERATIONS, file)
+        acceleration = column(names, table, channels.acceleration or "", ACCELERATIONS, file)
         displacement, notes = displacement_from_acceleration(file, time, acceleration)
         warnings += notes
     warnings += step_warnings(time) if channels.clock else ()
@@ -383,32 +383,3 @@ def cycles_as_time(file: str, displacement: Array) -> Array:
     if len(rows) < 2 * FEWEST_PER_CYCLE:
         raise CampaignError(f"{file}: {len(rows)} samples; at least two whole cycles are needed")
     return rows * (cut_cycles(file, rows, displacement).frequency_hz / WITHOUT_CLOCK_HZ)
-
-
-def _working(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:
-    """The working unit of a column, which the end of its name tells (torque_N_m: N·m); None where it tells none."""
-    ends = {unit: working for working, units in quantities.items() for unit in units}
-    return next((ends[x] for x in sorted(ends, key=len, reverse=True) if name.endswith("_" + x)), None)
-
-
-def _column(
-    names: list[str], table: Array, name: str, quantities: Mapping[str, Mapping[str, float]], file: str
-) -> Array:
-    if name not in names:
-        near = difflib.get_close_matches(name, names, 1)
-        raise CampaignError(
-            f"{file}: no column {shown(name)}; {header_has(names)}"
-            + (f". Did you mean {near[0]!r} in [channels]?" if near else ". Fix [channels] or the header")
-        )
-    sizes = {unit: size for units in quantities.values() for unit, size in units.items()}
-    for unit in sorted(sizes, key=len, reverse=True):
-        if name.endswith("_" + unit):
-            column = table[:, names.index(name)] * sizes[unit]
-            if np.abs(column).max() > LARGEST_NUMBER:
-                line = int(np.argmax(np.abs(column))) + 2
-                raise CampaignError(f"{file} line {line}: {name} is beyond any instrument; delete the line")
-            return np.ascontiguousarray(column)
-    raise CampaignError(
-        f"{file}: column {shown(name)} does not say its unit; end its name in one of "
-        + ", ".join("_" + u for u in sizes)
-    )

@@ -191,16 +191,14 @@ def _notes(test: Inspection) -> list[str]:
     if test.reversal_samples < FEWEST_IN_REVERSAL:
         notes.append(
             f"{test.reversal_samples:.1f} samples in the tenth of the stroke after a turn: the stiffness of sticking "
-            "contacts is "
-            "read off these; sample faster"
+            "contacts is read off these; sample faster"
         )
     for line in test.lines:
         notes.append(
             f"mains in the force: {line.amplitude_N:.2g} N at {line.frequency_hz:.4g} Hz. "
             + (
                 f"It lies on harmonic {line.order} of the drive, so part of it is taken for the specimen's force; "
-                "choose a "
-                "frequency that does not divide it"
+                "choose a frequency that does not divide it"
                 if line.order
                 else "It averages out over cycles, but widens intervals; ground the sensor's cable"
             )
@@ -216,7 +214,6 @@ def _notes(test: Inspection) -> list[str]:
     if test.noise_N > 0.05 * signal_N:
         notes.append(
             f"noise of {test.noise_N:.2g} N is {test.noise_N / signal_N:.0%} of the force: intervals widen with it; "
-            "record more "
-            "cycles or a larger amplitude"
+            "record more cycles or a larger amplitude"
         )
     return notes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,10 +14,11 @@ from bayes_iwan.campaign.importing.recipe import Recipe
 from bayes_iwan.campaign.importing.recordings import Channel, Recording
 from bayes_iwan.campaign.importing.unit_texts import is_ratio, is_volts, role_of
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.errors import nearest
 
 #: words of English, German, French, Italian, Spanish and Chinese that begin a word in a channel's name
 WORDS = {
-    "time": r"time|zeit|temps|tempo|tiempo|t|x_value|时间",
+    "time": r"time|zeit|temps|tempo|tiempo|t|x_value|millis|micros|时间",
     "displacement": r"disp|displ|displacement|weg|position|pos|stroke|hub|lvdt|laser|auslenkung|verschiebung"
     r"|deplacement|déplacement|spostamento|desplazamiento|angle|winkel|drehwinkel|rotation|x|u|extension|位移",
     "acceleration": r"acc|accel|accelerometer|acceleration|accélération|accelerazione|aceleración|beschl|beschleunigung"
@@ -229,11 +229,8 @@ def _ask(recording: Recording, role: str, name: str) -> Channel:
             f"{recording.where}: {len(same)} channels are called {name!r}; give the number of the {role}: "
             f"{_list(recording, same)}"
         )
-    near = difflib.get_close_matches(name, [c.name for c in recording.channels], 1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise CampaignError(
-        f"{recording.where}: no channel {shown(name)} ({role}) among {_list(recording, list(recording.channels))}{hint}"
-    )
+    among = f"{_list(recording, list(recording.channels))}{nearest(name, [c.name for c in recording.channels])}"
+    raise CampaignError(f"{recording.where}: no channel {shown(name)} ({role}) among {among}")
 
 
 def _list(recording: Recording, some: list[Channel], numbers: bool = False) -> str:

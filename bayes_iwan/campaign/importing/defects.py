@@ -8,6 +8,10 @@ from bayes_iwan.arrays import Array
 
 OVER = 9e36  # SCPI writes 9.9E37 and 9.91E37 where the range is passed or there is no number
 FAR = 20.0  # times the range of all other values: a code, no measurement
+#: what a converter of so many bits writes where its range is passed
+END_CODES = frozenset(
+    x for bits in (12, 14, 16, 18, 20, 24, 32) for x in (2**bits - 1, 2 ** (bits - 1) - 1, -(2 ** (bits - 1)))
+)
 FEW_LEVELS = 500  # over a channel's range: fewer are said
 LATTICE = 0.03  # of a step that values may be off its multiples
 
@@ -27,9 +31,12 @@ def without_codes(values: Array, name: str) -> tuple[Array, tuple[str, ...]]:
     others = known[~np.isin(known, codes)]  # the range may be passed at both ends
     if others.size > 8 and (span := float(np.ptp(others))) > 0:
         for code in dict.fromkeys(codes):
-            n = int(np.count_nonzero(known == code))
-            if n > 1 and abs(code - float(np.median(others))) > FAR * span:
-                notes.append(f"{n} sample(s) of {name!r} read exactly {code:.8g}, far from all others: a code, dropped")
+            n, end = int(np.count_nonzero(known == code)), code in END_CODES
+            if (n > 1 or end) and abs(code - float(np.median(others))) > FAR * span:
+                what = "the end code of a converter whose range was passed" if end else "a code"
+                notes.append(
+                    f"{n} sample(s) of {name!r} read exactly {code:.10g}, far from all others: {what}, dropped"
+                )
                 values = np.where(values == code, np.nan, values)
     return values, tuple(notes)
 

@@ -33,6 +33,7 @@ from bayes_iwan.campaign.recording.units import Units
 from bayes_iwan.campaign.timing.accelerometer import displacement_from_acceleration
 from bayes_iwan.campaign.timing.displacement_drift import without_drift
 from bayes_iwan.campaign.timing.drive import assess_drive, split_levels, staircase_said
+from bayes_iwan.campaign.timing.period import crossings_a_period
 
 ACCELERATION_COLUMNS = {"mm": "acceleration_m_s2", "mrad": "acceleration_rad_s2"}
 NO_FREQUENCY_HZ = 1e-9
@@ -350,6 +351,13 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
                 raise CampaignError(" ".join((f"{error}.", *codes)).rstrip(".")) from None
             dropped = (*dropped, f"dropped: {error}")
             continue
+        if (count := crossings_a_period(loop.displacement_mm)) > 1:
+            several = (
+                f"the displacement crosses its middle {count} times in the period that is taken, 1/{count} of "
+                f"{count * loop.frequency_hz:.4g} Hz: as a multisine's does, or a drive's whose amplitude beats; which "
+                "is it? A drive that beats gives no loop: steady it"
+            )
+            checked = replace(checked, warnings=(*checked.warnings, several))
         columns = {
             **({"time_s": named.time_s} if recipe.clock else {}),
             column or ACCELERATION_COLUMNS[units.displacement]: named.displacement_mm if column else acceleration,
@@ -357,9 +365,8 @@ def _one_run(recording: Recording, found: Assigned, recipe: Recipe, split: bool)
         }
         line = (
             f"found{f' in {checked.file}' if len(pieces) > 1 else ''}: "
-            f"{f'{loop.frequency_hz:.4g} Hz, ' if recipe.clock else ''}"
-            f"{loop.amplitude_mm:.4g} {units.displacement}, {loop.n_cycles} steady cycles, force RMS "
-            f"{loop.force_N.std():.4g} {units.force}"
+            f"{f'{loop.frequency_hz:.4g} Hz, ' if recipe.clock else ''}{loop.amplitude_mm:.4g} {units.displacement}, "
+            f"{loop.n_cycles} steady cycles, force RMS {loop.force_N.std():.4g} {units.force}"
         )
         out.append(ImportedTest(checked, columns, rate, loop, (line,) if out else (*said, line)))
     if not out:

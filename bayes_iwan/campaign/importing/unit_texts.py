@@ -40,26 +40,9 @@ _UPPER = {
 _RATIOS = {"%", "ue", "µe", "µε", "με", "microstrain", "ustrain", "strain", "-/-"}
 #: units that stand after a blank or a comma ("Force, N"): others are more often words
 _BARE = {
-    "mm",
-    "um",
-    "µm",
-    "in",
-    "inch",
-    "N",
-    "kN",
-    "lbf",
-    "s",
-    "ms",
-    "sec",
-    "g",
-    "deg",
-    "rad",
-    "Nm",
-    "kPa",
-    "MPa",
-    "bar",
-    "psi",
-}
+    "mm", "um", "µm", "in", "inch", "N", "kN", "lbf", "s", "ms", "sec", "g",
+    "deg", "rad", "Nm", "kPa", "MPa", "bar", "psi",
+}  # fmt: skip
 _RATES = {"mm": "mm/s", "m": "m/s", "in": "in/s", "um": "um/s", "rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s"}
 _THOUSANDS = re.compile(r"[1-9]\d{0,2}(,\d{3})+")
 
@@ -170,7 +153,7 @@ def is_volts(text: str) -> bool:
 
 def split_name(name: str) -> tuple[str, str]:
     """Name and unit from 'Force [kN]', 'Weg in mm', 'Kraft / N', 'force_N'; the unit is "" where there is none."""
-    name = name.strip()
+    name = name.strip(" ;,")
     found = re.fullmatch(r"(.+?)\s*[\[({<]([^\[\](){}<>]+(?:\([^()]*\))?)[\])}>]", name)
     if found and re.search(r"[^\W\d_]|[°%\"]", found[2]):
         known = is_unit(found[2]) or is_ratio(found[2])

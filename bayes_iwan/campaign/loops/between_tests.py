@@ -66,10 +66,9 @@ def _odd_angles(loops: Sequence[Loop]) -> list[list[str]]:
             worst, excess, off = k, over, here
     if worst >= 0:
         out[worst].append(
-            f"the force {'leads' if off > 0 else 'lags'} by {abs(off):.0f}°"
-            f"{_late(loops[worst], abs(off))} more than the other tests lead one to "
-            "expect: a channel "
-            "of this test is delayed? Its damping would be wrong by as much; record it again or shift the column"
+            f"the force {'leads' if off > 0 else 'lags'} by {abs(off):.0f}°{_late(loops[worst], abs(off))} more than "
+            "the other tests lead one to expect: a channel of this test is delayed? Its damping would be wrong by as "
+            "much; record it again or shift the column"
         )
     return out
 
@@ -136,8 +135,7 @@ def _turned_round(loops: Sequence[Loop]) -> list[list[str]]:
         if np.median(alike[i, apart]) < -ALIKE and np.median(others) > ALIKE:
             out[k].append(
                 "its asymmetry is the opposite of the other tests': both channels reversed in this test? Multiply "
-                "both columns "
-                "by -1, or the asymmetry of the normal force is averaged away"
+                "both columns by -1, or the asymmetry of the normal force is averaged away"
             )
     return out
 

@@ -29,12 +29,18 @@ LATE = 0.3  # below minus this the delay is so long that no loop is left to iden
 TURNED = 0.05  # of the force's height, lost before the displacement turns: friction and springs turn with the motion
 AT_TURN = 0.002  # of the stroke: nearer to its end the displacement turns, or is held
 PRELOAD = 2.0  # mean force over its height: so much more that it is said
+#: cycles that are not used from which it is said, and their motion over the others'
+UNUSED, MOVES, MUCH_LESS = 1.5, 0.03, 0.5
 SPIKE = 1.0  # distance from the middle of the loop, over its whole height
+ROUNDED = 1e-3  # of a step: times that are off an even clock by more are rounded, and so is the first
 EPOCH_S = 1e10  # the year 2286: a later time in seconds is a time in ms
 
 
 def on_grid_of_rate(time: Array, rate: float) -> Array:
-    """The exact times of samples at `rate` where the column (n,) is a rounded copy of them (it may then repeat)."""
+    """The exact times of samples at `rate` where the column (n,) is a rounded copy of them (it may then repeat).
+
+    They begin where the column is off them by as much to either side: one time is known to a unit of rounding alone.
+    """
     steps, off = np.diff(time), time - time[0] - np.arange(time.size) / rate
     if not (steps >= 0).all() or not (steps > 0).any():
         return time
@@ -42,7 +48,9 @@ def on_grid_of_rate(time: Array, rate: float) -> Array:
         rounded = np.ptp(off) <= 1.01 * float(steps[steps > 0].min())
     else:
         rounded = float(np.abs(off).max()) < 0.75 / rate
-    return time - off if rounded else time
+    if not rounded:
+        return time
+    return time - off + ((off.max() + off.min()) / 2 if np.ptp(off) * rate > ROUNDED else 0.0)
 
 
 def check_epoch(file: str, start_s: float, fix: str) -> None:
@@ -167,6 +175,7 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         notes.append(
             f"{loop.cut.run_out} unsteady cycle(s) omitted at the end, where the drive stops; nothing is to be done"
         )
+    notes += _unused(record, loop)
     for name, values, mean in (
         ("displacement", record.displacement_mm[index] - loop.offset_mm, loop.displacement_mm),
         ("force", record.force_N[index], loop.force_N),
@@ -174,11 +183,31 @@ def check_record(record: Record) -> tuple[Record, Loop]:
         spikes = np.flatnonzero(np.abs(values - (mean.max() + mean.min()) / 2) > SPIKE * np.ptp(mean))
         if spikes.size:
             notes.append(
-                f"{spikes.size} spike(s) in the {name}, the first at "
-                f"{when(loop, record.time_s[index[spikes[0]]])}, are "
-                "averaged in: delete their lines, the gaps will be bridged"
+                f"{spikes.size} spike(s) in the {name}, the first at {when(loop, record.time_s[index[spikes[0]]])}, "
+                "are averaged in: delete their lines, the gaps will be bridged"
             )
     return replace(record, warnings=tuple(notes)), loop
+
+
+def _unused(record: Record, loop: Loop) -> list[str]:
+    """Parts before and after the cycles that are used in which the motion is much smaller, and is no standstill."""
+    time, kept, notes = record.time_s, record.time_s[loop.cut.index], []
+    for where, part, said in (
+        ("start", time < kept[0], loop.cut.run_in),
+        ("end", time > kept[-1], loop.cut.run_out),
+    ):
+        cycles = float(np.ptp(time[part])) * loop.frequency_hz if np.count_nonzero(part) > 1 else 0.0
+        if said or cycles < UNUSED:
+            continue
+        off = np.abs(record.displacement_mm[part] - loop.offset_mm)
+        swing = float(np.median(off)) / (np.sqrt(0.5) * loop.amplitude_mm)
+        if MOVES < swing < MUCH_LESS:
+            notes.append(
+                f"the {where} of the record, as long as {cycles:.3g} cycles, is not used: the motion there is "
+                f"{swing:.0%} of the other cycles'. A run-up or run-out does no harm; a gain that was switched makes "
+                "one of the parts wrong"
+            )
+    return notes
 
 
 def _corners(loop: Loop) -> list[str]:

@@ -23,6 +23,13 @@ FLAT_STROKE, LONG_STROKE = 0.06, 0.2  # of the stroke that a spring's or a slidi
 THROUGH = 0.04  # of the stroke after the motion has turned: friction and springs have let go of the top by then
 CORNER = 0.5  # slope just before the top over the secant stiffness: a friction force curves long before
 ONE_LEVEL = 0.02  # of the level: so much an amplifier's limits differ between tests
+TOP_PARTS = 64  # of a cycle, in which samples are averaged to see a flat top: harmonics would ripple at its corners
+PIECE = 16  # samples of neighbouring phase, on a cubic but for noise
+SMOOTH = 0.2  # of what is left of samples: noise of theirs changes by more from one to the next
+SMALLEST_STEP, LEAST_NOISE = 1e-6, 2e-5  # of the span: less is rounding, and less noise has no recording
+DISTINCT = 0.5  # of the samples: with so many levels a channel has no coarse steps
+FEWEST_PARTS = 16  # of a cycle, in which a flat top can be seen
+LEVEL = 0.002  # of the height: scatter of a flat top's parts; one that only curves slowly has more
 ONE_SIZE = 0.1  # of the level: so much its two limits differ, where the record's zero is not the amplifier's
 BEYOND = 0.02  # of the channel's height: what is recorded so far beyond a level was not limited there
 
@@ -31,8 +38,8 @@ BEYOND = 0.02  # of the channel's height: what is recorded so far beyond a level
 class Limit:
     """A level at which one channel of one test seems limited.
 
-    exact : does it stay on one recorded value there, or only its averaged loop is flat? share : of the time, or of
-    the stroke
+    exact : does it stay on one recorded value there, or only its averaged loop is flat? quiet : and does its noise,
+    which it has elsewhere, stop there? share : of the time, or of the stroke
     """
 
     file: str
@@ -40,14 +47,16 @@ class Limit:
     side: int
     level: float
     exact: bool
+    quiet: bool
     share: float
 
 
 @dataclass(frozen=True)
 class Top:
-    """The flat part of an averaged loop at one side: share of the stroke, slope before it over the secant stiffness,
+    """The flat part of a loop at one side: level (N), share of the stroke, slope before it over the secant stiffness,
     and whether it lasts after the motion has turned."""
 
+    level: float
     stroke: float
     slope: float
     through: bool
@@ -62,10 +71,16 @@ def limits_of_loops(records: Sequence[Record], loops: Sequence[Loop]) -> tuple[L
 def said_of(limit: Limit) -> str:
     """One line on a limit: what, what it does, what to do."""
     wrong, unit = ("slip forces come", "N") if limit.channel == "force" else ("the stroke comes", "mm")
+    again = f"Raise the {limit.channel} range (lower the gain) and record again"
     how = f"stays on it for {limit.share:.1%} of the time" if limit.exact else "has a flat top there, under noise"
+    if limit.quiet:
+        return (
+            f"the {limit.channel} is clipped at {limit.level:.6g} {unit}: it {how}, without the noise that it has "
+            f"elsewhere. {wrong[0].upper()}{wrong[1:]} out too small. {again}"
+        )
     return (
         f"the {limit.channel} may be clipped at {limit.level:.6g} {unit}: it {how}. If so, {wrong} out too small. "
-        f"Raise the {limit.channel} range (lower the gain) and record again"
+        f"{again}"
     )
 
 
@@ -80,12 +95,39 @@ def _suspected(record: Record, loop: Loop) -> list[Limit]:
         for side in (1, -1):
             share = _resting(side * values, loop.n_cycles)
             if share:
-                out.append(Limit(record.file, channel, side, float(side * np.max(side * values)), True, share))
-            elif channel == "force" and (top := _top(loop, side)) is not None and _cornered(top):
-                out.append(
-                    Limit(record.file, channel, side, float(side * np.max(side * loop.force_N)), False, top.stroke)
+                level = float(side * np.max(side * values))
+                # values that seldom repeat have no steps to speak of
+                step = (
+                    float(steps[steps > SMALLEST_STEP * span].min())
+                    if steps.size < DISTINCT * np.count_nonzero(values != level)
+                    else 0.0
                 )
+                quiet = channel == "force" and _noise(loop, values, level) > max(step, LEAST_NOISE * span)
+                out.append(Limit(record.file, channel, side, level, True, quiet, share))
+            elif channel == "force" and (top := _top(loop, values, side)) is not None and _cornered(top):
+                out.append(Limit(record.file, channel, side, top.level, False, False, top.stroke))
     return out
+
+
+def _noise(loop: Loop, values: Array, level: float) -> float:
+    """Standard deviation of a channel's noise from sample to sample, away from a level; 0 where there is none.
+
+    values (n,), sorted by phase, are taken off cubics through a few neighbours each. What is left is noise if it jumps
+    from one sample to the next; where it is smooth in time, cycles differ, as those of a simulation may too.
+    """
+    phase = loop.averager.phase % 1.0
+    order = np.argsort(phase, kind="stable")
+    left = np.full(values.size, np.nan)
+    for piece in np.array_split(order, max(values.size // PIECE, 1)):
+        if piece.size < PIECE or (values[piece] == level).any():
+            continue
+        x = np.vander((phase[piece] - phase[piece[0]]) / max(float(np.ptp(phase[piece])), 1e-12), 4)
+        left[piece] = values[piece] - x @ np.linalg.lstsq(x, values[piece], rcond=None)[0]
+    jumps = np.diff(left, 2)
+    if np.count_nonzero(np.isfinite(jumps)) < PIECE:
+        return 0.0
+    jump = float(np.nanmedian(np.abs(jumps))) / np.sqrt(6.0)
+    return 1.4826 * jump if jump > SMOOTH * float(np.nanmedian(np.abs(left))) else 0.0
 
 
 def _resting(values: Array, n_cycles: int) -> float:
@@ -99,24 +141,37 @@ def _resting(values: Array, n_cycles: int) -> float:
     return float(at.mean()) if np.count_nonzero(at) > 3 * near else 0.0
 
 
-def _top(loop: Loop, side: int) -> Top | None:
-    """The flat part of the averaged force at one side, since noise hides it in the samples; None where there is none
-    to speak of."""
-    force, u = side * loop.force_N, side * loop.displacement_mm
-    middle = force.size // 2
+def _top(loop: Loop, values: Array, side: int) -> Top | None:
+    """The flat part of the force at one side, values (n,) its samples averaged by phase, since noise hides it in each;
+    None where there is none to speak of."""
+    parts = min(TOP_PARTS, values.size // 4)
+    if parts < FEWEST_PARTS:
+        return None
+    order = np.argsort(loop.averager.phase % 1.0, kind="stable")
+    starts = np.linspace(0, values.size, parts, endpoint=False).astype(int)
+    count = np.diff(np.append(starts, values.size))
+    motion = np.interp(loop.averager.phase % 1.0, loop.phase, loop.displacement_mm, period=1.0)
+    force, u = (side * np.add.reduceat(x[order], starts) / count for x in (values, motion))
+    level = float(np.median(np.sort(force)[-3:]))
+    height = float(level - np.sort(force)[1])
+    middle = parts // 2
     turn = middle - int(np.argmax(force))
     force, u = np.roll(force, turn), np.roll(u, turn)
-    below = force <= force[middle] - FLAT * np.ptp(force)
+    below = force <= level - FLAT * height
     a = int(np.flatnonzero(below[:middle])[-1]) + 1 if below[:middle].any() else 0
     b = middle + int(np.argmax(below[middle:])) if below[middle:].any() else force.size
-    width = min(max(3, (b - a) // 2), 8)
-    if a < width:
+    width = min(max(3, (b - a) // 2), 4)
+    if a <= width or b - a < 6 or np.std(force[a + 1 : b - 1]) > LEVEL * height:
         return None
     stroke = float(np.ptp(u[a:b]) / np.ptp(u))
-    run = max(float(u[a] - u[a - width]), 1e-9 * float(np.ptp(u)))
-    slope = float(force[a] - force[a - width]) / run / float(np.ptp(force) / np.ptp(u))
-    through = float(np.max(u[a:b]) - u[b - 1]) > THROUGH * float(np.ptp(u))
-    return Top(stroke, slope, through)
+    # the part before the top may hold the corner: the slope is that before it
+    run = max(float(u[a - 1] - u[a - 1 - width]), 1e-9 * float(np.ptp(u)))
+    slope = float(force[a - 1] - force[a - 1 - width]) / run / float(np.ptp(force) / np.ptp(u))
+    # where the force leaves the top, between two parts
+    end = min(b, parts - 1)
+    left = float(np.interp(-(level - FLAT * height), -force[[b - 1, end]], u[[b - 1, end]]))
+    through = float(np.max(u[a:b])) - left > THROUGH * float(np.ptp(u))
+    return Top(side * level, stroke, slope, through)
 
 
 def _rail(record: Record, loop: Loop, limit: Limit) -> Top:
@@ -127,7 +182,7 @@ def _rail(record: Record, loop: Loop, limit: Limit) -> Top:
     at = record.force_N[index] == limit.level
     whole = float(np.ptp(loop.displacement_mm))
     lowest = float(np.min(u[at & falls], initial=np.inf))
-    return Top(float(np.ptp(u[at])) / whole, np.inf, float(u.max()) - lowest > THROUGH * whole)
+    return Top(limit.level, float(np.ptp(u[at])) / whole, np.inf, float(u.max()) - lowest > THROUGH * whole)
 
 
 def _cornered(top: Top) -> bool:
@@ -139,14 +194,17 @@ def _as_an_amplifier(
     one: Limit, all_of_them: Sequence[Limit], records: Sequence[Record], loops: Sequence[Loop]
 ) -> bool:
     """Is this level the same in every test that reaches it and at both signs, and does no record go on beyond
-    it? Where it is exact, or lasts after the motion has turned, only this record is asked."""
+    it? Where it is exact, or lasts after the motion has turned, only this record is asked; where noise stops at it,
+    nothing else is."""
+    if one.quiet:
+        return True
     same = [x for x in all_of_them if x.channel == one.channel and x.side == one.side]
     if max(abs(x.level - one.level) for x in same) > ONE_LEVEL * abs(one.level):
         return False
     own = next((r, x) for r, x in zip(records, loops) if r.file == one.file)
     top = None
     if one.channel == "force":
-        top = _rail(*own, one) if one.exact else _top(own[1], one.side)
+        top = _rail(*own, one) if one.exact else _top(own[1], own[0].force_N[own[1].cut.index], one.side)
     for record, loop in zip(records, loops):
         if record.file != one.file and (one.exact or (top is not None and top.through)):
             continue  # no friction does that: the range was set for this test alone
@@ -157,4 +215,5 @@ def _as_an_amplifier(
     other = [x.level for x in all_of_them if x.channel == one.channel and x.file == one.file and x.side != one.side]
     if other and not one.exact and abs(abs(other[0]) - abs(one.level)) > ONE_SIZE * abs(one.level):
         return False
-    return top is None or top.through or top.stroke < LONG_STROKE
+    alone = not one.exact and len(records) == 1  # one flat top under noise may be a specimen's
+    return top is None or top.through or (top.stroke < LONG_STROKE and not alone)

@@ -134,9 +134,8 @@ def level_record(record: Record, loop: Loop, line_mm: float) -> tuple[Record, li
 
 def _force_drifts(pushed: float, friction: float) -> str:
     return (
-        f"the mean force drifts by {pushed:+.3g} N ({abs(pushed) / friction:.1%} of the friction force): the "
-        "force channel's zero, or a load that relaxes; this record does not tell. It stays in; `diagnose` searches "
-        "for it"
+        f"the mean force drifts by {pushed:+.3g} N ({abs(pushed) / friction:.1%} of the friction force): the force "
+        "channel's zero, or a load that relaxes; this record does not tell. It stays in; `diagnose` searches for it"
     )
 
 
@@ -169,10 +168,8 @@ def level_means(records: Sequence[Record], loops: Sequence[Loop]) -> tuple[Recor
             warnings=(
                 *r.warnings,
                 f"mean force {m:.4g} N ({m / level:+.0%} of the friction force): {d:+.3g} N of it is taken off, for "
-                "the "
-                f"tests' means differ by {np.ptp(mean):.3g} N in a way that amplitude and frequency do not explain "
-                "(the "
-                "force channel's zero, a preload, or a mid-position)",
+                f"the tests' means differ by {np.ptp(mean):.3g} N in a way that amplitude and frequency do not "
+                "explain (the force channel's zero, a preload, or a mid-position)",
             ),
         )
         for r, m, d in zip(records, mean, off)

@@ -22,7 +22,7 @@ SIGMAS = 8.0  # of its own scatter: what stands out
 JUMP, LARGE_JUMP = 0.01, 0.05  # of a cycle: a jump of phase that is said, and one that is refused
 CLOCK = 0.006  # of a cycle: the bow of the phase that a drifting frequency makes
 AMPLITUDE = 0.01  # of the drive's amplitude: change over the record that is said
-FORCE = 0.03  # of the force's amplitude: the same
+FORCE = 0.02  # of the force's amplitude: the same
 STEP = 0.02  # of a channel's height: a step of its mean
 ALTERNATING = 0.01  # of a channel's size: difference of odd and even cycles, halved
 OFF = 0.03  # of a channel's height: a stretch that is off the other cycles
@@ -130,9 +130,7 @@ def _phase(loop: Loop, each: Cycles) -> list[str]:
         change = 8 * bow / (each.number[-1] - each.number[0] + 1)
         return [
             f"the frequency drifts by {100 * change:+.2g} % over the record (drive, clock, or lost rows): the loop is "
-            "averaged at "
-            "its "
-            f"mean, {loop.frequency_hz:.5g} Hz; check the generator and the recorder's clock"
+            f"averaged at its mean, {loop.frequency_hz:.5g} Hz; check the generator and the recorder's clock"
         ]
     wander = float(np.ptp(np.percentile(e - basis @ found, [5, 95])))
     if wander > JUMP:
@@ -165,8 +163,7 @@ def _drive_amplitude(loop: Loop, each: Cycles) -> list[str]:
         return []
     return [
         f"the drive's amplitude {_change(each, each.amplitude_mm)} over the cycles: changes of the force of that size "
-        "are "
-        "the drive's, not the specimen's; steady the drive or keep a part that is steady"
+        "are the drive's, not the specimen's; steady the drive or keep a part that is steady"
     ]
 
 
@@ -189,20 +186,19 @@ def _force_amplitude(loop: Loop, each: Cycles) -> list[str]:
     k, jump = _outlying(own, FORCE)
     if k > 0:
         return [
-            f"the force's amplitude changes by {100 * jump:+.2g} % at once near {when(loop, each.time_s[k])}: a "
-            "gain was "
-            "switched, or "
-            "something slipped; the loop is a mixture. List the parts as two records"
+            f"the force's amplitude changes by {100 * jump:+.2g} % at once near {when(loop, each.time_s[k])}: a gain "
+            "was switched, or something slipped; the loop is a mixture. List the parts as two records"
         ]
-    noise = 1.4826 * float(np.median(np.abs(np.diff(own)))) / np.sqrt(2)
+    # the noise of samples, not the cycles' own scatter: a beat is a scatter too
+    noise = _white(loop, loop.record.force_N)
     # what the drive does, the force need not follow: it changes by itself where it does so with and without the drive
     spread = min(float(np.ptp(np.percentile(x, [5, 95]))) for x in (own, size))
     if spread <= max(FORCE, 5 * noise):
         return []
     return [
         f"the force's amplitude {_change(each, size)} over the cycles while the drive holds: a specimen that runs in, "
-        "warms or "
-        "fades, or a gain that drifts; run in for longer, or let `diagnose` look for it"
+        "warms or fades, a gain that drifts, or mains interference near the drive's frequency; run in for longer, "
+        "or let `diagnose` look for it"
     ]
 
 
@@ -212,8 +208,7 @@ def _step(loop: Loop, name: str, unit: str, each: Cycles, mean: Array, height: f
         return []
     return [
         f"the {name}'s mean steps by {step:+.3g} {unit} near {when(loop, each.time_s[k])}: a mount that slipped, or a "
-        "channel that "
-        "jumped; the mean of the loop is of neither part. List the parts as two records"
+        "channel that jumped; the mean of the loop is of neither part. List the parts as two records"
     ]
 
 
@@ -267,17 +262,14 @@ def _stretches(loop: Loop, name: str, values: Array, height: float) -> list[str]
         if _longest(at_rest) + 1 >= FLAT_SAMPLES:
             raise CampaignError(
                 f"{loop.file}: the {name} stands still where it moves in other cycles, near "
-                f"{when(loop, time[index[a]])} to "
-                f"{when(loop, time[index[b - 1]])} ({len(runs)} such stretch(es)): dead, frozen or dropped out. "
-                "Delete these "
-                "lines (a short gap is bridged), or fix the channel"
+                f"{when(loop, time[index[a]])} to {when(loop, time[index[b - 1]])} ({len(runs)} such stretch(es)): "
+                "dead, frozen or dropped out. Delete these lines (a short gap is bridged), or fix the channel"
             )
     share = float(bad.mean())
     return [
         f"the {name} is off the other cycles in {len(runs)} stretch(es), {share:.2g} of the record, the first at "
-        f"{when(loop, time[index[runs[0][0]]])}: it is averaged in; a drop-out or knock? Delete these lines, the "
-        "gaps are "
-        "bridged"
+        f"{when(loop, time[index[runs[0][0]]])}: it is averaged in; a drop-out or knock? Delete these lines, the gaps "
+        "are bridged"
     ]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.errors import nearest
 
 # a campaign is data from anywhere: nothing in it may cost more than it brings
 LARGEST_TOML = 1_000_000  # bytes
@@ -41,8 +41,7 @@ def only(table: Mapping[str, object], known: set[str], where: str) -> None:
     """Refuse a key that is not known, naming the one that was probably meant."""
     for key in table:
         if key not in known:
-            near = difflib.get_close_matches(key, known, 1)
-            hint = f"; did you mean {near[0]}?" if near else f"; known are {', '.join(sorted(known))}"
+            hint = nearest(key, known, f"; known are {', '.join(sorted(known))}")
             raise CampaignError(f"{where}: unknown key {shown(key)}{hint}")
 
 

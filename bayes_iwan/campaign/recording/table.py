@@ -8,6 +8,7 @@ import io
 import math
 import re
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ import pandas as pd
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign.recording.records import CampaignError, shown
+from bayes_iwan.campaign.recording.stated import LARGEST_NUMBER
+from bayes_iwan.errors import nearest
 
 FREE_EXPANSION, LARGEST_EXPANSION = 64_000_000, 100  # bytes, and times its size, that a packed record may unpack to
 IMPORT = "or let `bayes-iwan import` read the file"
@@ -150,3 +153,30 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def working_unit(name: str, quantities: Mapping[str, Mapping[str, float]]) -> str | None:
+    """The working unit of a column, which the end of its name tells (torque_N_m: N·m); None where it tells none."""
+    ends = {unit: working for working, units in quantities.items() for unit in units}
+    return next((ends[x] for x in sorted(ends, key=len, reverse=True) if name.endswith("_" + x)), None)
+
+
+def column(
+    names: list[str], table: Array, name: str, quantities: Mapping[str, Mapping[str, float]], file: str
+) -> Array:
+    """(n,) a column by its name, in the working unit that the end of its name tells. Raises CampaignError."""
+    if name not in names:
+        meant = nearest(name, names, ". Fix [channels] or the header")
+        raise CampaignError(f"{file}: no column {shown(name)}; {header_has(names)}{meant}")
+    sizes = {unit: size for units in quantities.values() for unit, size in units.items()}
+    for unit in sorted(sizes, key=len, reverse=True):
+        if name.endswith("_" + unit):
+            column = table[:, names.index(name)] * sizes[unit]
+            if np.abs(column).max() > LARGEST_NUMBER:
+                line = int(np.argmax(np.abs(column))) + 2
+                raise CampaignError(f"{file} line {line}: {name} is beyond any instrument; delete the line")
+            return np.ascontiguousarray(column)
+    raise CampaignError(
+        f"{file}: column {shown(name)} does not say its unit; end its name in one of "
+        + ", ".join("_" + u for u in sizes)
+    )

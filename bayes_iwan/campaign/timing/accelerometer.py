@@ -26,10 +26,9 @@ from bayes_iwan.campaign.timing.harmonics import evaluate, fit
 #: for pages and terminals: what the conversion does, in one sentence
 STATED = (
     "Displacement is the acceleration integrated twice: harmonics of the drive with amplitude 1 and phase 0 (divided "
-    "by "
-    "-(2πf)², no filter), changes between cycles with amplitude 1 and phase 0 above 0.6 of the drive's frequency and "
-    "none "
-    "below 0.4; the mean position is unknown and put to 0. The accelerometer's own response is not corrected."
+    "by -(2πf)², no filter), changes between cycles with amplitude 1 and phase 0 above 0.6 of the drive's frequency "
+    "and none below 0.4; the mean position is unknown and put to 0. The accelerometer's own response is not "
+    "corrected."
 )
 
 

@@ -9,6 +9,7 @@ from bayes_iwan.arrays import Array
 MOST = 40  # crossings in a period
 UNLIKE = 0.3  # RMS from one crossing to the next, over that of two signals without relation: no cycle ends there
 POINTS = 64  # of a cycle that is compared with the next, whatever time each takes
+SMALL = 0.25  # of the amplitude: nearer to the middle no side is counted
 ALIKE = 0.2  # the same from one period to the next
 SEARCH = 0.02  # of a period that the median of crossings may be off
 
@@ -46,6 +47,12 @@ def short_period(time_s: Array, displacement: Array, up: Array, down: Array) -> 
     period, off = _best_lag(time_s, displacement, float(np.mean(steps)))
     step = float(np.median(np.diff(time_s)))
     return period if off <= ALIKE and 2 * period <= time_s[-1] - time_s[0] + 1.01 * step else None
+
+
+def crossings_a_period(displacement: Array) -> int:
+    """How often a periodic displacement (samples,) of mean zero crosses it upwards, but for small ripples."""
+    side = np.sign(displacement[np.abs(displacement) > SMALL * np.max(np.abs(displacement))])
+    return int(np.count_nonzero((side > 0) & (np.roll(side, 1) < 0)))
 
 
 def _best_lag(time_s: Array, values: Array, lag: float) -> tuple[float, float]:

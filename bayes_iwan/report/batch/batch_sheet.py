@@ -17,6 +17,13 @@ from bayes_iwan.report.style import BLUE, MODEL, ORANGE, house_style, save, styl
 #: inches of A4; quantities and specimens that one page has space for
 A4 = (8.27, 11.69)
 QUANTITIES, SPECIMENS, NAMED = 12, 25, 6
+#: of quantities, in words that need no paper
+WORDS = {
+    "kp_N_mm": "stiffness once all contacts slide",
+    "k1_N_mm": "stiffness of sticking contacts",
+    "mean_slip_force_N": "mean slip force",
+    **{f"slip_force_q{x}_N": f"slip force of {x} % of contacts" for x in (25, 50, 75)},
+}
 
 
 @styled
@@ -33,8 +40,11 @@ def sheet_figure(batch: Batch) -> Figure:
 
 
 def _said(batch: Batch) -> list[str]:
+    failed = [f"Failed: {name}: {reason}" for name, reason in list(batch.failures.items())[:NAMED]]
+    if not batch.finished:
+        return failed
     odd = [x for x in batch.unusual if x.notable]
-    labels = {q: batch.label(q) for q in batch.populations}
+    labels = {q: WORDS.get(q, batch.label(q)) for q in batch.populations}
     out = [
         f"Unusual: {x.name}, in {', '.join(labels[q] for q in x.notable[:4])}"
         + (f" and {len(x.notable) - 4} more" if len(x.notable) > 4 else "")
@@ -52,18 +62,23 @@ def _said(batch: Batch) -> list[str]:
         out.append(f"Gap beyond noise: {worst}.")
     if late := [x.name for x in batch.finished if x.converged is False]:
         out.append(f"Not converged, intervals too narrow: {', '.join(late[:NAMED])}.")
-    return out
+    return out + failed
 
 
 def _table(ax: Axes, batch: Batch) -> None:
     ax.axis("off")
     rows = []
-    for q, p in list(batch.populations.items())[:QUANTITIES]:
+    # a customer knows no symbols; with a simulator of one's own there are no words for them
+    known = {q: f"{WORDS[q]}, {batch.label(q)}" for q in batch.populations if q in WORDS}
+    for q in list(known or batch.populations)[:QUANTITIES]:
+        p = batch.populations[q]
         width = p.typical[2] - p.typical[1]
         spread = f"{100 * p.spread[0]:.2g} %" if p.relative else f"{p.spread[0]:.3g}"
         low, high = p.next_specimen
         typical = f"{number(p.typical[0], width)} [{number(p.typical[1], width)}, {number(p.typical[2], width)}]"
-        rows.append([batch.label(q), typical, spread, f"{number(low, high - low)} to {number(high, high - low)}"])
+        rows.append(
+            [known.get(q, batch.label(q)), typical, spread, f"{number(low, high - low)} to {number(high, high - low)}"]
+        )
     if not rows:
         ax.text(0.0, 1.0, "Fewer than three specimens determine any quantity.", va="top", fontsize=9)
         return
@@ -72,7 +87,7 @@ def _table(ax: Axes, batch: Batch) -> None:
         colLabels=["quantity", "typical specimen [90 %]", "spread", "90 % of further ones"],
         loc="upper left",
         cellLoc="left",
-        colWidths=[0.3, 0.34, 0.12, 0.24],
+        colWidths=[0.44, 0.27, 0.08, 0.21],
         edges="horizontal",
     )
     table.auto_set_font_size(False)

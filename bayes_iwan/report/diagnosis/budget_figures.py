@@ -13,7 +13,20 @@ from bayes_iwan.diagnosis.answer.result import Moved
 from bayes_iwan.diagnosis.answer.wording import title
 from bayes_iwan.diagnosis.assessment.budget import NAMED, GapBudget, OneOf
 from bayes_iwan.report.diagnosis.gap_figures import panels
-from bayes_iwan.report.style import BLACK, BLUE, GREEN, ORANGE, PRIOR, RED, SKY, Shown, styled, subplots
+from bayes_iwan.report.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PRIOR,
+    RED,
+    SKY,
+    Shown,
+    asked_width,
+    narrow,
+    styled,
+    subplots,
+)
 
 
 def _waterfall(ax: Axes, budget: GapBudget, one_of: Sequence[OneOf] = ()) -> None:
@@ -94,16 +107,19 @@ def headline_figure(
 ) -> Figure:
     """The answer in one picture: the budget, and where the gap shows most the residual with and without the named
     causes: one average cycle, or two that are apart in the record, one below the other."""
-    figure = Shown(figsize=(7.8, 2.8 if len(shown) == 1 else 3.6), layout="constrained")
-    grid = figure.add_gridspec(len(shown), 2, width_ratios=[1.05, 1.2])
-    ax = figure.add_subplot(grid[:, 0])
+    small, n = narrow(), len(shown)
+    height = 2.4 * (n + 1) if small else 2.8 if n == 1 else 3.6
+    figure = Shown(figsize=(asked_width(7.8), height), layout="constrained")
+    grid = figure.add_gridspec(n + 1, 1) if small else figure.add_gridspec(n, 2, width_ratios=[1.05, 1.2])
+    ax = figure.add_subplot(grid[0, 0] if small else grid[:, 0])
     _waterfall(ax, budget, one_of)
     ax.set_title("what makes the gap", loc="left")
     right: list[Axes] = []
     for i, one in enumerate(shown):
         first = right[0] if right else None
-        right.append(_cycle_residual(figure.add_subplot(grid[i, 1], sharex=first, sharey=first), one, causes))
-    right[0].set_title(f"where it shows most: {shown[0].name}", loc="left")
+        place = grid[i + 1, 0] if small else grid[i, 1]
+        right.append(_cycle_residual(figure.add_subplot(place, sharex=first, sharey=first), one, causes))
+    right[0].set_title(f"where it shows most:{chr(10) if small else ' '}{shown[0].name}", loc="left")
     for below, one in zip(right[1:], shown[1:]):
         below.set_title(one.name, loc="left")
     right[-1].set_xlabel("phase of the cycle")
@@ -115,7 +131,9 @@ def headline_figure(
     else:
         for above in right[:-1]:
             above.tick_params(labelbottom=False)
-        figure.legend(*right[0].get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=3)
+        figure.legend(
+            *right[0].get_legend_handles_labels(), loc="outside lower right", fontsize=7, ncols=2 if small else 3
+        )
         right[-1].set_ylabel("measured − model (N)", y=1.1)
     return figure
 
@@ -198,7 +216,7 @@ def before_after_figure(shown: Sequence[CycleResidual], causes: str) -> Figure:
         ax.locator_params(axis="y", nbins=4)
     figure.supxlabel("phase of the cycle (0: upward through the middle)", fontsize=9)
     figure.supylabel("measured − model (N)", fontsize=9)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2 if narrow() else 3)
     return figure
 
 

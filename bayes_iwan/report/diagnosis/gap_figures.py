@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from bayes_iwan.campaign.timing.groups import groups_of
 from bayes_iwan.diagnosis.answer.gap_findings import GapPictures
 from bayes_iwan.diagnosis.answer.localisation import Statistic
-from bayes_iwan.report.style import BLACK, BLUE, PRIOR, decimal_ticks, points, series, styled, subplots, ticked
+from bayes_iwan.report.style import BLACK, BLUE, PRIOR, decimal_ticks, narrow, points, series, styled, subplots, ticked
 
 #: measured above the model is red, below it blue; equal is a grey that still shows on paper
 _DIVERGING = "RdBu_r"
@@ -23,7 +23,7 @@ _TEST_MARKERS = "osD^v<>PX*"
 
 def panels(count: int, width: float = 2.5, height: float = 2.2) -> tuple[Figure, list[Axes]]:
     """A figure of so many panels in rows of three or four."""
-    columns = min(4 if count % 3 else 3, count)
+    columns = min(2 if narrow() else 4 if count % 3 else 3, count)
     rows = math.ceil(count / columns)
     figure, axes = subplots(rows, columns, max(width * columns + 0.9, 4.5), height * rows + 0.6)
     flat = list(axes.ravel())
@@ -54,11 +54,13 @@ def gap_loops_figure(p: GapPictures) -> Figure:
             linewidths=0.8 + 4.0 * np.minimum(np.abs(between) / limit, 1.0),
         )
         ax.add_collection(lines)
-        ax.set_title(f"{names[t]}: {_percent(shares[t])}", loc="left")
-        ax.locator_params(nbins=4)
+        ax.set_title(f"{names[t]}: {_percent(shares[t])}", loc="left", fontsize=7.5 if narrow() else None)
+        ax.locator_params(nbins=3 if narrow() else 4)
     figure.supxlabel("displacement (mm)", fontsize=9)
     figure.supylabel("measured force (N)", fontsize=9)
-    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axes, shrink=0.8, pad=0.02)
+    bar = figure.colorbar(
+        ScalarMappable(norm, colours), ax=axes, shrink=0.8, pad=0.02, location="bottom" if narrow() else "right"
+    )
     bar.set_label("measured − model (N)")
     return figure
 
@@ -96,7 +98,8 @@ def gap_map_figure(p: GapPictures) -> Figure:
     ax.set_yticks(np.arange(tests) + 0.5, list(names))
     ax.invert_yaxis()
     ax.grid(False)
-    ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0\nmiddle, up", "¼\nupper end", "½\nmiddle, down", "¾\nlower end", "1"])
+    places = ("", "", "", "") if narrow() else ("\nmiddle, up", "\nupper end", "\nmiddle, down", "\nlower end")
+    ax.set_xticks([0, 0.25, 0.5, 0.75, 1], [*(f"{x}{place}" for x, place in zip("0¼½¾", places)), "1"])
     ax.set_xlabel("phase of the cycle" + ("" if sticking is None else "   ( | : from here on most elements slip)"))
     bar = figure.colorbar(mesh, ax=list(axes[:, 0]), pad=0.02)
     bar.set_label("residual over\nwhat a right model leaves")
@@ -140,7 +143,14 @@ def gap_harmonics_figure(p: GapPictures) -> Figure:
     axes[0, 0].set_ylabel("measured − model (N)")
     if len(names) <= 24:
         handles, labels = axes[0, 1].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside right upper", fontsize=7)
+        small = narrow()
+        figure.legend(
+            handles,
+            labels,
+            loc="outside upper center" if small else "outside right upper",
+            ncols=2 if small else 1,
+            fontsize=7,
+        )
     return figure
 
 

@@ -16,7 +16,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.inference.results.posterior import Posterior
 from bayes_iwan.report.identification.predictive import Predictive, measured_cycles, predict
-from bayes_iwan.report.style import BLACK, MODEL, asked_width, band, into_given_axes, series, styled, subplots, ticked
+from bayes_iwan.report.style import BLACK, MODEL, band, into_given_axes, narrow, series, styled, subplots, ticked
 
 
 def test_name(loop: Loop, role: bool = True) -> str:
@@ -33,9 +33,9 @@ def _grid(loops: Sequence[Loop]) -> tuple[int, int, list[int]]:
     f = sorted({x.record.frequency_hz for x in loops})
     a = sorted({x.record.amplitude_mm for x in loops})
     cells = [f.index(x.record.frequency_hz) * len(a) + a.index(x.record.amplitude_mm) for x in loops]
-    if len(f) * len(a) == len(loops) == len(set(cells)) and len(a) in (2, 3, 4) and asked_width(9.0) > 5.0:
+    if len(f) * len(a) == len(loops) == len(set(cells)) and len(a) in (2, 3, 4) and not narrow():
         return len(f), len(a), cells
-    columns = min(3 if asked_width(9.0) > 5.0 else 2, len(loops))
+    columns = min(2 if narrow() else 3, len(loops))
     return math.ceil(len(loops) / columns), columns, list(range(len(loops)))
 
 

@@ -13,7 +13,7 @@ from bayes_iwan.arrays import Array
 from bayes_iwan.comparison.frequencies import determined_names
 from bayes_iwan.errors import InputError
 from bayes_iwan.inference.results.posterior import Posterior
-from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, Shown, styled, subplots
+from bayes_iwan.report.style import MODEL, PRIOR, RC, RED, Shown, narrow, styled, subplots
 
 #: below this contraction the data have hardly said anything of a number
 OPEN = 0.5
@@ -63,7 +63,9 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
     z = posterior.flat_z(4000)
     shrunk = contraction(z)
     n = len(prior.free)
-    figure, axes = subplots(1, 2, 7.6, 0.245 * n + 1.0, width_ratios=(1.35, 1), sharey=True)
+    small = narrow()  # a column of contractions does not fit
+    ratios = (1, 1.35) if small else (1.35, 1)
+    figure, axes = subplots(1, 2, 7.6, 0.245 * n + 1.0, width_ratios=ratios, sharey=True)
     ax, side = axes[0]
     ax.axvspan(-1.645, 1.645, color=PRIOR, alpha=0.18, linewidth=0)
     ax.axvspan(-0.674, 0.674, color=PRIOR, alpha=0.25, linewidth=0)
@@ -76,9 +78,12 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
         ax.plot(middle, i, "o", color=color, markersize=5, markerfacecolor="white" if open_ else color)
         text = "{} [{}, {}] {}".format(*reported(posterior, p.name), p.unit if p.unit != "-" else "")
         side.text(0.0, i, text, va="center", fontsize=7.5)
-        side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", fontsize=7.5, color=color)
-    side.text(0.0, -1.0, "value [90 % interval], as reported", va="center", fontsize=7.5, weight="bold")
-    side.text(1.0, -1.0, "contraction", va="center", ha="right", fontsize=7.5, weight="bold")
+        if not small:
+            side.text(1.0, i, contraction_text(shrunk[i]), va="center", ha="right", fontsize=7.5, color=color)
+    head = "value [90 % interval]" if small else "value [90 % interval], as reported"
+    side.text(0.0, -1.0, head, va="center", fontsize=7.5, weight="bold")
+    if not small:
+        side.text(1.0, -1.0, "contraction", va="center", ha="right", fontsize=7.5, weight="bold")
     side.set_xlim(0, 1)
     side.axis("off")
     ax.set_yticks(range(n), [p.symbol for p in prior.free])
@@ -86,7 +91,7 @@ def prior_posterior_figure(posterior: Posterior) -> Figure:
     reach = max(3.0, float(np.quantile(np.abs(z), 0.999)) + 0.3)
     ax.set_xlim(-reach, reach)
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("prior's standard scores (grey: its 50 and 90 % intervals)")
+    ax.set_xlabel("prior's standard scores" + ("" if small else " (grey: its 50 and 90 % intervals)"))
     return figure
 
 

@@ -6,19 +6,23 @@ Arrays inside structs, struct arrays and cells are channels named by the way to 
 from __future__ import annotations
 
 import warnings
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_iwan.campaign.importing.formats.matlab_elements import refuse_unsound
 from bayes_iwan.campaign.importing.recordings import Channel, Recording, channel, library
 from bayes_iwan.campaign.recording.records import CampaignError, shown
 
 MOST_COLUMNS = 64  # of a matrix: a wider one is no set of channels
 DEEPEST = 20  # of structs and cells within each other
 RATES = {"fs", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "sample_rate_hz", "fsample", "srate"}
+_ARRAY, _COMPRESSED = 14, 15
+_KINDS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, _ARRAY, _COMPRESSED, 16, 17, 18}
+_HEADER = 128
+_DEEPEST = 100
 SAVE = (
     "in MATLAB: save(file, '-struct', 's') with numeric vectors in s (of a table T: s = table2struct(T, 'ToScalar', "
     "true))"
@@ -31,7 +35,7 @@ def read_matlab(path: Path, file: str) -> list[Recording]:
 
     try:
         if scipy.io.matlab.matfile_version(path)[0] == 1:
-            refuse_unsound(path.read_bytes())
+            _refuse_unsound(path.read_bytes())
         found = scipy.io.loadmat(path, simplify_cells=True)
     except NotImplementedError:
         return read_hdf5(path, file)
@@ -180,3 +184,36 @@ def _parts(file: str, channels: list[Channel], what: str) -> list[Recording]:
     if len(groups) > 1 and len(leaves[0]) > 1 and all(x == leaves[0] for x in leaves):
         return [Recording(file, group, tuple(some), (what,)) for group, some in groups.items()]
     return [Recording(file, "", tuple(channels), (what,))]
+
+
+def _refuse_unsound(raw: bytes) -> None:
+    """Raise ValueError, with one line, for a file of MATLAB 5 whose elements (a tag with kind and number of bytes, then
+    data) are cut short or of no kind that there is: SciPy takes that on trust, and the whole process would end."""
+    order = {b"IM": "little", b"MI": "big"}.get(raw[126:128])
+    if order is None:
+        raise ValueError("no byte order in its header")
+    _walk(raw, _HEADER, len(raw), order == "big", 0)
+
+
+def _walk(raw: bytes, at: int, end: int, big: bool, depth: int) -> None:
+    def word(k: int) -> int:
+        return int.from_bytes(raw[k : k + 4], "big" if big else "little")
+
+    if depth > _DEEPEST:
+        raise ValueError(f"nested more than {_DEEPEST} deep")
+    while at < end:
+        if end - at < 8:
+            raise ValueError(f"byte {at}: a tag cut short")
+        kind, size, start = word(at), word(at + 4), at + 8
+        if small := kind >> 16:  # up to four bytes of data within the tag
+            kind, size, start = kind & 0xFFFF, small, at + 4
+        if kind not in _KINDS or (small and (size > 4 or kind in (_ARRAY, _COMPRESSED))):
+            raise ValueError(f"byte {at}: no kind of data has the number {kind}")
+        if start + size > end:
+            raise ValueError(f"byte {at}: {size} bytes said to follow, there are {end - start}")
+        if kind == _ARRAY:
+            _walk(raw, start, start + size, big, depth + 1)
+        elif kind == _COMPRESSED:
+            inner = zlib.decompress(raw[start : start + size])
+            _walk(inner, 0, len(inner), big, depth + 1)
+        at = at + 8 if small else start + size + (-size % 8 if kind != _COMPRESSED else 0)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bayes_iwan.campaign.importing.formats.labelled import plain_rows
 from bayes_iwan.campaign.importing.formats.lvm import read_lvm
 from bayes_iwan.campaign.importing.formats.stamps import is_date, seconds
 from bayes_iwan.campaign.importing.formats.text_layout import (
@@ -40,7 +41,7 @@ def read_text(path: Path, file: str, layout: Layout) -> list[Recording]:
     text, encoding = decoded(file, read_bytes(path, file), layout.encoding)
     if text.startswith("LabVIEW Measurement"):
         return read_lvm(file, text)
-    return _read(file, text, layout, "", encoding)
+    return _read(file, plain_rows(text), layout, "", encoding)
 
 
 def read_lines(file: str, lines: Sequence[str], layout: Layout, part: str) -> list[Recording]:

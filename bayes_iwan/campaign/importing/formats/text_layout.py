@@ -34,7 +34,7 @@ _RATE = (
     r"fr[ée]quence d.[ée]chantillonnage|frequenza di campionamento|frecuencia de muestreo|采样(?:率|频率)|fs"
 )
 _INTERVAL = (
-    r"(?:sampl\w*|scan|time|x|h)?[ _-]*(?:interval|increment|period|step|resolution)|dt|delta[ _-]?[tx]|"
+    r"(?:sampl\w*|scan|time|x|h)?[ _-]*(?:interval|increment|period|step|resolution)|d[tx]|delta[ _-]?[tx]|"
     r"(?:abtast|zeit)(?:intervall|schritt)"
 )
 _HINT = (
@@ -42,6 +42,7 @@ _HINT = (
     r"(?P<v>\d[\d.,]*(?:e[+-]?\d+)?)\s*(?P<u2>[a-zµμ/]*)"
 )
 _RATE_HINT, _INTERVAL_HINT = (re.compile(_HINT.format(x), re.IGNORECASE) for x in (_RATE, _INTERVAL))
+_OF_LENGTH = re.compile(r"\W*(dx|resolution)\b", re.IGNORECASE)
 _PER_SECOND = {"khz": 1e3, "mhz": 1e6, "ks/s": 1e3, "ksa/s": 1e3, "ms/s": 1e6, "msa/s": 1e6}
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "msec": 1e-3, "usec": 1e-6}
 
@@ -220,7 +221,10 @@ def names_and_units(lines: list[str], style: Style, width: int, layout: Layout) 
         return names, next((cells for cells in below if all(is_unit(c) for c in cells)), [])
     fitting: list[list[str]] = []
     for line in reversed([line for line in lines if line.strip()]):
-        cells = style.cells(re.sub(r"^\s*(#|//|%|!)\s*", "", line))
+        line = re.sub(r"^\s*(#|//|%|!)\s*", "", line)
+        cells = style.cells(line)
+        if style.separator == r"\s+" and len(cells) > width == len(spaced := re.split(r"\t|\s{2,}", line.strip())):
+            cells = spaced  # names of several words, or with a unit
         if len(cells) == width + 1 and re.fullmatch(
             r"\W*(units?|einheit(en)?|unit[ée]s?|names?|channels?)\W*", cells[0], re.I
         ):
@@ -270,6 +274,9 @@ def stated_rate(lines: Sequence[str]) -> float | None:
             unit = (m["u2"] or m["u1"] or "").lower()
             if not turn and unit in _SECONDS | {"s": 1.0, "sec": 1.0}:
                 turn, table = True, _SECONDS
+            in_seconds = unit in _SECONDS or re.match(r"s(ec|$)", unit) if unit else not _OF_LENGTH.match(line)
+            if turn and not in_seconds:
+                continue  # of a length, or of a converter
             value *= table.get(unit, 1.0)
             rate = 1 / value if turn and value else value
             if RATES_HZ[0] < rate < RATES_HZ[1]:

@@ -1,0 +1,53 @@
+"""Rows whose cells carry more than numbers: "t:0.1,force:3.2" and "12:00:01.003 -> 0.1,3.2" of serial monitors, and
+"0.1 s; 3.2 N". They are turned into rows of numbers below a row of names or units."""
+
+from __future__ import annotations
+
+import re
+
+from bayes_iwan.campaign.importing.unit_texts import is_unit
+
+#: non-empty lines from the end of the sample that are looked at, and the share of them that must be alike
+LOOKED_AT, ALIKE = 200, 0.95
+_NUMBER = r"[+-]?(?:\d[\d.,]*|\.\d+)(?:[eE][+-]?\d+)?"
+_STAMP = re.compile(r"(?m)^\d\d:\d\d:\d\d(?:[.,]\d+)? -> ")
+_PAIR = re.compile(rf"([^\W\d][\w ]*?)\s*[:=]\s*({_NUMBER.replace('.,', '.')})(?:[,;\t ]+|$)")
+_WITH_UNIT = re.compile(rf"\s*({_NUMBER})\s*([^\W\d_][^\s,;]*|°|%)\s*")
+
+
+def plain_rows(text: str) -> str:
+    """A text with its labels and units moved from the rows of numbers to a row above these."""
+    sample = [line for line in text[-65536:].split("\n")[1 if len(text) > 65536 else 0 :] if line.strip()][-LOOKED_AT:]
+    if len(sample) > 8 and sum(bool(_STAMP.match(x)) for x in sample) >= ALIKE * len(sample):
+        text = _STAMP.sub("", text)
+        sample = [_STAMP.sub("", x) for x in sample]
+    for read in (_labels, *(lambda line, s=s: _units(line, s) for s in (";", "\t", ","))):
+        found = [read(x) for x in sample]
+        if (first := found[len(found) // 2]) and found.count(first) >= ALIKE * len(found):
+            return _rewritten(text, read, first)
+    return text
+
+
+def _labels(line: str) -> tuple[str, ...]:
+    pairs = _PAIR.findall(line)
+    return ("\t", *(name for name, _ in pairs)) if len(pairs) > 1 and not _PAIR.sub("", line).strip() else ()
+
+
+def _units(line: str, separator: str) -> tuple[str, ...]:
+    cells = [_WITH_UNIT.fullmatch(x) for x in line.split(separator)]
+    units = [x[2] if x else "" for x in cells]
+    return (separator, *units) if len(units) > 1 and all(x and is_unit(x) for x in units) else ()
+
+
+def _rewritten(text: str, read, head: tuple[str, ...]) -> str:  # type: ignore[no-untyped-def]
+    out, above = [], False
+    for line in text.split("\n"):
+        if line.strip() and read(line) == head:
+            if not above:
+                out.append(head[0].join(head[1:]))
+                above = True
+            pairs = _PAIR.findall(line)
+            cells = [x for _, x in pairs] if len(pairs) > 1 else [_WITH_UNIT.sub(r"\1", x) for x in line.split(head[0])]
+            line = head[0].join(cells)
+        out.append(line)
+    return "\n".join(out)

@@ -1,0 +1,179 @@
+"""A known loop as public loggers and testing machines export it: read with the right energy, or asked of in one line.
+
+Each form is written after the program's own exports: its preamble, its marks, its units and its side channels.
+"""
+
+import numpy as np
+import pytest
+
+from bayes_iwan.campaign import CampaignError
+from bayes_iwan.campaign.importing import Recipe, import_tests
+
+RATE, N, AMPLITUDE, FREQUENCY = 500.0, 1000, 1.25, 5.0
+T = np.arange(N) / RATE
+X = AMPLITUDE * np.sin(2 * np.pi * FREQUENCY * T + 0.3)
+F = 1800.0 * np.sin(2 * np.pi * FREQUENCY * T + 0.7) + 0.5 * np.random.default_rng(0).standard_normal(N)
+ENERGY_NMM = np.pi * AMPLITUDE * 1800.0 * np.sin(0.4)
+
+
+def table(head, *columns, separator=",", decimal=".", end="\n", tail="", fmt="{:.6f}"):
+    """Lines above, then rows; a column is an array, or texts."""
+    cells = [[c if isinstance(c, str) else fmt.format(c).replace(".", decimal) for c in row] for row in zip(*columns)]
+    return end.join([*head, *(separator.join(row) for row in cells)]) + end + tail
+
+
+def clock(form, start=0.0):
+    import datetime
+
+    day = datetime.datetime(2025, 3, 14, 9, 26, 53)
+    return [(day + datetime.timedelta(seconds=float(t + start))).strftime(form) for t in T]
+
+
+def german(values, digits=6):
+    return [f"{v:,.{digits}f}".translate(str.maketrans(",.", ".,")) for v in values]
+
+
+def french(values, digits=6):
+    return [f"{v:,.{digits}f}".replace(",", "\u202f").replace(".", ",") for v in values]
+
+
+ASCENDING = [str(k) for k in range(1, N + 1)]
+FORMS = {
+    # measuring software
+    "dewesoft": (
+        table(
+            ["Data1 info", "File name: test_0001.dxd", "Start time: 3/14/2025 09:26:53.000", "Sample rate: 500 Hz",
+             "Channels: 2", "", "Data1", "Time\tWeg\tKraft", "s\tmm\tkN"],
+            T, X, F / 1e3, separator="\t"), {}),
+    "dewesoft_csv_brackets": (table(['"Time (s)","AI 1/Disp (mm); ","AI 2/Force (N); "'], T, X, F), {}),
+    "catman_asc": (
+        table(
+            ["CATMAN", "V5.5.3", "", "Datum\t14.03.2025 09:26:53", "Kanäle\t3", "Abtastrate\t500 Hz",
+             "Zeit  1 - Standardmessrate [s]\tWeg [mm]\tKraft [kN]"],
+            T, X, F / 1e3, separator="\t", decimal=","), {}),
+    "catman_trailing": (
+        table(["HBM_CATMAN_DATAFILE_40", "Zeit [s];Weg [mm];Kraft [N];"], T, X, F, [""] * N, separator=";",
+                decimal=","),
+        {}),
+    "famos": (table(["x-Achse;Weg;Kraft", "s;mm;N"], T, X, F, separator=";", decimal=","), {}),
+    "famos_no_x": (table(["Weg;Kraft", "mm;N", "dx = 0,002 s;dx = 0,002 s"], X, F, separator=";", decimal=","), {}),
+    "diadem": (
+        table(["DIAHEADER", "Zeit;Weg;Kraft", "s;mm;kN", "DOUBLE;DOUBLE;DOUBLE"], T, X, F / 1e3, separator=";",
+              decimal=","), {}),
+    "testlab": (
+        table(["Title1\tRun 3", "Point id\tS1:+X", "X axis\tTime", "", "Time\tDisplacement\tForce", "s\tmm\tN"],
+              T, X, F, separator="\t"), {}),
+    "testlab_blanks": (table(["% Simcenter Testlab", "%  Time s   Disp mm   Force N"], T, X, F, separator="   "), {}),
+    "labview_spreadsheet": (table(["Time (s)\tStroke (mm)\tLoad (N)"], T, X, F, separator="\t", end="\r\n"), {}),
+    "signalexpress": (
+        table(["channel names: ", "Zeit*\tWeg - Alle Daten (mm)\tKraft - Alle Daten (N)"], T, X, F,
+                separator="\t"), {}),
+    "sciemetric_pipes": (table(["|time|disp|force|", "|s|mm|N|"], [""] * N, T, X, F, [""] * N, separator="|"), {}),
+    # testing machines
+    "bluehill": (
+        table(["Results Table 1", ",Maximum Load,Break", ",(N),(mm)", "1,1800.0,1.25", "", "Raw Data",
+               "Time,Extension,Load", "(s),(mm),(N)"], T, X, F), {}),
+    "bluehill_quoted": (table(['"Time","Displacement","Force"', '"(s)","(mm)","(kN)"'],
+                              *([f'"{v:.6f}"' for v in c] for c in (T, X, F / 1e3))), {}),
+    "bluehill_units_after": (table(["Time sec,Extension mm,Load N"], T, X, F), {}),
+    "testxpert": (
+        table(["Prüfer;Meier", "Prüfzeit;Standardweg;Standardkraft", "s;mm;N"], T, X, F, separator=";",
+                decimal=","), {}),
+    "testxpert_quotes": (
+        table(['"Prüfzeit";"Standardweg";"Standardkraft"', '"s";"µm";"N"'], T, X * 1e3, F, separator=";",
+                decimal=","), {}),
+    "mts_testsuite": (
+        table(['"Station Name","Rig"', '"Data Acquisition: Timed"', '"Time","Axial Displacement","Axial Force"',
+               '"Sec","mm","kN"'], T, X, F / 1e3), {}),
+    "mts_testworks_tabs": (table(["Running Time\tAxial Disp\tAxial Force", "sec\tin\tlbf"], T, X / 25.4,
+                                 F / 4.4482216152605, separator="\t", fmt="{:.8f}"), {}),
+    "instron_wavematrix": (
+        table(['"Total Time (s)","Elapsed Cycles","Displacement(Linear:Position) (mm)","Load(Linear:Load) (kN)"'],
+              T, np.floor(T * FREQUENCY), X, F / 1e3), {"channels": {"displacement": "3", "force": "4"}}),
+    "shimadzu": (table(['"Time","Force","Stroke"', '"sec","N","mm"'], T, F, X), {}),
+    "walter_bai": (table(["Zeit[s]  Weg[mm]  Kraft[kN]"], T, X, F / 1e3, separator="  ", decimal=","), {}),
+    # oscilloscopes
+    "keysight": (
+        table(["x-axis,1,2", "second,Volt,Volt"], T, X / 10, F / 1000, fmt="{:+.6E}"),
+        {"channels": {"displacement": "1", "force": "2"},
+         "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
+    "tektronix_side": (
+        table(["Record Length,1000,Points", "Sample Interval,2e-3,s", "TIME,CH1,CH2"], T, X / 10, F / 1000,
+                fmt="{:.9f}"),
+        {"channels": {"displacement": "CH1", "force": "CH2"},
+         "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
+    "lecroy": (
+        table(["LECROYWS3034,12345,Waveform", "Segments,1,SegmentSize,1000", "Segment,TrigTime,TimeSinceSegment1",
+               "#1,14-Mar-2025 09:26:53,0", "Time,Ampl,Ampl2"], T, X / 10, F / 1000, fmt="{:.9f}"),
+        {"channels": {"displacement": "Ampl", "force": "Ampl2"},
+         "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
+    "rigol_increment": (
+        table(["X,CH1,CH2,Start,Increment", "Sequence,VOLT,VOLT,0.000000e+00,2.000000e-03"],
+              [str(k) for k in range(N)], X / 10, F / 1000, fmt="{:.6e}"),
+        {"channels": {"displacement": "CH1", "force": "CH2"},
+         "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
+    "picoscope_ms": (
+        table(["Time,Channel A,Channel B", "(ms),(mV),(V)", ""], T * 1e3, X * 100, F / 1000),
+        {"channels": {"displacement": "Channel A", "force": "Channel B"},
+         "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
+    "moku": (
+        table(["% Moku:Go Data Logger", "% Acquisition rate: 5.000e+02 Hz", "% Time (s), Input A (V), Input B (V)"],
+              T, X / 10, F / 1000, separator=", "),
+        {"channels": {"displacement": "Input A", "force": "Input B"},
+         "sensitivities": {"displacement": "10 mm/V", "force": "1000 N/V"}}),
+    # self-made
+    "arduino_millis": (table(["millis,disp_um,force_mN"], T * 1e3, X * 1e3, F * 1e3, fmt="{:.0f}"),
+                       {"units": {"time": "ms", "force": "mN", "displacement": "um"}}),
+    "arduino_monitor": (table(["time_ms,disp_mm,force_N"], clock("%H:%M:%S.%f -> ") and
+                              [f"{s[:-3]} -> {t:.0f}" for s, t in zip(clock("%H:%M:%S.%f"), T * 1e3)], X, F), {}),
+    "putty_log": (table(["=~=~=~=~= PuTTY log 2025.03.14 09:26:53 =~=~=~=~=", "t_us disp_mm force_N"], T * 1e6, X, F,
+                        separator=" "), {}),
+    "plotter_labels": (
+        "".join(f"t:{t:.4f},disp_mm:{x:.5f},force_N:{f:.3f}\n" for t, x, f in zip(T, X, F)), {}),
+    "numpy_savetxt": (table(["# time_s disp_mm force_N"], T, X, F, separator=" ", fmt="{:.18e}"), {}),
+    "pandas_index": (table([",time_s,disp_mm,force_N"], [str(k) for k in range(N)], T, X, F), {}),
+    "pandas_datetime": (table(["timestamp,disp_mm,force_N"], clock("%Y-%m-%d %H:%M:%S.%f+00:00"), X, F), {}),
+    "iso_z": (table(["timestamp,disp_mm,force_N"], clock("%Y-%m-%dT%H:%M:%S.%fZ"), X, F), {}),
+    # spreadsheets
+    "excel_german": (table(["Zeit [s];Weg [mm];Kraft [N]"], german(T), german(X), german(F), separator=";"), {}),
+    "excel_french": (table(["Temps (s);Déplacement (mm);Force (N)"], french(T), french(X), french(F),
+            separator=";"), {}),
+    "excel_sep_line": (table(["sep=;", "Zeit [s];Weg [mm];Kraft [N]"], T, X, F, separator=";", decimal=","), {}),
+    "comma_and_semicolon": (table(["Time (s);Disp, axial (mm);Force, axial (N)"], T, X, F, separator=";",
+            decimal=","), {}),
+    "comma_decimal_comma_space": (table(["Time s, Disp mm, Force N"], T, X, F, separator=", ", decimal=","), {}),
+    "swiss_thousands": (table(["Zeit [s];Weg [mm];Kraft [N]"], T, X, [f"{v:,.3f}".replace(",", "'") for v in F],
+                              separator=";"), {}),
+    "numbers_and_units_in_cells": (
+        table(["Time,Disp,Force"], [f"{t:.4f} s" for t in T], [f"{x:.5f} mm" for x in X],
+                [f"{f:.3f} N" for f in F]), {}),
+    "statistics_below": (
+        table(["Time (s),Disp (mm),Force (N)"], T, X, F, tail="Max,1.25,1800\nMin,-1.25,-1800\nMean,0,0\n"), {}),
+    "marker_column": (table(["Time (s),Marker,Disp (mm),Force (N)"], T,
+            ["" if k else "Start" for k in range(N)], X, F), {}),
+    "row_number": (table(["No.,Time (s),Disp (mm),Force (N)"], ASCENDING, T, X, F), {}),
+}  # fmt: skip
+
+
+def energy(test):
+    loop = test.loop
+    return float(np.mean(loop.force_N * loop.velocity_m_s) / loop.frequency_hz * 1e3)
+
+
+#: forms that nothing can read: commas that divide columns and decimals alike
+REFUSED = ("comma_decimal_comma_space",)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("name", FORMS)
+def test_a_logger_s_export(tmp_path, name, encoding):
+    text, options = FORMS[name]
+    file = tmp_path / "run.csv"
+    file.write_bytes(text.encode(encoding))
+    if name in REFUSED:
+        with pytest.raises(CampaignError, match="commas divide columns and decimals alike"):
+            import_tests([file], Recipe(**options))
+        return
+    (test,) = import_tests([file], Recipe(**options))
+    assert energy(test) == pytest.approx(ENERGY_NMM, rel=0.003)
+    assert test.loop.frequency_hz == pytest.approx(FREQUENCY, rel=1e-3)
