@@ -125,10 +125,7 @@ def _which(section: Section, found: Diagnosis, figures: Mapping[str, Figure]) ->
             ],
             f"{title(cause.name)}: fitted together with the specimen's own parameters",
         )
-        section.text(
-            f"It gains {f.gain:.0f} nats over the model without it and leads the next effect of another kind by "
-            f"{f.lead:.0f}; fitted on halves of the tests its strength differs by {f.differs:.1f} standard deviations."
-        )
+        section.text(f"It gains {f.gain:.0f} nats of score over the model without it.")
         if said := remedy(found, cause.name):
             section.text(f"Remedy: {said}")
         section.text(f"Source: {effect.reference}.")
@@ -141,11 +138,11 @@ def _which(section: Section, found: Diagnosis, figures: Mapping[str, Figure]) ->
     considered = []
     for name in not_excluded(found):
         x = places.get(name)
-        cells = ("–",) * 3 if x is None else (percent(x.fitted), percent(x.held_out), f"{x.differs:.1f}")
+        cells = ("–",) * 2 if x is None else (percent(x.fitted), percent(x.held_out))
         considered.append((title(name), f"{verdict.probabilities[name]:.2f}", *cells))
     if considered:
         section.table(
-            ("effect", "probability", "shrink", "on held-out tests", "strength differs by (sd)"),
+            ("effect", "probability", "shrink", "on held-out tests"),
             considered,
             "Considered, not named",
         )
