@@ -25,9 +25,7 @@ from unittest.mock import patch
 import numpy as np
 
 import calibrate_diagnosis as calibrate
-import study_cases
 from bayes_iwan.diagnosis.assessment import budget, calibration, verdict
-from bayes_iwan.diagnosis.assessment.calibration import UNEXPLAINED_FIGURES
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from study_cases import HALVES, Answer, Case, counts, log_loss, read_cases
 
@@ -41,15 +39,6 @@ SUMS = {
 RESAMPLED = 2000
 
 Patch = tuple[Any, str, Any]
-
-
-def without_column(function: Callable[..., np.ndarray], at: int) -> Callable[..., np.ndarray]:
-    def zeroed(*given: Any) -> np.ndarray:
-        out = function(*given)
-        out[at] = 0.0
-        return out
-
-    return zeroed
 
 
 def refused_but(reason: str) -> list[Patch]:
@@ -75,10 +64,6 @@ def not_odd(reason: str) -> Callable[[Figures], Figures]:
 def switched_off() -> dict[str, tuple[list[Patch], Callable[[Case], Case] | None]]:
     """What is patched for each rule, and how cases change."""
     out: dict[str, tuple[list[Patch], Callable[[Case], Case] | None]] = {}
-    for i, name in enumerate(UNEXPLAINED_FIGURES):
-        zeroed = without_column(calibration.unexplained_figures, i)
-        where = (study_cases, calibrate.calibrating)
-        out[f"figure of what is left: {name}"] = ([(m, "unexplained_figures", zeroed) for m in where], None)
     for title, reason in {
         "one record names nothing": "one record",
         "held-out share above zero": "held-out tests",
@@ -97,10 +82,9 @@ def switched_off() -> dict[str, tuple[list[Patch], Callable[[Case], Case] | None
     out["rule: patterns without a cause make it unknown"] = ([(verdict, "NO_CAUSE", frozenset())], None)
     for where, name, values in (
         (calibration, "COARSENED", (1.0, 0.2, 0.1, 0.07, 0.03)),
-        (verdict, "NAMED", (0.4, 0.65, 0.8)),
+        (verdict, "NAMED", (0.4, 0.5, 0.8)),
         (verdict, "REFUSED", (0.1, 0.5)),
         (calibration, "SUREST", (0.999,)),
-        (calibration, "USUAL_GAP", (0.001, 0.016)),
         (budget, "LEAST_SHARE", (0.0,)),
         (budget, "LEAST_MODEL_FORM", (0.02,)),
     ):

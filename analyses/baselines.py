@@ -30,7 +30,7 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import average
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
-from bayes_iwan.diagnosis.assessment.calibration import calibration, unexplained_figures
+from bayes_iwan.diagnosis.assessment.calibration import calibration
 from bayes_iwan.diagnosis.constants import NAMED, USUAL_GAP
 from bayes_iwan.diagnosis.fits.data import TREND_HARMONICS, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit
@@ -187,7 +187,7 @@ def answer(case: Case, p: dict[str, float], left: float, least: float) -> Answer
     """A judge's answer; the unexplained part is flagged as the diagnosis flags it, by its size."""
     before, p = case.gap_resolved[frozenset()], {n: v for n, v in p.items() if n != "speed_squared"}
     sure = frozenset(n for n, v in p.items() if v >= least and before > USUAL_GAP and case.tests > 1)
-    unknown = calibration().unknown_cause(unexplained_figures(before * (left if sure else 1.0), case.subharmonic))
+    unknown = calibration().unknown_cause(before * (left if sure else 1.0))
     return Answer(sure, sure, p, unknown, left)
 
 

@@ -20,9 +20,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from bayes_iwan.diagnosis.assessment import calibration as calibrating
 from bayes_iwan.diagnosis.assessment.budget import vagueness
-from bayes_iwan.diagnosis.assessment.calibration import CALIBRATION, UNEXPLAINED_FIGURES, Calibration, calibration
+from bayes_iwan.diagnosis.assessment.calibration import CALIBRATION, Calibration, calibration, ln_size
 from study_cases import (
     HALVES,
     Answer,
@@ -38,31 +37,23 @@ from study_cases import (
     table,
 )
 
-#: pull of every weight, per squared unit, to what 300 campaigns of an earlier study gave
-PULL, EARLIER = 0.5, (1.95, 0.47, -1.30)
+#: pull of slope and intercept, per squared unit, to what 300 campaigns of an earlier study gave
+PULL, EARLIER = 0.5, (1.95, -1.30)
 FOLDS = 5
 
 
-def logistic_fit(x: np.ndarray, y: np.ndarray) -> tuple[tuple[float, ...], float]:
-    """Weights ≥ 0 and intercept of a logistic law by maximum likelihood with a pull to earlier ones."""
+def fitted(cases: Sequence[Case], given: Sequence[Answer]) -> Calibration:
+    """Constants of maximum likelihood, with a pull to earlier ones, of the unexplained part beside what is named."""
+    some = [(case, a) for case, a in zip(cases, given) if not case.kind.startswith("one_record")]
+    x = np.array([ln_size(a.left * case.gap_resolved[frozenset()]) for case, a in some])
+    y = np.array([has_unlisted_cause(case, a.named) for case, a in some], float)
 
     def cost(w: np.ndarray) -> float:
-        t = np.clip(x @ w[:-1] + w[-1], -30, 30)
+        t = np.clip(w[0] * x + w[1], -30, 30)
         return float(np.sum(np.logaddexp(0.0, t) - y * t) + PULL * np.sum((w - np.array(EARLIER)) ** 2))
 
-    best = minimize(cost, np.array(EARLIER), method="L-BFGS-B", bounds=[(0.0, None)] * x.shape[1] + [(None, None)])
-    return tuple(float(v) for v in best.x[:-1]), float(best.x[-1])
-
-
-def fitted(cases: Sequence[Case], given: Sequence[Answer]) -> Calibration:
-    """Constants of the unexplained part beside what answers name, whatever their constants."""
-    rows, real = list[np.ndarray](), list[float]()
-    for case, a in zip(cases, given):
-        if not case.kind.startswith("one_record"):
-            rows.append(calibrating.unexplained_figures(a.left * case.gap_resolved[frozenset()], case.subharmonic))
-            real.append(float(has_unlisted_cause(case, a.named)))
-    weights, bias = logistic_fit(np.array(rows).reshape(-1, len(UNEXPLAINED_FIGURES)), np.array(real))
-    return replace(calibration(), unexplained=weights, unexplained_bias=bias)
+    slope, intercept = minimize(cost, np.array(EARLIER), method="L-BFGS-B").x
+    return replace(calibration(), unexplained=float(slope), unexplained_bias=float(intercept))
 
 
 def held_out_in_turn(cases: Sequence[Case]) -> list[Calibration]:
@@ -112,7 +103,7 @@ def main() -> None:
         given = print_score("shipped constants", cases, [calibration()] * len(cases))
     else:
         c = fitted(cases, answers(cases, [calibration()] * len(cases)))
-        print(dict(zip(UNEXPLAINED_FIGURES, np.round(c.unexplained, 3))), "bias", round(c.unexplained_bias, 3))
+        print(f"slope {c.unexplained:.3f}, intercept {c.unexplained_bias:.3f}")
         print_score("in sample", cases, [c] * len(cases))
         given = print_score("families held out in turn", cases, held_out_in_turn(cases))
         if args.write:

@@ -17,7 +17,6 @@ from bayes_iwan.diagnosis.assessment.calibration import (
     Calibration,
     SetProbabilities,
     set_probabilities,
-    unexplained_figures,
 )
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, USUAL_GAP
@@ -40,7 +39,6 @@ class Case:
     noise: float
     figures: tuple[Figures, ...]
     gap_resolved: Mapping[frozenset[str], float]
-    subharmonic: float
     stored: Mapping[str, Any] = field(repr=False)
 
     @property
@@ -95,7 +93,6 @@ def case_of(stored: Mapping[str, Any]) -> Case:
         noise=float(truth.get("noise", {}).get("share_of_friction", 0.0)),
         figures=tuple(Figures(**f) for f in some),
         gap_resolved=by_set(stored["gap_resolved"]),
-        subharmonic=stored["subharmonic"],
         stored=stored,
     )
 
@@ -123,8 +120,7 @@ def answer(case: Case, c: Calibration) -> Answer:
     p = verdict.contributing(case.figures, sets)
     own = frozenset(f.name for f in case.figures) & MODEL_FORM
     left = case.gap_resolved[frozenset(named) | own]
-    by_size = c.unknown_cause(unexplained_figures(left, case.subharmonic))
-    unknown = verdict.unknown_cause_probability(by_size, case.figures, sets)
+    unknown = verdict.unknown_cause_probability(c.unknown_cause(left), case.figures, sets)
     tied = {n for f in case.figures if f.name in named for n in verdict.candidates_of(f, c)}
     tied |= {n for some in verdict.one_of(case.figures, named, sets, c) for n in some.names}
     return Answer(

@@ -79,7 +79,8 @@ NAMED: Final = 0.65
 #: probability, at most, of what something speaks against: of such effects a third is true, of those that are in no best
 #: set one in twenty (analyses/ablation.md)
 REFUSED: Final = 0.25
-#: share of the gap that an effect must remove to be named; of a cause in the base's form, which always removes some
+#: share of the gap that an effect must remove to be named (what is said must matter); of a cause in the base's form,
+#: which always removes some
 LEAST_SHARE: Final = 0.02
 LEAST_MODEL_FORM: Final = 0.2
 #: gap over the friction force below which no cause in the base's form is named: so much every specimen differs

@@ -15,13 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_iwan.arrays import Array
 from bayes_iwan.diagnosis.constants import COARSENED, SUREST, USUAL_GAP
 from bayes_iwan.files import write_whole
 
 CALIBRATION = Path(__file__).with_name("calibration.json")
-#: figures behind the probability that the unexplained part has a cause, in the order of the weights
-UNEXPLAINED_FIGURES = ("left", "subharmonic")
 
 Names = frozenset[str]
 SetProbabilities = Mapping[Names, float]
@@ -31,20 +28,20 @@ SetProbabilities = Mapping[Names, float]
 class Calibration:
     """Constants that were fitted.
 
-    unexplained, unexplained_bias : weights of UNEXPLAINED_FIGURES in a logistic law, and its intercept
+    unexplained, unexplained_bias : slope and intercept of a logistic law of ln size of the unexplained part
     apart : nats within which effects are tied
     usual : median and sd of ln share of a sound specimen's difference from the model
     """
 
-    unexplained: tuple[float, ...]
+    unexplained: float
     unexplained_bias: float
     apart: float
     usual: tuple[float, float]
 
-    def unknown_cause(self, figures: Array) -> float:
-        """Probability that the unexplained part has a cause without a name; figures (2,) in the order of
-        UNEXPLAINED_FIGURES."""
-        x = float(np.dot(self.unexplained, figures)) + self.unexplained_bias
+    def unknown_cause(self, left: float) -> float:
+        """Probability that the unexplained part has a cause without a name; left : its size as a share of the friction
+        force."""
+        x = self.unexplained * ln_size(left) + self.unexplained_bias
         return float(np.clip(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))), 1.0 - SUREST, SUREST))
 
     def save(self, path: Path = CALIBRATION) -> None:
@@ -64,10 +61,9 @@ def any_of(sets: SetProbabilities, names: Collection[str]) -> float:
     return float(np.clip(sum(p for k, p in sets.items() if k & some), 0.0, SUREST))
 
 
-def unexplained_figures(left: float, subharmonic: float) -> Array:
-    """(2,) figures of the unexplained part: the gap left beside all named causes as a share of the friction force, and
-    the power of a line at half the test frequency over its background."""
-    return np.array([np.log(max(left, 1e-5) / USUAL_GAP), np.log1p(max(subharmonic - 5.0, 0.0))])
+def ln_size(left: float) -> float:
+    """ln of an unexplained part, a share of the friction force, over a sound specimen's usual gap."""
+    return float(np.log(max(left, 1e-5) / USUAL_GAP))
 
 
 def from_json(stored: Mapping[str, object]) -> Calibration:

@@ -27,7 +27,6 @@ from bayes_iwan.diagnosis.assessment.calibration import (
     Calibration,
     SetProbabilities,
     any_of,
-    unexplained_figures,
 )
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.constants import (
@@ -96,7 +95,7 @@ def contributing(given: Sequence[Figures], sets: SetProbabilities) -> dict[str, 
 
 
 def unknown_cause_probability(by_size: float, given: Iterable[Figures], sets: SetProbabilities) -> float:
-    """Probability that the unexplained part has a cause of its own: by its size and lines
+    """Probability that the unexplained part has a cause of its own: by its size
     (:meth:`Calibration.unknown_cause`), or because a pattern is there that no listed cause makes and that removes as
     much as a named cause must."""
     none = 1.0 - by_size
@@ -112,8 +111,7 @@ def unknown_cause(found: Weighed, named: Sequence[str], c: Calibration) -> float
     beside = frozenset(named) | (found.asked & MODEL_FORM)
     found.models.find([beside])
     left = found.sizes[beside].all.resolved_share
-    by_size = c.unknown_cause(unexplained_figures(left, found.subharmonic))
-    return unknown_cause_probability(by_size, found.figures, found.sets)
+    return unknown_cause_probability(c.unknown_cause(left), found.figures, found.sets)
 
 
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
