@@ -81,7 +81,7 @@ def switched_off() -> dict[str, tuple[list[Patch], Callable[[Case], Case] | None
         out[f"rule: {title}"] = ([], each_with(not_odd(reason)))
     out["rule: patterns without a cause make it unknown"] = ([(verdict, "NO_CAUSE", frozenset())], None)
     for where, name, values in (
-        (calibration, "COARSENED", (1.0, 0.2, 0.1, 0.07, 0.03)),
+        (calibration, "COARSENED", (1e9, 2.0, 1.0, 0.5, 0.2)),
         (verdict, "NAMED", (0.4, 0.5, 0.8)),
         (verdict, "REFUSED", (0.1, 0.5)),
         (calibration, "SUREST", (0.999,)),

@@ -31,6 +31,7 @@ from ablate_diagnosis import row, scored, seconds_of, write
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import average
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
+from bayes_iwan.diagnosis.assessment.verdict import named_by
 from bayes_iwan.diagnosis.diagnosis import offered_effects
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model
@@ -38,7 +39,7 @@ from bayes_iwan.diagnosis.fits.residual_rows import Rows
 from bayes_iwan.diagnosis.fits.residuals import Residual, residual_of
 from bayes_iwan.diagnosis.search.base_fit import fit_base
 from bayes_iwan.diagnosis.search.fitted_sets import calibrated
-from bayes_iwan.diagnosis.search.search_result import part
+from bayes_iwan.diagnosis.search.search_result import MODEL_FORM, part
 from bayes_iwan.effects.catalogue import ordered
 from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import finite, write_whole
@@ -213,6 +214,12 @@ def main() -> None:
         for least in values:
             rows.append(row(f"{name} at least {least:g}", judged(cases, stored, name, least), on, (took, took)))
     write(args.out, rows)
+    named = [(stored[Path(c.path).stem], n, n in c.true) for c in cases for n in named_by(c.figures, c.sets)]
+    for name in TRIED:
+        for title, right in (("true", True), ("false", False)):
+            values = [v[n][name] for v, n, true in named if true is right and n not in MODEL_FORM]
+            low, middle, high = np.quantile(values, [0.25, 0.5, 0.75]) if values else [np.nan] * 3
+            print(f"{name} of {len(values)} {title} names: quartiles {low:.2f}, {middle:.2f}, {high:.2f}")
 
 
 if __name__ == "__main__":

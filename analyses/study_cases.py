@@ -44,7 +44,7 @@ class Case:
     @property
     def sets(self) -> SetProbabilities:
         """Probability of every set that the search fitted."""
-        return set_probabilities(by_set(self.stored["scores"]))
+        return set_probabilities(by_set(self.stored["scores"]), self.tests)
 
     @property
     def true(self) -> frozenset[str]:

@@ -95,7 +95,7 @@ SUSPECTS_MOST: Final = 6
 
 # ---- probabilities (assessment/calibration.py; those of the unexplained part are fitted, in calibration.json)
 
-#: power by which scores of sets count: twenty nats of score are one
-COARSENED: Final = 0.05
+#: scores of sets count by the power α/(α + tests), this α: so the tests together count little more than a third of one
+COARSENED: Final = 0.35
 #: no answer claims more
 SUREST: Final = 0.99

@@ -95,14 +95,17 @@ PLACE = Figures(
 )
 
 
+TESTS = 6
+
+
 def sets_of(**nats):
     """Probabilities of sets, from how many nats each is behind the best; "" is the base alone, a_b a set of two."""
-    return set_probabilities({frozenset(k.split("__")) - {""}: -v for k, v in nats.items()})
+    return set_probabilities({frozenset(k.split("__")) - {""}: -v for k, v in nats.items()}, TESTS)
 
 
 def test_scores_count_by_a_power_and_effects_of_one_set_are_all_in_it():
     sets = sets_of(moving_mass=0.0, moving_mass__free_play=20.0, free_play=40.0)
-    weight = np.exp(-COARSENED * np.array([0.0, 20.0, 40.0]))
+    weight = np.exp(-COARSENED / (COARSENED + TESTS) * np.array([0.0, 20.0, 40.0]))
     assert any_of(sets, {"moving_mass"}) == pytest.approx((weight[0] + weight[1]) / weight.sum())
     assert any_of(sets, {"free_play"}) == pytest.approx((weight[1] + weight[2]) / weight.sum())
     assert any_of(sets, {"moving_mass", "free_play"}) == SUREST and any_of(sets, {"end_stop"}) == 0.0

@@ -116,4 +116,4 @@ def weighed(search: Search, seed: int) -> Weighed:
     held_out = held_out_gaps([search.fits[k] for k in compared_sets(search)], search.data) if whole else ()
     figures = figures_of(search, models.sizes, models.nearest[whole], held_out)
     line = float(np.max(search.data.subharmonic, initial=0.0))
-    return Weighed(search, figures, models, held_out, set_probabilities(search.scores), line)
+    return Weighed(search, figures, models, held_out, set_probabilities(search.scores, search.data.tests), line)
