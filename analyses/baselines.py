@@ -1,4 +1,4 @@
-"""Two simple judges on the same campaigns: sparse regressions of the base model's residual on a dictionary of terms.
+"""Two simple methods on the same campaigns: sparse regressions of the base model's residual on a dictionary of terms.
 
     python analyses/baselines.py FITS/*.json --out BASELINES [--workers 2]
 
@@ -170,21 +170,21 @@ def spoken(name: str, coefficient: float) -> str:
     return BY_SIGN[name][int(coefficient < 0.0)] if name in BY_SIGN else name
 
 
-JUDGES = {"spike and slab": (spike_and_slab, NAMED), "discrepancy regression": (discrepancy_regression, 0.5)}
+METHODS = {"spike and slab": (spike_and_slab, NAMED), "discrepancy regression": (discrepancy_regression, 0.5)}
 
 
-def judged(shared: None, path: str) -> dict[str, Any]:
-    """What both judges say of one campaign."""
+def answered(shared: None, path: str) -> dict[str, Any]:
+    """What both say of one campaign."""
     loops = [average(r, **LOOPS) for r in pickle.loads(Path(path).read_bytes())["records"]]
     with linear_algebra().limit(limits=1):
         data = gap_data(loops)
         fit = fit_base(data, DiagnoseSettings(), scales_of(loops), np.random.default_rng([0, 1]))
         given = regression(fit, residual_of(data, fit))
-        return {title: judge(*given) for title, (judge, _) in JUDGES.items()}
+        return {title: method(*given) for title, (method, _) in METHODS.items()}
 
 
 def answer(case: Case, p: dict[str, float], left: float, least: float) -> Answer:
-    """A judge's answer; the unexplained part is flagged as the diagnosis flags it, by its size."""
+    """An answer; the unexplained part is flagged as the diagnosis flags it, by its size."""
     before, p = case.gap_resolved[frozenset()], {n: v for n, v in p.items() if n != "speed_squared"}
     sure = frozenset(n for n, v in p.items() if v >= least and before > USUAL_GAP and case.tests > 1)
     unknown = calibration().unknown_cause(before * (left if sure else 1.0))
@@ -202,9 +202,9 @@ def main() -> None:
     cases = read_cases(args.cases, args.half)
     store = {c.path: args.out / f"{Path(c.path).stem}.json" for c in cases}
     asked = {p: p for p, at in store.items() if not at.is_file()}
-    for path, found in finished(asked, judged, None, workers=args.workers, what="baselines", unit="case"):
+    for path, found in finished(asked, answered, None, workers=args.workers, what="baselines", unit="case"):
         print(f"{path}: {found}") if isinstance(found, Failure) else write_json(store[path], found)
-    for title, (_, least) in JUDGES.items():
+    for title, (_, least) in METHODS.items():
         some = [(c, json.loads(store[c.path].read_text())[title]) for c in cases if store[c.path].is_file()]
         print(f"{title}, {len(some)} cases", *table([counts(c, answer(c, *x, least)) for c, x in some]), sep="\n")
 

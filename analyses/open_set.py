@@ -1,4 +1,4 @@
-"""Ways to tell a cause from what absorbs a foreign one, each as a figure beside the package's and as a judge alone.
+"""Ways to tell a cause from what absorbs a foreign one, each as a figure below which an effect is not named.
 
     python analyses/open_set.py figures FITS/*.json --out OPEN       (one JSON a campaign)
     python analyses/open_set.py score FITS/*.json --figures OPEN --out analyses/ablation_open_set.csv [--half even]
@@ -123,10 +123,10 @@ def figures(data: GapData, fits: Mapping[frozenset[str], Fit]) -> dict[str, dict
         base, base_sd = other.linear(less.z), other.sd(less.size)
         residual = residual_of(data, with_it)
         force = force_of(data, fit, name)
-        bent = residual.rows_of(distortions(residual, force)).T / sd[:, None]
+        distorted = residual.rows_of(distortions(residual, force)).T / sd[:, None]
         r, j = linear.residual / sd, linear.jacobian / sd[:, None]
         straight = log_z(r, j, fit.z)
-        law = log_z(r, np.concatenate([j, bent], axis=1), np.r_[fit.z, np.zeros(bent.shape[1])])
+        law = log_z(r, np.concatenate([j, distorted], axis=1), np.r_[fit.z, np.zeros(distorted.shape[1])])
         steady = 0.0
         if rows.evolving and not other.evolving:  # changes along the record that the smaller model has no rows of
             steady = rows.layout.steady_cost(less.size)
@@ -176,7 +176,7 @@ def found(shared: None, path: str) -> dict[str, Any]:
         return figures(*models(case_of(json.loads(Path(path).read_text()))))
 
 
-def judged(cases: Sequence[Case], stored: Mapping[str, Mapping[str, Any]], name: str, least: float) -> dict[str, Array]:
+def gated(cases: Sequence[Case], stored: Mapping[str, Mapping[str, Any]], name: str, least: float) -> dict[str, Array]:
     """Scores where an effect is not named whose figure is below `least`."""
 
     def kept(case: Case) -> Case:
@@ -212,7 +212,7 @@ def main() -> None:
     rows = [row(f"nothing, {len(cases)} cases", on, on, (took, took))]
     for name, values in TRIED.items():
         for least in values:
-            rows.append(row(f"{name} at least {least:g}", judged(cases, stored, name, least), on, (took, took)))
+            rows.append(row(f"{name} at least {least:g}", gated(cases, stored, name, least), on, (took, took)))
     write(args.out, rows)
     named = [(stored[Path(c.path).stem], n, n in c.true) for c in cases for n in named_by(c.figures, c.sets)]
     for name in TRIED:
