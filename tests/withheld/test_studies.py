@@ -194,7 +194,7 @@ def test_calibration_tells_true_places_from_idle_ones_with_families_left_out(stu
     kinds = ("single", "none", "outside")
     cases = [cases_of.case_of(made_case(rng, kinds[i % 3], "moving_mass", True)) for i in range(60)]
     c = calibrate.fitted(cases, calibrate.answers(cases, [calibrate.calibration()] * len(cases)))
-    assert min(c.effect) >= 0.0 and min(c.unexplained) >= 0.0
+    assert c.unexplained > 0.0
     for constants in ([c] * len(cases), calibrate.held_out_in_turn(cases)):
         given = calibrate.answers(cases, constants)
         found = cases_of.summed([cases_of.counts(case, a) for case, a in zip(cases, given)])
