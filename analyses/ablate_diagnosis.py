@@ -25,10 +25,9 @@ from unittest.mock import patch
 import numpy as np
 
 import calibrate_diagnosis as calibrate
-import study_cases
-from bayes_iwan.diagnosis.assessment import calibration, verdict
-from bayes_iwan.diagnosis.assessment.calibration import EFFECT_FIGURES, UNEXPLAINED_FIGURES
-from study_cases import Case, counts, log_loss, read_cases
+from bayes_iwan.diagnosis.assessment import budget, calibration, verdict
+from bayes_iwan.diagnosis.assessment.indicators import Figures
+from study_cases import HALVES, Answer, Case, counts, log_loss, read_cases
 
 #: what is added up of a case: right names, false names, unexplained parts flagged, alarms
 SUMS = {
@@ -42,70 +41,56 @@ RESAMPLED = 2000
 Patch = tuple[Any, str, Any]
 
 
-def without_column(function: Callable[..., np.ndarray], at: int) -> Callable[..., np.ndarray]:
-    def zeroed(*given: Any) -> np.ndarray:
-        out = function(*given)
-        out[at] = 0.0
-        return out
-
-    return zeroed
-
-
-def refused_but(reason: str) -> Callable[..., str]:
+def refused_but(reason: str) -> list[Patch]:
+    """What is refused, but for one reason (a part of its text)."""
     whole = verdict.refused
 
-    def some(f: Any) -> str:
+    def some(f: Figures) -> str:
         why = whole(f)
         return "" if reason in why else why
 
-    return some
+    return [(verdict, "refused", some)]
 
 
-def assessed_without_choice(case: Case) -> Case:
-    """Tests are held out of the fit alone, the set stays that of all tests."""
-    return replace(case, figures=tuple(replace(f, held_out=f.fixed) for f in case.figures))
+def each_with(change: Callable[[Figures], Figures]) -> Callable[[Case], Case]:
+    """A case whose effects have other figures."""
+    return lambda case: replace(case, figures=tuple(change(f) for f in case.figures))
 
 
-def not_odd(case: Case) -> Case:
-    return replace(case, figures=tuple(replace(f, odd="") for f in case.figures))
+def not_odd(reason: str) -> Callable[[Figures], Figures]:
+    return lambda f: replace(f, odd="") if reason in f.odd else f
 
 
 def switched_off() -> dict[str, tuple[list[Patch], Callable[[Case], Case] | None]]:
     """What is patched for each rule, and how cases change."""
-    figures: dict[str, tuple[list[Patch], Callable[[Case], Case] | None]] = {}
-    for i, name in enumerate(EFFECT_FIGURES):
-        zeroed = without_column(calibration.effect_figures, i)
-        figures[f"figure of an effect: {name}"] = (
-            [(m, "effect_figures", zeroed) for m in (calibration, calibrate)],
-            None,
-        )
-    for i, name in enumerate(UNEXPLAINED_FIGURES):
-        zeroed = without_column(calibration.unexplained_figures, i)
-        patches = [(m, "unexplained_figures", zeroed) for m in (study_cases, calibrate)]
-        figures[f"figure of the rest: {name}"] = (patches, None)
-    rules = {
+    out: dict[str, tuple[list[Patch], Callable[[Case], Case] | None]] = {}
+    for title, reason in {
         "one record names nothing": "one record",
-        "held-out share above zero": "held out",
+        "held-out share above zero": "held-out tests",
         "least share": "too little",
         "own form needs a gap": "every specimen",
-    }
-    refusals: dict[str, tuple[list[Patch], Callable[[Case], Case] | None]] = {
-        f"rule: {title}": ([(verdict, "refused", refused_but(reason))], None) for title, reason in rules.items()
-    }
-    refusals["rule: numbers must be plausible"] = ([], not_odd)
-    refusals["rule: the choice of the set is held out too"] = ([], assessed_without_choice)
-    constants: dict[str, tuple[list[Patch], Callable[[Case], Case] | None]] = {
-        "LINEAR_NATS 0.5": ([(calibration, "LINEAR_NATS", 0.5)], None),
-        "LINEAR_NATS 8": ([(calibration, "LINEAR_NATS", 8.0)], None),
-        "LEAST_TESTS 1": ([(calibration, "LEAST_TESTS", 1)], None),
-        "USUAL_GAP / 4": ([(calibration, "USUAL_GAP", 0.001)], None),
-        "USUAL_GAP x 4": ([(calibration, "USUAL_GAP", 0.016)], None),
-        "within 1: other effects by the whole score": ([(calibrate, "within_fit", lambda cases: 1.0)], None),
-        "NAMED 0.4": ([(verdict, "NAMED", 0.4)], None),
-        "NAMED 0.7": ([(verdict, "NAMED", 0.7)], None),
-        "NAMED 0.8": ([(verdict, "NAMED", 0.8)], None),
-    }
-    return figures | refusals | constants
+    }.items():
+        out[f"rule: {title}"] = (refused_but(reason), None)
+    for title, reason in {
+        "plausible numbers": "",
+        "within the prior": "beyond",
+        "no longer than the tested periods": "longer",
+        "frequencies that differ": "frequency",
+        "not only a number of the base": "replaces",
+    }.items():
+        out[f"rule: {title}"] = ([], each_with(not_odd(reason)))
+    out["rule: patterns without a cause make it unknown"] = ([(verdict, "NO_CAUSE", frozenset())], None)
+    for where, name, values in (
+        (calibration, "COARSENED", (1e9, 2.0, 1.0, 0.5, 0.2)),
+        (verdict, "NAMED", (0.4, 0.5, 0.8)),
+        (verdict, "REFUSED", (0.1, 0.5)),
+        (calibration, "SUREST", (0.999,)),
+        (budget, "LEAST_SHARE", (0.0,)),
+        (budget, "LEAST_MODEL_FORM", (0.02,)),
+    ):
+        for value in values:
+            out[f"{name} {value:g}"] = ([(where, name, value)], None)
+    return out
 
 
 @contextmanager
@@ -118,7 +103,11 @@ def patched(patches: Sequence[Patch]) -> Any:
 
 def scored(cases: Sequence[Case]) -> dict[str, np.ndarray]:
     """(cases,) of each sum, with constants that know nothing of a case's family; and the log loss."""
-    given = calibrate.answers(cases, calibrate.held_out_in_turn(cases))
+    return sums_of(cases, calibrate.answers(cases, calibrate.held_out_in_turn(cases)))
+
+
+def sums_of(cases: Sequence[Case], given: Sequence[Answer]) -> dict[str, np.ndarray]:
+    """The same of answers."""
     each = [counts(case, a) for case, a in zip(cases, given)]
     out = {k: np.array([sum(x[w][0] for w in what if w in x) for x in each], float) for k, what in SUMS.items()}
     out["log loss"] = np.array([sum(log_loss(case, a)) for case, a in zip(cases, given)])
@@ -161,9 +150,10 @@ def main() -> None:
     parser.add_argument("what", choices=["assessment", "search"])
     parser.add_argument("cases", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--half", choices=HALVES, default="all")
     args = parser.parse_args()
     if args.what == "assessment":
-        cases = [c for c in read_cases(args.cases) if c.kind != "measured"]
+        cases = read_cases(args.cases, args.half)
         on, took = scored(cases), seconds_of(cases)
         rows = [row("nothing", on, on, (took, took))]
         for name, (patches, change) in switched_off().items():
@@ -173,18 +163,13 @@ def main() -> None:
         rows = []
         for folder in args.cases:
             shared = {p.name for p in folder.glob("*.json")} & {p.name for p in args.cases[0].glob("*.json")}
-            whole = [c for c in read_cases(args.cases[0].glob("*.json")) if c.kind != "measured"]
+            whole = read_cases(args.cases[0].glob("*.json"))
             constants = dict(zip((c.path for c in whole), calibrate.held_out_in_turn(whole)))
             both = []
             for x in (args.cases[0], folder):
-                cases = [c for c in read_cases(x / n for n in sorted(shared)) if c.kind != "measured"]
+                cases = read_cases(x / n for n in sorted(shared))
                 given = calibrate.answers(cases, [constants[c.path] for c in cases])
-                each = [counts(c, a) for c, a in zip(cases, given)]
-                sums = {
-                    k: np.array([sum(e[w][0] for w in what if w in e) for e in each], float) for k, what in SUMS.items()
-                }
-                sums["log loss"] = np.array([sum(log_loss(c, a)) for c, a in zip(cases, given)])
-                both.append((sums, seconds_of(cases)))
+                both.append((sums_of(cases, given), seconds_of(cases)))
             name = f"{folder.name} ({len(shared)} cases)"
             rows.append(row(name, both[1][0], both[0][0], (both[1][1], both[0][1])))
     write(args.out, rows)

@@ -1,4 +1,4 @@
-"""Fit the constants that turn figures into probabilities; families of foreign causes are held out in turn.
+"""Fit the constants of the unexplained part and score a study; families of foreign causes are held out in turn.
 
     python analyses/study_draws.py --out /work/cache/draws --seed 4101
     python analyses/study_fits.py /work/cache/draws/4101_*.pickle --out /work/cache/fits
@@ -20,18 +20,10 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, vagueness
-from bayes_iwan.diagnosis.assessment.calibration import (
-    CALIBRATION,
-    EFFECT_FIGURES,
-    UNEXPLAINED_FIGURES,
-    Calibration,
-    calibration,
-    effect_figures,
-    unexplained_figures,
-)
-from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
+from bayes_iwan.diagnosis.assessment.budget import vagueness
+from bayes_iwan.diagnosis.assessment.calibration import CALIBRATION, Calibration, calibration, ln_size
 from study_cases import (
+    HALVES,
     Answer,
     Case,
     answer,
@@ -39,76 +31,36 @@ from study_cases import (
     groups,
     has_unlisted_cause,
     log_loss,
-    place_is_true,
     read_cases,
     share_pairs,
     summed,
     table,
 )
 
-#: nats that one place may cost: beyond, the search missed the truth, which no power corrects
-SEARCH_MISSED = 3.0
-#: pull of every weight, per squared unit, to what 300 campaigns of an earlier study gave (a figure that is new: to 0)
-PULL = 0.5
-EARLIER_EFFECT, EARLIER_UNEXPLAINED = (0.75, 2.76, 3.35, -0.97), (1.95, 0.47, -1.30)
+#: pull of slope and intercept, per squared unit, to what 300 campaigns of an earlier study gave
+PULL, EARLIER = 0.5, (1.95, -1.30)
 FOLDS = 5
 
 
-def logistic_fit(x: np.ndarray, y: np.ndarray, earlier: Sequence[float]) -> tuple[tuple[float, ...], float]:
-    """Weights ≥ 0 and intercept of a logistic law by maximum likelihood with a pull to earlier ones."""
+def fitted(cases: Sequence[Case], given: Sequence[Answer]) -> Calibration:
+    """Constants of maximum likelihood, with a pull to earlier ones, of the unexplained part beside what is named."""
+    some = [(case, a) for case, a in zip(cases, given) if not case.kind.startswith("one_record")]
+    x = np.array([ln_size(a.left * case.gap_resolved[frozenset()]) for case, a in some])
+    y = np.array([has_unlisted_cause(case, a.named) for case, a in some], float)
 
     def cost(w: np.ndarray) -> float:
-        t = np.clip(x @ w[:-1] + w[-1], -30, 30)
-        return float(np.sum(np.logaddexp(0.0, t) - y * t) + PULL * np.sum((w - np.array(earlier)) ** 2))
+        t = np.clip(w[0] * x + w[1], -30, 30)
+        return float(np.sum(np.logaddexp(0.0, t) - y * t) + PULL * np.sum((w - np.array(EARLIER)) ** 2))
 
-    best = minimize(cost, np.array(earlier), method="L-BFGS-B", bounds=[(0.0, None)] * x.shape[1] + [(None, None)])
-    return tuple(float(v) for v in best.x[:-1]), float(best.x[-1])
-
-
-def within_fit(cases: Sequence[Case]) -> float:
-    """Power of the score among effects for one place, from places where one of them is true."""
-    places = []
-    for case in cases:
-        missed = case.true - {f.name for f in case.figures}
-        for f in case.figures:
-            right = [n for n in f.alternatives if n == f.name and n in case.true] or [
-                n for n in f.alternatives if n in missed
-            ]
-            if len(right) == 1 and f.name not in NO_CAUSE | MODEL_FORM:
-                places.append((np.array(list(f.alternatives.values())), list(f.alternatives).index(right[0])))
-
-    def cost(power: float) -> float:
-        return -sum(max(float(power * v[i] - np.logaddexp.reduce(power * v)), -SEARCH_MISSED) for v, i in places)
-
-    grid = np.geomspace(0.02, 1.0, 40)
-    return float(grid[np.argmin([cost(p) for p in grid])]) if places else calibration().within
-
-
-def fitted(cases: Sequence[Case]) -> Calibration:
-    """Constants of maximum likelihood: places first, then alternatives, then the rest beside what they name."""
-    old = calibration()
-    some = [(case, f) for case in cases for f in case.figures if f.name not in MODEL_FORM]
-    x = np.array([effect_figures(f) for _, f in some]).reshape(-1, len(EFFECT_FIGURES))
-    y = np.array([float(place_is_true(case, f, old.apart)) for case, f in some])
-    effect, bias = logistic_fit(x, y, EARLIER_EFFECT)
-    half = replace(old, effect=effect, effect_bias=bias, within=within_fit(cases))
-    rows, real = [], []
-    for case in cases:
-        if case.kind.startswith("one_record"):
-            continue
-        a = answer(case, half)
-        rows.append(unexplained_figures(a.left * case.gap_resolved[frozenset()], case.subharmonic))
-        real.append(float(has_unlisted_cause(case, a.named)))
-    rest, unexplained_bias = logistic_fit(
-        np.array(rows).reshape(-1, len(UNEXPLAINED_FIGURES)), np.array(real), EARLIER_UNEXPLAINED
-    )
-    return replace(half, unexplained=rest, unexplained_bias=unexplained_bias)
+    slope, intercept = minimize(cost, np.array(EARLIER), method="L-BFGS-B").x
+    return replace(calibration(), unexplained=float(slope), unexplained_bias=float(intercept))
 
 
 def held_out_in_turn(cases: Sequence[Case]) -> list[Calibration]:
     """For every case constants that know nothing of its group."""
     group = [groups(case, i, FOLDS) for i, case in enumerate(cases)]
-    fits = {g: fitted([c for c, other in zip(cases, group) if other != g]) for g in dict.fromkeys(group)}
+    pairs = list(zip(cases, answers(cases, [calibration()] * len(cases))))
+    fits = {g: fitted(*zip(*[x for x, other in zip(pairs, group) if other != g])) for g in dict.fromkeys(group)}
     return [fits[g] for g in group]
 
 
@@ -143,22 +95,15 @@ def main() -> None:
     parser.add_argument("cases", type=Path, nargs="+")
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--each", action="store_true", help="one line a case")
+    parser.add_argument("--half", choices=HALVES, default="all")
     args = parser.parse_args()
-    cases = [c for c in read_cases(args.cases) if c.kind != "measured"]
+    cases = read_cases(args.cases, args.half)
     print(f"{len(cases)} cases, {summed([{c.kind: (1, 1)} for c in cases])}")
     if args.what == "score":
         given = print_score("shipped constants", cases, [calibration()] * len(cases))
     else:
-        c = fitted(cases)
-        print("effect:", dict(zip(EFFECT_FIGURES, np.round(c.effect, 3))), "bias", round(c.effect_bias, 3))
-        print(
-            "rest:",
-            dict(zip(UNEXPLAINED_FIGURES, np.round(c.unexplained, 3))),
-            "bias",
-            round(c.unexplained_bias, 3),
-            "within",
-            c.within,
-        )
+        c = fitted(cases, answers(cases, [calibration()] * len(cases)))
+        print(f"slope {c.unexplained:.3f}, intercept {c.unexplained_bias:.3f}")
         print_score("in sample", cases, [c] * len(cases))
         given = print_score("families held out in turn", cases, held_out_in_turn(cases))
         if args.write:

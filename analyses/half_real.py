@@ -27,8 +27,6 @@ from scipy import interpolate, signal
 from bayes_iwan.campaign import Record, read_campaign
 from bayes_iwan.diagnosis.answer.diagnosis_json import to_dict
 from bayes_iwan.diagnosis.answer.saved_fits import LOOPS
-from bayes_iwan.diagnosis.assessment.calibration import calibration
-from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.diagnosis import diagnose_loops
 from bayes_iwan.executors import Failure, finished
 from bayes_iwan.files import write_json
@@ -54,7 +52,6 @@ VISIBLE = 0.1
 #: a natural cause's share of the natural gap is unchanged within so much
 UNCHANGED = 0.1
 #: alternatives of a natural place within so many nats may be what is there
-NEAR_NATS = 10.0
 
 
 def _lowpass(values: np.ndarray, record: Record, corner_hz: float) -> np.ndarray:
@@ -147,22 +144,6 @@ def visible(answer: dict[str, Any], natural: dict[str, Any]) -> bool:
     """Does the added effect make the gap, or its part along the record, clearly larger?"""
     parts = ("before_rms_N", "along_record_rms_N")
     return any(answer["gap"][k] > (1.0 + VISIBLE) * natural["gap"][k] for k in parts)
-
-
-def places(done: dict[str, Any]) -> list[tuple[str, Figures, bool]]:
-    """Source, figures and whether the added effect is it (or among its nearest), of every place of visible cases. What
-    also stands in the natural gap, or as a near alternative there, is omitted: nobody knows whether it is true."""
-    out = []
-    for name, answer in done.items():
-        natural = done[f"natural, {answer['source']}"]
-        if name.startswith("natural") or not visible(answer, natural):
-            continue
-        known = {r for f in natural["figures"] for r, v in f["alternatives"].items() if v > -NEAR_NATS}
-        for f in (Figures(**f) for f in answer["figures"]):
-            true = f.alternatives.get(answer["effect"], -np.inf) > -calibration().apart
-            if true or f.name not in known:
-                out.append((answer["source"], f, true))
-    return out
 
 
 def assessed(answer: dict[str, Any], natural: dict[str, Any]) -> dict[str, bool]:

@@ -3,7 +3,8 @@
     python analyses/risk_coverage.py FITS/*.json --out analyses/pictures/risk_coverage.svg
 
 FITS are cases of `study_fits.py`. Every case is answered with constants that know nothing of its family of causes
-(`calibrate_diagnosis.py`). Printed: the mean probability on true effects, and false names by kind of case, strictly
+(`calibrate_diagnosis.py`), or --shipped with the package's, on cases that these were not fitted to. Printed: the mean
+probability on true effects, and false names by kind of case, strictly
 counted: an effect that is not in the campaign, whatever it resembles. Drawn: for every threshold of the probability
 the share of visible true effects that are named (coverage) against the share of names that are false (risk).
 """
@@ -18,26 +19,22 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import calibrate_diagnosis as calibrate
-from bayes_iwan.diagnosis.assessment.calibration import Calibration
+from bayes_iwan.diagnosis.assessment.calibration import any_of, calibration
 from bayes_iwan.diagnosis.assessment.verdict import refused
 from bayes_iwan.diagnosis.constants import NAMED
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
-from study_cases import Answer, Case, counts, read_cases, summed
+from study_cases import HALVES, Answer, Case, counts, read_cases, summed
 
 
-def could_be_named(case: Case, c: Calibration) -> list[tuple[float, bool]]:
+def could_be_named(case: Case) -> list[tuple[float, bool]]:
     """Probability of every effect that nothing speaks against, and whether it is true."""
     some = [f for f in case.figures if not refused(f) and f.name not in MODEL_FORM]
-    out = []
-    for f in some:
-        among = c.among(f)
-        out.append((c.contributes(f) * among[f.name] / max(among.values()), f.name in case.true))
-    return out
+    return [(any_of(case.sets, {f.name}), f.name in case.true) for f in some]
 
 
-def curve(cases: Sequence[Case], constants: Sequence[Calibration]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def curve(cases: Sequence[Case]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(n,) thresholds, falling; share of visible true effects named and share of names false at each."""
-    every = sorted((x for case, c in zip(cases, constants) for x in could_be_named(case, c)), reverse=True)
+    every = sorted((x for case in cases for x in could_be_named(case)), reverse=True)
     p, true = (np.array(x, float) for x in zip(*every))
     visible = sum(len(case.visible - case.foreign) for case in cases)
     return p, np.cumsum(true) / visible, np.cumsum(1.0 - true) / np.arange(1, len(p) + 1)
@@ -54,9 +51,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--half", choices=HALVES, default="all")
+    parser.add_argument("--shipped", action="store_true", help="answer with the shipped constants")
     args = parser.parse_args()
-    cases = [c for c in read_cases(args.cases) if c.kind != "measured"]
-    constants = calibrate.held_out_in_turn(cases)
+    cases = read_cases(args.cases, args.half)
+    constants = [calibration()] * len(cases) if args.shipped else calibrate.held_out_in_turn(cases)
     answers = calibrate.answers(cases, constants)
     several = [(c, a) for c, a in zip(cases, answers) if not c.kind.startswith("one_record")]
     for title, some in (("all", list(zip(cases, answers))), ("more than one test", several)):
@@ -66,7 +65,7 @@ def main() -> None:
     for kind in dict.fromkeys(c.kind for c in cases):
         false, of = summed([counts(c, a) for c, a in zip(cases, answers) if c.kind == kind])["false names, all cases"]
         print(f"  {kind:24s} {false:.0f} of {of:.0f}")
-    p, coverage, risk = curve(cases, constants)
+    p, coverage, risk = curve(cases)
     for at in (0.9, 0.8, NAMED, 0.5, 0.3):
         n = int(np.sum(p >= at))
         named, false = 100 * coverage[n - 1], 100 * risk[n - 1]

@@ -13,7 +13,11 @@ import numpy as np
 from bayes_iwan import former_names
 from bayes_iwan.diagnosis.assessment import verdict
 from bayes_iwan.diagnosis.assessment.budget import NO_CAUSE, Gaps, gaps_of
-from bayes_iwan.diagnosis.assessment.calibration import Calibration, unexplained_figures
+from bayes_iwan.diagnosis.assessment.calibration import (
+    Calibration,
+    SetProbabilities,
+    set_probabilities,
+)
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.constants import LEAST_OF_FRICTION, USUAL_GAP
 from bayes_iwan.diagnosis.search.search_result import MODEL_FORM
@@ -35,8 +39,12 @@ class Case:
     noise: float
     figures: tuple[Figures, ...]
     gap_resolved: Mapping[frozenset[str], float]
-    subharmonic: float
     stored: Mapping[str, Any] = field(repr=False)
+
+    @property
+    def sets(self) -> SetProbabilities:
+        """Probability of every set that the search fitted."""
+        return set_probabilities(by_set(self.stored["scores"]), self.tests)
 
     @property
     def true(self) -> frozenset[str]:
@@ -60,8 +68,14 @@ class Case:
         return self.kind in ("none", "own_model")
 
 
-def read_cases(paths: Iterable[Path]) -> list[Case]:
-    return [case_of(json.loads(p.read_text())) for p in sorted(paths)]
+#: halves of a study: constants are fitted and rules chosen on the even cases, the odd ones show what that is worth
+HALVES = {"even": (0,), "odd": (1,), "all": (0, 1)}
+
+
+def read_cases(paths: Iterable[Path], half: str = "all") -> list[Case]:
+    """Cases of a study, measured campaigns left out; half : those with an even or an odd number alone."""
+    kept = [p for p in sorted(paths) if half == "all" or int(p.stem.split("_")[-1]) % 2 in HALVES[half]]
+    return [c for c in (case_of(json.loads(p.read_text())) for p in kept) if c.kind != "measured"]
 
 
 def case_of(stored: Mapping[str, Any]) -> Case:
@@ -79,7 +93,6 @@ def case_of(stored: Mapping[str, Any]) -> Case:
         noise=float(truth.get("noise", {}).get("share_of_friction", 0.0)),
         figures=tuple(Figures(**f) for f in some),
         gap_resolved=by_set(stored["gap_resolved"]),
-        subharmonic=stored["subharmonic"],
         stored=stored,
     )
 
@@ -102,15 +115,14 @@ class Answer:
 
 def answer(case: Case, c: Calibration) -> Answer:
     """What constants say of a case, by the package's own rules."""
-    named = verdict.named_by(case.figures, c)
-    p, _ = verdict.contributing(case.figures, c)
+    sets = case.sets
+    named = verdict.named_by(case.figures, sets)
+    p = verdict.contributing(case.figures, sets)
     own = frozenset(f.name for f in case.figures) & MODEL_FORM
     left = case.gap_resolved[frozenset(named) | own]
-    unknown = verdict.unknown_cause_probability(
-        c.unknown_cause(unexplained_figures(left, case.subharmonic)), case.figures, c
-    )
+    unknown = verdict.unknown_cause_probability(c.unknown_cause(left), case.figures, sets)
     tied = {n for f in case.figures if f.name in named for n in verdict.candidates_of(f, c)}
-    tied |= {n for some in verdict.one_of(case.figures, named, c) for n in some.names}
+    tied |= {n for some in verdict.one_of(case.figures, named, sets, c) for n in some.names}
     return Answer(
         frozenset(named) - MODEL_FORM,
         frozenset(tied),
@@ -167,13 +179,6 @@ def table(some: Sequence[Counts]) -> list[str]:
     return [
         f"  {k:40s} {right:4.0f} of {of:4.0f}  {100 * right / of:5.1f} %" for k, (right, of) in summed(some).items()
     ]
-
-
-def place_is_true(case: Case, f: Figures, apart: float) -> bool:
-    """Does something true stand in an effect's place: it, or an alternative that these tests cannot tell from it?"""
-    if f.name in NO_CAUSE:
-        return bool(case.foreign)
-    return f.name in case.true or any(v > -apart and n in case.true for n, v in f.alternatives.items())
 
 
 def share_pairs(case: Case) -> list[tuple[Gaps, Gaps, float]]:

@@ -62,9 +62,6 @@ LEAST_OF_FRICTION: Final = 0.001
 #: sets without an effect that it is compared with on held-out tests
 OTHER_SETS: Final = 2
 
-#: strengths that differ by so many prior standard deviations are still called the same: nature's law is not quite ours
-LOOSE: Final = 0.2
-
 # ---- numbers that no cause has (assessment/indicators.py)
 
 #: prior standard deviations beyond which a number is not plausible
@@ -76,10 +73,14 @@ CLOCK_SPREAD: Final = 1.15
 
 # ---- the verdict (assessment/verdict.py)
 
-#: probability from which an effect is named: a false name costs more than a cause not named. Of 73 campaigns of a study
-#: 3 have a false name with it, 6 with 0.55, for 34 and 36 of 43 right ones (analyses/ablation.md)
+#: probability from which an effect is named: a false name costs more than a cause not named. Of pairs of it and
+#: COARSENED that name no more falsely than the rules of before did, one of those that name most (analyses/ablation.md)
 NAMED: Final = 0.65
-#: share of the gap that an effect must remove to be named; of a cause in the base's form, which always removes some
+#: probability, at most, of what something speaks against: of such effects a third is true, of those that are in no best
+#: set one in twenty (analyses/ablation.md)
+REFUSED: Final = 0.25
+#: share of the gap that an effect must remove to be named (what is said must matter); of a cause in the base's form,
+#: which always removes some
 LEAST_SHARE: Final = 0.02
 LEAST_MODEL_FORM: Final = 0.2
 #: gap over the friction force below which no cause in the base's form is named: so much every specimen differs
@@ -92,11 +93,9 @@ SHOWN_BY_RECORD: Final = frozenset({"mains_interference", "force_clipping", "for
 SUSPECT: Final = 0.5
 SUSPECTS_MOST: Final = 6
 
-# ---- probabilities (assessment/calibration.py; their weights are fitted, in calibration.json)
+# ---- probabilities (assessment/calibration.py; those of the unexplained part are fitted, in calibration.json)
 
-#: nats for each test up to which evidence counts in full; beyond, by its logarithm
-LINEAR_NATS: Final = 2.0
-#: fewer tests than these are counted as so many: one record's nats are few, but as easily found by what merely absorbs
-LEAST_TESTS: Final = 6
+#: scores of sets count by the power α/(α + tests), this α: so the tests together count little more than a third of one
+COARSENED: Final = 0.35
 #: no answer claims more
 SUREST: Final = 0.99

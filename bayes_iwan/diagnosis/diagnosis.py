@@ -32,7 +32,7 @@ from bayes_iwan.diagnosis.assessment.budget import (
     Verdict,
     unexplained_share,
 )
-from bayes_iwan.diagnosis.assessment.calibration import Calibration, calibration
+from bayes_iwan.diagnosis.assessment.calibration import Calibration, any_of, calibration
 from bayes_iwan.diagnosis.assessment.sampled_fit import sampled_fit
 from bayes_iwan.diagnosis.assessment.verdict import verdict_of
 from bayes_iwan.diagnosis.constants import MOST_EFFECTS
@@ -158,7 +158,7 @@ def searched(
     the base model lacks."""
     scales = scales_of(data.loops)
     base = base_model(settings, scales) if simulator is None else simulator
-    kinds = _kinds(data, base, extra)
+    kinds = offered_effects(data, base, extra)
     if not data.loops[0].record.clock:
         kinds = {n: some for n, some in kinds.items() if not _clocked(some)}
     rng = np.random.default_rng([seed, 1])
@@ -166,7 +166,7 @@ def searched(
     return search(data, scales, settings, kinds, rng, report, most, base, executor)
 
 
-def _kinds(
+def offered_effects(
     data: GapData, base: Simulator, extra: Sequence[type[Effect]] = ()
 ) -> dict[str, tuple[catalogue.Maker, ...]]:
     """What makes the effects on offer, by name."""
@@ -181,7 +181,7 @@ def _clocked(some: Sequence[catalogue.Maker]) -> bool:
 
 def _needing_clock(settings: DiagnoseSettings, data: GapData, scales: Scales) -> tuple[str, ...]:
     """Listed effects that records without a clock cannot show."""
-    kinds = _kinds(data, base_model(settings, scales))
+    kinds = offered_effects(data, base_model(settings, scales))
     return tuple(n for n, some in kinds.items() if _clocked(some) and n not in NO_CAUSE)
 
 
@@ -304,7 +304,7 @@ def _next(
             for n, v in sorted(f.alternatives.items(), key=lambda nv: -nv[1])
             if n != f.name and n not in NO_CAUSE and v > -constants.apart
         ]
-        open_question = OPEN[0] < constants.contributes(f) < OPEN[1]
+        open_question = OPEN[0] < any_of(found.sets, {f.name}) < OPEN[1]
         if not others and not open_question:
             continue
         other = others[0] if others else "none"

@@ -80,7 +80,7 @@ class StiffnessLawFree(_Series):
     statement = "the elements' stiffness does not follow the normal force as Eq. (12) has it"
     law = "k(α)·exp(a·ln α + ½b·ln²α)"
     strength = (
-        "growth",
+        "deviation",
         "a, b",
         "-",
         "root of the coefficients' sum of squares: change of the elasticity d ln k / d ln α",
@@ -103,9 +103,6 @@ class StiffnessLawFree(_Series):
     def stiffness(self, k: Array, alpha: Array, motion: Motion, parameter_values: ParameterValues) -> Array:
         exponent, growth = (self.get(parameter_values, n) for n in ("exponent", "growth"))
         return series.deviating_stiffness(k, alpha, exponent, growth)
-
-    def reported(self, values: Mapping[str, Array]) -> dict[str, tuple[Array, str]]:
-        return Effect.reported(self, values)
 
 
 class NormalForceFree(_Series):

@@ -115,9 +115,8 @@ def test_the_answers_sentence_names_the_cause_with_its_number_and_shares(viscous
 
 
 def test_a_gap_without_a_name_has_suspects(viscous):
-    """Constants that believe in no effect leave the dashpot's gap unknown; alone in the model it would remove it."""
-    blind = replace(calibration(), effect_bias=-50.0)
-    verdict = verdict_of(viscous.found, blind)
+    """Where no set but the base is probable the dashpot's gap is unknown; alone in the model it would remove it."""
+    verdict = verdict_of(replace(viscous.found, sets={frozenset(): 1.0}), calibration())
     assert verdict.kind is Kind.UNKNOWN and viscous.verdict.suspects == ()
     shares = {x.name: x.share for x in verdict.suspects}
     left_N = residual_power_N(viscous, "viscous_damping") / residual_power_N(viscous)

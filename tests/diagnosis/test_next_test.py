@@ -98,8 +98,10 @@ def test_rivals_are_compared_beside_all_that_was_chosen(monkeypatch):
     fits = {frozenset("ab"): "chosen", frozenset("cb"): "rival", frozenset("a"): "kept"}
     place = SimpleNamespace(name="a", moved=0.1, alternatives={"a": 0.0, "c": -2.0})
     search = SimpleNamespace(chosen=("a",), fit=lambda names: fits[frozenset(names)], effects={})
-    found = SimpleNamespace(search=search, asked=frozenset("ab"), figures=(place,), fits=fits)
-    constants = SimpleNamespace(apart=30.0, contributes=lambda f: 0.99)
+    found = SimpleNamespace(
+        search=search, asked=frozenset("ab"), figures=(place,), fits=fits, sets={frozenset("a"): 1.0}
+    )
+    constants = SimpleNamespace(apart=30.0)
     monkeypatch.setattr(diagnosis, "next_test", lambda data, *asked: asked[:3])
     verdict, campaign = SimpleNamespace(kind=Kind.EXPLAINED), SimpleNamespace(limits=None)
     assert diagnosis._next(None, found, verdict, constants, campaign) == ("chosen", "rival", ("a", "c"))

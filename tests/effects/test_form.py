@@ -22,6 +22,8 @@ def test_each_says_in_one_line_what_the_base_lacks(kind, kit):
     assert effect.statement and "\n" not in effect.statement and len(effect.statement) < 100
     assert len(effect.strength_names) == len(effect.parameters) and effect.scanned == ()
     assert all(v == 0.0 for v in effect.off.values())
+    assert effect.strength_name not in {p.name for p in effect.parameters}  # else its size would be one of its numbers
+    assert effect.reported(coefficients(effect, [0.1] * len(effect.parameters)))[effect.strength[0]][0] > 0.1
 
 
 def test_tilt_of_one_gamma_takes_up_slip_forces_with_a_limit(kit):

@@ -137,9 +137,7 @@ def _effect(d: Diagnosis, c: Cause) -> dict[str, Any]:
         "name": c.name,
         "parameters": {n: asdict(x) for n, x in d.parameters[c.name].items()},
         "log_evidence": f.gain,
-        "lead": f.lead,
         "alternatives": f.alternatives,
-        "strength_differs_by": f.differs,
         "moved_share": f.moved,
         "remedy": remedy(d, c.name),
     }
@@ -159,7 +157,6 @@ def _considered(d: Diagnosis) -> list[dict[str, Any]]:
                 "log_evidence_alone": None if single is None else single.log_evidence - d.search.base.log_evidence,
                 "shrink": None if f is None else f.fitted,
                 "shrink_held_out": None if f is None else f.held_out,
-                "strength_differs_by": None if f is None else f.differs,
             }
         )
     return out

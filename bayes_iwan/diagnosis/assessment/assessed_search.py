@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_iwan.arrays import brief
+from bayes_iwan.diagnosis.assessment.calibration import SetProbabilities, set_probabilities
 from bayes_iwan.diagnosis.assessment.indicators import Figures, compared_sets, figures_of
 from bayes_iwan.diagnosis.fits.evidence import Fit, fit_model, in_newtons, predicting
 from bayes_iwan.diagnosis.fits.gap_size import GapSize, gap_size
@@ -67,7 +68,7 @@ class Weighed:
     search : its chosen effects are those of the best set
     figures : of every effect of that set
     models : fits and gaps of it and of what it is compared with
-    held_out : what the compared sets miss on held-out tests
+    held_out : what the compared sets miss on held-out tests; sets : probability of every fitted set
     subharmonic : the largest power of a line at half a test's frequency over its background
     """
 
@@ -75,6 +76,7 @@ class Weighed:
     figures: tuple[Figures, ...]
     models: Models
     held_out: tuple[HeldOut, ...]
+    sets: SetProbabilities
     subharmonic: float
 
     __repr__ = brief
@@ -113,4 +115,5 @@ def weighed(search: Search, seed: int) -> Weighed:
     models.find(three_sets(whole))
     held_out = held_out_gaps([search.fits[k] for k in compared_sets(search)], search.data) if whole else ()
     figures = figures_of(search, models.sizes, models.nearest[whole], held_out)
-    return Weighed(search, figures, models, held_out, float(np.max(search.data.subharmonic, initial=0.0)))
+    line = float(np.max(search.data.subharmonic, initial=0.0))
+    return Weighed(search, figures, models, held_out, set_probabilities(search.scores, search.data.tests), line)

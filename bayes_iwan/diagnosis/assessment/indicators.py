@@ -29,9 +29,7 @@ Names = frozenset[str]
 class Figures:
     """One effect of the best set.
 
-    gain : nats of score over the best set with the others and without it; lead : over the best set without it, other
-    effects
-        in its place included
+    gain : nats of score over the best set with the others and without it
     alternatives : score of the best set with each other effect in its place, less the score of the best set; itself at
     0
     fitted : share of the gap of the base that it removes last, in newtons; of the part that changes along the record
@@ -39,10 +37,6 @@ class Figures:
     alone : share of the gap that it removes as the only effect
     held_out : mean over held-out tests of the share of the gap that it removes there, 0 where the other tests would not
         have chosen it or what resembles it; nan where no test can be held out for it
-    fixed : share of the gap of all held-out tests together that it removes with the best set, whatever the other tests
-        would have chosen
-    differs : by how many standard deviations its strength is another without a part of the tests, at most
-    left : share of the gap that the best set leaves
     moved : RMS force that it moves over the friction force; gap : RMS gap without it over the friction force, before :
         the base's own
     tests : how many were fitted; odd : why its numbers are not plausible, "" where they are
@@ -50,14 +44,10 @@ class Figures:
 
     name: str
     gain: float
-    lead: float
     alternatives: dict[str, float]
     fitted: float
     alone: float
     held_out: float
-    fixed: float
-    differs: float
-    left: float
     moved: float
     gap: float
     before: float
@@ -101,7 +91,6 @@ def figures_of(
     for effect in best.effects:
         name = effect.name
         less = whole - {name}
-        there = {k: v - search.scores[whole] for k, v in search.scores.items() if name not in k}
         fitted, share_along = (sizes[less].all.rms_N - left) / before, None
         if changes and effect.evolving:
             along = {k: sizes[k].along.rms_N for k in (none, less, whole)}
@@ -111,15 +100,11 @@ def figures_of(
         out.append(
             Figures(
                 name=name,
-                gain=-there.get(less, -np.inf),
-                lead=-max(there.values()),
+                gain=search.scores[whole] - search.scores.get(less, -np.inf),
                 alternatives={name: 0.0, **_alternatives(search, less)},
                 fitted=float(fitted),
                 alone=1.0 - sizes[frozenset({name})].all.rms_N / before,
                 held_out=_mean([_chosen_share(search, u, effect) for u in held_out]) if predicts else float("nan"),
-                fixed=_pooled_share(held_out, whole, effect) if predicts else float("nan"),
-                differs=max((float(u.moved[whole][name].max()) for u in held_out), default=0.0) if predicts else 0.0,
-                left=left / before,
                 moved=moved[name],
                 gap=sizes[less].all.rms_N / level,
                 before=before / level,
@@ -173,21 +158,6 @@ def _chosen_share(search: Search, held_out: HeldOut, effect: Effect) -> float:
     return float(np.mean(out))
 
 
-def _pooled_share(held_out: Sequence[HeldOut], whole: Names, effect: Effect) -> float:
-    """Share of the gap of all held-out tests, or of what changes along them, that an effect removes: the mean of what
-    it removes as the only one, where that was fitted, and as the last one."""
-    name, along = effect.name, any(_along(u, effect) for u in held_out)
-    power_N2 = [u.along_N2 if along else u.power_N2 for u in held_out]
-    gap_N = {
-        k: float(np.sqrt(max(np.mean(np.concatenate([p[k] for p in power_N2])), 0.0)))
-        for k in (Names(), frozenset({name}), whole - {name}, whole)
-        if k in power_N2[0]
-    }
-    before, last = gap_N[Names()], gap_N[whole - {name}] - gap_N[whole]
-    first = before - gap_N[frozenset({name})] if frozenset({name}) in gap_N else last
-    return 0.5 * (first + last) / before if before > 0.0 else 0.0
-
-
 def _along(held_out: HeldOut, effect: Effect) -> bool:
     """Is an effect asked by what changes along the record?"""
     return effect.evolving and bool(np.any(held_out.along_N2[Names()] > 0.0))
@@ -202,8 +172,7 @@ def implausible(effect: Effect, fit: Fit, data: GapData) -> str:
     """Why the fitted numbers of an effect are not plausible, "" where they are.
 
     A time constant must lie where the tested periods can tell it, and an effect of time in a channel needs frequencies
-    that differ; a strength must have the sign that the effect's remedy supposes; every number must be within what its
-    prior holds possible.
+    that differ; every number must be within what its prior holds possible.
     """
     values = fit.problem.prior.values(fit.z[None])
     hz = np.array([x.frequency_hz for x in data.loops])
@@ -219,8 +188,6 @@ def implausible(effect: Effect, fit: Fit, data: GapData) -> str:
             period_s = 1.0 / hz.min()
             if abs(value) > LONGEST_PERIODS * period_s:
                 return f"{short} of {value:.3g} s is longer than {LONGEST_PERIODS:g} of the tested periods"
-        if p.name == effect.strength_name and not effect.signed and value < 0.0:
-            return f"{short} of {value:.3g} {p.unit} is negative"
     if of_time(effect) and hz.max() < CLOCK_SPREAD * hz.min():
         return f"it follows from how the force follows frequency, and all tests are within a factor {CLOCK_SPREAD:g}"
     return ""

@@ -23,12 +23,17 @@ from bayes_iwan.diagnosis.assessment.budget import (
     subsets,
     vagueness,
 )
-from bayes_iwan.diagnosis.assessment.calibration import Calibration, unexplained_figures
+from bayes_iwan.diagnosis.assessment.calibration import (
+    Calibration,
+    SetProbabilities,
+    any_of,
+)
 from bayes_iwan.diagnosis.assessment.indicators import Figures
 from bayes_iwan.diagnosis.constants import (
     LEAST_ALONG,
     LEAST_GAP,
     NAMED,
+    REFUSED,
     SHOWN_BY_RECORD,
     SUREST,
     SUSPECT,
@@ -47,7 +52,7 @@ def refused(f: Figures) -> str:
     if f.name not in SHOWN_BY_RECORD:
         if f.tests < 2:
             return "one record tells no cause"
-        if f.has_held_out and min(f.held_out, f.fixed) <= 0.0:
+        if f.has_held_out and f.held_out <= 0.0:
             return "on held-out tests it removes nothing"
     if f.fitted < least_share(f.name, f.before):
         return "it removes too little"
@@ -56,26 +61,18 @@ def refused(f: Figures) -> str:
     return f.odd
 
 
-def named_by(given: Sequence[Figures], c: Calibration) -> tuple[str, ...]:
-    """Effects that probably contribute: the likeliest of each place where probably something does."""
-    out = []
-    for f in given:
-        among = c.among(f)
-        own = c.contributes(f) * among[f.name]
-        if not refused(f) and own >= NAMED * max(among.values()) and own >= 0.5 * NAMED:
-            out.append(f.name)
-    return tuple(out)
+def named_by(given: Sequence[Figures], sets: SetProbabilities) -> tuple[str, ...]:
+    """Effects of the best set that probably contribute."""
+    return tuple(f.name for f in given if not refused(f) and any_of(sets, {f.name}) >= NAMED)
 
 
 def candidates_of(f: Figures, c: Calibration) -> tuple[str, ...]:
     """An effect and what else could be in its place, the likeliest first."""
-    among = c.among(f)
-    return tuple(
-        n for n in sorted(among, key=lambda n: -among[n]) if n not in NO_CAUSE and f.alternatives[n] > -c.apart
-    )
+    there = {n: v for n, v in f.alternatives.items() if n not in NO_CAUSE and v > -c.apart}
+    return tuple(sorted(there, key=lambda n: -there[n]))
 
 
-def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tuple[OneOf, ...]:
+def one_of(given: Sequence[Figures], named: Sequence[str], sets: SetProbabilities, c: Calibration) -> tuple[OneOf, ...]:
     """Places that some cause probably fills, one of the catalogue's effects or of the base's form, though none is
     likely enough to be named."""
     out = []
@@ -83,35 +80,28 @@ def one_of(given: Sequence[Figures], named: Sequence[str], c: Calibration) -> tu
         some = candidates_of(f, c)
         if {f.name, *some} & {*named, *NO_CAUSE} or MODEL_FORM >= {*some} or f.fitted < least_share(f.name, f.before):
             continue
-        p = c.contributes(f) * sum(v for n, v in c.among(f).items() if n not in NO_CAUSE)
+        p = any_of(sets, some)
         if len(some) > 1 and p >= NAMED and not (f.has_held_out and f.held_out <= 0.0):
             out.append(OneOf(some, p, f.alone, f.along))
     return tuple(out)
 
 
-def contributing(given: Iterable[Figures], c: Calibration) -> tuple[dict[str, float], dict[str, float]]:
-    """Probability that each effect contributes, effects for one place sharing its probability; and, by effect of the
-    best set, that anything contributes in its place. What is refused is no more probable than what is not named."""
-    p: dict[str, float] = {}
-    places = {}
-    for f in given:
-        places[f.name] = c.contributes(f)
-        for name, share in c.among(f).items():
-            p[name] = 1.0 - (1.0 - p.get(name, 0.0)) * (1.0 - places[f.name] * share)
-    for f in given:
-        if f.name not in NO_CAUSE and refused(f):
-            p[f.name] = min(p[f.name], 1.0 - NAMED)
-    return p, places
+def contributing(given: Sequence[Figures], sets: SetProbabilities) -> dict[str, float]:
+    """Probability that each effect contributes; at most REFUSED where something speaks against it, or where the best
+    set lacks it."""
+    free = {f.name for f in given if f.name in NO_CAUSE or not refused(f)}
+    every = {n: any_of(sets, {n}) for n in frozenset().union(*sets)}
+    return {n: p if n in free else min(p, REFUSED) for n, p in every.items()}
 
 
-def unknown_cause_probability(by_size: float, given: Iterable[Figures], c: Calibration) -> float:
-    """Probability that the unexplained part has a cause of its own: by its size and lines
+def unknown_cause_probability(by_size: float, given: Iterable[Figures], sets: SetProbabilities) -> float:
+    """Probability that the unexplained part has a cause of its own: by its size
     (:meth:`Calibration.unknown_cause`), or because a pattern is there that no listed cause makes and that removes as
     much as a named cause must."""
     none = 1.0 - by_size
     for f in given:
         if f.name in NO_CAUSE and f.fitted >= least_share(f.name, f.before):
-            none *= 1.0 - c.contributes(f) * c.among(f)[f.name]
+            none *= 1.0 - any_of(sets, {f.name})
     return min(1.0 - none, SUREST)
 
 
@@ -121,26 +111,26 @@ def unknown_cause(found: Weighed, named: Sequence[str], c: Calibration) -> float
     beside = frozenset(named) | (found.asked & MODEL_FORM)
     found.models.find([beside])
     left = found.sizes[beside].all.resolved_share
-    return unknown_cause_probability(c.unknown_cause(unexplained_figures(left, found.subharmonic)), found.figures, c)
+    return unknown_cause_probability(c.unknown_cause(left), found.figures, found.sets)
 
 
 def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) -> Verdict:
     """Name causes, give each its share of the gap, and say whether the unexplained part needs a cause of its own."""
-    named = named_by(found.figures, c)
+    named = named_by(found.figures, found.sets)
     found.models.find(subsets(named))
     unknown = unknown_cause(found, named, c)
-    p, places = contributing(found.figures, c)
+    p = contributing(found.figures, found.sets)
     probabilities = {n: 0.0 for n in found.search.effects if n not in NO_CAUSE} | {
         n: v for n, v in p.items() if n not in NO_CAUSE
     }
-    unnamed = np.prod([1.0 - v for n, v in places.items() if n not in NO_CAUSE])
     causes = _causes(found, named, probabilities, c, held_out)
     while idle := [x for x in causes if _idle(x)]:
         worst = idle[-1].name  # the least share
-        probabilities[worst] = min(probabilities[worst], 1.0 - NAMED)
+        probabilities[worst] = min(probabilities[worst], REFUSED)
         named = tuple(n for n in named if n != worst)
         causes = _causes(found, named, probabilities, c, held_out)
         unknown = unknown_cause(found, named, c)
+    unnamed = np.prod([1.0 - probabilities[f.name] for f in found.figures if f.name not in NO_CAUSE])
     probabilities |= {"none": float(unnamed * (1.0 - unknown)), "unknown": unknown}
     flagged = unknown >= 0.5
     kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
@@ -150,7 +140,7 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         none = probabilities["none"]
         sound = dict.fromkeys(probabilities, 0.0) | {"none": none, "drive": 1.0 - none}
         return Verdict(Kind.DRIVE, (), False, sound, cornered, theirs)
-    some = one_of(found.figures, named, c) if flagged else ()
+    some = one_of(found.figures, named, found.sets, c) if flagged else ()
     left = found.gap_N[frozenset(named)] / max(found.gap_N[frozenset()], 1e-300)
     alone = suspects(found, named, c) if flagged and not some and left > SUSPECT else ()
     return Verdict(kind, causes, flagged, probabilities, cornered, theirs, some, alone)

@@ -11,7 +11,6 @@ import numpy as np
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Loop
 from bayes_iwan.campaign.timing.groups import groups_of
-from bayes_iwan.diagnosis.constants import LOOSE
 from bayes_iwan.diagnosis.fits.data import GapData, gap_data
 from bayes_iwan.diagnosis.fits.evidence import Fit, beside
 from bayes_iwan.diagnosis.fits.gap_size import gap_power_N2
@@ -34,8 +33,6 @@ class HeldOut:
     along_N2 : the same of its part that changes along the record
     trained : by set of effects, (3, n) of the tests that each was predicted from: ln evidence of the set, its squared
         gap and how many tests they were; nothing for tests that were held out from the start
-    moved : by set of effects and effect, (parts,) by how many standard deviations its strength is another without each
-        part of the tests
     """
 
     by: str
@@ -43,7 +40,6 @@ class HeldOut:
     power_N2: dict[frozenset[str], Array]
     along_N2: dict[frozenset[str], Array]
     trained: dict[frozenset[str], Array] = field(default_factory=dict)
-    moved: dict[frozenset[str], dict[str, Array]] = field(default_factory=dict)
 
     def by_test(self, smaller: Iterable[str], larger: Iterable[str], along: bool = False) -> Array:
         """(n,) 1 − gap with the larger set / gap with the smaller one, test by test, each in −1 … 1, so that one test
@@ -96,27 +92,21 @@ def parted(data: GapData) -> dict[str, list[list[int]]]:
 @dataclass(frozen=True)
 class _Predicted:
     """What one fit misses on tests that it was not fitted to: gaps_N2 (2, n) squared gaps and their parts along the
-    record; moved : by how many sd each is another than that of all tests; trained (3,) :
-    ln evidence, squared gap and number of the tests that it was fitted to."""
+    record; trained (3,) : ln evidence, squared gap and number of the tests that it was fitted to."""
 
     gaps_N2: Array
-    moved: dict[str, float]
     trained: Array
 
 
 def _held_out(by: str, files: Sequence[str], found_by_set: dict[frozenset[str], list[_Predicted]]) -> HeldOut:
     """What several fits of each set miss, each on tests of its own, one after another."""
     gaps_N2 = {k: np.concatenate([x.gaps_N2 for x in parts], axis=1) for k, parts in found_by_set.items()}
-    moved = {
-        k: {name: np.array([x.moved[name] for x in parts]) for name in parts[0].moved}
-        for k, parts in found_by_set.items()
-    }
     trained = {
         k: np.concatenate([np.tile(x.trained[:, None], x.gaps_N2.shape[1]) for x in parts], axis=1)
         for k, parts in found_by_set.items()
     }
     whole, along = ({k: v[i] for k, v in gaps_N2.items()} for i in range(2))
-    return HeldOut(by, tuple(files), whole, along, trained, moved)
+    return HeldOut(by, tuple(files), whole, along, trained)
 
 
 def _refit_gaps(piece: tuple[Fit, GapData, GapData]) -> _Predicted:
@@ -127,17 +117,11 @@ def _refit_gaps(piece: tuple[Fit, GapData, GapData]) -> _Predicted:
     sizes = ((size.share, size.length, size.along),)
     nats = float(again.linear.evidence(sizes).log_z[0]) + others.layout(size.between, again.evolving).constant
     trained_N2 = max(float(gap_power_N2(residual_of(others, again)).mean()), 0.0)
-    moved = {}
-    for effect in again.effects:
-        if (name := effect.strength_name) in again.problem.names:
-            at, before = again.problem.names.index(name), fit.problem.names.index(name)
-            sd = float(np.sqrt(again.covariance[at, at] + LOOSE**2))
-            moved[effect.name] = abs(float(again.z[at] - fit.z[before])) / sd
-    return replace(_gaps(again, left), moved=moved, trained=np.array([nats, trained_N2, others.tests]))
+    return replace(_gaps(again, left), trained=np.array([nats, trained_N2, others.tests]))
 
 
 def _gaps(fit: Fit, data: GapData) -> _Predicted:
     """What it misses on tests that it was not fitted to."""
     residual = residual_of(data, fit, refitted=False)
     gaps_N2 = np.stack([gap_power_N2(residual), gap_power_N2(residual, (ALONG,))])
-    return _Predicted(gaps_N2, {}, np.full(3, np.nan))
+    return _Predicted(gaps_N2, np.full(3, np.nan))

@@ -139,7 +139,7 @@ class Which(DiagnosedSection):
         rows: list[Row] = []
         for name in sentences.not_excluded(self.r.found):
             x = places.get(name)
-            cells = ("–",) * 3 if x is None else (percent(x.fitted), percent(x.held_out), f"{x.differs:.1f}")
+            cells = ("–",) * 2 if x is None else (percent(x.fitted), percent(x.held_out))
             rows.append((title(name), f"{self.r.found.verdict.probabilities[name]:.2f}", *cells))
         return rows
 
