@@ -1,7 +1,5 @@
 """The base of every error that is the user's to fix, so that a defect of ours is never shown as one."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 

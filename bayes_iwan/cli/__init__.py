@@ -6,8 +6,6 @@ list below. Bad input is an InputError anywhere in the package: it becomes one l
 exception is a defect of the package: it is said to be one, with the traceback, exit code 70.
 """
 
-from __future__ import annotations
-
 import argparse
 import difflib
 import logging

@@ -1,7 +1,5 @@
 """What a command is, the arguments that several share, and how a command speaks."""
 
-from __future__ import annotations
-
 import argparse
 import logging
 import re

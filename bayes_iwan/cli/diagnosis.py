@@ -1,7 +1,5 @@
 """The command that diagnoses what a model misses."""
 
-from __future__ import annotations
-
 import argparse
 
 from bayes_iwan.cli.command import (

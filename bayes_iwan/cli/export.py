@@ -1,7 +1,5 @@
 """The command that writes the identified device for other simulators."""
 
-from __future__ import annotations
-
 import argparse
 
 from bayes_iwan.cli.command import OUT, argument, command, say

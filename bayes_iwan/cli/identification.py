@@ -1,7 +1,5 @@
 """Commands that identify: one campaign, its report, other families, a folder of specimens."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from pathlib import Path

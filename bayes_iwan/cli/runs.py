@@ -1,7 +1,5 @@
 """Recordings given in the place of a campaign, and the log of what was run in the folder of its results."""
 
-from __future__ import annotations
-
 import logging
 import platform
 import time

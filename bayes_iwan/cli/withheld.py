@@ -1,7 +1,5 @@
 """Commands of the withheld protocol: make cases with hidden causes, answer them, score the answers."""
 
-from __future__ import annotations
-
 import argparse
 import os
 

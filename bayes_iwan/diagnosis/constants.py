@@ -3,8 +3,6 @@
 `analyses/ablate_diagnosis.py` says what each brings (`analyses/ablation.md`).
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 # ---- what the records are compared with (fitting)

@@ -1,7 +1,5 @@
 """The diagnosis of one campaign: the gap as a budget of named causes and an unexplained part."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from concurrent.futures import Executor

@@ -1,7 +1,5 @@
 """Effects of the force channel that run along whole records and do not repeat with the cycle."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import ClassVar
 

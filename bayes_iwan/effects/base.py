@@ -14,8 +14,6 @@ span what the literature uses and what lies between; where one number cannot, se
 verdict names the effect, the report also the law.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property

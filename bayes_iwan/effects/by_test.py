@@ -1,7 +1,5 @@
 """Effects with parameters of their own in every test."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cached_property
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """The catalogue: every effect by name and its laws, those of a user's own file too."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping, Sequence
 

@@ -5,8 +5,6 @@ is a power law (x/x₀)^p, q = 1 an exponential one. A condition that is not pos
 acts through ξ = (x − x̄)/max|x − x̄|.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

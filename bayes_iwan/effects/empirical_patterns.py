@@ -6,8 +6,6 @@ in a few parameters how such gaps run; a named effect has to beat them too, and 
 "unknown", with the pattern reported. They name no cause: many mechanisms share each of them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues

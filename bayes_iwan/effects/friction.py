@@ -1,7 +1,5 @@
 """Effects on the friction itself: what the elements can carry."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues

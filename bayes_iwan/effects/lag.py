@@ -1,7 +1,5 @@
 """A normal force that acts late: how it follows the motion, and the transient with which a record begins."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues

@@ -1,7 +1,5 @@
 """Functions of one parameter that contain the classic laws of a kind and what lies between them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Effects of the measuring channels on loops: what the electronics make of force and displacement."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -4,8 +4,6 @@ Each frees one function of the base by a short series about it (:mod:`bayes_iwan
 coefficients vanish together. They are named candidates: "the slip forces are not a mixture of three gammas".
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cached_property
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """Effects of rig and mounting in series with the specimen: it moves less than was measured."""
 
-from __future__ import annotations
-
 import math
 
 import numba as nb

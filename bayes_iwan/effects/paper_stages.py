@@ -3,8 +3,6 @@
 Together on the classical base they are Eqs. (11) and (12) exactly, with one exponent β for both terms of α.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

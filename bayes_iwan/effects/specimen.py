@@ -1,7 +1,5 @@
 """Effects inside the specimen that add a force of their own, beside friction and the parallel spring."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array, ParameterValues

@@ -7,8 +7,6 @@ in Mathematics 630, 1978, 105), four dampings at a time; Jacobians are forward d
 the one at hand corrects its own steps, since a new one costs as many evaluations as there are variables.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

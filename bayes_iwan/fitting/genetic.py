@@ -4,8 +4,6 @@ It works on whole populations through a batch objective, which is minimised; +in
 does not exist.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ all in lock-step: one batch call for all their Jacobians, one for all their tria
 residuals mean.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each frequency of a campaign identified alone, beside the joint posterior of all."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """From a campaign to a posterior: read, average, find the point, sample, write."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib

@@ -1,7 +1,5 @@
 """A block of steps that walkers take together: the same draws wherever it is computed."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -20,8 +20,6 @@ Effective sizes are ArviZ's of every walker's halves, tau is the walkers' alone:
 ensembles' means tell, and it is the least of many numbers' sizes that decides when a run may stop.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

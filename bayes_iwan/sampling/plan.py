@@ -1,7 +1,5 @@
 """What a run is asked for: of what, when to stop, and where to keep it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

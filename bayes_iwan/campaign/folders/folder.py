@@ -1,7 +1,5 @@
 """The campaign folder: reading and checking `campaign.toml` and its records."""
 
-from __future__ import annotations
-
 import difflib
 import os
 import re

@@ -4,8 +4,6 @@ Everything here is read off the records. Intervals come from how the cycles scat
 drift as well, which is the honest width for a mean that is none.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

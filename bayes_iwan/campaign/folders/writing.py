@@ -1,7 +1,5 @@
 """Writing a campaign folder that reads back as it was."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import json

@@ -1,7 +1,5 @@
 """Which channels of a recording are the motion, the force and their times: as named, or found by unit and name."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

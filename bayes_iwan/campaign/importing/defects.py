@@ -1,7 +1,5 @@
 """What recorders do to a channel and a reader must not take for numbers: range passed, values held, coarse steps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array

@@ -1,7 +1,5 @@
 """One test from several files or parts of a file, each with one sensor: a channel a file, a TDMS group a sensor."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What an import must ask its user: all of it at once, each with the option that answers it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

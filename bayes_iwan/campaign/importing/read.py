@@ -1,7 +1,5 @@
 """A file of any format that is known: which one its first bytes tell."""
 
-from __future__ import annotations
-
 import glob
 import os
 from collections.abc import Sequence

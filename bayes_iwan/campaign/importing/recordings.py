@@ -1,7 +1,5 @@
 """What a data-acquisition system's file holds, whatever its format: channels with names, units and samples."""
 
-from __future__ import annotations
-
 import importlib
 from dataclasses import dataclass
 from types import ModuleType

@@ -1,7 +1,5 @@
 """Recordings into a campaign: channels found and scaled, frequency and amplitude read off, everything checked."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """A channel in the campaign's working unit, and its times in seconds, with lines that say where both come from."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array

@@ -1,7 +1,5 @@
 """Units and sensitivities as data-acquisition systems write them, read by pint, into the campaign's working units."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from typing import Any

@@ -5,8 +5,6 @@ whole, and irregular steps and short gaps need no interpolation. The same linear
 signal through `Loop.fold`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 

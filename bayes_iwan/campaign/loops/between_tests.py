@@ -1,7 +1,5 @@
 """What the tests of one campaign say of each other: copies, wrong units, odd angles, one test turned round."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Sequence

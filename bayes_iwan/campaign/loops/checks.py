@@ -5,8 +5,6 @@ error or wrong unit shared by all tests (it only rescales stiffness and slip for
 only test, all times scaled with the stated frequency, whole cycles lost, and both channels reversed in all tests.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

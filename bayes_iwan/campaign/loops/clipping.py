@@ -5,8 +5,6 @@ it. A specimen that yields or slides has flat tops too, at levels of its own. So
 held against the others before it is called clipped.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ is taken off the force. Friction does not mind where the stroke lies. The mean f
 tests contradict each other: then their deviations are the channel's, and are taken off with their scatter as error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

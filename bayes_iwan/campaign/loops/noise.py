@@ -1,7 +1,5 @@
 """The noise of a periodic measurement's harmonics, from the frequencies beside these."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.fft import next_fast_len
 from scipy.special import spherical_jn

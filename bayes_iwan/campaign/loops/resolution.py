@@ -1,7 +1,5 @@
 """How many points of a loop follow its motion: more where it reverses more than twice a cycle, or has sharp corners."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ what stands out of that, and is large enough to matter, is said or refused. Chan
 show by itself (fade, creep) are said, never refused.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

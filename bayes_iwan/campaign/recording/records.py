@@ -1,7 +1,5 @@
 """What one test recorded, and the error that every bad input raises."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """What a user's TOML file states: read whole, keys known, numbers finite; each fault is one line with the fix."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A record's file as numbers: whole, finite, and never more of the machine's memory than the file deserves."""
 
-from __future__ import annotations
-
 import codecs
 import gzip
 import io

@@ -6,8 +6,6 @@ that force times displacement is a thousandth of the force times the velocity's 
 Only texts differ from one quantity to another: `Units.text` puts a campaign's own units in place of mm and N.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -14,8 +14,6 @@ amplitude is off by less than 0.01 % and the phase by less than 0.01 degrees (`t
 The sensor's own response is not known here and not corrected.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array

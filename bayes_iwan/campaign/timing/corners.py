@@ -6,8 +6,6 @@ around the cycle whose slope jumps at one place: exact for motions made of strai
 filter or the mechanics rounded are no kinks; there the harmonics do run out, and `averaging` keeps to them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

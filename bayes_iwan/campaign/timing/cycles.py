@@ -4,8 +4,6 @@ Nothing here trusts the nominal frequency. Cycles run from one upward crossing o
 displacement to the next, found with hysteresis so that noise cannot make two crossings of one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

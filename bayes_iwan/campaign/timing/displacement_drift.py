@@ -1,7 +1,5 @@
 """A straight drift of the displacement under its cycles: creep, a sensor that warms, an actuator that walks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array

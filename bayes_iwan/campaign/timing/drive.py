@@ -10,8 +10,6 @@ Wave form is not assessed: triangles, trapezoids and distorted sines are periodi
 that they have.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

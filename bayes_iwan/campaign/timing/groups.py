@@ -1,7 +1,5 @@
 """Tests of one frequency or amplitude, together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

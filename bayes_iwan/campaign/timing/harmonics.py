@@ -7,8 +7,6 @@ Sums over samples run harmonic by harmonic in plain numpy and matrices are inver
 BLAS calls of this size take up to a hundred times as long as they should when the machine is busy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

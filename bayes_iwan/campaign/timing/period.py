@@ -1,7 +1,5 @@
 """The period of a drive whose cycles cross the middle several times: multisines, a strong third harmonic."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array

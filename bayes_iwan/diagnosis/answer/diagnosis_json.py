@@ -1,7 +1,5 @@
 """A diagnosis as `diagnosis.json` holds it (schema 3), and as sentences: text begins here, types end."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Size and place of the gap as plain sentences, as JSON and as arrays for pictures."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any

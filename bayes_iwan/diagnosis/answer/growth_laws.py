@@ -5,8 +5,6 @@ change from test to test. So the law is not read off the residual: a force c · 
 quadrature, is fitted to it together with all the specimen's parameters, for every a and b of a grid.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

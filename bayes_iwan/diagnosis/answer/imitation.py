@@ -5,8 +5,6 @@ freedom, the search never sees the effect. So the base is fitted once more with 
 with the effect in its place; evidence and gap of the two say whether these tests tell them apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

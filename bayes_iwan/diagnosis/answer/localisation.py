@@ -6,8 +6,6 @@ that absorbs a part of both. A statistic is significant when it exceeds that by 
 of 20 such campaigns, so their number is allowed for, whatever their dependence.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What these tests could have shown, and which test would show more: expected evidence from the fitted models."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product

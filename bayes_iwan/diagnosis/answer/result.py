@@ -1,7 +1,5 @@
 """The result of a diagnosis: the gap as a budget of named causes and an unexplained part."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from html import escape
 from typing import Any

@@ -1,7 +1,5 @@
 """Fits that outlive the process: `fits.json` beside a diagnosis, enough to predict other tests of the same specimen."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass

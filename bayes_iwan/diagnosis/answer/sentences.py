@@ -1,7 +1,5 @@
 """The answer of a diagnosis in one screen of plain sentences, and what colour its box has."""
 
-from __future__ import annotations
-
 from bayes_iwan.diagnosis.answer.imitation import Imitation
 from bayes_iwan.diagnosis.answer.next_test import NextTest
 from bayes_iwan.diagnosis.answer.result import Diagnosis

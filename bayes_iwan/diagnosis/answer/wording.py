@@ -1,7 +1,5 @@
 """Names and numbers of a diagnosis as they stand in running text."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A finished search weighed: the figures of its effects, and fits and gaps of the sets that are spoken of."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 

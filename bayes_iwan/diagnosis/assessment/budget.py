@@ -5,8 +5,6 @@ one, with this one alone. Effects overlap, so an effect removes one share as the
 Its share is the mean of both. What makes a share vague has three parts (:class:`Vague`): no number in them is tuned.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum

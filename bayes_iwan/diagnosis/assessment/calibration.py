@@ -5,8 +5,6 @@ in every test, so evidence says less than its nats (a coarsened posterior; Mille
 (2019) 1113). The constants of the unexplained part are fitted by `analyses/calibrate_diagnosis.py`.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass

@@ -5,8 +5,6 @@ its evidence is, other effects included; the same once more for every group of h
 by the other tests alone, says what it does where nothing was fitted, the choice of the set not either.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A leading model sampled, its discrepancy with it, in place of Laplace's approximation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

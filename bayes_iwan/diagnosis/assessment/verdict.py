@@ -1,8 +1,6 @@
 """From a weighed search to a verdict: which effects are named, how sure, and whether the unexplained part has its own
 cause."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 

@@ -9,8 +9,6 @@ a part of the gap and leave the others without a name. So is how it is correlate
 that are as likely as each other beforehand (:data:`bayes_iwan.diagnosis.fits.discrepancy_size.BETWEEN`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

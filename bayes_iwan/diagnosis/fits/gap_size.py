@@ -8,8 +8,6 @@ hangs on where the specimen comes to a standstill, which a dynamic displacement 
 apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

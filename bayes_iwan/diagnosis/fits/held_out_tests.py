@@ -1,8 +1,6 @@
 """Models refitted without some of the tests, and what they then miss on those: whole frequencies or amplitudes held
 out, or tests that were held out from the start."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 

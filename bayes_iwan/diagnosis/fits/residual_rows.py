@@ -1,7 +1,5 @@
 """The residual of a model, row by row in units of the noise, and its descent to an optimum."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayes_iwan.arrays import Array

@@ -5,8 +5,6 @@ the averaged loop, contrasts between blocks of cycles, lines of the mains. Each 
 and with the weight at which its square counts in a mean square force.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """The base model alone: its fit from many starts, the gap that it leaves, and whether that is any."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

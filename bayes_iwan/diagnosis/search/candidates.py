@@ -1,7 +1,5 @@
 """Effects on top of a fitted model, not yet refitted: where to start, and what one Gauss–Newton step promises."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product

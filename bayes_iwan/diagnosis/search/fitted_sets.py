@@ -4,8 +4,6 @@ An effect starts from the smaller model's optima at several strengths and extra 
 once the smaller model's own parameters may move (one Gauss–Newton step).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace

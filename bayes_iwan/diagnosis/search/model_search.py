@@ -8,8 +8,6 @@ A base that is not at its optimum is the commonest false gap, so it starts from 
 optima of the best extended models.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 

@@ -1,8 +1,6 @@
 """Refits of one campaign's models and what is asked of a fitted one, here or side by side in other processes, to which
 the data travel once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields

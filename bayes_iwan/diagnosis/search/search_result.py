@@ -1,7 +1,5 @@
 """A finished search: the fits of all sets of effects that were tried, and which effects look alike."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Where a floor of the normal force's law acts: contact that is lost, and the end of the stroke."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ the same is in analyses/predict_untested.py. It is the one check of the bands th
 checks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

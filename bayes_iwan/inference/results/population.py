@@ -9,8 +9,6 @@ doi:10.1088/0004-637X/725/2/2166). Draws are smoothed by a narrow kernel that le
 are, so that a τ far below their spacing has a likelihood too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What a posterior predicts: loops at other conditions, its residual, and the fitted tests measured once more."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

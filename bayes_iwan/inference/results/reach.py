@@ -7,8 +7,6 @@ slip forces never slip at the largest amplitude: they act as a spring beside the
 slip forces says which part of the spring they are. So kp and the mean slip force are as good as that family is.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

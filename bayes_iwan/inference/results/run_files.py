@@ -1,7 +1,5 @@
 """Files of an identification, summary.csv, point.json and posterior.nc, each put in place whole; and their reader."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

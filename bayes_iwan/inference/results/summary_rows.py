@@ -1,7 +1,5 @@
 """Rows of a posterior's summary, and the diagnostics of its chains."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from html import escape
 

@@ -10,8 +10,6 @@ little? [likelihood]       kind: correlated, unweighted, matern, gaussian or lap
 A table or a parameter that a command would not use is refused, not dropped.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import os

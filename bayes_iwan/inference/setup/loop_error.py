@@ -3,8 +3,6 @@
 Residual = measured − predicted force, everywhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

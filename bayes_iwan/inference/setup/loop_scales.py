@@ -1,7 +1,5 @@
 """What a campaign's loops themselves say of the orders of magnitude."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ over z is the standard normal: the Jacobian of the map is part of it exactly. Fo
 logarithm. Least squares sees the prior as rows of residuals, z itself.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

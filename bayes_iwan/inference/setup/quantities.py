@@ -4,8 +4,6 @@ Single gamma components are hardly determined even by clean data; quantiles of t
 and dissipated energy are. So these stand in the summary beside the sampled parameters and the paper's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

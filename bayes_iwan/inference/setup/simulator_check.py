@@ -1,7 +1,5 @@
 """Does a simulator of the user's give a finite, real force wherever its prior leads, each draw by itself?"""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,8 +1,6 @@
 """How the variance of a model's discrepancy is spread over the harmonics of a loop, and how that of different tests is
 correlated."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -13,8 +13,6 @@ that a stretched draw still lies on the curved sheet that the posterior is. Wher
 says, nothing changes. `analyses/coverage_rig.py` counts how much more truths the intervals hold then.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How a problem's posterior is handed to the sampler, and its normal approximation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field

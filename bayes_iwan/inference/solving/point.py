@@ -6,8 +6,6 @@ then sought by least squares from the best of its first and of its last populati
 all parameters free. A second search with a population of its own says whether the first one did not find a maximum.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Differential evolution with steps of many lengths."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -15,8 +15,6 @@ The prior has a share in v's mixture, so that the weight of v is never more than
 (Hesterberg, Technometrics 37, 1995, 185).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

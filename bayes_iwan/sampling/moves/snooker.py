@@ -1,7 +1,5 @@
 """The snooker move with the right Jacobian."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Excel workbooks, read by openpyxl: each sheet's cells as the lines of a text table."""
 
-from __future__ import annotations
-
 import datetime
 import zipfile
 from pathlib import Path

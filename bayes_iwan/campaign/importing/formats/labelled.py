@@ -1,8 +1,6 @@
 """Rows whose cells carry more than numbers: "t:0.1,force:3.2" and "12:00:01.003 -> 0.1,3.2" of serial monitors, and
 "0.1 s; 3.2 N". They are turned into rows of numbers below a row of names or units."""
 
-from __future__ import annotations
-
 import re
 
 from bayes_iwan.campaign.importing.unit_texts import is_unit

@@ -4,8 +4,6 @@ Read here and not by lvm_read, which takes a cell that it cannot read for NaN wi
 channels.
 """
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

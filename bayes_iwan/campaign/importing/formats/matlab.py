@@ -3,8 +3,6 @@
 Arrays inside structs, struct arrays and cells are channels named by the way to them: `run(2).force`, `runs(1)(3)`.
 """
 
-from __future__ import annotations
-
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Parquet, read by pandas and pyarrow."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Dates and times of day in text columns, as seconds: 12-hour clocks, minutes as Excel shows them, midnight."""
 
-from __future__ import annotations
-
 import datetime
 import re
 from collections.abc import Sequence

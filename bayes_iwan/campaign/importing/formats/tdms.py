@@ -1,7 +1,5 @@
 """National Instruments' TDMS: channels with their own start and rate, read by npTDMS."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from pathlib import Path

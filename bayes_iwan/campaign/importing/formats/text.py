@@ -1,7 +1,5 @@
 """Text files of numbers in any layout: one recording for each table in the file."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """How a text table is written: encoding, separator, decimal mark, first line of numbers, what stands above it."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import re

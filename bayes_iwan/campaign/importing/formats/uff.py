@@ -1,7 +1,5 @@
 """Universal files, data set 58 (time histories), read by pyuff."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

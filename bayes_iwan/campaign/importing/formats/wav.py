@@ -1,7 +1,5 @@
 """WAV files of recorders and sound cards, read by SciPy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
