@@ -22,7 +22,8 @@ LESS = 0.8
 SHORT_NATS = 2.0
 #: prior standard scores beyond which a median is said to lie at the end of its prior
 AT_THE_END = 3.0
-#: ... or that its 90 % interval ends so near a bound of the prior, over the interval's width
+#: ... or that its 90 % interval, which leaves the prior's median out, ends so near a bound of the prior, over the
+#: interval's width
 NEAR_THE_BOUND = 0.02
 
 
@@ -57,13 +58,13 @@ def remarks(posterior: Posterior) -> tuple[str, ...]:
     if not all(x.holds for x in posterior.held_out):
         out.append(held_out_said(posterior.held_out))
     z, prior = posterior.flat_z(4000), posterior.problem.prior
-    values, noise = prior.values(z), {p.name for p in posterior.problem.likelihood.parameters}
-    for p, score in zip(prior.free, np.median(z, axis=0)):
-        low, high = np.quantile(values[p.name], [0.05, 0.95])
-        end = ""
-        if score > AT_THE_END or p.upper - high < NEAR_THE_BOUND * (high - low):
+    noise = {p.name for p in posterior.problem.likelihood.parameters}
+    for p, (least, score, most) in zip(prior.free, np.quantile(z, [0.05, 0.5, 0.95], axis=0).T):
+        low, high = p.value(np.array([least, most]))
+        end, near = "", NEAR_THE_BOUND * (high - low)
+        if score > AT_THE_END or (least > 0.0 and p.upper - high < near):
             end = "upper"
-        elif score < -AT_THE_END or low - p.lower < NEAR_THE_BOUND * (high - low):
+        elif score < -AT_THE_END or (most < 0.0 and low - p.lower < near):
             end = "lower"
         if end and p.name not in noise:
             far = f", {abs(score):.2g} prior sd from its median" if abs(score) > AT_THE_END else ""
