@@ -128,8 +128,8 @@ def verdict_of(found: Weighed, c: Calibration, held_out: Sequence[Loop] = ()) ->
         named = tuple(n for n in named if n != worst)
         causes = _causes(found, named, probabilities, c, held_out)
         unknown = unknown_cause(found, named, c)
-    unnamed = np.prod([1.0 - probabilities[f.name] for f in found.figures if f.name not in NO_CAUSE])
-    probabilities |= {"none": float(unnamed * (1.0 - unknown)), "unknown": unknown}
+    likeliest = max(probabilities.values(), default=0.0)
+    probabilities |= {"none": (1.0 - likeliest) * (1.0 - unknown), "unknown": unknown}
     flagged = unknown >= 0.5
     kind = (Kind.PARTLY if flagged else Kind.EXPLAINED) if causes else (Kind.UNKNOWN if flagged else Kind.NONE)
     loops = found.search.data.loops
