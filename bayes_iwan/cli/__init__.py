@@ -156,7 +156,8 @@ def _prepare(args: argparse.Namespace, log: RunLog) -> None:
         refuse_recordings(source)
     if hasattr(args, "overwrite") or hasattr(args, "to"):
         source = getattr(args, "folder", source)
-        args.out = args.out or f"{Path(str(source)).resolve().name}-{getattr(args, 'to', args.command)}"
+        if args.out is None:
+            args.out = f"{Path(str(source)).resolve().name}-{getattr(args, 'to', args.command)}"
         if args.verbose:
             say(f"{source} -> {args.out}", file=sys.stderr)
     if getattr(args, "out", None):

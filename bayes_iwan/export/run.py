@@ -14,6 +14,7 @@ import numpy as np
 
 from bayes_iwan.arrays import Array
 from bayes_iwan.campaign import Campaign, read_campaign
+from bayes_iwan.errors import nearest
 from bayes_iwan.export import c_code, drake, fmu, json_file, mujoco, opensees
 from bayes_iwan.export.card import Card, card_of
 from bayes_iwan.export.device import STAGES, Device, ExportError, device_of
@@ -96,7 +97,7 @@ def export(
     ['isolator.json', 'model_card.json', 'model_card.txt']
     """
     if to not in TARGETS:
-        raise ExportError(f"{to!r} is no target; choose one of {', '.join(TARGETS)}")
+        raise ExportError(f"{to!r} is no target; choose one of {', '.join(TARGETS)}{nearest(to, TARGETS)}")
     if draws < 0:
         raise ExportError(f"draws must be 0 or more, not {draws}")
     if to != "opensees" and (approximate or error is not None):

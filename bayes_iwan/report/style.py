@@ -184,9 +184,22 @@ def _on_phone(drawn: Callable[[_Wish], Figure]) -> Figure:
             axes.set_ylabel(figure.axes[0].get_ylabel())
         place = axes.get_subplotspec()
         letters = LETTERS // (1 if place is None else place.get_gridspec().ncols)
-        if "\n" not in axes.get_xlabel():
-            axes.set_xlabel(textwrap.fill(axes.get_xlabel(), letters))
+        _in_lines(axes.xaxis.label, letters)
+        for loc in ("left", "center", "right"):
+            if title := axes.get_title(loc):
+                axes.set_title(textwrap.fill(title, letters) if "\n" not in title else title, loc=loc)
+    for text in figure.texts:
+        _in_lines(text, LETTERS)
+    for text in (figure._supxlabel, figure._suptitle):  # type: ignore[attr-defined]
+        if text is not None:
+            _in_lines(text, LETTERS)
     return figure
+
+
+def _in_lines(text: Text, letters: int) -> None:
+    """A text without lines of its own in lines of so many letters."""
+    if "\n" not in text.get_text():
+        text.set_text(textwrap.fill(text.get_text(), letters))
 
 
 @contextmanager

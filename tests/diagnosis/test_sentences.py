@@ -196,6 +196,6 @@ def test_a_limit_of_the_force_is_the_channel_s_only_where_a_record_shows_its_lev
     (said,) = (s for s in sentences(limited) if s.startswith("A limit of the force"))
     assert "Raise the force range" not in said and "a specimen that yields or slides there does the same" in said
     files = [x.file for x in found.data.loops]
-    clipped = replace(limited, clipped=tuple(Limit(f, "force", 1, 3.2, True, 0.1) for f in files))
+    clipped = replace(limited, clipped=tuple(Limit(f, "force", 1, 3.2, True, True, 0.1) for f in files))
     text = " ".join(sentences(clipped))
     assert "may be clipped in 4 of 4 tests" in text and "Raise the force range and repeat" in text

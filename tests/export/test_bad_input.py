@@ -59,6 +59,7 @@ CASES = {
     "cannot be made": ("run", {"out": "/proc/none/x"}, "cannot be made"),
     "a list": ("run", {"to": "c,fmu"}, "'c,fmu' is no target; choose one of c, fmu"),
     "another's name": ("run", {"to": "simulink"}, "'simulink' is no target"),
+    "nearly a name": ("run", {"to": "fmuu"}, "did you mean 'fmu'?"),
     "fewer than none": ("run", {"draws": "-1"}, "draws must be 0 or more, not -1"),
     "more than there are": ("run", {"draws": "99999"}, "draws can be 2000 at most, not 99999"),
     "unfinished": ("unfinished", {}, "no finished run there"),

@@ -170,7 +170,7 @@ def test_page_stands_alone_and_leads_with_the_answer(tmp_path, found, figures, m
     damping = found.parameters["viscous_damping"]["c_N_s_mm"].mean
     for told in (f"{damping:.3g}", "seed 1", f"{found.where.count} statistics", "displacement channel", "Remedy"):
         assert told in text, told
-    assert text.count("<svg") == len(figures)
+    assert text.count("<figure>") == len(figures) and text.count('class="picture phone"') == len(figures)
     assert set(figures) >= {"headline", "budget", "shares", "moved", "before_after", "probabilities"}
 
 

@@ -23,7 +23,7 @@ def test_a_sound_campaign(tmp_path, capsys, figure_files):
     page = (tmp_path / "inspect.html").read_text()
     for words in ("Nothing stands in the way", "Loops less the straight part", "Across frequency", "Symbols", "Noise"):
         assert words in page
-    assert page.count("<svg") == 7
+    assert page.count("<figure>") == 7
     names = {p.name for p in (tmp_path / "figures").iterdir()}
     drawn = {"loops", "friction", "overlays", "trends", "noise", "drift", "drive"}
     assert names == {f"inspect_{n}.{e}" for n in drawn for e in ("png", "pdf")}
