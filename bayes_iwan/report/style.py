@@ -186,8 +186,8 @@ def _on_phone(drawn: Callable[[_Wish], Figure]) -> Figure:
         letters = LETTERS // (1 if place is None else place.get_gridspec().ncols)
         _in_lines(axes.xaxis.label, letters)
         for loc in ("left", "center", "right"):
-            if title := axes.get_title(loc):
-                axes.set_title(textwrap.fill(title, letters) if "\n" not in title else title, loc=loc)
+            if (title := axes.get_title(loc)) and "\n" not in title:  # larger letters, beside the ticks' labels
+                axes.set_title(textwrap.fill(title, 2 * letters // 3), loc=loc)
     for text in figure.texts:
         _in_lines(text, LETTERS)
     for text in (figure._supxlabel, figure._suptitle):  # type: ignore[attr-defined]
