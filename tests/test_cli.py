@@ -276,10 +276,10 @@ def test_ctrl_c_in_a_terminal_says_how_to_go_on(tmp_path, made_up_campaign):
     while not (out / ".lock").exists() and process.poll() is None:
         time.sleep(0.05)
     time.sleep(0.5)
-    for _ in range(5):  # an interrupt within a compiler's callback is lost; whoever presses it does so again
+    for _ in range(2):  # twice in some fifty runs under load the first was lost; whoever presses it does so again
         os.write(master, b"\x03")
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(8)
+            process.wait(30)
             break
     said = b""
     with contextlib.suppress(OSError):  # the end of a terminal nobody holds any more

@@ -74,8 +74,8 @@ CLOCK_SPREAD: Final = 1.15
 #: probability from which an effect is named: a false name costs more than a cause not named. Of pairs of it and
 #: COARSENED that name no more falsely than the rules of before did, one of those that name most (analyses/ablation.md)
 NAMED: Final = 0.65
-#: probability, at most, of what something speaks against: of such effects a third is true, of those that are in no best
-#: set one in twenty (analyses/ablation.md)
+#: probability, at most, of what something speaks against; 0.1 and 0.5 change nothing that was measured
+#: (analyses/ablation.md)
 REFUSED: Final = 0.25
 #: share of the gap that an effect must remove to be named (what is said must matter); of a cause in the base's form,
 #: which always removes some

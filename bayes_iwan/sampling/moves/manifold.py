@@ -135,14 +135,15 @@ class Manifold:
         """z (n, ndim) at the end of straight ways of x (n, free), as seen from the one place `start`: in so many parts,
         the Jacobian anew for each, which leads further than one; where the manifold turns over, the last place."""
         at, left, z = start.some(np.zeros(len(x), np.int64)), np.arange(len(x)), np.repeat(start.z, len(x), axis=0)
-        first = start.seen(start.values)
+        first, tangent = start.seen(start.values), at.tangent
         for part in range(1, parts + 1):
+            if part > 1:
+                there = self.places(z[left])
+                turn = np.linalg.inv(tangent @ there.tangent.transpose(0, 2, 1))
+                at = replace(there, tangent=tangent, back=there.back @ turn)
             found, met = self.reached(at, first + (x[left] - first) * (part / parts))
-            left, tangent, found = left[met], at.tangent[met], found[met]
-            z[left] = found
-            there = self.places(found)
-            turn = np.linalg.inv(tangent @ there.tangent.transpose(0, 2, 1))
-            at = replace(there, tangent=tangent, back=there.back @ turn)
+            left, tangent = left[met], at.tangent[met]
+            z[left] = found[met]
         return z
 
 
