@@ -3,9 +3,10 @@
     python analyses/mutation_score.py models --mutants 30 --seed 1 --out runs/mutants_models.json
 
 A mutant is the package with one operator, comparison, number or condition changed. Each runs in a copy of the
-repository against those tests of its folder that run its line (one run of all of them says which), up to the first that
-fails; what takes ten times as long as the unchanged code is caught too (an endless loop). Compiled code, whose lines
-nobody counts, and what runs on import are tried against all tests of the folder. Texts, types, messages and defaults of
+repository against those tests of its folder that run its line (one run of all of them says which), the quickest first,
+up to the first that fails; what takes ten times as long as the unchanged code and two minutes more is caught too (an
+endless loop). Compiled code, whose lines nobody counts, and what runs on import are tried against all tests of the
+folder. Texts, types, messages and defaults of
 the command line are not changed. Survivors are printed with their line, so that a test can be written for each.
 Numba's cache is emptied for files that compile, since it does not see changes of functions that another file calls.
 """
@@ -25,9 +26,11 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 from coverage import CoverageData
+from scipy.stats import beta
 
 ROOT = Path(__file__).parents[1]
 #: tests of a folder's own; a second set of others would catch more, and take longer
@@ -147,6 +150,12 @@ def tests_by_line(copied: Path) -> dict[Path, dict[int, set[str]]]:
     }
 
 
+def seconds_by_test(report: Path) -> dict[str, float]:
+    """What each test took, by its place as pytest names it, from the report of pytest's ``--junitxml``."""
+    cases = [case.attrib for case in ElementTree.parse(report).iter("testcase")]
+    return {f"{c['classname'].replace('.', '/')}.py::{c['name']}": float(c["time"]) for c in cases}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", choices=sorted(TESTS))
@@ -167,11 +176,16 @@ def main() -> None:
         files = [f for f in files if not args.files or any(part in str(f) for part in args.files)]
         found = [(f, m, k) for f in files for m, k in mutants_of(f)]
         chosen = np.random.default_rng(args.seed).choice(len(found), min(args.mutants, len(found)), replace=False)
-        which = (f"--cov=bayes_iwan/{args.folder}", "--cov-context=test", "--cov-report=")
-        passed, usual_s = run_tests(copied, tests, 7200.0, *which)
+        which = (
+            f"--cov=bayes_iwan/{args.folder}",
+            "--cov-context=test",
+            "--cov-report=",
+            f"--junitxml={copied / 'tests.xml'}",
+        )
+        passed, _ = run_tests(copied, tests, 7200.0, *which)
         if not passed:
             sys.exit(f"the tests of {args.folder} fail on the unchanged code: {' '.join(tests)}")
-        ran = tests_by_line(copied)
+        ran, took = tests_by_line(copied), seconds_by_test(copied / "tests.xml")
         done: list[Mutant] = []
         until = time.monotonic() + 60.0 * args.minutes
         for i in chosen:
@@ -185,8 +199,8 @@ def main() -> None:
                 shutil.rmtree(copied / "numba", ignore_errors=True)
             passed, seconds = True, 0.0  # no test runs the line
             if compiled or these:
-                some = tests if compiled or "" in these else sorted(these)
-                passed, seconds = run_tests(copied, some, 10.0 * usual_s + 300.0)
+                some = sorted(took if compiled or "" in these else these & took.keys(), key=took.__getitem__)
+                passed, seconds = run_tests(copied, some, 10.0 * sum(took[t] for t in some) + 120.0)
             path.write_text(text, encoding="utf-8")
             where = str(path.relative_to(copied))
             done.append(
@@ -200,7 +214,8 @@ def main() -> None:
                 args.out.parent.mkdir(parents=True, exist_ok=True)
                 args.out.write_text(json.dumps([asdict(m) for m in done], indent=1), encoding="utf-8")
     caught = sum(m.status == "caught" for m in done)
-    share = f"{100 * caught / max(len(done), 1):.0f} %"
+    low, high = beta.ppf([0.05, 0.95], [caught + 0.5], [len(done) - caught + 0.5])  # Jeffreys' interval
+    share = f"{100 * caught / max(len(done), 1):.0f} % (90 % interval {100 * low:.0f} to {100 * high:.0f})"
     print(f"{args.folder}: {caught} of {len(done)} mutants caught, {share}; {len(found)} are possible")
 
 
