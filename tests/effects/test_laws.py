@@ -227,6 +227,24 @@ def test_a_contact_that_loses_energy_is_hunt_and_crossleys(kit):
     assert hard.min() == 0.0  # a contact does not pull
 
 
+def test_contacts_on_both_sides_lose_energy_alike(kit):
+    at = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM, samples=4096)
+    force = added(made(kit, "EndStops"), at, k_N_mm=6.0, clearance_mm=0.5, exponent=1.0, loss_s_m=2.0)[0]
+    u, v = at.displacement_mm[0, 0], at.velocity_m_s[0, 0]
+    upper, lower = np.maximum(u - 0.5, 0.0) * (1.0 + 2.0 * v), np.maximum(-u - 0.5, 0.0) * (1.0 - 2.0 * v)
+    np.testing.assert_allclose(force, 6.0 * (upper - lower), rtol=1e-9, atol=1e-12)
+
+
+def test_the_corner_of_a_low_pass_is_where_a_first_order_turns_by_45_degrees(kit):
+    effect = made(kit, "ForceLowpass")
+    at = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM)
+    given = parameter_values_of(effect, tau_s=1.0 / OMEGA, second=0.0)
+    corner, unit = effect.reported(given)["corner_hz"]
+    assert unit == "Hz" and corner == pytest.approx(F_HZ)
+    c = complex_harmonics(effect.force(np.cos(2.0 * np.pi * np.arange(128) / 128)[None, None], at, given)[0, 0])[1]
+    assert np.angle(c) == pytest.approx(-np.pi / 4.0) and abs(c) == pytest.approx(np.sqrt(0.5))
+
+
 def test_limits_of_an_offset_range_are_unequal(kit):
     at = sine_motion(frequency_hz=F_HZ, amplitude_mm=A_MM)
     force_N = 10.0 * at.displacement_mm[None] / A_MM

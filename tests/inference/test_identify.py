@@ -14,11 +14,13 @@ from bayes_iwan.campaign import write_campaign
 from bayes_iwan.inference.each_frequency import FrequencyError, identify_frequencies
 from bayes_iwan.inference.identify import (
     identify_campaign,
+    identify_loops,
     identify_problem,
 )
 from bayes_iwan.inference.results import run_files
 from bayes_iwan.inference.results.held_out_frequencies import by_frequency
 from bayes_iwan.inference.results.netcdf import read_netcdf, write_netcdf
+from bayes_iwan.inference.results.remarks import remarks, searches_said
 from bayes_iwan.inference.results.run_files import ResultsError
 from bayes_iwan.inference.setup.config import ConfigError, settings_of
 from bayes_iwan.inference.setup.problem import make_problem
@@ -296,6 +298,26 @@ def test_drawn_loops_are_identified_without_a_folder(small_loops):
     posterior = identify_problem(template.with_force(force), 3, config=SMALL, progress=False)
     rank = np.mean(posterior.flat_z() < z, axis=0)
     assert np.all((rank > 0.001) & (rank < 0.999)) and posterior.campaign is None
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63])
+def test_a_seed_that_files_cannot_keep_is_refused(small_loops, seed):
+    with pytest.raises(ConfigError, match=f"seed {seed} cannot be kept"):
+        identify_loops(small_loops, config=SMALL, seed=seed, quick=True, progress=False)
+
+
+def test_searches_that_agree_are_no_remark_and_those_that_do_not_name_three_parameters(run):
+    posterior = run[0]
+    z = posterior.point.z
+    away = z + np.arange(1.0, len(z) + 1.0)
+    point = replace(posterior.point, each_z=np.stack([z, z]), each_log_prob=np.zeros(2))
+    agreeing = replace(posterior, point=point)
+    assert searches_said(agreeing)[1] and not any("searches" in x for x in remarks(agreeing))
+    point = replace(point, each_z=np.stack([z, away]), each_log_prob=np.array([0.0, -9.0]))
+    apart = replace(posterior, point=point)
+    said, agree = searches_said(apart)
+    assert not agree and said in remarks(apart)
+    assert [n for n in posterior.names if f"{n} " in said.split("apart in ")[1]] == list(posterior.names[-3:])
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -53,6 +53,22 @@ def test_the_prior_of_each_specimen_does_not_pull_the_population():
     assert found.typical[1] < np.exp(1.5) < found.typical[2]
 
 
+def test_what_others_say_of_a_specimen_is_students_t():
+    """Specimens known exactly, a flat prior on mean and spread: of m others a further one is expected as Student's t
+    with m - 2 degrees of freedom about their mean, wide by √(S (1 + 1/m)/(m - 2)), S the sum of squares."""
+    rng = np.random.default_rng(8)
+    at = rng.normal(1.5, 0.1, 13)
+    before = np.exp(100.0 * rng.standard_normal(4000) / 33.0)
+    found = population(
+        [SpecimenDraws(f"s{i}", np.exp(x + 1e-4 * rng.standard_normal(400)), before) for i, x in enumerate(at)]
+    )
+    z = found.centre
+    for i, pit in enumerate(found.pit):
+        others, m = np.delete(z, i), len(z) - 1
+        scale = np.sqrt(np.sum((others - others.mean()) ** 2) / (m - 2) * (1.0 + 1.0 / m))
+        assert pit == pytest.approx(stats.t.cdf((z[i] - others.mean()) / scale, m - 2), abs=0.02)
+
+
 def test_a_specimen_that_stands_out_is_named_and_others_are_not():
     """Populations without one name something in few of 60, those with one name it."""
     by_chance = sum(
